@@ -1,0 +1,160 @@
+"""build_layout(tape, ...) -> Layout: every shape that is written, as arrays in the board frame (mm)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.kit.label import arrow, placed, stroke_text
+from tactape_fab.kit.outlines import PartOutlines, part_outlines
+from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
+from tactape_fab.kit.shapes import rounded_rectangle
+from tactape_fab.kit.spec import TapeSpec
+from tactape_fab.kit.tag import SIDE_CELLS, tag_ink
+from tactape_fab.profiles import FabProfile, PartProfile
+from tactape_fab.texture.frames import FloatArray, snap_mm
+from tactape_fab.texture.tape import Tape
+
+_TAG_TO_TEXT_MM = 1.0
+_ARROW_MM = 3.0
+_END_GAP_MM = 1.0
+_LINE_PITCH = 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flashes:
+    """One outline repeated by translation.
+
+    Attributes
+    ----------
+    outline_mm : ndarray, shape (k, 2)
+        About the flash's own origin, counter-clockwise, not closed.
+    xy_mm : ndarray, shape (m, 2)
+        Where it is flashed, snapped to 1 nm.
+    """
+
+    outline_mm: FloatArray
+    xy_mm: FloatArray
+
+    def __post_init__(self) -> None:
+        self.outline_mm.setflags(write=False)
+        self.xy_mm.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Legend:
+    """What is printed: areas of ink without holes, and lines of `line_mm` width along `strokes_mm`."""
+
+    areas_mm: tuple[FloatArray, ...] = ()
+    strokes_mm: tuple[FloatArray, ...] = ()
+    line_mm: float = 0.0
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layout:
+    """A tape drawn: all its layers.
+
+    Attributes
+    ----------
+    parts_xy_mm : ndarray, shape (n, 2)
+        Part centres in designator order.
+    pads, paste : Flashes
+        2 n flashes: R1 land 1, R1 land 2, R2 land 1 ...
+    openings, bodies : Flashes
+        n flashes in designator order.
+    outline_mm : ndarray, shape (k, 2)
+        The board's outline with its rounded corners as polylines.
+    """
+
+    tape: Tape
+    part: PartProfile
+    outlines: PartOutlines
+    parts_xy_mm: FloatArray
+    pads: Flashes
+    paste: Flashes
+    openings: Flashes
+    bodies: Flashes
+    outline_mm: FloatArray
+    legend: Legend
+
+
+def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Layout:
+    """Draw a tape: placements, lands, openings, outline, tag and label."""
+    outlines = part_outlines(part, fab, tape.part.rotation_deg)
+    xy_mm = tape.part_xy_mm()
+
+    def lands(centres_mm: FloatArray) -> FloatArray:
+        return snap_mm(xy_mm[:, None] + centres_mm).reshape(-1, 2)
+
+    return Layout(
+        tape=tape,
+        part=part,
+        outlines=outlines,
+        parts_xy_mm=xy_mm,
+        pads=Flashes(outline_mm=outlines.pad, xy_mm=lands(outlines.pad_xy)),
+        paste=Flashes(outline_mm=outlines.paste, xy_mm=lands(outlines.paste_xy)),
+        openings=Flashes(outline_mm=outlines.opening, xy_mm=xy_mm),
+        bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
+        outline_mm=rounded_rectangle(tape.board.size_mm, tape.board.corner_radius_mm) + np.array(tape.board.size_mm) / 2,
+        legend=_legend(tape, spec, fab),
+    )
+
+
+def _legend(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Legend:
+    if tape.tag is None:
+        return Legend()
+    ink = tag_ink(
+        tape.tag.id,
+        cell_mm=tape.tag.cell_mm,
+        gap_mm=fab.legend.gap_mm,
+        bleed_mm=fab.legend.bleed_mm,
+        legend_is_light=fab.legend_colour == "white",
+    )
+    strokes, left_out = _label(tape, spec, fab)
+    return Legend(
+        areas_mm=tuple(snap_mm(area + tape.tag.center_mm) for area in ink.areas_mm),
+        strokes_mm=tuple(snap_mm(stroke) for stroke in strokes),
+        line_mm=fab.legend.line_mm,
+        left_out=left_out,
+    )
+
+
+def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> tuple[list[FloatArray], tuple[str, ...]]:
+    """Strokes of the strip's label, read upward along the left end, and the lines that found no room.
+
+    Above the tag: as many lines of text as the strip is wide; at the top an arrow that points to board +y.
+    """
+    assert tape.tag is not None
+    cap_mm = fab.legend.text_mm
+    inset_x_mm = TAG_KEEP_OUT_MM + fab.legend.line_mm
+    usable_mm = strip_width_mm(spec) - 2 * inset_x_mm
+    start_y = tape.tag.center_mm[1] + SIDE_CELLS * tape.tag.cell_mm / 2 + _TAG_TO_TEXT_MM
+    end_y = tape.board.size_mm[1] - max(_END_GAP_MM, 0.3 * tape.board.corner_radius_mm + fab.legend.edge_mm)
+    lines = [
+        tape.name,
+        f"sector {tape.sector}  {tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
+        f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
+    ]
+    strokes: list[FloatArray] = []
+    left_out: list[str] = []
+    if end_y - start_y >= _ARROW_MM + _END_GAP_MM:
+        arrow_at = (strip_width_mm(spec) / 2 + 0.8 * cap_mm, end_y - _ARROW_MM)
+        name = stroke_text("+y", cap_mm)
+        name_at = (arrow_at[0] - 0.4 * _ARROW_MM * 0.7 - name.width_mm, end_y - _ARROW_MM / 2 - cap_mm / 2)
+        strokes += placed(arrow(_ARROW_MM), arrow_at, 0.0)
+        if name_at[0] >= inset_x_mm:
+            strokes += placed(name.strokes_mm, name_at, 0.0)
+        end_y -= _ARROW_MM + _END_GAP_MM
+    else:
+        left_out.append("the arrow for board +y")
+    rows = int((usable_mm - cap_mm) / (_LINE_PITCH * cap_mm) + 1e-9) + 1
+    top_x = inset_x_mm + (usable_mm - cap_mm - (min(rows, len(lines)) - 1) * _LINE_PITCH * cap_mm) / 2 + cap_mm
+    for i, line in enumerate(lines):
+        text = stroke_text(line, cap_mm)
+        if i >= rows or start_y + text.width_mm > end_y:
+            left_out.append(f"'{line}'")
+        else:
+            strokes += placed(text.strokes_mm, (top_x + i * _LINE_PITCH * cap_mm, start_y), 90.0)
+    return strokes, tuple(left_out)

@@ -1,0 +1,200 @@
+"""plan(spec, fab, part) -> Tape: outline, strip and margins decide the grid. Everything of Tape is decided here."""
+
+from __future__ import annotations
+
+from math import ceil, floor
+
+import numpy as np
+
+from tactape_fab.errors import CapacityError, Problem, SpecError
+from tactape_fab.kit.outlines import PartOutlines, part_outlines
+from tactape_fab.kit.shapes import inset_mm, reach_mm
+from tactape_fab.kit.spec import TapeSpec
+from tactape_fab.kit.tag import SIDE_CELLS
+from tactape_fab.profiles import FabProfile, PartProfile
+from tactape_fab.texture.code import BoolArray, Code, encode, get_code
+from tactape_fab.texture.frames import DIRECTIONS_XY, SymbolArray, snap_mm, texture_to_board
+from tactape_fab.texture.tape import MOST_POINTS, TAG_FAMILY, Board, Tag, Tape, TapePart
+
+TAG_KEEP_OUT_MM = 0.5
+"""Free film between the tag's ring and the outline, and between the ring and the field."""
+TAG_RAISE_MM = 1.0
+"""Distance of the tag's ring from the lower edge."""
+ORIGIN_STEP_MM = 0.1
+TOLERANCE_MM = 0.0005
+"""A threshold is met when value >= limit - 0.5 um."""
+_STEP_SLACK = 1e-6
+
+
+def strip_width_mm(spec: TapeSpec) -> float:
+    """Width of the tag strip at the left end; 0 without one."""
+    return SIDE_CELLS * spec.tag_cell_mm + 2 * TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
+
+
+def field_margins_mm(outlines: PartOutlines, fab: FabProfile, displacement_mm: float) -> tuple[float, float]:
+    """Least distance of a grid point from the outline along x and y, its part displaced outward.
+
+    The largest of what the edge rules ask for copper, body and opening.
+    """
+    rules = (
+        (outlines.pads, fab.limits["pad-edge"].value_mm),
+        (outlines.body, fab.limits["body-edge"].value_mm),
+        (outlines.opening, fab.limits["opening-edge"].value_mm),
+    )
+    x, y = (max(reach_mm(outline)[axis] + limit for outline, limit in rules) for axis in (0, 1))
+    return x + displacement_mm, y + displacement_mm
+
+
+def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
+    """Decide a tape.
+
+    The grid point (0, 0) stands at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
+    plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
+    As many columns and rows are taken as keep the margins; leftover width lies at the right end.
+
+    Raises
+    ------
+    SpecError
+        When not even one window of the code fits, or the tag does not.
+    CapacityError
+        When the grid runs past the code's range.
+    """
+    code = get_code(spec.code)
+    outlines = part_outlines(part, fab, spec.rotation_deg)
+    width_mm, height_mm = spec.size_mm
+    margin_x_mm, margin_y_mm = field_margins_mm(outlines, fab, spec.displacement_mm)
+    first_x_mm = strip_width_mm(spec) + reach_mm(outlines.opening)[0] + spec.displacement_mm if spec.tag == "strip" else 0.0
+    x0_mm = ceil(max(first_x_mm, margin_x_mm) / ORIGIN_STEP_MM - _STEP_SLACK) * ORIGIN_STEP_MM
+    columns = floor((width_mm - margin_x_mm - x0_mm) / spec.pitch_mm + _STEP_SLACK) + 1
+    rows = floor((height_mm - 2 * margin_y_mm) / spec.pitch_mm + _STEP_SLACK) + 1
+    field_mm = (code.window - 1) * spec.pitch_mm
+    _refuse_small(spec, code, columns, rows, (x0_mm + field_mm + margin_x_mm, 2 * margin_y_mm + field_mm))
+    _refuse_large(spec, code, columns, rows)
+    tag = _plan_tag(spec, fab)
+    symbols = encode(code, spec.sector, spec.origin, (rows, columns))
+    board = Board(
+        size_mm=spec.size_mm,
+        texture_origin_mm=(float(snap_mm(x0_mm)), float(snap_mm((height_mm + (rows - 1) * spec.pitch_mm) / 2))),
+        corner_radius_mm=spec.corner_radius_mm,
+        thickness_mm=fab.material.thickness_mm,
+        holes=tuple(spec.holes_mm),
+    )
+    free = _placeable(spec, board, outlines, fab, symbols)
+    if not np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any():
+        raise SpecError(
+            Problem(
+                "holes_mm",
+                f"holes and corners leave no whole {code.window}x{code.window} window of code '{code.name}' on the tape; "
+                "use fewer holes, a smaller --corner-radius or a larger tape",
+            )
+        )
+    return Tape(
+        name=spec.name,
+        sector=spec.sector,
+        code=spec.code,
+        origin=spec.origin,
+        columns=columns,
+        rows=rows,
+        pitch_mm=spec.pitch_mm,
+        displacement_mm=spec.displacement_mm,
+        symbols=symbols,
+        omitted=np.argwhere(~free)[:, ::-1].astype(np.int64),
+        board=board,
+        part=TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg),
+        tag=tag,
+    )
+
+
+def _refuse_small(spec: TapeSpec, code: Code, columns: int, rows: int, least_mm: tuple[float, float]) -> None:
+    least_height_mm = least_mm[1]
+    if spec.tag == "strip":
+        least_height_mm = max(least_height_mm, SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM)
+    if columns >= code.window and rows >= code.window and spec.size_mm[1] >= least_height_mm - TOLERANCE_MM:
+        return
+    least = [ceil(v * 10 - _STEP_SLACK) / 10 for v in (least_mm[0], least_height_mm)]
+    what = "a strip with a tag and " if spec.tag == "strip" else ""
+    raise SpecError(
+        Problem(
+            "size_mm",
+            f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window of "
+            f"code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
+            + (", or --tag none" if spec.tag == "strip" else ""),
+        )
+    )
+
+
+def _refuse_large(spec: TapeSpec, code: Code, columns: int, rows: int) -> None:
+    problems = []
+    if columns * rows > MOST_POINTS:
+        problems.append(Problem("size_mm", f"size_mm gives {columns} x {rows} grid points, more than {MOST_POINTS}; use a smaller --size"))
+    for name, first, count in (("column", spec.origin[0], columns), ("row", spec.origin[1], rows)):
+        if first + count > code.range:
+            problems.append(
+                Problem(
+                    "origin",
+                    f"origin {name} {first} + {count} {name}s of the tape exceed {code.range}, the range of code "
+                    f"'{code.name}'; give --origin COL,ROW with {name} at most {max(code.range - count, 0)}, or a smaller --size",
+                )
+            )
+    if problems:
+        raise CapacityError(problems)
+
+
+def _plan_tag(spec: TapeSpec, fab: FabProfile) -> Tag | None:
+    if spec.tag_id is None:
+        return None
+    half_mm = SIDE_CELLS * spec.tag_cell_mm / 2
+    centre = (TAG_KEEP_OUT_MM + half_mm, TAG_RAISE_MM + half_mm)
+    corners = np.array(centre) + half_mm * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    if inset_mm(corners, spec.size_mm, spec.corner_radius_mm).min() < fab.legend.edge_mm - TOLERANCE_MM:
+        raise SpecError(
+            Problem(
+                "corner_radius_mm",
+                f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} mm "
+                "inside the outline; use a smaller --corner-radius or --tag none",
+            )
+        )
+    return Tag(
+        family=TAG_FAMILY,
+        id=spec.tag_id,
+        cell_mm=spec.tag_cell_mm,
+        center_mm=(float(snap_mm(centre[0])), float(snap_mm(centre[1]))),
+        rotation_deg=0.0,
+    )
+
+
+def _placeable(spec: TapeSpec, board: Board, outlines: PartOutlines, fab: FabProfile, symbols: SymbolArray) -> BoolArray:
+    """Whether the part of each grid point keeps every edge and hole rule; shape (rows, columns).
+
+    Rounded corners and holes take parts away, straight edges do not: the margins see to those.
+    """
+    rows, columns = symbols.shape
+    row, column = np.indices((rows, columns))
+    texture_mm = np.stack([column, row], axis=-1) * spec.pitch_mm + spec.displacement_mm * DIRECTIONS_XY[symbols]
+    centre_mm = texture_to_board(texture_mm, board.texture_origin_mm)
+    free = np.ones((rows, columns), dtype=bool)
+    edge_rules = ((outlines.pads, "pad-edge"), (outlines.body, "body-edge"), (outlines.opening, "opening-edge"))
+    hole_rules = ((outlines.pads, "hole-copper"), (outlines.body, "hole-part"), (outlines.opening, "hole-copper"))
+    corner_zone_mm = board.corner_radius_mm + max(reach_mm(outlines.opening)) + fab.limits["body-edge"].value_mm
+    beyond = np.abs(centre_mm - np.array(board.size_mm) / 2) - (np.array(board.size_mm) / 2 - corner_zone_mm)
+    near = np.argwhere((beyond > 0.0).all(axis=-1))
+    for outline, rule in edge_rules:
+        if len(near) == 0:
+            break
+        vertices = centre_mm[near[:, 0], near[:, 1], None] + outline
+        inside = inset_mm(vertices, board.size_mm, board.corner_radius_mm).min(axis=-1)
+        free[near[:, 0], near[:, 1]] &= inside >= fab.limits[rule].value_mm - TOLERANCE_MM
+    for x_mm, y_mm, diameter_mm in board.holes:
+        reach = diameter_mm / 2 + max(reach_mm(outlines.opening)) + fab.limits["hole-copper"].value_mm + 1.0
+        near = np.argwhere(np.abs(centre_mm - (x_mm, y_mm)).max(axis=-1) < reach)
+        for outline, rule in hole_rules:
+            gap = _distance_mm(outline, np.array([x_mm, y_mm]) - centre_mm[near[:, 0], near[:, 1]]) - diameter_mm / 2
+            free[near[:, 0], near[:, 1]] &= gap >= fab.limits[rule].value_mm - TOLERANCE_MM
+    return free
+
+
+def _distance_mm(outline_mm: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
+    """Distance of points from the convex hull of an outline, 0 inside."""
+    import shapely
+
+    return np.asarray(shapely.distance(shapely.MultiPoint(outline_mm).convex_hull, shapely.points(points_mm)))

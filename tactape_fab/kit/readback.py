@@ -1,0 +1,213 @@
+"""Reads fabrication files back through gerbonara, software that is not ours, into plain arrays (board frame, mm)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.errors import TactapeError
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+_ARC_ERROR_MM = 1e-4
+
+
+class ReadbackError(TactapeError):
+    """A fabrication file that its reader does not accept."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GerberContent:
+    """What a Gerber file draws.
+
+    Attributes
+    ----------
+    flash_xy_mm : ndarray, shape (m, 2)
+        Flashes in file order.
+    flash_aperture : ndarray of int64, shape (m,)
+        Index into `aperture_outlines_mm`.
+    aperture_outlines_mm : tuple of ndarray, each (k, 2)
+        Outline of each flashed aperture about its origin.
+    aperture_functions : tuple of str
+        .AperFunction of each flashed aperture, '' where the file has none.
+    flash_component : tuple of str
+        .P or .C reference of each flash, '' where the file has none.
+    areas_mm : tuple of ndarray
+        Regions as polygons.
+    strokes_mm : tuple of ndarray, each (k, 2)
+        Drawn lines and arcs as polylines, in file order, joined where one begins at the end of the one before.
+    stroke_width_mm : ndarray, shape (s,)
+    clear : bool
+        Whether any object is drawn in clear polarity.
+    file_attributes : dict
+        .FileFunction and so on, without the leading dot.
+    """
+
+    flash_xy_mm: FloatArray
+    flash_aperture: IntArray
+    aperture_outlines_mm: tuple[FloatArray, ...]
+    aperture_functions: tuple[str, ...]
+    flash_component: tuple[str, ...]
+    areas_mm: tuple[FloatArray, ...]
+    strokes_mm: tuple[FloatArray, ...]
+    stroke_width_mm: FloatArray
+    clear: bool
+    file_attributes: dict[str, tuple[str, ...]]
+
+
+def read_gerber(data: bytes) -> GerberContent:
+    """Read a Gerber file.
+
+    Raises
+    ------
+    ReadbackError
+        When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
+    """
+    from gerbonara.graphic_objects import Arc, Flash, Line, Region
+    from gerbonara.rs274x import GerberFile
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            file = GerberFile.from_string(data.decode("ascii"))
+        flashes = [o for o in file.objects if isinstance(o, Flash)]
+        apertures = list({id(o.aperture): o.aperture for o in flashes}.values())
+        outlines = tuple(_aperture_outline(a) for a in apertures)
+    except Exception as error:  # gerbonara raises whatever its parser meets
+        raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
+    if any(o.unit.shorthand != "mm" for o in file.objects):
+        raise ReadbackError("it is not in millimetres")
+    index = {id(a): i for i, a in enumerate(apertures)}
+    strokes, widths = _join_strokes([o for o in file.objects if isinstance(o, Line | Arc)])
+    return GerberContent(
+        flash_xy_mm=np.array([(o.x, o.y) for o in flashes], dtype=np.float64).reshape(-1, 2),
+        flash_aperture=np.array([index[id(o.aperture)] for o in flashes], dtype=np.int64),
+        aperture_outlines_mm=outlines,
+        aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures),
+        flash_component=tuple((o.attrs.get(".P") or o.attrs.get(".C") or ("",))[0] for o in flashes),
+        areas_mm=tuple(np.array(o.outline, dtype=np.float64) for o in file.objects if isinstance(o, Region)),
+        strokes_mm=strokes,
+        stroke_width_mm=widths,
+        clear=any(not o.polarity_dark for o in file.objects),
+        file_attributes={key.lstrip("."): tuple(value) for key, value in file.file_attrs.items()},
+    )
+
+
+def _one_line(error: Exception) -> str:
+    lines = str(error).splitlines()
+    return (lines[0] if lines else type(error).__name__)[:200]
+
+
+def _aperture_outline(aperture: Any) -> FloatArray:
+    """Outline of an aperture about its origin."""
+    from gerbonara.graphic_primitives import ArcPoly, Circle
+    from gerbonara.utils import MM
+
+    (shape,) = aperture.flash(0.0, 0.0, MM, True)
+    if isinstance(shape, ArcPoly) and not any(shape.arc_centers or ()):
+        outline = np.array(shape.outline, dtype=np.float64)
+        return outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
+    if isinstance(shape, Circle):
+        angle = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
+        return shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    raise ReadbackError(f"aperture shape {type(shape).__name__} is none that this tool writes")
+
+
+def _join_strokes(objects: list[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
+    """Lines and arcs as polylines, joined where one begins at the end of the one before with the same aperture."""
+    strokes: list[list[tuple[float, float]]] = []
+    widths: list[float] = []
+    last = None
+    for o in objects:
+        lines = o.approximate(max_error=_ARC_ERROR_MM) if hasattr(o, "approximate") else [o]
+        points = [(line.x2, line.y2) for line in lines]
+        if last is None or o.aperture is not last.aperture or (o.x1, o.y1) != (last.x2, last.y2):
+            strokes.append([(o.x1, o.y1)])
+            widths.append(o.aperture.diameter)
+        strokes[-1] += points
+        last = o
+    return tuple(np.array(s, dtype=np.float64) for s in strokes), np.array(widths, dtype=np.float64)
+
+
+def read_drill(data: bytes) -> FloatArray:
+    """Holes of an Excellon file in file order, (x, y, diameter); shape (m, 3), mm.
+
+    Raises
+    ------
+    ReadbackError
+        When gerbonara refuses the file or finds anything but round, unplated holes in millimetres.
+    """
+    from gerbonara.excellon import ExcellonFile
+    from gerbonara.graphic_objects import Flash
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            file = ExcellonFile.from_string(data.decode("ascii"), plated=False)
+    except Exception as error:  # gerbonara raises whatever its parser meets
+        raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
+    if not all(isinstance(o, Flash) and o.unit.shorthand == "mm" for o in file.objects):
+        raise ReadbackError("it holds other things than round holes in millimetres")
+    return np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CplContent:
+    """Rows of a pick-and-place file: designators, centres (n, 2) in mm, sides, rotations (n,) in degrees."""
+
+    designators: tuple[str, ...]
+    xy_mm: FloatArray
+    sides: tuple[str, ...]
+    rotation_deg: FloatArray
+
+
+def read_cpl(data: bytes) -> CplContent:
+    """Read a pick-and-place CSV by its column names.
+
+    Raises
+    ------
+    ReadbackError
+        Naming the column or the row that cannot be read.
+    """
+    rows = read_csv(data)
+    try:
+        xy = np.array([(float(row["Mid X"]), float(row["Mid Y"])) for row in rows], dtype=np.float64).reshape(-1, 2)
+        rotation = np.array([float(row["Rotation"]) for row in rows], dtype=np.float64)
+        content = CplContent(
+            designators=tuple(row["Designator"] for row in rows),
+            xy_mm=xy,
+            sides=tuple(row["Layer"] for row in rows),
+            rotation_deg=rotation,
+        )
+    except KeyError as error:
+        raise ReadbackError(f"column {error} is missing") from error
+    except ValueError as error:
+        raise ReadbackError(f"a coordinate or rotation is no number: {_one_line(error)}") from error
+    if not (np.isfinite(xy).all() and np.isfinite(rotation).all()):
+        raise ReadbackError("a coordinate or rotation is not finite")
+    return content
+
+
+def read_csv(data: bytes) -> list[dict[str, str]]:
+    """Rows of a CSV file by column name.
+
+    Raises
+    ------
+    ReadbackError
+        When it is no text, or a row has another number of cells than the header.
+    """
+    try:
+        lines = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ReadbackError(f"it is no CSV: {_one_line(error)}") from error
+    if not lines:
+        raise ReadbackError("it is empty")
+    header = lines[0]
+    for number, line in enumerate(lines[1:], start=2):
+        if len(line) != len(header):
+            raise ReadbackError(f"row {number} has {len(line)} cells where the header has {len(header)}")
+    return [dict(zip(header, line, strict=True)) for line in lines[1:]]

@@ -1,0 +1,35 @@
+"""XNC drill file (Ucamco XNC specification 2021.11): unplated holes, metric, explicit decimal points."""
+
+from __future__ import annotations
+
+from tactape_fab import __version__
+from tactape_fab.kit.artifact import Artifact, build_date
+from tactape_fab.kit.layout import Layout
+from tactape_fab.profiles import FabProfile
+
+
+def render_drill(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
+    """One tool per diameter, smallest first, holes in the order given; nothing for a tape without holes."""
+    holes = layout.tape.board.holes
+    if not holes:
+        return ()
+    diameters = sorted({d for _, _, d in holes})
+    lines = [
+        "M48",
+        f"; #@! TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}",
+        f"; #@! TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}",
+        f"; #@! TF.SameCoordinates,{layout.tape.name}",
+        "; #@! TF.Part,Single",
+        "; #@! TF.FileFunction,NonPlated,1,1,NPTH",
+        "METRIC",
+    ]
+    for tool, diameter in enumerate(diameters, start=1):
+        lines += ["; #@! TA.AperFunction,MechanicalDrill", f"T{tool}C{diameter:.4f}"]
+    lines += ["%", "G05"]
+    for tool, diameter in enumerate(diameters, start=1):
+        lines.append(f"T{tool}")
+        lines += [f"X{x:.4f}Y{y:.4f}" for x, y, d in holes if d == diameter]
+    lines.append("M30")
+    role = "drill-npth"
+    data = ("\n".join(lines) + "\n").encode("ascii")
+    return (Artifact(role=role, path=fab.file_path(role, layout.tape.name), data=data),)

@@ -1,0 +1,56 @@
+"""Gerber job file (.gbrjob; Gerber Job Format Specification 2020.08): board, material stack and file list as JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from tactape_fab import __version__
+from tactape_fab.kit.artifact import Artifact, build_date
+from tactape_fab.kit.gerber_text import project_id
+from tactape_fab.kit.layout import Layout
+from tactape_fab.profiles import FabProfile
+
+_FUNCTIONS = {
+    "copper-top": ("Copper,L1,Top", "Positive"),
+    "coverlay-top": ("SolderMask,Top", "Negative"),
+    "paste-top": ("SolderPaste,Top", "Positive"),
+    "legend-top": ("Legend,Top", "Positive"),
+    "profile": ("Profile", "Positive"),
+}
+
+
+def render_job(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
+    """The job file of the fabrication layers beside it."""
+    name, guid, revision = project_id(layout.tape).split(",")
+    has_legend = bool(layout.legend.areas_mm)
+    width_mm, height_mm = layout.tape.board.size_mm
+    content: dict[str, Any] = {
+        "Header": {
+            "GenerationSoftware": {"Vendor": "tactape-fab", "Application": "tactape-fab", "Version": __version__},
+            "CreationDate": f"{build_date():%Y-%m-%dT%H:%M:%S+00:00}",
+        },
+        "GeneralSpecs": {
+            "ProjectId": {"Name": name, "GUID": guid, "Revision": revision},
+            "Size": {"X": width_mm, "Y": height_mm},
+            "LayerNumber": fab.material.layers,
+            "BoardThickness": fab.material.thickness_mm,
+            "Finish": fab.material.finish,
+        },
+        "DesignRules": [{"Layers": "Outer", "PadToPad": fab.limits["pad-pad"].value_mm}],
+        "FilesAttributes": [
+            {"Path": fab.file_path(role, layout.tape.name).split("/")[-1], "FileFunction": function, "FilePolarity": polarity}
+            for role, (function, polarity) in _FUNCTIONS.items()
+            if role != "legend-top" or has_legend
+        ],
+        "MaterialStackup": [
+            *([{"Type": "Legend", "Color": fab.legend_colour.capitalize(), "Name": "Top legend"}] if has_legend else []),
+            {"Type": "SolderPaste", "Name": "Top paste"},
+            {"Type": "SolderMask", "Color": fab.coverlay_colour.capitalize(), "Name": "Top coverlay"},
+            {"Type": "Copper", "Thickness": fab.material.copper_um / 1000, "Name": "L1"},
+            {"Type": "Dielectric", "Material": fab.material.base, "Name": "Base film"},
+        ],
+    }
+    role = "job"
+    data = (json.dumps(content, indent=2) + "\n").encode("ascii")
+    return (Artifact(role=role, path=fab.file_path(role, layout.tape.name), data=data),)

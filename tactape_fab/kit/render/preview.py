@@ -1,0 +1,204 @@
+"""Previews of what the tape will look like, drawn from the bytes of the other files: Gerber, drill, and CPL."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.errors import RenderError
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.readback import GerberContent, read_cpl, read_drill, read_gerber
+from tactape_fab.kit.shapes import rotate
+from tactape_fab.profiles import FabProfile
+from tactape_fab.texture.frames import FloatArray
+
+MARGIN_MM = 2.0
+PX_PER_MM = 20.0
+MOST_PX = 6000
+_TERMINAL_SHARE = 0.2
+_SUB_PIXEL_BITS = 4
+
+Colour = str
+
+COVERLAY_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
+    "amber": ("#c98a1b", "#a8701a"),
+    "yellow": ("#e0b62e", "#b98f22"),
+    "black": ("#26282b", "#17181a"),
+    "white": ("#eceae4", "#cfccc3"),
+    "green": ("#1f6b3a", "#164d2a"),
+}
+"""Coverlay as seen on bare film, and its edge."""
+_BASE_FILM = "#8a5a12"
+_GOLD = "#e9c46a"
+_BODY = "#1d1f24"
+_TERMINAL = "#d9dce1"
+_LEGEND = {"white": "#f7f7f2", "black": "#151515"}
+_BACKGROUND = "#ffffff"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Shapes:
+    """One colour of the picture: an outline repeated at many places, or single polygons, or lines (board frame, mm)."""
+
+    name: str
+    colour: Colour
+    stamps: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    polygons: tuple[FloatArray, ...] = ()
+    lines: tuple[FloatArray, ...] = ()
+    line_mm: float = 0.0
+    edge: Colour | None = None
+
+
+def _stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    return tuple(
+        (outline, content.flash_xy_mm[content.flash_aperture == i]) for i, outline in enumerate(content.aperture_outlines_mm)
+    )
+
+
+def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes], FloatArray]:
+    """All shapes from the film upward, and the board's outline."""
+    outline = read_gerber(files["profile"]).strokes_mm[0]
+    film, edge = COVERLAY_COLOURS[fab.coverlay_colour]
+    shapes = [
+        _Shapes(name="coverlay", colour=film, polygons=(outline,), edge=edge),
+        _Shapes(name="openings", colour=_BASE_FILM, stamps=_stamps(read_gerber(files["coverlay-top"]))),
+        _Shapes(name="pads", colour=_GOLD, stamps=_stamps(read_gerber(files["copper-top"]))),
+    ]
+    if "legend-top" in files:
+        legend = read_gerber(files["legend-top"])
+        line_mm = float(legend.stroke_width_mm[0]) if len(legend.stroke_width_mm) else 0.0
+        colour = _LEGEND[fab.legend_colour]
+        shapes.append(
+            _Shapes(name="legend", colour=colour, polygons=legend.areas_mm, lines=legend.strokes_mm, line_mm=line_mm)
+        )
+    cpl = read_cpl(files["cpl"])
+    bodies, terminals = [], []
+    body = _body_outline(read_gerber(files["components-top"]))
+    for angle in np.unique(cpl.rotation_deg):
+        xy = cpl.xy_mm[cpl.rotation_deg == angle]
+        bodies.append((rotate(body, float(angle)), xy))
+        terminals += [(rotate(end, float(angle)), xy) for end in _terminals(body)]
+    shapes.append(_Shapes(name="bodies", colour=_BODY, stamps=tuple(bodies)))
+    shapes.append(_Shapes(name="terminals", colour=_TERMINAL, stamps=tuple(terminals)))
+    if "drill-npth" in files:
+        angle_rad = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
+        circle = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
+        holes = tuple(circle * d / 2 + (x, y) for x, y, d in read_drill(files["drill-npth"]))
+        shapes.append(_Shapes(name="holes", colour=_BACKGROUND, polygons=holes, edge=edge))
+    return shapes, outline
+
+
+def _body_outline(components: GerberContent) -> FloatArray:
+    """The unturned body as a rectangle, from the first body outline of the component layer."""
+    corners = components.strokes_mm[0][:4]
+    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    length, width = max(sides[0], sides[1]) / 2, min(sides[0], sides[1]) / 2
+    return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
+
+
+def _terminals(body: FloatArray) -> tuple[FloatArray, FloatArray]:
+    length, width = body[1]
+    inner = length * (1 - 2 * _TERMINAL_SHARE)
+    end = np.array([(length, -width), (length, width), (inner, width), (inner, -width)])
+    return end, -end
+
+
+def render_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> tuple[Artifact, Artifact]:
+    """SVG and PNG pictures of the finished tape.
+
+    Parameters
+    ----------
+    artifacts : sequence of Artifact
+        The files already rendered; only their bytes are looked at.
+    fab : FabProfile
+        Colours of coverlay and legend.
+    """
+    files = {a.role: a.data for a in artifacts}
+    name = next(a.path for a in artifacts if a.role == "cpl").rsplit("/", 1)[-1].removesuffix("-cpl.csv")
+    shapes, outline = _picture(files, fab)
+    size_mm = outline.max(axis=0)
+    return (
+        Artifact(role="preview-svg", path=f"preview/{name}.svg", data=_svg(shapes, size_mm, name)),
+        Artifact(role="preview-png", path=f"preview/{name}.png", data=_png(shapes, size_mm)),
+    )
+
+
+# SVG
+
+
+def _path(points: FloatArray, *, closed: bool) -> str:
+    """A path in absolute coordinates."""
+    text = ("M%.4f %.4f" + "L%.4f %.4f" * (len(points) - 1)) % tuple(points.ravel().tolist())
+    return text + "Z" if closed else text
+
+
+def _stamp_uses(outline: FloatArray, xy: FloatArray, key: str) -> list[str]:
+    """An outline defined once and used at every place."""
+    uses = (f'<use href="#{key}" x="%.4f" y="%.4f"/>\n' * len(xy)) % tuple(xy.ravel().tolist())
+    return [f'<defs><path id="{key}" d="{_path(outline, closed=True)}"/></defs>', uses.rstrip("\n")]
+
+
+def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
+    width, height = size_mm + 2 * MARGIN_MM
+    flip = np.array([1.0, -1.0])
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
+        f'viewBox="{-MARGIN_MM:.4f} {-size_mm[1] - MARGIN_MM:.4f} {width:.4f} {height:.4f}">',
+        f"<title>{name}</title>",
+    ]
+    for shape in shapes:
+        edge = f' stroke="{shape.edge}" stroke-width="0.1"' if shape.edge else ""
+        lines.append(f'<g id="{shape.name}" fill="{shape.colour}"{edge}>')
+        for i, (outline, xy) in enumerate(shape.stamps):
+            lines += _stamp_uses(outline * flip, xy * flip, f"{shape.name}-{i}")
+        lines += [f'<path d="{_path(polygon * flip, closed=True)}"/>' for polygon in shape.polygons]
+        if shape.lines:
+            stroke = "".join(_path(line * flip, closed=False) for line in shape.lines)
+            lines.append(
+                f'<path d="{stroke}" fill="none" stroke="{shape.colour}" stroke-width="{shape.line_mm:.4f}" '
+                'stroke-linecap="round" stroke-linejoin="round"/>'
+            )
+        lines.append("</g>")
+    lines.append("</svg>\n")
+    return "\n".join(lines).encode("ascii")
+
+
+# PNG
+
+
+def _bgr(colour: Colour) -> tuple[int, int, int]:
+    return int(colour[5:7], 16), int(colour[3:5], 16), int(colour[1:3], 16)
+
+
+def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
+    import cv2
+
+    extent_mm = size_mm + 2 * MARGIN_MM
+    px_per_mm = min(PX_PER_MM, MOST_PX / float(extent_mm.max()))
+    width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
+    image = np.full((height, width, 3), _bgr(_BACKGROUND), dtype=np.uint8)
+    one = 1 << _SUB_PIXEL_BITS
+
+    def px(points: FloatArray) -> np.ndarray:
+        u = (points[..., 0] + MARGIN_MM) * px_per_mm - 0.5
+        v = (size_mm[1] + MARGIN_MM - points[..., 1]) * px_per_mm - 0.5
+        return np.rint(np.stack([u, v], axis=-1) * one).astype(np.int32)
+
+    for shape in shapes:
+        colour = _bgr(shape.colour)
+        for outline, xy in shape.stamps:
+            for polygon in px(xy[:, None] + outline):
+                cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_AA, _SUB_PIXEL_BITS)
+        for polygon in shape.polygons:
+            cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_AA, _SUB_PIXEL_BITS)
+            if shape.edge:
+                cv2.polylines(image, [px(polygon)], True, _bgr(shape.edge), 2, cv2.LINE_AA, _SUB_PIXEL_BITS)
+        thickness = max(round(shape.line_mm * px_per_mm), 1)
+        for line in shape.lines:
+            cv2.polylines(image, [px(line)], False, colour, thickness, cv2.LINE_AA, _SUB_PIXEL_BITS)
+    written, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not written:
+        raise RenderError("the preview picture could not be encoded as PNG")
+    return bytes(data)

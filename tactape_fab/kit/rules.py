@@ -1,0 +1,240 @@
+"""check(layout, fab) -> findings: every design rule with its worst measured value and where on the board that is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from tactape_fab.errors import Finding
+from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.shapes import inset_mm, reach_mm
+from tactape_fab.profiles import FabProfile
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.tape import Tape
+
+_NEAR_LEGEND_MM = 5.0
+
+Measured = tuple[float, tuple[float, float] | None]
+"""The worst value and where it stands (board frame, mm)."""
+
+
+def check(layout: Layout, fab: FabProfile) -> list[Finding]:
+    """Measure a layout against its fab's limits.
+
+    Returns
+    -------
+    list of Finding
+        One for every rule that has something to measure, broken or not.
+    """
+    findings = [*_gap_rules(layout, fab), *_edge_rules(layout, fab), *_legend_rules(layout, fab), *_hole_rules(layout, fab)]
+    findings.append(_size_rule(layout.tape, fab))
+    return findings
+
+
+def _finding(fab: FabProfile, rule: str, measured: Measured, what: str, remedy: str) -> Finding:
+    value, at_mm = measured
+    limit = fab.limits[rule]
+    passed = value >= limit.value_mm - TOLERANCE_MM
+    relation = "meets" if passed else "is below"
+    message = f"{what} {value:.3f} mm {relation} the limit {limit.value_mm:.3f} mm of {fab.name}"
+    return Finding(
+        rule=rule,
+        level=limit.level,
+        passed=passed,
+        value=value,
+        limit=limit.value_mm,
+        at_mm=at_mm,
+        source=limit.source,
+        message=message if passed else f"{message}; {remedy}",
+    )
+
+
+# Gaps between equal shapes
+
+
+def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
+    """Gap between a convex outline and itself moved by each shift, negative by the depth of an overlap; shape (m,).
+
+    The gap is the signed distance of the shift from the outline's difference body (Minkowski).
+    """
+    difference = (outline_mm[:, None] - outline_mm).reshape(-1, 2)
+    body = shapely.MultiPoint(difference).convex_hull
+    points = shapely.points(shift_mm)
+    depth = np.where(shapely.covers(body, points), shapely.distance(body.exterior, points), 0.0)
+    return np.asarray(shapely.distance(body, points) - depth)
+
+
+def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Pairs of placed parts that may come nearer than `reach`, by grid offset.
+
+    Yields, for each offset and each of the 16 pairs of symbols that occur at it, the centre distance as a vector, and
+    the board position half way between the first such pair.
+    """
+    placed = tape.placed
+    furthest = int((reach + 2 * tape.displacement_mm) / tape.pitch_mm) + 1
+    for down in range(furthest + 1):
+        for right in range(-furthest, furthest + 1):
+            if down == 0 and right <= 0:
+                continue
+            rows, columns = tape.rows - down, tape.columns - abs(right)
+            if rows <= 0 or columns <= 0:
+                continue
+            first = (slice(0, rows), slice(max(-right, 0), max(-right, 0) + columns))
+            second = (slice(down, down + rows), slice(max(right, 0), max(right, 0) + columns))
+            pair = np.where(placed[first] & placed[second], tape.symbols[first] * 4 + tape.symbols[second], 16)
+            for value in np.flatnonzero(np.bincount(pair.ravel(), minlength=17)[:16]):
+                row, column = divmod(int(np.argmax(pair == value)), columns)
+                a, b = divmod(int(value), 4)
+                step = np.array([right, down]) * tape.pitch_mm
+                shift = step + tape.displacement_mm * (DIRECTIONS_XY[b] - DIRECTIONS_XY[a])
+                middle = (np.array([column + max(-right, 0), row]) * tape.pitch_mm) + step / 2
+                x0, y0 = tape.board.texture_origin_mm
+                yield shift * (1.0, -1.0), np.array([x0, y0]) + middle * (1.0, -1.0)
+
+
+def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    tape = layout.tape
+    outlines = layout.outlines
+    part_reach = 2 * float(np.hypot(*np.maximum(reach_mm(outlines.courtyard), reach_mm(outlines.opening))))
+    pairs = list(_neighbours(tape, part_reach + max(limit.value_mm for limit in fab.limits.values())))
+    if not pairs:
+        return
+    shifts = np.array([shift for shift, _ in pairs])
+    places = np.array([place for _, place in pairs])
+
+    def worst(gaps: FloatArray) -> Measured:
+        i = int(np.argmin(gaps))
+        return float(gaps[i]), (float(places[i, 0]), float(places[i, 1]))
+
+    lands = [
+        gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)
+    ]
+    wider = "use a larger --w or a smaller --delta"
+    yield _finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
+    yield _finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
+    yield _finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
+    yield _finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
+    yield _finding(
+        fab,
+        "opening-size",
+        (min(outlines.opening_size_mm), None),
+        "shorter side of a coverlay opening",
+        "use a part with wider pads, or a profile with a larger expansion",
+    )
+
+
+# Distances from the outline
+
+
+def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    board = layout.tape.board
+    remedy = "use a larger --size or another --rotation"
+    for rule, outline, what in (
+        ("pad-edge", layout.outlines.pads, "pad to outline"),
+        ("body-edge", layout.outlines.body, "body to outline"),
+        ("opening-edge", layout.outlines.opening, "coverlay opening to outline"),
+    ):
+        near = _near_outline(layout, fab.limits[rule].value_mm + max(reach_mm(outline)))
+        inset = inset_mm(near[:, None] + outline, board.size_mm, board.corner_radius_mm).min(axis=1)
+        yield _finding(fab, rule, _worst_at(inset, near), what, remedy)
+
+
+def _near_outline(layout: Layout, within_mm: float) -> FloatArray:
+    """Centres of the parts nearest to the outline: enough of them to hold the worst one."""
+    board = layout.tape.board
+    inset = inset_mm(layout.parts_xy_mm, board.size_mm, board.corner_radius_mm)
+    return layout.parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * within_mm]
+
+
+def _worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
+    i = int(np.argmin(values))
+    return float(values[i]), (float(at_mm[i, 0]), float(at_mm[i, 1]))
+
+
+# Legend
+
+
+def _legend_shapes(layout: Layout) -> shapely.Geometry:
+    legend = layout.legend
+    areas = [shapely.Polygon(area) for area in legend.areas_mm]
+    strokes = [shapely.LineString(s).buffer(legend.line_mm / 2) for s in legend.strokes_mm if len(s) > 1]
+    return shapely.union_all([*areas, *strokes])
+
+
+def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    legend = layout.legend
+    if not legend.areas_mm:
+        return
+    ink = _legend_shapes(layout)
+    right_end = ink.bounds[2] + _NEAR_LEGEND_MM
+    near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
+    gaps = shapely.distance(ink, shapely.polygons(near[:, None] + layout.openings.outline_mm))
+    yield _finding(fab, "opening-legend", _worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none")
+    for x, y, diameter in layout.tape.board.holes:
+        gap = float(shapely.distance(ink, shapely.Point(x, y))) - diameter / 2
+        yield _finding(fab, "hole-legend", (gap, (x, y)), "legend to hole", "move the hole or use --tag none")
+    if legend.left_out:
+        yield Finding(
+            rule="label",
+            level="warn",
+            passed=False,
+            unit="",
+            message=f"the strip has no room for {', '.join(legend.left_out)}; use a larger --size or --tag-cell",
+        )
+
+
+# Holes
+
+
+def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    board = layout.tape.board
+    if not board.holes:
+        return
+    holes = np.array(board.holes)
+    centres, radii = holes[:, :2], holes[:, 2] / 2
+    edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii
+    yield _finding(fab, "hole-edge", _worst_at(edge, centres), "hole to outline", "move the hole inward")
+    yield _finding(fab, "hole-size", _worst_at(2 * radii, centres), "smallest hole", "use a larger hole")
+    if len(holes) > 1:
+        tree = shapely.STRtree(shapely.points(centres))
+        widest = 2 * radii.max() + fab.limits["hole-hole"].value_mm + 10.0
+        a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=widest)
+        a, b = a[a < b], b[a < b]
+        if len(a):
+            gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
+            yield _finding(fab, "hole-hole", _worst_at(gaps, centres[a]), "film between two holes", "move the holes apart")
+    for rule, outline, what in (
+        ("hole-copper", layout.outlines.pads, "hole to copper"),
+        ("hole-part", layout.outlines.body, "hole to body"),
+    ):
+        values, places = [], []
+        for (x, y), radius in zip(centres, radii, strict=True):
+            reach = radius + max(reach_mm(outline)) + 5.0
+            near = layout.parts_xy_mm[np.abs(layout.parts_xy_mm - (x, y)).max(axis=1) < reach]
+            if len(near):
+                bodies = shapely.convex_hull(shapely.multipoints(near[:, None] + outline))
+                values.append(float(shapely.distance(bodies, shapely.Point(x, y)).min() - radius))
+                places.append((float(x), float(y)))
+        if values:
+            worst = int(np.argmin(values))
+            yield _finding(fab, rule, (values[worst], places[worst]), what, "move the hole")
+
+
+def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
+    longer, shorter = max(tape.board.size_mm), min(tape.board.size_mm)
+    most = fab.size.largest_mm
+    passed = longer <= most[0] + TOLERANCE_MM and shorter <= most[1] + TOLERANCE_MM
+    over = longer if longer > most[0] else shorter
+    message = f"board {longer:g} x {shorter:g} mm {'is within' if passed else 'exceeds'} {most[0]:g} x {most[1]:g} mm of {fab.name}"
+    return Finding(
+        rule="size",
+        level=fab.size.level,
+        passed=passed,
+        value=over if not passed else longer,
+        limit=most[1] if not passed and longer <= most[0] else most[0],
+        source=fab.size.source,
+        message=message if passed else f"{message}; ask the fab, or use a smaller --size",
+    )

@@ -1,0 +1,77 @@
+"""Polygons and distances of the board: small vectorised geometry that plan, layout and rules share (mm)."""
+
+from __future__ import annotations
+
+from math import atan2, cos, pi, radians, sin
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.frames import FloatArray, snap_mm
+
+CORNER_POINTS = 9
+"""Vertices per rounded corner: a 0.1 mm corner is then 0.1 % of a pad's area from exact."""
+
+
+def rotate(xy_mm: npt.ArrayLike, angle_deg: float) -> FloatArray:
+    """Turn points counter-clockwise about the origin; shape (..., 2)."""
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return np.asarray(xy_mm, dtype=np.float64) @ np.array([[c, s], [-s, c]])
+
+
+def rounded_rectangle(size_mm: tuple[float, float], corner_radius_mm: float = 0.0) -> FloatArray:
+    """Vertices of a rounded rectangle about the origin, counter-clockwise, not closed; shape (k, 2)."""
+    half = np.array(size_mm) / 2
+    if corner_radius_mm == 0.0:
+        return half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)], dtype=np.float64)
+    angle = np.linspace(0.0, pi / 2, CORNER_POINTS) + np.array([-pi / 2, 0.0, pi / 2, pi])[:, None]
+    centre = (half - corner_radius_mm) * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
+    corners = centre[:, None] + corner_radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = corners.reshape(-1, 2)
+    apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-9  # a full-radius end joins two corners in one point
+    return points[apart]
+
+
+def placed_outline(size_mm: tuple[float, float], corner_radius_mm: float, rotation_deg: float) -> FloatArray:
+    """Vertices of a turned rounded rectangle, snapped to 1 nm: the outline that is written and measured."""
+    return snap_mm(rotate(rounded_rectangle(size_mm, corner_radius_mm), rotation_deg))
+
+
+def reach_mm(outline_mm: FloatArray) -> tuple[float, float]:
+    """Largest |x| and |y| of an outline about its own origin."""
+    x, y = np.abs(outline_mm).max(axis=0)
+    return float(x), float(y)
+
+
+def area_mm2(outline_mm: FloatArray) -> float:
+    """Area of a simple polygon, shape (k, 2), whichever way round."""
+    x, y = outline_mm.T
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+
+def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: float) -> FloatArray:
+    """Distance of points from the board's outline, positive inside.
+
+    The outline is convex, so the least value over a polygon's vertices is the polygon's own distance.
+
+    Parameters
+    ----------
+    xy_mm : ndarray, shape (..., 2)
+        Points in the board frame.
+    size_mm, corner_radius_mm
+        The board: lower-left corner at the origin.
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    half = np.array(size_mm) / 2
+    beyond = np.abs(xy_mm - half) - (half - corner_radius_mm)
+    outside = np.hypot(*np.moveaxis(np.maximum(beyond, 0.0), -1, 0))
+    inside = np.minimum(beyond.max(axis=-1), 0.0)
+    return corner_radius_mm - outside - inside
+
+
+def axis_angle_deg(vector_xy: tuple[float, float]) -> float:
+    """Direction of a line through the origin, in [0, 180) degrees."""
+    return float(np.degrees(atan2(vector_xy[1], vector_xy[0])) % 180.0)

@@ -1,0 +1,276 @@
+"""TapeSpec: everything a user may ask for, checked at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.errors import CapacityError, Problem, SpecError
+from tactape_fab.fields import Fields, shown, unknown_key
+from tactape_fab.kit.tag import LEAST_CELL_MM
+from tactape_fab.profiles import ASSEMBLY_FORMATS, X2_MODES, profile_names, read_toml
+from tactape_fab.texture.code import CODE_NAMES, DEFAULT_CODE, default_origin, get_code
+from tactape_fab.texture.frames import snap_mm
+from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
+
+TAG_MODES = ("strip", "none")
+LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
+LEAST_DISPLACEMENT_MM = 0.02
+DEFAULT_PITCH_MM = 1.5
+PITCH_PER_DISPLACEMENT = 6.0
+_NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TapeSpec:
+    """What a user asks for. Building one checks every value and reports all problems together.
+
+    Attributes
+    ----------
+    sector : int
+        Which of the code's sectors the tape shows.
+    pitch_mm : float
+        Grid pitch, the paper's W.
+    displacement_mm : float
+        Displacement of each part, the paper's Delta; a sixth of the pitch where None is given.
+    size_mm : (float, float)
+        Outline, width by height.
+    code : str
+    origin : (int, int)
+        Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given.
+    tag : {"strip", "none"}
+        A strip at the left end with AprilTag and label, or no strip.
+    tag_id : int or None
+        Id of the AprilTag; the sector where None is given and there is a strip.
+    tag_cell_mm : float
+    part, fab : str
+        Profile name, or path of a TOML file.
+    rotation_deg : float
+        Rotation of every part, counter-clockwise, 0 along board x.
+    assembly : str or None
+        Columns of CPL and BOM; the fab profile's where None is given.
+    x2 : str or None
+        Gerber attributes: ``full``, as ``comments``, or ``off``; the fab profile's where None is given.
+    corner_radius_mm : float
+    holes_mm : sequence of (float, float, float)
+        Unplated holes (x, y, diameter) in the board frame.
+    name : str
+        Name of the tape and of its files; ``tactape-s007`` for sector 7 where None is given.
+
+    Raises
+    ------
+    SpecError
+        With every problem. CapacityError where the code's reach is the only one.
+    """
+
+    sector: int
+    pitch_mm: float = DEFAULT_PITCH_MM
+    displacement_mm: float = None  # type: ignore[assignment]
+    size_mm: tuple[float, float] = (100.0, 50.0)
+    code: str = DEFAULT_CODE
+    origin: tuple[int, int] = None  # type: ignore[assignment]
+    tag: str = "strip"
+    tag_id: int | None = None
+    tag_cell_mm: float = 0.5
+    part: str = "r0201"
+    rotation_deg: float = 45.0
+    fab: str = "generic-fpc"
+    assembly: str | None = None
+    x2: str | None = None
+    corner_radius_mm: float = 1.0
+    holes_mm: Sequence[tuple[float, float, float]] = ()
+    name: str = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        values, problems = _checked(asdict(self))
+        if problems:
+            reach_only = all(isinstance(p, _ReachProblem) for p in problems)
+            raise (CapacityError if reach_only else SpecError)(problems)
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> TapeSpec:
+        """Build a spec from untrusted values, such as TOML and command-line options.
+
+        Raises
+        ------
+        SpecError
+            Every problem found, unknown keys included.
+        """
+        problems = [unknown_key(key, KEYS) for key in values if key not in KEYS]
+        known = {key: value for key, value in values.items() if key in KEYS}
+        if "sector" not in known:
+            problems.append(Problem("sector", "sector is missing; give --sector N, or sector = N in the TOML file"))
+        try:
+            spec = cls(**{"sector": 0, **known})
+        except SpecError as error:
+            if not problems:
+                raise
+            raise SpecError([*problems, *error.problems]) from None
+        if problems:
+            raise SpecError(problems)
+        return spec
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Every option as understood, for the manifest."""
+        return {key: _plain(value) for key, value in asdict(self).items()}
+
+
+KEYS = tuple(f.name for f in fields(TapeSpec))
+DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISSING}
+
+
+class _ReachProblem(Problem):
+    """A problem of capacity: legal numbers that ask for more than the code has."""
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def read_spec_file(path: Path) -> dict[str, Any]:
+    """The values of a spec TOML; profile paths in it are relative to the file.
+
+    Raises
+    ------
+    SpecError
+        When the file cannot be read as TOML.
+    """
+    values = read_toml(path, "spec file")
+    for key in ("fab", "part"):
+        name = values.get(key)
+        if isinstance(name, str) and name.endswith(".toml"):
+            values[key] = str(path.parent / name)
+    return values
+
+
+def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+    """All values in their final form, and all problems."""
+    table = Fields({key: value for key, value in raw.items() if value is not None})
+    code = get_code(table.text("code", choices=CODE_NAMES, default=DEFAULT_CODE))
+    sector = table.integer(
+        "sector",
+        low=0,
+        high=code.sectors - 1,
+        remedy=f"code '{code.name}' has {code.sectors} sectors; "
+        + ("'anoto-6x6' has 3969" if code.sectors < 3969 else "take one of them"),
+    )
+    pitch_mm = _pitch(table)
+    values: dict[str, Any] = {
+        "code": code.name,
+        "sector": sector,
+        "pitch_mm": pitch_mm,
+        "displacement_mm": _displacement(table, pitch_mm),
+        "size_mm": _size(table, pitch_mm, code.name, code.range),
+        "origin": _origin(table, code.name, sector, code.range),
+        "tag_cell_mm": _snapped(table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=0.5)),
+        "rotation_deg": table.number("rotation_deg", low=0.0, below=360.0, unit="deg", default=45.0),
+        "tag": table.text("tag", choices=TAG_MODES, default="none"),
+        "part": _profile_name(table, "part", "parts"),
+        "fab": _profile_name(table, "fab", "fabs"),
+    }
+    values["tag_id"] = _tag_id(table, values["tag"], sector)
+    values["corner_radius_mm"] = _snapped(
+        table.number("corner_radius_mm", low=0.0, high=min(values["size_mm"]) / 2, remedy="half the shorter side at most")
+    )
+    values["holes_mm"] = _holes(table, values["size_mm"])
+    for key, choices in (("assembly", ASSEMBLY_FORMATS), ("x2", X2_MODES)):
+        values[key] = table.text(key, choices=choices) if key in table.values else None
+    values["name"] = (
+        table.text("name", pattern=_NAME_PATTERN, remedy="use 1 to 64 letters, digits, '.', '_', '-'")
+        if "name" in table.values
+        else f"tactape-s{sector:03d}"
+    )
+    return values, table.problems
+
+
+def _snapped(value_mm: float) -> float:
+    return float(snap_mm(value_mm)) if value_mm == value_mm else value_mm
+
+
+def _pitch(table: Fields) -> float:
+    remedy = f"--w is the grid pitch in millimetres, {LEAST_PITCH_MM} to {MOST_PITCH_MM:g}, usually {DEFAULT_PITCH_MM}"
+    return _snapped(table.number("pitch_mm", low=LEAST_PITCH_MM, high=MOST_PITCH_MM, remedy=remedy, default=DEFAULT_PITCH_MM))
+
+
+def _displacement(table: Fields, pitch_mm: float) -> float:
+    usual = pitch_mm / PITCH_PER_DISPLACEMENT
+    if "displacement_mm" not in table.values:
+        return _snapped(usual)
+    remedy = f"--delta is the displacement in millimetres, {LEAST_DISPLACEMENT_MM} to less than half the pitch {pitch_mm:g}"
+    return _snapped(
+        table.number(
+            "displacement_mm",
+            low=LEAST_DISPLACEMENT_MM,
+            below=pitch_mm / 2,
+            remedy=f"{remedy}, usually {usual:g}",
+            default=usual,
+        )
+    )
+
+
+def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tuple[float, float]:
+    width, height = table.numbers(
+        "size_mm", 2, above=0.0, high=LONGEST_MM, remedy="give WIDTHxHEIGHT in millimetres, such as 100x50", default=(100.0, 50.0)
+    )
+    reach_mm = code_range * pitch_mm
+    larger = f"use --code {_larger_code(code_range)} or a smaller tape" if _larger_code(code_range) else "use a smaller tape"
+    for i, side_mm in enumerate((width, height)):
+        if side_mm > reach_mm:
+            message = (
+                f"size_mm[{i}] = {side_mm} mm exceeds {reach_mm} mm, the reach of code '{code_name}' at pitch "
+                f"{pitch_mm} mm; {larger}"
+            )
+            table.problems.append(_ReachProblem("size_mm", message))
+    return _snapped(width), _snapped(height)
+
+
+def _larger_code(code_range: int) -> str:
+    larger = [name for name in CODE_NAMES if get_code(name).range > code_range]
+    return min(larger, key=lambda name: get_code(name).range, default="")
+
+
+def _origin(table: Fields, code_name: str, sector: int, code_range: int) -> tuple[int, int]:
+    if "origin" not in table.values:
+        return default_origin(code_name, sector)
+    remedy = f"give --origin COL,ROW with both from 0 to {code_range - 1}, or leave it to the sector's default"
+    column, row = table.integers("origin", 2, low=0, high=code_range - 1, remedy=remedy)
+    return column, row
+
+
+def _profile_name(table: Fields, key: str, kind: str) -> str:
+    """A profile's name or path; whether a path can be read is found when it is loaded."""
+    name = table.text(key, longest=4096)
+    if name and not name.endswith(".toml") and name not in (known := profile_names(kind)):
+        table.problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file")
+    return name
+
+
+def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
+    if tag == "none":
+        if "tag_id" in table.values:
+            table.problem("tag_id", f"tag_id = {shown(table.values['tag_id'])} contradicts tag = 'none'; give one of them")
+        return None
+    if "tag_id" in table.values:
+        return table.integer("tag_id", low=0, high=TAG_IDS - 1, remedy=f"family {TAG_FAMILY} has {TAG_IDS} ids")
+    if sector >= TAG_IDS:
+        table.problem(
+            "tag_id",
+            f"sector = {sector} exceeds {TAG_IDS - 1}, the last id of {TAG_FAMILY}; choose an id with --tag-id or use --tag none",
+        )
+        return 0
+    return sector
+
+
+def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, float, float], ...]:
+    holes = []
+    for i, hole in enumerate(table.rows("holes_mm", longest=MOST_HOLES)):
+        key = f"holes_mm[{i}]"
+        x, y, d = Fields({key: hole}, "", table.problems).numbers(key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm")
+        if x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
+            table.problem(key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm")
+        holes.append((round(x, 4), round(y, 4), round(d, 4)))  # as many decimals as the drill file has
+    return tuple(holes)

@@ -1,0 +1,89 @@
+"""Frames and symbols: the only y-flip and the only table of symbol directions in the package.
+
+Texture frame (mm): origin at grid point (column 0, row 0), x right, y *down*, seen from above the components.
+Board frame (mm): origin at the lower-left corner of the outline, x right, y *up*, seen from the same side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+SymbolArray = npt.NDArray[np.uint8]
+
+LETTERS = "NWES"
+"""Letter of symbol value ``x_bit + 2 * y_bit``: N = (0, 0), W = (1, 0), E = (0, 1), S = (1, 1)."""
+
+DIRECTIONS_XY: FloatArray = np.array([(0.0, -1.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+"""Unit displacement of each symbol value in the texture frame, shape (4, 2): N is up, so -y (paper, Eq. 10)."""
+DIRECTIONS_XY.setflags(write=False)
+
+NM_PER_MM = 1_000_000
+
+_LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
+_VALUE_OF_BYTE = np.full(256, 255, dtype=np.uint8)
+_VALUE_OF_BYTE[_LETTER_BYTES] = np.arange(4, dtype=np.uint8)
+
+
+def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float]) -> FloatArray:
+    """Map texture points to the board frame.
+
+    Parameters
+    ----------
+    xy_mm : array_like, shape (..., 2)
+        Points in the texture frame, mm.
+    texture_origin_mm : (float, float)
+        Board coordinates of grid point (0, 0), mm.
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        The same points in the board frame, mm.
+    """
+    xy = np.asarray(xy_mm, dtype=np.float64)
+    return xy * (1.0, -1.0) + np.asarray(texture_origin_mm)
+
+
+def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float]) -> FloatArray:
+    """Map board points to the texture frame, the inverse of `texture_to_board`; shapes (..., 2), mm."""
+    xy = np.asarray(xy_mm, dtype=np.float64)
+    return (xy - np.asarray(texture_origin_mm)) * (1.0, -1.0)
+
+
+def to_nm(value_mm: npt.ArrayLike) -> IntArray:
+    """Millimetres to whole nanometres, the resolution of every file that is written (FSLAX46)."""
+    return np.rint(np.asarray(value_mm, dtype=np.float64) * NM_PER_MM).astype(np.int64)
+
+
+def snap_mm(value_mm: npt.ArrayLike) -> FloatArray:
+    """Round millimetres to the nearest nanometre."""
+    return to_nm(value_mm) / NM_PER_MM
+
+
+def symbols_to_rows(symbols: SymbolArray) -> list[str]:
+    """Symbol values, shape (rows, columns), as one string of N/E/S/W per row."""
+    return [row.tobytes().decode("ascii") for row in _LETTER_BYTES[symbols]]
+
+
+def rows_to_symbols(rows: Sequence[str]) -> SymbolArray:
+    """Strings of N/E/S/W, one per row and of equal length, as symbol values of shape (rows, columns).
+
+    Raises
+    ------
+    ValueError
+        When the rows differ in length or hold another letter.
+    """
+    if not rows or len({len(row) for row in rows}) != 1:
+        raise ValueError("symbol rows are empty or differ in length")
+    try:
+        letters = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8)
+    except UnicodeEncodeError as error:
+        raise ValueError("symbol rows hold letters other than N, E, S, W") from error
+    values = _VALUE_OF_BYTE[letters].reshape(len(rows), -1)
+    if (values == 255).any():
+        raise ValueError("symbol rows hold letters other than N, E, S, W")
+    return values

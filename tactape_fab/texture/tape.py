@@ -1,0 +1,338 @@
+"""Tape: what was made and what can be found. The one object that fabrication and localization share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.errors import Problem, SpecError
+from tactape_fab.fields import Fields
+from tactape_fab.texture.code import CODE_NAMES, BoolArray, encode, get_code
+from tactape_fab.texture.frames import (
+    DIRECTIONS_XY,
+    FloatArray,
+    IntArray,
+    SymbolArray,
+    rows_to_symbols,
+    snap_mm,
+    symbols_to_rows,
+    texture_to_board,
+)
+
+MANIFEST_FORMAT = "tactape-manifest/1"
+MANIFEST_NAME = "manifest.json"
+UNFINISHED_SUFFIX = ".partial"
+"""End of the name of a folder in which a kit is being built; such a folder is never a kit."""
+
+TAG_FAMILY = "tag36h11"
+TAG_IDS = 587
+PART_SHAPES = ("block",)
+
+LONGEST_MM = 10_000.0
+MOST_POINTS = 4_000_000
+MOST_HOLES = 10_000
+_MANIFEST_BYTES = 256 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Board:
+    """The film: outline, where the texture lies on it, and its holes (board frame, mm).
+
+    ``holes`` are (x, y, diameter).
+    """
+
+    size_mm: tuple[float, float]
+    texture_origin_mm: tuple[float, float]
+    corner_radius_mm: float
+    thickness_mm: float
+    holes: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TapePart:
+    """The element on every grid point: ``body_mm`` is (length, width, height), ``rotation_deg`` counter-clockwise."""
+
+    name: str
+    shape: str
+    body_mm: tuple[float, float, float]
+    rotation_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tag:
+    """The printed AprilTag; ``center_mm`` in the board frame, upright in AprilRobotics' sense at rotation 0."""
+
+    family: str
+    id: int
+    cell_mm: float
+    center_mm: tuple[float, float]
+    rotation_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tape:
+    """One tape, complete: code, place in the code plane, grid, symbols, board, part, tag.
+
+    Attributes
+    ----------
+    origin : (int, int)
+        Column and row of grid point (0, 0) in the code plane.
+    columns, rows : int
+        Grid points along x and y.
+    pitch_mm, displacement_mm : float
+        The paper's W and Delta.
+    symbols : ndarray of uint8, shape (rows, columns)
+        Read-only. The code's symbol at every grid point, the omitted ones too.
+    omitted : ndarray of int64, shape (k, 2)
+        Read-only (column, row) of grid points that carry no part, row-major.
+    """
+
+    name: str
+    sector: int
+    code: str
+    origin: tuple[int, int]
+    columns: int
+    rows: int
+    pitch_mm: float
+    displacement_mm: float
+    symbols: SymbolArray
+    omitted: IntArray
+    board: Board
+    part: TapePart
+    tag: Tag | None
+
+    def __post_init__(self) -> None:
+        self.symbols.setflags(write=False)
+        self.omitted.setflags(write=False)
+
+    @property
+    def placed(self) -> BoolArray:
+        """Whether a grid point carries a part; shape (rows, columns)."""
+        placed = np.ones((self.rows, self.columns), dtype=bool)
+        placed[self.omitted[:, 1], self.omitted[:, 0]] = False
+        return placed
+
+    @property
+    def part_count(self) -> int:
+        return self.rows * self.columns - len(self.omitted)
+
+    def cells(self) -> IntArray:
+        """(column, row) of every placed part in designator order R1 ... Rn: row-major; shape (n, 2)."""
+        row, column = np.nonzero(self.placed)
+        return np.stack([column, row], axis=1)
+
+    def part_xy_mm(self) -> FloatArray:
+        """Nominal part centres in the board frame, designator order, snapped to 1 nm; shape (n, 2), mm."""
+        cells = self.cells()
+        symbols = self.symbols[cells[:, 1], cells[:, 0]]
+        texture_mm = cells * self.pitch_mm + self.displacement_mm * DIRECTIONS_XY[symbols]
+        return snap_mm(texture_to_board(texture_mm, self.board.texture_origin_mm))
+
+    def designators(self) -> list[str]:
+        """R1 ... Rn, row-major from grid point (0, 0), placed parts only."""
+        return [f"R{i}" for i in range(1, self.part_count + 1)]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The tape's share of manifest.json."""
+        return {
+            "name": self.name,
+            "sector": self.sector,
+            "code": self.code,
+            "origin": list(self.origin),
+            "columns": self.columns,
+            "rows": self.rows,
+            "pitch_mm": self.pitch_mm,
+            "displacement_mm": self.displacement_mm,
+            "board": {**_plain(self.board), "holes": [list(h) for h in self.board.holes]},
+            "part": _plain(self.part),
+            "symbols": symbols_to_rows(self.symbols),
+            "omitted": self.omitted.tolist(),
+            "tag": None if self.tag is None else _plain(self.tag),
+        }
+
+    @classmethod
+    def from_mapping(cls, manifest: Mapping[str, Any]) -> Tape:
+        """Read the tape out of a manifest's content, trusting nothing in it.
+
+        Raises
+        ------
+        SpecError
+            Every problem found: missing or impossible values, symbols that the code does not have at that place.
+        """
+        return _read_tape(Fields(manifest))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Tape:
+        """Load a tape from a kit folder or its manifest.json.
+
+        Raises
+        ------
+        SpecError
+            When there is no kit at `path`, or its manifest cannot be read or contradicts itself.
+        """
+        return cls.from_mapping(read_manifest(find_manifest(path)))
+
+
+def _plain(record: Board | TapePart | Tag) -> dict[str, Any]:
+    values = ((f.name, getattr(record, f.name)) for f in fields(record))
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
+
+
+def find_manifest(path: str | Path) -> Path:
+    """The manifest file of a kit, given its folder or the file itself.
+
+    Raises
+    ------
+    SpecError
+        When there is none, or the folder is one that an interrupted run left unfinished.
+    """
+    place = Path(path)
+    file = place / MANIFEST_NAME if place.is_dir() else place
+    if file.resolve().parent.name.endswith(UNFINISHED_SUFFIX):
+        raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
+    if not file.is_file():
+        raise SpecError(f"{place} is no kit: {'it holds no ' + MANIFEST_NAME if place.is_dir() else 'there is no such file'}")
+    return file
+
+
+def read_manifest(file: Path) -> dict[str, Any]:
+    """The content of a manifest.json as a mapping, its size and format checked.
+
+    Raises
+    ------
+    SpecError
+        When the file is too large, no JSON, or not of this format.
+    """
+    try:
+        if file.stat().st_size > _MANIFEST_BYTES:
+            raise SpecError(f"{file.name} is larger than {_MANIFEST_BYTES} bytes; it is not a manifest of this tool")
+        content = json.loads(file.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, SpecError):
+            raise
+        raise SpecError(f"{file.name} cannot be read as JSON: {error}") from error
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != MANIFEST_FORMAT:
+        raise SpecError(f"{file.name} has format {found!r}; this version reads '{MANIFEST_FORMAT}'")
+    return dict(content)
+
+
+def _read_board(table: Fields) -> Board:
+    size = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
+    holes = []
+    for i, hole in enumerate(table.rows("holes", longest=MOST_HOLES)):
+        entry = Fields({f"holes[{i}]": hole}, table.where, table.problems)
+        x, y, d = entry.numbers(f"holes[{i}]", 3, low=0.0, high=LONGEST_MM)
+        holes.append((x, y, d))
+    return Board(
+        size_mm=(size[0], size[1]),
+        texture_origin_mm=_pair(table.numbers("texture_origin_mm", 2, low=0.0, high=LONGEST_MM)),
+        corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),
+        thickness_mm=table.number("thickness_mm", above=0.0, high=100.0),
+        holes=tuple(holes),
+    )
+
+
+def _read_part(table: Fields) -> TapePart:
+    length, width, height = table.numbers("body_mm", 3, above=0.0, high=100.0)
+    return TapePart(
+        name=table.text("name", longest=200),
+        shape=table.text("shape", choices=PART_SHAPES),
+        body_mm=(length, width, height),
+        rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
+    )
+
+
+def _read_tag(table: Fields) -> Tag:
+    return Tag(
+        family=table.text("family", choices=(TAG_FAMILY,)),
+        id=table.integer("id", low=0, high=TAG_IDS - 1),
+        cell_mm=table.number("cell_mm", above=0.0, high=100.0),
+        center_mm=_pair(table.numbers("center_mm", 2, low=0.0, high=LONGEST_MM)),
+        rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
+    )
+
+
+def _pair(values: tuple[float, ...]) -> tuple[float, float]:
+    return values[0], values[1]
+
+
+def _read_tape(table: Fields) -> Tape:
+    code_name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
+    code = get_code(code_name)
+    sector = table.integer("sector", low=0, high=code.sectors - 1)
+    origin = table.integers("origin", 2, low=0, high=code.range - 1)
+    columns = table.integer("columns", low=code.window, high=code.range, default=code.window)
+    rows = table.integer("rows", low=code.window, high=code.range, default=code.window)
+    name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
+    pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
+    displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
+    board = _read_board(table.table("board"))
+    part = _read_part(table.table("part"))
+    tag = None if table.values.get("tag") is None else _read_tag(table.table("tag"))
+    if columns * rows > MOST_POINTS:
+        table.problem("columns", f"columns x rows = {columns} x {rows} exceeds {MOST_POINTS} grid points")
+    if table.problems:
+        raise SpecError(table.problems)
+    symbols = _read_symbols(table, rows, columns)
+    expected = encode(code, sector, (origin[0], origin[1]), (rows, columns))
+    wrong = np.argwhere(symbols != expected)
+    if len(wrong):
+        r, c = (int(i) for i in wrong[0])
+        of = f"code '{code_name}', sector {sector}, origin [{origin[0]}, {origin[1]}]"
+        raise SpecError(
+            Problem(
+                "symbols",
+                f"symbols differ from {of} at {len(wrong)} grid points, first at column {c}, row {r}: "
+                f"'{symbols_to_rows(symbols[r : r + 1, c : c + 1])[0]}' where the code has "
+                f"'{symbols_to_rows(expected[r : r + 1, c : c + 1])[0]}'",
+            )
+        )
+    return Tape(
+        name=name,
+        sector=sector,
+        code=code_name,
+        origin=(origin[0], origin[1]),
+        columns=columns,
+        rows=rows,
+        pitch_mm=pitch_mm,
+        displacement_mm=displacement_mm,
+        symbols=symbols,
+        omitted=_read_omitted(table, rows, columns),
+        board=board,
+        part=part,
+        tag=tag,
+    )
+
+
+def _read_symbols(table: Fields, rows: int, columns: int) -> SymbolArray:
+    texts = table.rows("symbols", longest=rows)
+    if len(texts) != rows or not all(isinstance(t, str) and len(t) == columns for t in texts):
+        raise SpecError(Problem("symbols", f"symbols is not {rows} strings of {columns} letters"))
+    try:
+        return rows_to_symbols(texts)
+    except ValueError as error:
+        raise SpecError(Problem("symbols", str(error))) from error
+
+
+def _read_omitted(table: Fields, rows: int, columns: int) -> IntArray:
+    entries = table.rows("omitted", longest=rows * columns)
+    inside = all(
+        isinstance(e, list)
+        and len(e) == 2
+        and all(isinstance(i, int) and not isinstance(i, bool) for i in e)
+        and 0 <= e[0] < columns
+        and 0 <= e[1] < rows
+        for e in entries
+    )
+    if table.problems or not inside:
+        raise SpecError([*table.problems, Problem("omitted", "omitted is not a list of [column, row] inside the grid")])
+    omitted = np.array(entries, dtype=np.int64).reshape(-1, 2)
+    if len(np.unique(omitted, axis=0)) != len(omitted):
+        raise SpecError(Problem("omitted", "omitted names a grid point twice"))
+    return omitted

@@ -1,0 +1,5 @@
+"""Verification: reads a written kit back with software that is not ours and compares it with its manifest."""
+
+from tactape_fab.verify.kit import Verification, verify_folder, verify_kit
+
+__all__ = ["Verification", "verify_folder", "verify_kit"]

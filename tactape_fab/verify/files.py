@@ -1,0 +1,160 @@
+"""Files of a kit: listed, whole, unchanged, and nothing outside the kit's folder is ever opened."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from tactape_fab.errors import Check
+from tactape_fab.fields import shown
+from tactape_fab.kit.writer import FAB_ZIP_ROLES
+from tactape_fab.texture.tape import MANIFEST_NAME, Tape
+
+_MOST_BYTES = 1 << 30
+_MOST_NAMED = 5
+
+ALWAYS = ("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom")
+PICTURES = ("preview-svg", "preview-png")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrittenFile:
+    path: str
+    data: bytes
+
+
+def named(items: list[str]) -> str:
+    """The first few of a list, for a message."""
+    more = len(items) - _MOST_NAMED
+    return ", ".join(items[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def roles_of(tape: Tape) -> tuple[str, ...]:
+    """Roles that the kit of this tape must have, each once."""
+    legend = ("legend-top",) if tape.tag is not None else ()
+    drill = ("drill-npth",) if tape.board.holes else ()
+    return (*ALWAYS, *legend, *drill, *PICTURES, "fab-zip")
+
+
+def safe_path(text: object) -> PurePosixPath | None:
+    """A manifest's path, or None where it could lead out of the kit's folder."""
+    if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z0-9._ /+-]{1,300}", text):
+        return None
+    path = PurePosixPath(text)
+    return None if path.is_absolute() or ".." in path.parts or str(path) != text else path
+
+
+def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, list[WrittenFile]], list[Check]]:
+    """Read every listed file, by role, and compare sizes and SHA-256."""
+    rows = manifest.get("files")
+    files: dict[str, list[WrittenFile]] = {}
+    problems: list[str] = []
+    listed = {MANIFEST_NAME}
+    if not isinstance(rows, list) or not rows:
+        return files, [Check(name="files", passed=False, message="the manifest lists no files")]
+    root = folder.resolve()
+    for row in rows:
+        path = safe_path(row.get("path")) if isinstance(row, dict) else None
+        if path is None:
+            problems.append(f"{shown(row)} names no file inside the kit")
+            continue
+        listed.add(str(path))
+        place = folder / path
+        if not place.resolve().is_relative_to(root):
+            problems.append(f"{path} leads out of the kit's folder")
+        elif not place.is_file():
+            problems.append(f"{path} is missing")
+        elif place.stat().st_size > _MOST_BYTES:
+            problems.append(f"{path} is larger than {_MOST_BYTES} bytes")
+        else:
+            data = place.read_bytes()
+            files.setdefault(str(row.get("role")), []).append(WrittenFile(path=str(path), data=data))
+            if row.get("bytes") != len(data) or row.get("sha256") != hashlib.sha256(data).hexdigest():
+                problems.append(f"{path} is not the file that was written: its SHA-256 differs")
+    message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
+    checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
+    unlisted = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if not p.is_dir() and p.relative_to(folder).as_posix() not in listed)
+    if unlisted:
+        checks.append(
+            Check(name="unlisted", passed=False, warning=True, message=f"files that the manifest does not list: {named(unlisted)}")
+        )
+    return files, checks
+
+
+def check_roles(tape: Tape, files: Mapping[str, list[WrittenFile]]) -> Check:
+    expected = roles_of(tape)
+    wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
+    wrong += [f"{role}, which this tape has no use for" for role in files if role not in expected]
+    message = f"the kit holds {named(wrong)}" if wrong else f"{len(expected)} roles, one file each"
+    return Check(name="roles", passed=not wrong, message=message)
+
+
+def check_zip(files: Mapping[str, WrittenFile]) -> Check:
+    """The zip holds exactly the fabrication files, byte for byte."""
+    expected = {files[role].path.rsplit("/", 1)[-1]: files[role].data for role in FAB_ZIP_ROLES if role in files}
+    problems: list[str] = []
+    try:
+        with zipfile.ZipFile(io.BytesIO(files["fab-zip"].data)) as archive:
+            members = archive.infolist()
+            names = [m.filename for m in members]
+            problems += [f"{name} is missing from the zip" for name in expected if name not in names]
+            problems += [f"{name} does not belong in the zip" for name in names if name not in expected]
+            problems += [f"{name} is in the zip twice" for name in sorted(set(names)) if names.count(name) > 1]
+            for member in members:
+                if member.filename in expected and (
+                    member.file_size != len(expected[member.filename]) or archive.read(member) != expected[member.filename]
+                ):
+                    problems.append(f"{member.filename} in the zip differs from the kit's")
+    except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as error:
+        problems.append(f"it cannot be opened: {error}")
+    message = named(problems) if problems else f"{len(expected)} files, each as in the kit, nothing else"
+    return Check(name="fab-zip", passed=not problems, message=message)
+
+
+def check_job(tape: Tape, files: Mapping[str, WrittenFile]) -> Check:
+    """The job file is JSON, and names this board and these files."""
+    try:
+        job = json.loads(files["job"].data)
+        size = job["GeneralSpecs"]["Size"]
+        paths = {row["Path"] for row in job["FilesAttributes"]}
+        size_mm = (float(size["X"]), float(size["Y"]))
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        return Check(name="job", passed=False, message=f"the job file cannot be read: {type(error).__name__} {error}")
+    expected = {
+        files[role].path.rsplit("/", 1)[-1] for role in FAB_ZIP_ROLES if role in files and role not in ("job", "drill-npth")
+    }
+    problems = [f"it names {p}, which is not there" for p in sorted(paths - expected)]
+    problems += [f"it does not name {p}" for p in sorted(expected - paths)]
+    if size_mm != tape.board.size_mm:
+        problems.append(f"its board is {size_mm[0]:g} x {size_mm[1]:g} mm")
+    return Check(name="job", passed=not problems, message=named(problems) or f"names the {len(expected)} layers and the board's size")
+
+
+def check_signature(role: str, data: bytes) -> str | None:
+    """What is wrong with a Gerber file's .MD5 (Gerber 2024.05 section 5.6.9), None where it is right or absent."""
+    found = re.search(rb"(?:%|G04 #@! )TF\.MD5,([0-9a-f]{32})\*", data)
+    if found is None:
+        return None
+    signed = data[: found.start()].replace(b"\n", b"").replace(b"\r", b"")
+    right = hashlib.md5(signed, usedforsecurity=False).hexdigest().encode() == found.group(1)
+    return None if right else f"{role}: its .MD5 signature does not fit its content"
+
+
+def check_picture(files: Mapping[str, WrittenFile]) -> Check:
+    """The previews can be opened."""
+    import cv2
+    import numpy as np
+
+    data = np.frombuffer(files["preview-png"].data, dtype=np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    svg_whole = files["preview-svg"].data.startswith(b"<svg") and files["preview-svg"].data.rstrip().endswith(b"</svg>")
+    passed = image is not None and svg_whole
+    message = f"PNG {image.shape[1]} x {image.shape[0]} px and SVG" if passed else "the PNG or the SVG cannot be opened"
+    return Check(name="previews", passed=passed, message=message)

@@ -1,0 +1,177 @@
+"""verify: opens the written files of a kit, every check a line with its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tactape_fab.errors import Check, SpecError, VerifyError
+from tactape_fab.fields import Fields
+from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
+from tactape_fab.texture.tape import Tape, find_manifest, read_manifest
+from tactape_fab.verify.assembly import check_bom, check_cpl
+from tactape_fab.verify.files import (
+    WrittenFile,
+    check_job,
+    check_picture,
+    check_roles,
+    check_signature,
+    check_zip,
+    named,
+    read_files,
+    roles_of,
+)
+from tactape_fab.verify.layers import (
+    Recorded,
+    check_components,
+    check_drill,
+    check_edges,
+    check_lands,
+    check_openings,
+    check_outline,
+    pair_lands,
+    read_recorded,
+)
+from tactape_fab.verify.legend import check_tag
+from tactape_fab.verify.symbols import check_symbols
+
+GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "components-top")
+FILE_FUNCTIONS = {
+    "copper-top": ("Copper", "L1", "Top"),
+    "coverlay-top": ("Soldermask", "Top"),
+    "paste-top": ("Paste", "Top"),
+    "legend-top": ("Legend", "Top"),
+    "profile": ("Profile", "NP"),
+    "components-top": ("Component", "L1", "Top"),
+}
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """All lines of a verification."""
+
+    name: str
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        return all(c.passed or c.warning for c in self.checks)
+
+    def raise_if_failed(self) -> None:
+        """Raise VerifyError with every line where one failed."""
+        if not self.passed:
+            raise VerifyError(self.checks)
+
+
+def verify_kit(path: str | Path, *, quick: bool = False) -> Verification:
+    """Verify a kit by its folder or its manifest.json.
+
+    Parameters
+    ----------
+    path : str or Path
+    quick : bool
+        Leave out what needs a program or a library beyond the ones this package installs: the second tag detector.
+
+    Returns
+    -------
+    Verification
+        Every line, also when some failed; an unreadable manifest is a failed line.
+
+    Raises
+    ------
+    SpecError
+        When there is no kit at `path`.
+    """
+    return verify_folder(find_manifest(path), quick=quick)
+
+
+def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
+    """Verify the kit whose manifest is `manifest_file`, whatever its folder is called."""
+    folder = manifest_file.parent
+    try:
+        manifest = read_manifest(manifest_file)
+        tape = Tape.from_mapping(manifest)
+        table = Fields(manifest)
+        recorded = read_recorded(table)
+        if table.problems:
+            raise SpecError(table.problems)
+    except SpecError as error:
+        return Verification(name=folder.name, checks=(Check(name="manifest", passed=False, message="; ".join(str(error).splitlines())),))
+    checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols as code '{tape.code}' has them")]
+    files, file_checks = read_files(folder, manifest)
+    checks += [*file_checks, check_roles(tape, files)]
+    single = {role: rows[0] for role, rows in files.items() if rows}
+    missing = [role for role in roles_of(tape) if role not in single]
+    if missing:
+        checks.append(Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}"))
+        return Verification(name=tape.name, checks=tuple(checks))
+    checks += _check_content(manifest, tape, recorded, single, quick=quick)
+    return Verification(name=tape.name, checks=tuple(checks))
+
+
+def _read(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], checks: list[Check]) -> T | None:
+    try:
+        return read(files[role].data)
+    except ReadbackError as error:
+        checks.append(Check(name=role, passed=False, message=f"{files[role].path}: {error}"))
+        return None
+
+
+def _check_content(
+    manifest: dict[str, Any], tape: Tape, recorded: Recorded, files: dict[str, WrittenFile], *, quick: bool
+) -> list[Check]:
+    checks: list[Check] = []
+    layers: dict[str, GerberContent] = {}
+    for role in GERBER_ROLES:
+        if role in files and (content := _read(role, read_gerber, files, checks)) is not None:
+            layers[role] = content
+    cpl = _read("cpl", read_cpl, files, checks)
+    holes = _read("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
+    checks.append(_check_attributes(layers, files))
+    if "profile" in layers:
+        checks.append(check_outline(layers["profile"], tape))
+    if holes is not None:
+        checks.append(check_drill(holes, tape))
+    if cpl is not None:
+        checks += check_cpl(files["cpl"].data, cpl, tape)
+        checks += _check_layers_with_cpl(layers, recorded, tape, cpl)
+        checks += check_symbols(tape, cpl.xy_mm, "CPL")
+    checks.append(check_bom(files["bom"].data, tape))
+    if "copper-top" in layers:
+        xy_mm = layers["copper-top"].flash_xy_mm
+        centre_mm, _, _ = pair_lands(xy_mm, recorded.pads.offset_mm, tape.part.rotation_deg)
+        checks += check_symbols(tape, centre_mm, "copper")
+    if "legend-top" in layers:
+        light = manifest.get("fab", {}).get("legend_colour") != "black"
+        checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
+    return [*checks, check_job(tape, files), check_picture(files), check_zip(files)]
+
+
+def _check_layers_with_cpl(layers: dict[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
+    checks: list[Check] = []
+    for role, land in (("copper-top", recorded.pads), ("paste-top", recorded.paste)):
+        if role in layers:
+            checks += check_lands(role, layers[role], land, tape, cpl)
+    if "coverlay-top" in layers:
+        checks += check_openings(layers["coverlay-top"], recorded, tape, cpl)
+    if "components-top" in layers:
+        checks.append(check_components(layers["components-top"], tape, cpl))
+    if "copper-top" in layers:
+        checks += check_edges(layers, recorded, tape, cpl)
+    return checks
+
+
+def _check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile]) -> Check:
+    """File functions are the roles', and signatures fit, wherever a file carries attributes."""
+    problems = [problem for role in layers if (problem := check_signature(role, files[role].data)) is not None]
+    for role, content in layers.items():
+        function = content.file_attributes.get("FileFunction")
+        if function is not None and function != FILE_FUNCTIONS[role]:
+            problems.append(f"{role} calls itself {','.join(function)}")
+    message = named(problems) if problems else "file functions as the roles, MD5 signatures right"
+    return Check(name="attributes", passed=not problems, message=message)

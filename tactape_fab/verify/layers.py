@@ -1,0 +1,297 @@
+"""Fabrication layers against the manifest and the CPL: counts, places, rotations, areas, outline and clearances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from tactape_fab.errors import Check
+from tactape_fab.fields import Fields
+from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.shapes import area_mm2, axis_angle_deg, inset_mm, rotate, rounded_rectangle
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import named
+
+PLACE_TOLERANCE_MM = 0.001
+ROTATION_TOLERANCE_DEG = 0.05
+AREA_TOLERANCE = 0.01
+OUTLINE_TOLERANCE_MM = 0.001
+EDGE_TOLERANCE_MM = 0.0005
+_PARTNER_TOLERANCE_MM = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Land:
+    """A pair of lands as the manifest records it."""
+
+    size_mm: tuple[float, float]
+    corner_radius_mm: float
+    offset_mm: float
+
+    @property
+    def area_mm2(self) -> float:
+        """Exact area of one land with its rounded corners."""
+        return self.size_mm[0] * self.size_mm[1] - (4 - np.pi) * self.corner_radius_mm**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """What the manifest records of the lands, the openings and the limits they were made for."""
+
+    pads: Land
+    paste: Land
+    expansion_mm: float
+    pad_edge_mm: float
+    body_edge_mm: float
+
+
+def read_recorded(table: Fields) -> Recorded:
+    """Read the manifest's ``land_pattern`` and the edge limits of ``fab``; problems are collected in `table`."""
+    lands = table.table("land_pattern")
+    limits = table.table("fab").table("limits_mm")
+
+    def land(key: str) -> Land:
+        entry = lands.table(key)
+        size = entry.numbers("size_mm", 2, above=0.0, high=20.0)
+        return Land(
+            size_mm=(size[0], size[1]),
+            corner_radius_mm=entry.number("corner_radius_mm", low=0.0, high=min(size) / 2),
+            offset_mm=entry.number("offset_mm", above=0.0, high=20.0),
+        )
+
+    return Recorded(
+        pads=land("pads"),
+        paste=land("paste"),
+        expansion_mm=lands.number("opening_expansion_mm", low=0.0, high=1.0),
+        pad_edge_mm=limits.number("pad-edge", low=0.0, high=100.0),
+        body_edge_mm=limits.number("body-edge", low=0.0, high=100.0),
+    )
+
+
+def nearest(points_mm: FloatArray, of_mm: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Index of, and distance to, the nearest of `of_mm` for every point; shapes (n,)."""
+    tree = shapely.STRtree(shapely.points(of_mm))
+    (asked, found), distance = tree.query_nearest(shapely.points(points_mm), return_distance=True, all_matches=False)
+    order = np.argsort(asked, kind="stable")
+    return found[order].astype(np.int64), distance[order]
+
+
+def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Find pairs of lands from flashes alone.
+
+    Parameters
+    ----------
+    xy_mm : ndarray, shape (m, 2)
+    offset_mm, rotation_deg : float
+        Half the distance of a pair, and its direction.
+
+    Returns
+    -------
+    centre_mm, axis_mm : ndarray, shape (p, 2)
+        Middle of each pair, and the vector from land 1 to land 2.
+    alone : ndarray of int64
+        Flashes that have no partner.
+    """
+    if len(xy_mm) < 2:
+        return np.empty((0, 2)), np.empty((0, 2)), np.arange(len(xy_mm))
+    step = rotate((2 * offset_mm, 0.0), rotation_deg)
+    partner, distance = nearest(xy_mm + step, xy_mm)
+    back, back_distance = nearest(xy_mm - step, xy_mm)
+    index = np.arange(len(xy_mm))
+    first = (distance < _PARTNER_TOLERANCE_MM) & (back[partner] == index) & (back_distance[partner] < _PARTNER_TOLERANCE_MM)
+    second = partner[first]
+    used = np.zeros(len(xy_mm), dtype=bool)
+    used[first], used[second] = True, True
+    return (xy_mm[first] + xy_mm[second]) / 2, xy_mm[second] - xy_mm[first], np.flatnonzero(~used)
+
+
+def check_lands(name: str, content: GerberContent, land: Land, tape: Tape, cpl: CplContent) -> list[Check]:
+    """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation."""
+    count = len(content.flash_xy_mm)
+    expected = 2 * tape.part_count
+    centre, axis, alone = pair_lands(content.flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
+    problems = []
+    if count != expected:
+        problems.append(f"{count} flashes where {tape.part_count} parts need {expected}")
+    if len(alone):
+        x, y = content.flash_xy_mm[alone[0]]
+        problems.append(f"{len(alone)} flashes have no partner, first at ({x:.3f}, {y:.3f}) mm")
+    if len(content.aperture_outlines_mm) > 1:
+        problems.append(f"{len(content.aperture_outlines_mm)} different apertures instead of one")
+    if len(content.areas_mm) or len(content.strokes_mm) or content.clear:
+        problems.append("objects that are no pads")
+    message = "; ".join(problems) or f"{len(centre)} pairs for {tape.part_count} parts"
+    checks = [Check(name=f"{name} pairs", passed=not problems, message=message, figure=float(len(centre)))]
+    if len(centre) == 0 or len(cpl.xy_mm) == 0:
+        return checks
+    row, distance = nearest(centre, cpl.xy_mm)
+    checks.append(_place_check(name, centre, distance, cpl, row))
+    checks.append(_rotation_check(name, content, land, axis, cpl.rotation_deg[row], cpl, row))
+    checks.append(_area_check(name, content, land.area_mm2 * expected))
+    return checks
+
+
+def _place_check(name: str, centre: FloatArray, distance: FloatArray, cpl: CplContent, row: IntArray) -> Check:
+    worst = int(np.argmax(distance))
+    taken, times = np.unique(row, return_counts=True)
+    far = np.flatnonzero(distance > PLACE_TOLERANCE_MM)
+    problems = []
+    if len(far):
+        problems.append(
+            f"{len(far)} pairs are off the CPL, worst by {distance[worst] * 1000:.1f} um at {cpl.designators[row[worst]]} "
+            f"({centre[worst, 0]:.3f}, {centre[worst, 1]:.3f}) mm"
+        )
+    if (times > 1).any():
+        problems.append(f"two pairs stand at {cpl.designators[taken[times > 1][0]]}")
+    if len(taken) < len(cpl.xy_mm):
+        missing = np.setdiff1d(np.arange(len(cpl.xy_mm)), taken)
+        problems.append(f"no pair stands at {named([cpl.designators[i] for i in missing])}")
+    figure = float(distance.max() * 1000)
+    message = "; ".join(problems) or f"centre of every pair within {figure:.3f} um of its CPL row"
+    return Check(name=f"{name} places", passed=not problems, message=message, figure=figure, unit="um")
+
+
+def _turn_deg(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angle between two directions of lines, 0 to 90 degrees."""
+    return np.abs((a - b + 90.0) % 180.0 - 90.0)
+
+
+def _rotation_check(
+    name: str, content: GerberContent, land: Land, axis: FloatArray, rotation_deg: FloatArray, cpl: CplContent, row: IntArray
+) -> Check:
+    pair_deg = np.degrees(np.arctan2(axis[:, 1], axis[:, 0]))
+    turn = _turn_deg(pair_deg, rotation_deg)
+    worst = int(np.argmax(turn))
+    problems = []
+    # a pad moved by 1 um turns its pair by less than this
+    if turn[worst] > ROTATION_TOLERANCE_DEG + np.degrees(PLACE_TOLERANCE_MM / land.offset_mm):
+        problems.append(f"pads of {cpl.designators[row[worst]]} lie {turn[worst]:.2f} deg from the CPL's rotation")
+    shape_deg = _outline_axis_deg(content.aperture_outlines_mm[0], land)
+    if shape_deg is not None and len(rotation_deg):
+        shape_turn = float(_turn_deg(np.array(shape_deg), rotation_deg).max())
+        if shape_turn > ROTATION_TOLERANCE_DEG:
+            problems.append(f"the pad itself is turned by {shape_turn:.2f} deg from the CPL's rotation")
+    message = "; ".join(problems) or f"pairs and pads within {turn[worst]:.4f} deg of the CPL's rotation"
+    return Check(name=f"{name} rotation", passed=not problems, message=message, figure=float(turn[worst]), unit="deg")
+
+
+def _outline_axis_deg(outline: FloatArray, land: Land) -> float | None:
+    """Direction of an aperture's side that lies along the part, None where the land is square."""
+    if abs(land.size_mm[0] - land.size_mm[1]) < 0.01:
+        return None
+    box = shapely.minimum_rotated_rectangle(shapely.Polygon(outline))
+    corners = np.array(box.exterior.coords)
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.hypot(*sides.T)
+    along = sides[int(np.argmax(lengths) if land.size_mm[0] > land.size_mm[1] else np.argmin(lengths))]
+    return axis_angle_deg((float(along[0]), float(along[1])))
+
+
+def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check:
+    areas = np.array([area_mm2(outline) for outline in content.aperture_outlines_mm])
+    area = float(areas[content.flash_aperture].sum())
+    error = area / expected_mm2 - 1.0
+    passed = abs(error) <= AREA_TOLERANCE
+    message = f"{area:.2f} mm2 drawn, {expected_mm2:.2f} mm2 specified ({error * 100:+.2f} %)"
+    return Check(name=f"{name} area", passed=passed, message=message, figure=error * 100, unit="%")
+
+
+def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
+    """One coverlay opening per part, at its CPL row, round both pads with the fab's expansion."""
+    name = "coverlay-top"
+    count = len(content.flash_xy_mm)
+    problems = []
+    if count != tape.part_count:
+        problems.append(f"{count} openings for {tape.part_count} parts")
+    if len(content.aperture_outlines_mm) != 1 or len(content.areas_mm) or len(content.strokes_mm) or content.clear:
+        problems.append("other objects than one opening per part")
+    checks = [Check(name=f"{name} openings", passed=not problems, message="; ".join(problems) or f"{count} openings", figure=float(count))]
+    if count == 0 or len(cpl.xy_mm) == 0:
+        return checks
+    row, distance = nearest(content.flash_xy_mm, cpl.xy_mm)
+    checks.append(_place_check(name, content.flash_xy_mm, distance, cpl, row))
+    half = np.array([recorded.pads.offset_mm + recorded.pads.size_mm[0] / 2, recorded.pads.size_mm[1] / 2]) + recorded.expansion_mm
+    expected = shapely.Polygon(rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), tape.part.rotation_deg))
+    error_mm = float(shapely.hausdorff_distance(shapely.Polygon(content.aperture_outlines_mm[0]).exterior, expected.exterior))
+    passed = error_mm <= PLACE_TOLERANCE_MM
+    message = f"opening is {error_mm * 1000:.1f} um from the pads' box with {recorded.expansion_mm:g} mm of expansion"
+    checks.append(Check(name=f"{name} shape", passed=passed, message=message, figure=error_mm * 1000, unit="um"))
+    return checks
+
+
+def check_outline(content: GerberContent, tape: Tape) -> Check:
+    """One closed outline, as large and as round as the manifest says."""
+    board = tape.board
+    if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
+        return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
+    stroke = content.strokes_mm[0]
+    if np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
+        return Check(name="profile", passed=False, message="the outline is not closed")
+    expected = shapely.Polygon(rounded_rectangle(board.size_mm, board.corner_radius_mm) + np.array(board.size_mm) / 2)
+    drawn = shapely.Polygon(stroke)
+    error_mm = float(shapely.hausdorff_distance(drawn.exterior, expected.exterior))
+    chord_mm = board.corner_radius_mm * (1 - np.cos(np.pi / 32))  # the expected corner is a polyline of 8 chords
+    passed = drawn.is_valid and error_mm <= OUTLINE_TOLERANCE_MM + chord_mm
+    size = stroke.max(axis=0) - stroke.min(axis=0)
+    message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
+    return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
+    """Nothing outside the outline; copper and bodies as far inside as the recorded limits ask."""
+    board = tape.board
+
+    def inset(points: list[FloatArray]) -> float:
+        joined = np.concatenate(points) if points else np.empty((0, 2))
+        return float(inset_mm(joined, board.size_mm, board.corner_radius_mm).min()) if len(joined) else float("inf")
+
+    def drawn(content: GerberContent) -> list[FloatArray]:
+        stamps = [
+            (content.flash_xy_mm[content.flash_aperture == i, None] + outline).reshape(-1, 2)
+            for i, outline in enumerate(content.aperture_outlines_mm)
+        ]
+        return [*stamps, *content.areas_mm, *content.strokes_mm]
+
+    checks = []
+    half = np.array(tape.part.body_mm[:2]) / 2
+    bodies = [
+        (cpl.xy_mm[cpl.rotation_deg == angle, None] + rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), float(angle))).reshape(-1, 2)
+        for angle in np.unique(cpl.rotation_deg)
+    ]
+    cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
+    cases.insert(0, ("copper-top", drawn(layers["copper-top"]), recorded.pad_edge_mm))
+    cases.append(("bodies", bodies, recorded.body_edge_mm))
+    for role, points, limit_mm in cases:
+        value = inset(points)
+        passed = value >= limit_mm - EDGE_TOLERANCE_MM
+        message = f"{value:.3f} mm inside the outline" + ("" if passed else f", less than {limit_mm:g} mm")
+        checks.append(Check(name=f"{role} to edge", passed=passed, message=message, figure=value, unit="mm"))
+    return checks
+
+
+def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Check:
+    """The component layer names every part where the CPL has it."""
+    main = np.array([f.startswith("ComponentMain") for f in content.aperture_functions], dtype=bool)
+    is_centre = main[content.flash_aperture] if len(content.flash_aperture) else np.zeros(0, dtype=bool)
+    centres = content.flash_xy_mm[is_centre]
+    names = [name for name, keep in zip(content.flash_component, is_centre, strict=True) if keep]
+    if names != list(cpl.designators):
+        wrong = sorted(set(names) ^ set(cpl.designators))
+        return Check(name="components-top", passed=False, message=f"its designators differ from the CPL's: {named(wrong) or 'their order'}")
+    error = float(np.hypot(*(centres - cpl.xy_mm).T).max()) if len(centres) else 0.0
+    passed = error <= PLACE_TOLERANCE_MM
+    worst = f"worst {error * 1000:.3f} um from the CPL"
+    return Check(name="components-top", passed=passed, message=f"{len(centres)} parts, {worst}", figure=error * 1000, unit="um")
+
+
+def check_drill(holes: FloatArray, tape: Tape) -> Check:
+    """The drill file has exactly the manifest's holes."""
+    expected = np.array(sorted(tape.board.holes), dtype=np.float64).reshape(-1, 3)
+    found = np.array(sorted(map(tuple, holes.tolist())), dtype=np.float64).reshape(-1, 3)
+    same = found.shape == expected.shape and bool(np.abs(found - expected).max(initial=0.0) <= PLACE_TOLERANCE_MM)
+    message = f"{len(found)} holes as in the manifest" if same else f"{len(found)} holes differ from the manifest's {len(expected)}"
+    return Check(name="drill-npth", passed=same, message=message, figure=float(len(found)))

@@ -1,0 +1,100 @@
+"""Symbols rebuilt from measured part positions, and decoded window by window."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactape_fab.errors import Check
+from tactape_fab.texture.code import BoolArray, get_code, locate_windows
+from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray, SymbolArray, board_to_texture
+from tactape_fab.texture.tape import Tape
+
+
+def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, BoolArray, int]:
+    """Read the symbols that part positions show on the tape's grid.
+
+    Parameters
+    ----------
+    tape : Tape
+        Only its grid is used: texture origin, pitch, displacement, columns and rows.
+    xy_mm : ndarray, shape (n, 2)
+        Part centres in the board frame, in any order.
+
+    Returns
+    -------
+    symbols : ndarray of uint8, shape (rows, columns)
+    found : ndarray of bool, shape (rows, columns)
+        Where exactly one part shows a symbol.
+    strays : int
+        Parts that are on no grid point, in no symbol's place, or on a point that is taken.
+    """
+    texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
+    cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
+    moved = texture_mm - cell * tape.pitch_mm
+    distance = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY, axis=2)
+    on_grid = ((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1) & (distance.min(axis=1) < tape.displacement_mm / 2)
+    symbols = np.zeros((tape.rows, tape.columns), dtype=np.uint8)
+    count = np.zeros((tape.rows, tape.columns), dtype=np.int64)
+    column, row = cell[on_grid].T
+    symbols[row, column] = distance[on_grid].argmin(axis=1)
+    np.add.at(count, (row, column), 1)
+    return symbols, count == 1, int((~on_grid).sum() + np.maximum(count - 1, 0).sum())
+
+
+def check_symbols(tape: Tape, xy_mm: FloatArray, source: str) -> list[Check]:
+    """Compare the symbols shown by part positions with the manifest's, and decode every whole window of them."""
+    symbols, found, strays = symbols_of_positions(tape, xy_mm)
+    placed = tape.placed
+    problems: list[str] = []
+    for what, wrong in (("no part", placed & ~found), ("a part that the manifest omits", found & ~placed)):
+        if wrong.any():
+            r, c = np.argwhere(wrong)[0]
+            problems.append(f"{what} at {int(wrong.sum())} grid points, first at column {c}, row {r}")
+    if strays:
+        problems.append(f"{strays} parts in no symbol's place")
+    differ = placed & found & (symbols != tape.symbols)
+    if differ.any():
+        r, c = np.argwhere(differ)[0]
+        problems.append(
+            f"{int(differ.sum())} symbols differ from the manifest's, first at column {c}, row {r}: "
+            f"'{LETTERS[symbols[r, c]]}' instead of '{LETTERS[tape.symbols[r, c]]}'"
+        )
+    total = int(placed.sum())
+    equal = total - int(differ.sum() + (placed & ~found).sum())
+    message = "; ".join(problems) if problems else f"{equal} of {total} symbols as in the manifest"
+    return [
+        Check(name=f"symbols from {source}", passed=not problems, message=message, figure=float(equal)),
+        _check_windows(tape, symbols, found, source),
+    ]
+
+
+def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
+    code = get_code(tape.code)
+    places = locate_windows(code, symbols)
+    whole = np.lib.stride_tricks.sliding_window_view(found, (code.window, code.window)).all(axis=(2, 3))
+    rows, columns = places.valid.shape
+    right = (
+        places.valid
+        & (places.sector == tape.sector)
+        & (places.column == tape.origin[0] + np.arange(columns))
+        & (places.row == (tape.origin[1] + np.arange(rows))[:, None])
+    )
+    wrong = np.argwhere(whole & ~right)
+    count = int(whole.sum())
+    name = f"windows from {source}"
+    if len(wrong) or count == 0:
+        r, c = wrong[0] if len(wrong) else (0, 0)
+        reading = (
+            f"sector {places.sector[r, c]}, plane column {places.column[r, c]}, row {places.row[r, c]}"
+            if places.valid[r, c]
+            else "nothing that the code contains"
+        )
+        message = (
+            f"{len(wrong)} of {count} windows decode elsewhere, first at column {c}, row {r}: {reading}"
+            if count
+            else "no whole window is there"
+        )
+        return Check(name=name, passed=False, message=message, figure=float(count - len(wrong)))
+    n = code.window
+    message = f"all {count} windows of {n}x{n} decode to sector {tape.sector}, origin {tape.origin[0]},{tape.origin[1]}"
+    return Check(name=name, passed=True, message=message, figure=float(count))
