@@ -128,8 +128,7 @@ class Fields:
             self.problem(key, f"{key} = {shown(value)} is not {count} numbers{f'; {remedy}' if remedy else ''}")
             return fallback
         return tuple(
-            self._number(f"{key}[{i}]", v, low, high, above, math.inf, unit, remedy, fallback[i])
-            for i, v in enumerate(value)
+            self._number(f"{key}[{i}]", v, low, high, above, math.inf, unit, remedy, fallback[i]) for i, v in enumerate(value)
         )
 
     def integer(self, key: str, *, low: int, high: int, remedy: str = "", default: int = 0) -> int:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-from tactape_fab.errors import Check, DesignRuleError, Finding, SpecError, TactapeError
+from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.rules import check
@@ -68,7 +68,7 @@ def examine(spec: TapeSpec) -> Examined:
     SpecError
         When a profile cannot be read, or no tape follows from the spec.
     """
-    problems = []
+    problems: list[Problem] = []
     fab = part = None
     try:
         fab = load_fab(spec.fab)

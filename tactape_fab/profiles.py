@@ -72,7 +72,8 @@ class Material:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegendRules:
     """``line_mm`` thinnest ink line, ``text_mm`` least capital height, ``gap_mm`` least gap between inked areas,
-    ``bleed_mm`` how far ink runs over an edge, ``edge_mm`` ink to outline."""
+    ``bleed_mm`` how far ink runs over an edge, ``edge_mm`` ink to outline.
+    """
 
     line_mm: float
     text_mm: float
@@ -230,11 +231,14 @@ def load_fab(name: str) -> FabProfile:
         legend_colour=colours.text("legend", choices=("white", "black")),
         x2=cast(X2Mode, gerber.text("x2", choices=X2_MODES)),
         assembly=assembly.text("format", choices=ASSEMBLY_FORMATS),
-        file_names={role: files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's") for role in GERBER_ROLES},
+        file_names={
+            role: files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")
+            for role in GERBER_ROLES
+        },
         coverlay_expansion_mm=coverlay.number("expansion_mm", low=0.0, high=1.0),
-        legend=LegendRules(**{
-            key: legend.number(key, low=0.0, high=10.0) for key in ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
-        }),
+        legend=LegendRules(
+            **{key: legend.number(key, low=0.0, high=10.0) for key in ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")}
+        ),
         limits={name: _read_limit(limits.table(name)) for name in LIMIT_IDS},
         size=SizeLimit(
             largest_mm=(max(largest), min(largest)),
@@ -271,9 +275,7 @@ def load_part(name: str) -> PartProfile:
         Every problem found in it.
     """
     table = _profile_table("parts", "part", name)
-    table.refuse_unknown(
-        ("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard")
-    )
+    table.refuse_unknown(("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard"))
     body = table.table("body")
     length, width, height = body.numbers("size_mm", 3, above=0.0, high=20.0)
     courtyard = table.table("courtyard").numbers("size_mm", 2, above=0.0, high=40.0)

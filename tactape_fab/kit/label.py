@@ -37,9 +37,7 @@ def _glyph(character: str) -> tuple[list[FloatArray], float]:
     font, key = ("greeks", "D") if character == "Δ" else ("futural", character)
     glyph = _font(font).all_glyphs[key]
     left = glyph.left_offset
-    strokes = [
-        np.array([(x - left, _BASE_LINE - y) for x, y in stroke], dtype=np.float64) for stroke in glyph.strokes if stroke
-    ]
+    strokes = [np.array([(x - left, _BASE_LINE - y) for x, y in stroke], dtype=np.float64) for stroke in glyph.strokes if stroke]
     return strokes, float(glyph.char_width)
 
 
@@ -58,7 +56,7 @@ def stroke_text(text: str, cap_height_mm: float) -> Text:
     x = 0.0
     for character in text:
         glyph, advance = _glyph(character)
-        strokes += [(stroke + (x, 0.0)) * scale for stroke in glyph]
+        strokes += [(stroke + np.array((x, 0.0))) * scale for stroke in glyph]
         x += advance
     return Text(strokes_mm=tuple(strokes), width_mm=x * scale)
 

@@ -116,8 +116,8 @@ def _refuse_small(spec: TapeSpec, code: Code, columns: int, rows: int, least_mm:
     raise SpecError(
         Problem(
             "size_mm",
-            f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window of "
-            f"code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
+            f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
+            f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
             + (", or --tag none" if spec.tag == "strip" else ""),
         )
     )
@@ -126,7 +126,9 @@ def _refuse_small(spec: TapeSpec, code: Code, columns: int, rows: int, least_mm:
 def _refuse_large(spec: TapeSpec, code: Code, columns: int, rows: int) -> None:
     problems = []
     if columns * rows > MOST_POINTS:
-        problems.append(Problem("size_mm", f"size_mm gives {columns} x {rows} grid points, more than {MOST_POINTS}; use a smaller --size"))
+        problems.append(
+            Problem("size_mm", f"size_mm gives {columns} x {rows} grid points, more than {MOST_POINTS}; use a smaller --size")
+        )
     for name, first, count in (("column", spec.origin[0], columns), ("row", spec.origin[1], rows)):
         if first + count > code.range:
             problems.append(
@@ -150,8 +152,8 @@ def _plan_tag(spec: TapeSpec, fab: FabProfile) -> Tag | None:
         raise SpecError(
             Problem(
                 "corner_radius_mm",
-                f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} mm "
-                "inside the outline; use a smaller --corner-radius or --tag none",
+                f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} "
+                "mm inside the outline; use a smaller --corner-radius or --tag none",
             )
         )
     return Tag(

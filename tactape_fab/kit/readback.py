@@ -113,7 +113,7 @@ def _aperture_outline(aperture: Any) -> FloatArray:
         return outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
     if isinstance(shape, Circle):
         angle = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
-        return shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.asarray(shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=np.float64)
     raise ReadbackError(f"aperture shape {type(shape).__name__} is none that this tool writes")
 
 

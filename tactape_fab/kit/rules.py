@@ -109,9 +109,7 @@ def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         i = int(np.argmin(gaps))
         return float(gaps[i]), (float(places[i, 0]), float(places[i, 1]))
 
-    lands = [
-        gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)
-    ]
+    lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
     wider = "use a larger --w or a smaller --delta"
     yield _finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
     yield _finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
@@ -146,7 +144,8 @@ def _near_outline(layout: Layout, within_mm: float) -> FloatArray:
     """Centres of the parts nearest to the outline: enough of them to hold the worst one."""
     board = layout.tape.board
     inset = inset_mm(layout.parts_xy_mm, board.size_mm, board.corner_radius_mm)
-    return layout.parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * within_mm]
+    near: FloatArray = layout.parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * within_mm]
+    return near
 
 
 def _worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
@@ -172,7 +171,9 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     right_end = ink.bounds[2] + _NEAR_LEGEND_MM
     near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
     gaps = shapely.distance(ink, shapely.polygons(near[:, None] + layout.openings.outline_mm))
-    yield _finding(fab, "opening-legend", _worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none")
+    yield _finding(
+        fab, "opening-legend", _worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none"
+    )
     for x, y, diameter in layout.tape.board.holes:
         gap = float(shapely.distance(ink, shapely.Point(x, y))) - diameter / 2
         yield _finding(fab, "hole-legend", (gap, (x, y)), "legend to hole", "move the hole or use --tag none")
@@ -228,7 +229,9 @@ def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
     most = fab.size.largest_mm
     passed = longer <= most[0] + TOLERANCE_MM and shorter <= most[1] + TOLERANCE_MM
     over = longer if longer > most[0] else shorter
-    message = f"board {longer:g} x {shorter:g} mm {'is within' if passed else 'exceeds'} {most[0]:g} x {most[1]:g} mm of {fab.name}"
+    message = (
+        f"board {longer:g} x {shorter:g} mm {'is within' if passed else 'exceeds'} {most[0]:g} x {most[1]:g} mm of {fab.name}"
+    )
     return Finding(
         rule="size",
         level=fab.size.level,

@@ -16,20 +16,23 @@ CORNER_POINTS = 9
 def rotate(xy_mm: npt.ArrayLike, angle_deg: float) -> FloatArray:
     """Turn points counter-clockwise about the origin; shape (..., 2)."""
     c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
-    return np.asarray(xy_mm, dtype=np.float64) @ np.array([[c, s], [-s, c]])
+    turned: FloatArray = np.asarray(xy_mm, dtype=np.float64) @ np.array([[c, s], [-s, c]])
+    return turned
 
 
 def rounded_rectangle(size_mm: tuple[float, float], corner_radius_mm: float = 0.0) -> FloatArray:
     """Vertices of a rounded rectangle about the origin, counter-clockwise, not closed; shape (k, 2)."""
     half = np.array(size_mm) / 2
     if corner_radius_mm == 0.0:
-        return half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)], dtype=np.float64)
+        square: FloatArray = half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)], dtype=np.float64)
+        return square
     angle = np.linspace(0.0, pi / 2, CORNER_POINTS) + np.array([-pi / 2, 0.0, pi / 2, pi])[:, None]
     centre = (half - corner_radius_mm) * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
     corners = centre[:, None] + corner_radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    points = corners.reshape(-1, 2)
+    points: FloatArray = corners.reshape(-1, 2)
     apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-9  # a full-radius end joins two corners in one point
-    return points[apart]
+    distinct: FloatArray = points[apart]
+    return distinct
 
 
 def placed_outline(size_mm: tuple[float, float], corner_radius_mm: float, rotation_deg: float) -> FloatArray:
@@ -69,7 +72,8 @@ def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: 
     beyond = np.abs(xy_mm - half) - (half - corner_radius_mm)
     outside = np.hypot(*np.moveaxis(np.maximum(beyond, 0.0), -1, 0))
     inside = np.minimum(beyond.max(axis=-1), 0.0)
-    return corner_radius_mm - outside - inside
+    inset: FloatArray = corner_radius_mm - outside - inside
+    return inset
 
 
 def axis_angle_deg(vector_xy: tuple[float, float]) -> float:

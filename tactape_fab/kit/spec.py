@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -188,7 +189,7 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
 
 
 def _snapped(value_mm: float) -> float:
-    return float(snap_mm(value_mm)) if value_mm == value_mm else value_mm
+    return value_mm if isnan(value_mm) else float(snap_mm(value_mm))
 
 
 def _pitch(table: Fields) -> float:
@@ -269,7 +270,9 @@ def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, fl
     holes = []
     for i, hole in enumerate(table.rows("holes_mm", longest=MOST_HOLES)):
         key = f"holes_mm[{i}]"
-        x, y, d = Fields({key: hole}, "", table.problems).numbers(key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm")
+        x, y, d = Fields({key: hole}, "", table.problems).numbers(
+            key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm"
+        )
         if x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
             table.problem(key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm")
         holes.append((round(x, 4), round(y, 4), round(d, 4)))  # as many decimals as the drill file has

@@ -94,7 +94,8 @@ def _corner_contacts(inked: BoolArray) -> np.ndarray:
 
 def _without_holes(polygon: shapely.Polygon, overlap_mm: float) -> list[FloatArray]:
     """Cut a polygon across its first hole until no piece has one; pieces overlap along each cut by twice `overlap_mm`,
-    so that no hairline opens between them."""
+    so that no hairline opens between them.
+    """
     if not polygon.interiors:
         return [np.array(polygon.exterior.coords)[:-1]]
     x_low, y_low, x_high, y_high = polygon.bounds

@@ -204,8 +204,8 @@ def encode(code: Code, sector: int, origin: tuple[int, int], shape: tuple[int, i
     x = x_of_phase.take(code.phase_before(column), axis=1)
     y = y_of_phase.take(code.phase_before(row), axis=0)
     y <<= 1
-    x |= y
-    return x
+    symbols: SymbolArray = x | y
+    return symbols
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -226,17 +226,17 @@ class WindowPlaces:
     sector: IntArray
 
 
-def _places_along_columns(code: Code, bits: SymbolArray) -> tuple[IntArray, IntArray, BoolArray]:
+def _places_along_columns(code: Code, bits: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
     """Plane column of each window, the phase of its first column, and validity, from the x bits of a patch."""
     n, length = code.window, code.main.length
     windows = np.lib.stride_tricks.sliding_window_view(bits, n, axis=0)  # (rows', columns, n)
     phase = code.main.place_of_window[windows @ code.main.digit_weights]
     phase_valid = phase >= 0
     excess = (phase[:, 1:] - phase[:, :-1] - code.least_difference) % length
-    valid = np.lib.stride_tricks.sliding_window_view(phase_valid, n, axis=1).all(axis=-1)
+    valid = np.asarray(np.lib.stride_tricks.sliding_window_view(phase_valid, n, axis=1).all(axis=-1))
     steps_known = excess < prod(s.base for s in code.secondary)
     valid &= np.lib.stride_tricks.sliding_window_view(steps_known, n - 1, axis=1).all(axis=-1)
-    place = np.zeros(valid.shape, dtype=np.int64)
+    place: IntArray = np.zeros(valid.shape, dtype=np.int64)
     for weight, sequence, factor in zip(code.weights, code.secondary, code._crt_factors, strict=True):
         digit = excess // weight % sequence.base
         words = np.lib.stride_tricks.sliding_window_view(digit, n - 1, axis=1) @ sequence.digit_weights
@@ -259,8 +259,9 @@ def locate_windows(code: Code, symbols: SymbolArray) -> WindowPlaces:
     if min(symbols.shape) < n:
         empty = np.zeros((max(symbols.shape[0] - n + 1, 0), max(symbols.shape[1] - n + 1, 0)), dtype=np.int64)
         return WindowPlaces(valid=empty.astype(bool), column=empty, row=empty.copy(), sector=empty.copy())
-    column, column_phase, column_valid = _places_along_columns(code, symbols & 1)
-    row_t, row_phase_t, row_valid_t = _places_along_columns(code, np.ascontiguousarray((symbols >> 1).T))
+    values = symbols.astype(np.int64)
+    column, column_phase, column_valid = _places_along_columns(code, values & 1)
+    row_t, row_phase_t, row_valid_t = _places_along_columns(code, (values >> 1).T)
     row, row_phase = row_t.T, row_phase_t.T
     u = (column_phase - code.phase_before(column) - row) % length
     v = (row_phase - code.phase_before(row) - column) % length

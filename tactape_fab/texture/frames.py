@@ -45,13 +45,13 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         The same points in the board frame, mm.
     """
     xy = np.asarray(xy_mm, dtype=np.float64)
-    return xy * (1.0, -1.0) + np.asarray(texture_origin_mm)
+    return np.asarray(xy * (1.0, -1.0) + np.asarray(texture_origin_mm), dtype=np.float64)
 
 
 def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float]) -> FloatArray:
     """Map board points to the texture frame, the inverse of `texture_to_board`; shapes (..., 2), mm."""
     xy = np.asarray(xy_mm, dtype=np.float64)
-    return (xy - np.asarray(texture_origin_mm)) * (1.0, -1.0)
+    return np.asarray((xy - np.asarray(texture_origin_mm)) * (1.0, -1.0), dtype=np.float64)
 
 
 def to_nm(value_mm: npt.ArrayLike) -> IntArray:

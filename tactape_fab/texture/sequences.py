@@ -41,7 +41,7 @@ class NumberSequence:
     def window_values(self) -> IntArray:
         """Each cyclic window as one number in base `base`, first digit most significant; shape (length,)."""
         places = np.arange(self.length)[:, None] + np.arange(self.order)
-        return self.digits[places % self.length] @ self.digit_weights
+        return np.asarray(self.digits[places % self.length] @ self.digit_weights, dtype=np.int64)
 
     @property
     def digit_weights(self) -> IntArray:
@@ -63,7 +63,7 @@ class NumberSequence:
     def sum_before(self, index: IntArray) -> IntArray:
         """Sum of the digits at places 0 ... index - 1 of the periodic sequence; any index >= 0, same shape out."""
         turns, place = np.divmod(index, self.length)
-        return turns * self._prefix_sums[-1] + self._prefix_sums[place]
+        return np.asarray(turns * self._prefix_sums[-1] + self._prefix_sums[place], dtype=np.int64)
 
 
 def de_bruijn(base: int, order: int) -> NumberSequence:
@@ -92,9 +92,7 @@ def _from_text(text: str, base: int, order: int) -> NumberSequence:
 
 # Main sequence and A1 ... A3: Anoto AB, US patent 7,999,798. The A4 printed there is no quasi de Bruijn sequence;
 # A4 here is the one that py-microdots (C. Heindl, 2023, MIT) corrected. Numbers only.
-_ANOTO_MAIN = (
-    "000000100111110100100001110111001010100010110110011010111100011"
-)
+_ANOTO_MAIN = "000000100111110100100001110111001010100010110110011010111100011"
 _ANOTO_A1 = (
     "0000010000201001010020001100012001020020201101011020120101202100111011110210102110012101120002102021"
     "1100212011120200112100022010220012202022101212102121102212120220222011221101222212002211212210222220"
@@ -105,9 +103,7 @@ _ANOTO_A2 = (
     "0201200221100210112102022100222101220021221111120012212011121120121112202201122221212201222020211221"
     "022021021102222010221222112120222"
 )
-_ANOTO_A3 = (
-    "0000010011000111100101011011101"
-)
+_ANOTO_A3 = "0000010011000111100101011011101"
 _ANOTO_A4 = (
     "0000222202221022200221202211022100220002122021210212002112021110211002100020220202102020020100200001"
     "2220122101220012120121101210012000112201121011200111201111222212221122111212212121121111101110011000"

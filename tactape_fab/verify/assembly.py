@@ -22,7 +22,11 @@ def check_cpl(data: bytes, cpl: CplContent, tape: Tape) -> list[Check]:
     if list(cpl.designators) != expected:
         missing = [d for d in expected if d not in set(cpl.designators)]
         extra = [d for d in cpl.designators if d not in set(expected)]
-        twice = sorted({d for d in cpl.designators if cpl.designators.count(d) > 1}) if len(set(cpl.designators)) < len(cpl.designators) else []
+        twice = (
+            sorted({d for d in cpl.designators if cpl.designators.count(d) > 1})
+            if len(set(cpl.designators)) < len(cpl.designators)
+            else []
+        )
         for what, items in (("misses", missing), ("has unknown", extra), ("repeats", twice)):
             if items:
                 problems.append(f"it {what} {named(items)}")

@@ -80,10 +80,14 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, lis
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
-    unlisted = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if not p.is_dir() and p.relative_to(folder).as_posix() not in listed)
+    unlisted = sorted(
+        str(p.relative_to(folder)) for p in folder.rglob("*") if not p.is_dir() and p.relative_to(folder).as_posix() not in listed
+    )
     if unlisted:
         checks.append(
-            Check(name="unlisted", passed=False, warning=True, message=f"files that the manifest does not list: {named(unlisted)}")
+            Check(
+                name="unlisted", passed=False, warning=True, message=f"files that the manifest does not list: {named(unlisted)}"
+            )
         )
     return files, checks
 
@@ -134,7 +138,9 @@ def check_job(tape: Tape, files: Mapping[str, WrittenFile]) -> Check:
     problems += [f"it does not name {p}" for p in sorted(expected - paths)]
     if size_mm != tape.board.size_mm:
         problems.append(f"its board is {size_mm[0]:g} x {size_mm[1]:g} mm")
-    return Check(name="job", passed=not problems, message=named(problems) or f"names the {len(expected)} layers and the board's size")
+    return Check(
+        name="job", passed=not problems, message=named(problems) or f"names the {len(expected)} layers and the board's size"
+    )
 
 
 def check_signature(role: str, data: bytes) -> str | None:
@@ -155,6 +161,6 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     data = np.frombuffer(files["preview-png"].data, dtype=np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     svg_whole = files["preview-svg"].data.startswith(b"<svg") and files["preview-svg"].data.rstrip().endswith(b"</svg>")
-    passed = image is not None and svg_whole
-    message = f"PNG {image.shape[1]} x {image.shape[0]} px and SVG" if passed else "the PNG or the SVG cannot be opened"
-    return Check(name="previews", passed=passed, message=message)
+    if image is None or not svg_whole:
+        return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")
+    return Check(name="previews", passed=True, message=f"PNG {image.shape[1]} x {image.shape[0]} px and SVG")

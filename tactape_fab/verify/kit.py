@@ -101,7 +101,9 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         if table.problems:
             raise SpecError(table.problems)
     except SpecError as error:
-        return Verification(name=folder.name, checks=(Check(name="manifest", passed=False, message="; ".join(str(error).splitlines())),))
+        return Verification(
+            name=folder.name, checks=(Check(name="manifest", passed=False, message="; ".join(str(error).splitlines())),)
+        )
     checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols as code '{tape.code}' has them")]
     files, file_checks = read_files(folder, manifest)
     checks += [*file_checks, check_roles(tape, files)]

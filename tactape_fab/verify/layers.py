@@ -209,12 +209,18 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
         problems.append(f"{count} openings for {tape.part_count} parts")
     if len(content.aperture_outlines_mm) != 1 or len(content.areas_mm) or len(content.strokes_mm) or content.clear:
         problems.append("other objects than one opening per part")
-    checks = [Check(name=f"{name} openings", passed=not problems, message="; ".join(problems) or f"{count} openings", figure=float(count))]
+    checks = [
+        Check(
+            name=f"{name} openings", passed=not problems, message="; ".join(problems) or f"{count} openings", figure=float(count)
+        )
+    ]
     if count == 0 or len(cpl.xy_mm) == 0:
         return checks
     row, distance = nearest(content.flash_xy_mm, cpl.xy_mm)
     checks.append(_place_check(name, content.flash_xy_mm, distance, cpl, row))
-    half = np.array([recorded.pads.offset_mm + recorded.pads.size_mm[0] / 2, recorded.pads.size_mm[1] / 2]) + recorded.expansion_mm
+    half = (
+        np.array([recorded.pads.offset_mm + recorded.pads.size_mm[0] / 2, recorded.pads.size_mm[1] / 2]) + recorded.expansion_mm
+    )
     expected = shapely.Polygon(rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), tape.part.rotation_deg))
     error_mm = float(shapely.hausdorff_distance(shapely.Polygon(content.aperture_outlines_mm[0]).exterior, expected.exterior))
     passed = error_mm <= PLACE_TOLERANCE_MM
@@ -259,7 +265,10 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     checks = []
     half = np.array(tape.part.body_mm[:2]) / 2
     bodies = [
-        (cpl.xy_mm[cpl.rotation_deg == angle, None] + rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), float(angle))).reshape(-1, 2)
+        (
+            cpl.xy_mm[cpl.rotation_deg == angle, None]
+            + rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), float(angle))
+        ).reshape(-1, 2)
         for angle in np.unique(cpl.rotation_deg)
     ]
     cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
@@ -281,7 +290,9 @@ def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Che
     names = [name for name, keep in zip(content.flash_component, is_centre, strict=True) if keep]
     if names != list(cpl.designators):
         wrong = sorted(set(names) ^ set(cpl.designators))
-        return Check(name="components-top", passed=False, message=f"its designators differ from the CPL's: {named(wrong) or 'their order'}")
+        return Check(
+            name="components-top", passed=False, message=f"its designators differ from the CPL's: {named(wrong) or 'their order'}"
+        )
     error = float(np.hypot(*(centres - cpl.xy_mm).T).max()) if len(centres) else 0.0
     passed = error <= PLACE_TOLERANCE_MM
     worst = f"worst {error * 1000:.3f} um from the CPL"
@@ -293,5 +304,7 @@ def check_drill(holes: FloatArray, tape: Tape) -> Check:
     expected = np.array(sorted(tape.board.holes), dtype=np.float64).reshape(-1, 3)
     found = np.array(sorted(map(tuple, holes.tolist())), dtype=np.float64).reshape(-1, 3)
     same = found.shape == expected.shape and bool(np.abs(found - expected).max(initial=0.0) <= PLACE_TOLERANCE_MM)
-    message = f"{len(found)} holes as in the manifest" if same else f"{len(found)} holes differ from the manifest's {len(expected)}"
+    message = (
+        f"{len(found)} holes as in the manifest" if same else f"{len(found)} holes differ from the manifest's {len(expected)}"
+    )
     return Check(name="drill-npth", passed=same, message=message, figure=float(len(found)))

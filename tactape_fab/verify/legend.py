@@ -14,8 +14,9 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tag, Tape
 
 _PX_PER_CELL = 12
+_OVERSAMPLING = 4
 _MARGIN_CELLS = 4
-_CORNER_TOLERANCE_CELLS = 0.25
+_CORNER_TOLERANCE_CELLS = 0.1
 _INK, _FILM = 235, 90
 _DARK_INK = 20
 
@@ -26,23 +27,25 @@ def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_lig
     """Ink on film round the tag, one gray byte a pixel, row 0 at the top (board +y)."""
     import cv2
 
-    px_per_mm = _PX_PER_CELL / tag.cell_mm
-    side_mm = (CODE_CELLS + 2 + 2 * _MARGIN_CELLS) * tag.cell_mm
-    low = np.array(tag.center_mm) - side_mm / 2
-    side_px = round(side_mm * px_per_mm)
+    px_per_mm = _OVERSAMPLING * _PX_PER_CELL / tag.cell_mm
+    cells = CODE_CELLS + 2 + 2 * _MARGIN_CELLS
+    low = np.array(tag.center_mm) - cells * tag.cell_mm / 2
+    side_px = cells * _PX_PER_CELL * _OVERSAMPLING
     image = np.full((side_px, side_px), _FILM if legend_is_light else 170, dtype=np.uint8)
     ink = _INK if legend_is_light else _DARK_INK
 
     def px(points: FloatArray) -> npt.NDArray[np.int32]:
         u = (points[:, 0] - low[0]) * px_per_mm - 0.5
         v = side_px - (points[:, 1] - low[1]) * px_per_mm - 0.5
-        return np.rint(np.clip(np.stack([u, v], axis=1), -1e6, 1e6) * 16).astype(np.int32)
+        fixed: npt.NDArray[np.int32] = np.rint(np.clip(np.stack([u, v], axis=1), -1e6, 1e6) * 16).astype(np.int32)
+        return fixed
 
     for area in legend.areas_mm:
-        cv2.fillPoly(image, [px(area)], ink, cv2.LINE_AA, 4)
+        cv2.fillPoly(image, [px(area)], ink, cv2.LINE_8, 4)
     for stroke, width in zip(legend.strokes_mm, legend.stroke_width_mm, strict=True):
-        cv2.polylines(image, [px(stroke)], False, ink, max(round(float(width) * px_per_mm), 1), cv2.LINE_AA, 4)
-    return image
+        cv2.polylines(image, [px(stroke)], False, ink, max(round(float(width) * px_per_mm), 1), cv2.LINE_8, 4)
+    size = cells * _PX_PER_CELL
+    return np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_pupil: bool) -> list[Check]:
@@ -65,11 +68,14 @@ def _read_opencv(image: GrayImage) -> list[Reading]:
     from cv2 import aruco
 
     parameters = aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = aruco.CORNER_REFINE_APRILTAG
+    parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(aruco.DICT_APRILTAG_36h11), parameters)
     corners, ids, _ = detector.detectMarkers(image)
     # OpenCV's dictionary holds the tags turned by 180 degrees: its first corner is the upright tag's lower right
-    return [(int(i), np.asarray(c[0], dtype=np.float64)[[1, 0, 3, 2]]) for i, c in zip([] if ids is None else ids.ravel(), corners, strict=True)]
+    return [
+        (int(i), np.asarray(c[0], dtype=np.float64)[[1, 0, 3, 2]])
+        for i, c in zip([] if ids is None else ids.ravel(), corners, strict=True)
+    ]
 
 
 def _read_pupil(image: GrayImage) -> list[Reading]:
@@ -85,7 +91,9 @@ def _judge(name: str, tag: Tag, readings: list[Reading]) -> Check:
         return Check(name=name, passed=False, message=f"{len(readings)} tags found in the written legend layer instead of one")
     tag_id, corners_px = readings[0]
     if tag_id != tag.id:
-        return Check(name=name, passed=False, message=f"the legend shows tag {tag_id}, the manifest says {tag.id}", figure=float(tag_id))
+        return Check(
+            name=name, passed=False, message=f"the legend shows tag {tag_id}, the manifest says {tag.id}", figure=float(tag_id)
+        )
     side_px = (CODE_CELLS + 2 + 2 * _MARGIN_CELLS) * _PX_PER_CELL
     half = CODE_CELLS / 2 * _PX_PER_CELL
     centre = (side_px - 1) / 2

@@ -1,5 +1,6 @@
 """X3 component layer (Gerber Layer Format Specification 2024.05, section 6): every part with its data, for archives
-and for reading the assembly back without the CPL."""
+and for reading the assembly back without the CPL.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,9 @@ def render_copper(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
     return _artifact(layout, fab, "copper-top", gerber)
 
 
-def _render_flashes(layout: Layout, fab: FabProfile, role: str, function: str, polarity: str, flashes: Flashes) -> tuple[Artifact]:
+def _render_flashes(
+    layout: Layout, fab: FabProfile, role: str, function: str, polarity: str, flashes: Flashes
+) -> tuple[Artifact]:
     gerber = GerberText(layout.tape, fab.x2, function, polarity)
     gerber.flash(gerber.outline("OPENING", flashes.outline_mm, "Material"), flashes.xy_mm)
     return _artifact(layout, fab, role, gerber)

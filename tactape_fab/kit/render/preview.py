@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.errors import RenderError
 from tactape_fab.kit.artifact import Artifact
@@ -70,9 +71,7 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
         legend = read_gerber(files["legend-top"])
         line_mm = float(legend.stroke_width_mm[0]) if len(legend.stroke_width_mm) else 0.0
         colour = _LEGEND[fab.legend_colour]
-        shapes.append(
-            _Shapes(name="legend", colour=colour, polygons=legend.areas_mm, lines=legend.strokes_mm, line_mm=line_mm)
-        )
+        shapes.append(_Shapes(name="legend", colour=colour, polygons=legend.areas_mm, lines=legend.strokes_mm, line_mm=line_mm))
     cpl = read_cpl(files["cpl"])
     bodies, terminals = [], []
     body = _body_outline(read_gerber(files["components-top"]))
@@ -181,10 +180,11 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     image = np.full((height, width, 3), _bgr(_BACKGROUND), dtype=np.uint8)
     one = 1 << _SUB_PIXEL_BITS
 
-    def px(points: FloatArray) -> np.ndarray:
+    def px(points: FloatArray) -> npt.NDArray[np.int32]:
         u = (points[..., 0] + MARGIN_MM) * px_per_mm - 0.5
         v = (size_mm[1] + MARGIN_MM - points[..., 1]) * px_per_mm - 0.5
-        return np.rint(np.stack([u, v], axis=-1) * one).astype(np.int32)
+        fixed: npt.NDArray[np.int32] = np.rint(np.stack([u, v], axis=-1) * one).astype(np.int32)
+        return fixed
 
     for shape in shapes:
         colour = _bgr(shape.colour)
