@@ -1,0 +1,61 @@
+"""Makes the table of numbers in the README. Run: python docs/make_numbers.py
+
+The last row is a time of the machine that ran this; the others are the same everywhere, and a test holds the README to them.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tactape_fab import Kit, TapeSpec, make_kit
+
+README = Path(__file__).parent.parent / "README.md"
+BEGIN, END = "<!-- numbers -->\n", "<!-- /numbers -->\n"
+
+
+def lasting_rows(kit: Kit) -> list[str]:
+    """Rows that the default kit alone decides."""
+    check = {c.name: c for c in kit.checks}
+    rule = {f.rule: f for f in kit.findings}
+    windows = check["windows from copper"].figure
+    places = check["copper-top places"].figure
+    bridge = rule["opening-bridge"]
+    assert windows is not None and places is not None and bridge.value is not None and bridge.limit is not None
+    return [
+        f"| parts on a {kit.tape.board.size_mm[0]:g} x {kit.tape.board.size_mm[1]:g} mm tape | {kit.tape.part_count} |",
+        f"| 4x4 windows read from the written copper that decode to their own place | {windows:.0f} of {windows:.0f} |",
+        f"| largest distance of a written pad pair from its pick-and-place row | {places:.3f} µm |",
+        f"| narrowest coverlay bridge, and the limit of `{kit.tape.part.name}` on `generic-fpc` | "
+        f"{bridge.value:.3f} mm, {bridge.limit:.3f} mm |",
+    ]
+
+
+def make_seconds(folder: Path) -> float:
+    """Median time of the whole process of `make` with its verification."""
+    seconds = []
+    for i in range(5):
+        start = time.perf_counter()
+        command = [sys.executable, "-m", "tactape_fab.cli", "make", "--sector", "7", "-o", str(folder / f"timed-{i}")]
+        subprocess.run(command, check=True, capture_output=True)
+        seconds.append(time.perf_counter() - start)
+    return sorted(seconds)[2]
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        kit = make_kit(TapeSpec(sector=7), Path(folder) / "tactape-s007")
+        rows = [*lasting_rows(kit), f"| `make` with verification, whole process | {make_seconds(Path(folder)):.1f} s |"]
+    table = "\n".join(["| | |", "|---|---|", *rows, ""])
+    text = README.read_text(encoding="utf-8")
+    head, rest = text.split(BEGIN)
+    tail = rest.split(END)[1]
+    README.write_text(f"{head}{BEGIN}{table}{END}{tail}", encoding="utf-8")
+    sys.stdout.write(table)
+
+
+if __name__ == "__main__":
+    main()
