@@ -6,6 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
 from typing import Any
 
 from tactape_fab.errors import Problem
@@ -90,10 +91,13 @@ class Fields:
     ) -> float:
         of_unit = f" {unit}" if unit else ""
         then = f"; {remedy}" if remedy else ""
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, Real):
             self.problem(key, f"{key} = {shown(value)} is not a number{f' in {unit}' if unit else ''}{then}")
             return default
-        number = float(value) if abs(value) < 1e300 else math.inf
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
         if not math.isfinite(number):
             self.problem(key, f"{key} = {shown(value)}{of_unit} is not a finite number{then}")
         elif number < low or number <= above:
@@ -140,13 +144,14 @@ class Fields:
 
     def _integer(self, key: str, value: object, low: int, high: int, remedy: str, default: int) -> int:
         then = f"; {remedy}" if remedy else ""
-        if isinstance(value, bool) or not isinstance(value, int):
+        if isinstance(value, bool) or not isinstance(value, Integral):
             self.problem(key, f"{key} = {shown(value)} is not a whole number{then}")
             return default
-        if not low <= value <= high:
-            self.problem(key, f"{key} = {shown(value)} is outside {low} to {high}{then}")
+        whole = int(value)
+        if not low <= whole <= high:
+            self.problem(key, f"{key} = {shown(whole)} is outside {low} to {high}{then}")
             return default
-        return value
+        return whole
 
     def integers(
         self, key: str, count: int, *, low: int, high: int, remedy: str = "", default: Sequence[int] | None = None

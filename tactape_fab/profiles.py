@@ -176,7 +176,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         raise SpecError(Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile"))
     try:
         return tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
         raise SpecError(Problem(key, f"{key} = {path} is not TOML: {error}")) from error
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import uuid
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -94,11 +95,14 @@ class GerberText:
         self.add(f"{aperture}*")
         self.rows("X%dY%dD03*\n", to_nm(xy_mm))
 
-    def region(self, vertices_mm: FloatArray) -> None:
-        """A filled polygon (Gerber 2024.05 section 4.10)."""
-        self.add("G36*")
-        self._contour(vertices_mm, closed=True)
-        self.add("G37*")
+    def regions(self, areas_mm: Iterable[FloatArray], function: str) -> None:
+        """Filled polygons (Gerber 2024.05 section 4.10); their function stands in the aperture attributes (5.3)."""
+        self._attribute(f"TA.AperFunction,{function}")
+        for vertices_mm in areas_mm:
+            self.add("G36*")
+            self._contour(vertices_mm, closed=True)
+            self.add("G37*")
+        self.delete_attributes()
 
     def stroke(self, points_mm: FloatArray) -> None:
         self._contour(points_mm, closed=False)

@@ -12,7 +12,7 @@ from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.shapes import inset_mm, reach_mm
 from tactape_fab.profiles import FabProfile
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
 _NEAR_LEGEND_MM = 5.0
@@ -90,9 +90,8 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
                 a, b = divmod(int(value), 4)
                 step = np.array([right, down]) * tape.pitch_mm
                 shift = step + tape.displacement_mm * (DIRECTIONS_XY[b] - DIRECTIONS_XY[a])
-                middle = (np.array([column + max(-right, 0), row]) * tape.pitch_mm) + step / 2
-                x0, y0 = tape.board.texture_origin_mm
-                yield shift * (1.0, -1.0), np.array([x0, y0]) + middle * (1.0, -1.0)
+                middle = np.array([column + max(-right, 0), row]) * tape.pitch_mm + step / 2
+                yield texture_to_board(shift, (0.0, 0.0)), texture_to_board(middle, tape.board.texture_origin_mm)
 
 
 def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:

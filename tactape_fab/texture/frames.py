@@ -1,4 +1,4 @@
-"""Frames and symbols: the only y-flip and the only table of symbol directions in the package.
+"""Frames and symbols: the only y-flips and the only table of symbol directions in the package.
 
 Texture frame (mm): origin at grid point (column 0, row 0), x right, y *down*, seen from above the components.
 Board frame (mm): origin at the lower-left corner of the outline, x right, y *up*, seen from the same side.
@@ -52,6 +52,17 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     """Map board points to the texture frame, the inverse of `texture_to_board`; shapes (..., 2), mm."""
     xy = np.asarray(xy_mm, dtype=np.float64)
     return np.asarray((xy - np.asarray(texture_origin_mm)) * (1.0, -1.0), dtype=np.float64)
+
+
+def board_to_picture(xy_mm: npt.ArrayLike, upper_left_mm: tuple[float, float], px_per_mm: float) -> FloatArray:
+    """Map board points to a picture of the board whose corner is at `upper_left_mm`.
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        Pixels: u right, v down, integers at pixel centres.
+    """
+    return board_to_texture(xy_mm, upper_left_mm) * px_per_mm - 0.5
 
 
 def to_nm(value_mm: npt.ArrayLike) -> IntArray:

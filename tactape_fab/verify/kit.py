@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from tactape_fab.errors import Check, SpecError, VerifyError
 from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
-from tactape_fab.texture.tape import Tape, find_manifest, read_manifest
+from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
 from tactape_fab.verify.assembly import check_bom, check_cpl
 from tactape_fab.verify.files import (
     WrittenFile,
@@ -87,7 +87,10 @@ def verify_kit(path: str | Path, *, quick: bool = False) -> Verification:
     SpecError
         When there is no kit at `path`.
     """
-    return verify_folder(find_manifest(path), quick=quick)
+    file = find_manifest(path)
+    if file.name != MANIFEST_NAME:
+        raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
+    return verify_folder(file, quick=quick)
 
 
 def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from tactape_fab.errors import Check
 from tactape_fab.kit.readback import GerberContent
 from tactape_fab.kit.tag import CODE_CELLS
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, board_to_picture
 from tactape_fab.texture.tape import Tag, Tape
 
 _PX_PER_CELL = 12
@@ -29,15 +29,15 @@ def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_lig
 
     px_per_mm = _OVERSAMPLING * _PX_PER_CELL / tag.cell_mm
     cells = CODE_CELLS + 2 + 2 * _MARGIN_CELLS
-    low = np.array(tag.center_mm) - cells * tag.cell_mm / 2
+    half_mm = cells * tag.cell_mm / 2
+    upper_left_mm = (tag.center_mm[0] - half_mm, tag.center_mm[1] + half_mm)
     side_px = cells * _PX_PER_CELL * _OVERSAMPLING
     image = np.full((side_px, side_px), _FILM if legend_is_light else 170, dtype=np.uint8)
     ink = _INK if legend_is_light else _DARK_INK
 
-    def px(points: FloatArray) -> npt.NDArray[np.int32]:
-        u = (points[:, 0] - low[0]) * px_per_mm - 0.5
-        v = side_px - (points[:, 1] - low[1]) * px_per_mm - 0.5
-        fixed: npt.NDArray[np.int32] = np.rint(np.clip(np.stack([u, v], axis=1), -1e6, 1e6) * 16).astype(np.int32)
+    def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
+        inside = np.clip(board_to_picture(points_mm, upper_left_mm, px_per_mm), -1e6, 1e6)
+        fixed: npt.NDArray[np.int32] = np.rint(inside * 16).astype(np.int32)
         return fixed
 
     for area in legend.areas_mm:

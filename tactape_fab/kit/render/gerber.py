@@ -62,8 +62,7 @@ def render_legend(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
     if not legend.areas_mm:
         return ()
     gerber = GerberText(layout.tape, fab.x2, "Legend,Top")
-    for area in legend.areas_mm:
-        gerber.region(area)
+    gerber.regions(legend.areas_mm, "Material")
     if legend.strokes_mm:
         gerber.add(f"{gerber.circle(legend.line_mm, 'Material')}*")
         for stroke in legend.strokes_mm:

@@ -13,7 +13,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.readback import GerberContent, read_cpl, read_drill, read_gerber
 from tactape_fab.kit.shapes import rotate
 from tactape_fab.profiles import FabProfile
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 
 MARGIN_MM = 2.0
 PX_PER_MM = 20.0
@@ -127,6 +127,11 @@ def render_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> tuple[Arti
 # SVG
 
 
+def _down(xy_mm: FloatArray) -> FloatArray:
+    """Board points with y down, as SVG counts it."""
+    return board_to_texture(xy_mm, (0.0, 0.0))
+
+
 def _path(points: FloatArray, *, closed: bool) -> str:
     """A path in absolute coordinates."""
     text = ("M%.4f %.4f" + "L%.4f %.4f" * (len(points) - 1)) % tuple(points.ravel().tolist())
@@ -141,7 +146,6 @@ def _stamp_uses(outline: FloatArray, xy: FloatArray, key: str) -> list[str]:
 
 def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
     width, height = size_mm + 2 * MARGIN_MM
-    flip = np.array([1.0, -1.0])
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
         f'viewBox="{-MARGIN_MM:.4f} {-size_mm[1] - MARGIN_MM:.4f} {width:.4f} {height:.4f}">',
@@ -151,10 +155,10 @@ def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
         edge = f' stroke="{shape.edge}" stroke-width="0.1"' if shape.edge else ""
         lines.append(f'<g id="{shape.name}" fill="{shape.colour}"{edge}>')
         for i, (outline, xy) in enumerate(shape.stamps):
-            lines += _stamp_uses(outline * flip, xy * flip, f"{shape.name}-{i}")
-        lines += [f'<path d="{_path(polygon * flip, closed=True)}"/>' for polygon in shape.polygons]
+            lines += _stamp_uses(_down(outline), _down(xy), f"{shape.name}-{i}")
+        lines += [f'<path d="{_path(_down(polygon), closed=True)}"/>' for polygon in shape.polygons]
         if shape.lines:
-            stroke = "".join(_path(line * flip, closed=False) for line in shape.lines)
+            stroke = "".join(_path(_down(line), closed=False) for line in shape.lines)
             lines.append(
                 f'<path d="{stroke}" fill="none" stroke="{shape.colour}" stroke-width="{shape.line_mm:.4f}" '
                 'stroke-linecap="round" stroke-linejoin="round"/>'
@@ -180,10 +184,9 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     image = np.full((height, width, 3), _bgr(_BACKGROUND), dtype=np.uint8)
     one = 1 << _SUB_PIXEL_BITS
 
-    def px(points: FloatArray) -> npt.NDArray[np.int32]:
-        u = (points[..., 0] + MARGIN_MM) * px_per_mm - 0.5
-        v = (size_mm[1] + MARGIN_MM - points[..., 1]) * px_per_mm - 0.5
-        fixed: npt.NDArray[np.int32] = np.rint(np.stack([u, v], axis=-1) * one).astype(np.int32)
+    def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
+        upper_left_mm = (-MARGIN_MM, float(size_mm[1]) + MARGIN_MM)
+        fixed: npt.NDArray[np.int32] = np.rint(board_to_picture(points_mm, upper_left_mm, px_per_mm) * one).astype(np.int32)
         return fixed
 
     for shape in shapes:

@@ -1,0 +1,86 @@
+"""What the tests share: kits made once, and outside readers that are a visible skip where they are missing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tactape_fab import Kit, TapeSpec, make_kit
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--update-golden", action="store_true", help="write the golden files anew instead of comparing")
+
+
+@pytest.fixture(autouse=True)
+def _no_build_date(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files carry the fixed date whatever the environment of the test run says."""
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
+
+
+@pytest.fixture(scope="session")
+def default_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+    """The kit of the main job, 100 x 50 mm, sector 7; not to be changed."""
+    return make_kit(TapeSpec(sector=7), tmp_path_factory.mktemp("default") / "tactape-s007")
+
+
+@pytest.fixture(scope="session")
+def small_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+    """A kit of 6 x 7 grid points with a strip and a hole; not to be changed."""
+    spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
+    return make_kit(spec, tmp_path_factory.mktemp("small") / "tactape-s100")
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Callable[[Kit], Path]:
+    """Copy a kit to a folder of the test's own, to be changed."""
+
+    def copy(kit: Kit) -> Path:
+        return Path(shutil.copytree(kit.path, tmp_path / kit.path.name))
+
+    return copy
+
+
+def _missing(name: str, remedy: str) -> None:
+    if os.environ.get("TACTAPE_REQUIRE_READERS") == "1":
+        pytest.fail(f"reader {name} is missing; {remedy}")
+    pytest.skip(f"reader {name} is missing; {remedy}")
+
+
+@pytest.fixture(scope="session")
+def gerbv() -> str:
+    """Path of gerbv."""
+    found = shutil.which("gerbv")
+    if found is None:
+        _missing("gerbv", "install Debian's gerbv")
+    return str(found)
+
+
+@pytest.fixture(scope="session")
+def rsvg_convert() -> str:
+    """Path of rsvg-convert, which turns SVG into PNG."""
+    found = shutil.which("rsvg-convert")
+    if found is None:
+        _missing("rsvg-convert", "install Debian's librsvg2-bin")
+    return str(found)
+
+
+@pytest.fixture(scope="session")
+def node_module() -> Callable[[str], str]:
+    """Path of node once the asked npm package can be loaded by it (NODE_PATH says where it is installed)."""
+
+    def find(package: str) -> str:
+        node = shutil.which("node")
+        if node is None:
+            _missing("node", "install Node.js")
+        run = subprocess.run([str(node), "-e", f"require({package!r})"], capture_output=True, check=False)
+        if run.returncode != 0:
+            _missing(package, f"npm install {package}, and set NODE_PATH to its node_modules")
+        return str(node)
+
+    return find

@@ -1,0 +1,40 @@
+"""README and reference say what the software does today."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from tactape_fab import Kit
+from tactape_fab.cli import check, make, verify
+from tactape_fab.kit.spec import KEYS
+from tactape_fab.verify.files import roles_of
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
+    spec = importlib.util.spec_from_file_location("make_numbers", ROOT / "docs" / "make_numbers.py")
+    assert spec is not None and spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for row in script.lasting_rows(default_kit):
+        assert row in readme
+
+
+@pytest.mark.parametrize("command", [make, check, verify], ids=lambda c: str(c.name))
+def test_reference_names_every_option(command: object) -> None:
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    for parameter in command.params:  # type: ignore[attr-defined]
+        for option in parameter.opts:
+            if option.startswith("--"):
+                assert f"`{option}" in reference or f"[{option}]" in reference, option
+
+
+def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    for name in [*KEYS, *roles_of(small_kit.tape)]:
+        assert f"`{name}`" in reference, name
