@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from tactape_fab.errors import Check
@@ -20,13 +22,10 @@ def check_cpl(data: bytes, cpl: CplContent, tape: Tape) -> list[Check]:
     if tuple(header) != CPL_COLUMNS:
         problems.append(f"its columns are {','.join(header)}")
     if list(cpl.designators) != expected:
-        missing = [d for d in expected if d not in set(cpl.designators)]
-        extra = [d for d in cpl.designators if d not in set(expected)]
-        twice = (
-            sorted({d for d in cpl.designators if cpl.designators.count(d) > 1})
-            if len(set(cpl.designators)) < len(cpl.designators)
-            else []
-        )
+        found, known = Counter(cpl.designators), set(expected)
+        missing = [d for d in expected if d not in found]
+        extra = [d for d in found if d not in known]
+        twice = [d for d, times in found.items() if times > 1]
         for what, items in (("misses", missing), ("has unknown", extra), ("repeats", twice)):
             if items:
                 problems.append(f"it {what} {named(items)}")
