@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,6 +14,11 @@ from tactape_fab.texture.frames import FloatArray
 _CAP_UNITS = 21.0
 """Capital height of the Hershey simplex fonts in font units: cap line -12 to base line 9 (y down)."""
 _BASE_LINE = 9.0
+
+LINE_PITCH = 1.5
+"""Distance of two lines of text in capital heights."""
+ARROW_MM = 3.0
+ARROW_GAP_MM = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,15 +67,76 @@ def stroke_text(text: str, cap_height_mm: float) -> Text:
     return Text(strokes_mm=tuple(strokes), width_mm=x * scale)
 
 
-def placed(strokes_mm: tuple[FloatArray, ...], at_mm: tuple[float, float], rotation_deg: float) -> list[FloatArray]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """Strokes of a whole label in the board frame, and in words what found no room."""
+
+    strokes_mm: tuple[FloatArray, ...]
+    left_out: tuple[str, ...]
+
+
+def _placed(strokes_mm: tuple[FloatArray, ...], at_mm: tuple[float, float], rotation_deg: float) -> list[FloatArray]:
     """Strokes turned counter-clockwise about their origin, then moved to `at_mm`."""
     return [rotate(stroke, rotation_deg) + at_mm for stroke in strokes_mm]
 
 
-def arrow(length_mm: float) -> tuple[FloatArray, ...]:
+def _arrow() -> tuple[FloatArray, ...]:
     """Strokes of an arrow that points up from the origin."""
-    head = 0.3 * length_mm
+    head = 0.3 * ARROW_MM
     return (
-        np.array([(0.0, 0.0), (0.0, length_mm)]),
-        np.array([(-0.7 * head, length_mm - head), (0.0, length_mm), (0.7 * head, length_mm - head)]),
+        np.array([(0.0, 0.0), (0.0, ARROW_MM)]),
+        np.array([(-0.7 * head, ARROW_MM - head), (0.0, ARROW_MM), (0.7 * head, ARROW_MM - head)]),
     )
+
+
+def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) -> tuple[list[str], list[str]]:
+    """Fill lines with fields in order, several to a line where they fit; what fits nowhere is left out."""
+    packed: list[str] = []
+    left_out: list[str] = []
+    for i, field in enumerate(fields):
+        joined = f"{packed[-1]}  {field}" if packed else field
+        scarce = len(fields) - i > lines - len(packed)
+        if packed and scarce and stroke_text(joined, cap_mm).width_mm <= length_mm:
+            packed[-1] = joined
+        elif len(packed) < lines and stroke_text(field, cap_mm).width_mm <= length_mm:
+            packed.append(field)
+        else:
+            left_out.append(field)
+    return packed, left_out
+
+
+def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tuple[float, float], cap_mm: float) -> Label:
+    """Text that reads upward, and above it an arrow that points to board +y.
+
+    Text goes before the arrow where there is no room for both.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        What to print, most important first.
+    x_mm, y_mm : (float, float)
+        The room: from left to right and from low to high.
+    cap_mm : float
+        Height of a capital letter.
+    """
+    line_mm = LINE_PITCH * cap_mm
+    lines = int((x_mm[1] - x_mm[0] - cap_mm) / line_mm + 1e-9) + 1
+    low, high = y_mm
+    beside_arrow = _pack(fields, lines, high - low - ARROW_MM - ARROW_GAP_MM, cap_mm)
+    alone = _pack(fields, lines, high - low, cap_mm)
+    has_arrow = len(beside_arrow[1]) <= len(alone[1]) and high - low >= ARROW_MM
+    packed, left_out = beside_arrow if has_arrow else alone
+    strokes: list[FloatArray] = []
+    middle = (x_mm[0] + x_mm[1]) / 2
+    if has_arrow:
+        name = stroke_text("+y", cap_mm)
+        at = (min(middle + 0.8 * cap_mm, x_mm[1] - 0.21 * ARROW_MM), high - ARROW_MM)
+        strokes += _placed(_arrow(), at, 0.0)
+        name_left = at[0] - 0.28 * ARROW_MM - name.width_mm
+        if name_left >= x_mm[0]:
+            strokes += _placed(name.strokes_mm, (name_left, high - (ARROW_MM + cap_mm) / 2), 0.0)
+    first = middle - (len(packed) - 1) * line_mm / 2 + cap_mm / 2
+    for i, text in enumerate(packed):
+        strokes += _placed(stroke_text(text, cap_mm).strokes_mm, (first + i * line_mm, low), 90.0)
+    missing = [f"'{field}'" for field in left_out] + ([] if has_arrow else ["the arrow for board +y"])
+    return Label(strokes_mm=tuple(strokes), left_out=tuple(missing))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
-from tactape_fab.kit.label import arrow, placed, stroke_text
+from tactape_fab.kit.label import Label, compose_label
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
 from tactape_fab.kit.shapes import rounded_rectangle
@@ -17,9 +18,7 @@ from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.tape import Tape
 
 _TAG_TO_TEXT_MM = 1.0
-_ARROW_MM = 3.0
 _END_GAP_MM = 1.0
-_LINE_PITCH = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,49 +111,32 @@ def _legend(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Legend:
         bleed_mm=fab.legend.bleed_mm,
         legend_is_light=fab.legend_colour == "white",
     )
-    strokes, left_out = _label(tape, spec, fab)
+    label = _label(tape, spec, fab)
     return Legend(
         areas_mm=tuple(snap_mm(area + tape.tag.center_mm) for area in ink.areas_mm),
-        strokes_mm=tuple(snap_mm(stroke) for stroke in strokes),
+        strokes_mm=tuple(snap_mm(stroke) for stroke in label.strokes_mm),
         line_mm=fab.legend.line_mm,
-        left_out=left_out,
+        left_out=label.left_out,
     )
 
 
-def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> tuple[list[FloatArray], tuple[str, ...]]:
-    """Strokes of the strip's label, read upward along the left end, and the lines that found no room.
-
-    Above the tag: as many lines of text as the strip is wide; at the top an arrow that points to board +y.
-    """
+def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Label:
+    """The strip's label: between the tag and the upper end, inside the outline's rounded corner."""
     assert tape.tag is not None
-    cap_mm = fab.legend.text_mm
-    inset_x_mm = TAG_KEEP_OUT_MM + fab.legend.line_mm
-    usable_mm = strip_width_mm(spec) - 2 * inset_x_mm
-    start_y = tape.tag.center_mm[1] + SIDE_CELLS * tape.tag.cell_mm / 2 + _TAG_TO_TEXT_MM
-    end_y = tape.board.size_mm[1] - max(_END_GAP_MM, 0.3 * tape.board.corner_radius_mm + fab.legend.edge_mm)
-    lines = [
-        tape.name,
-        f"sector {tape.sector}  {tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
-        f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
-    ]
-    strokes: list[FloatArray] = []
-    left_out: list[str] = []
-    if end_y - start_y >= _ARROW_MM + _END_GAP_MM:
-        arrow_at = (strip_width_mm(spec) / 2 + 0.8 * cap_mm, end_y - _ARROW_MM)
-        name = stroke_text("+y", cap_mm)
-        name_at = (arrow_at[0] - 0.4 * _ARROW_MM * 0.7 - name.width_mm, end_y - _ARROW_MM / 2 - cap_mm / 2)
-        strokes += placed(arrow(_ARROW_MM), arrow_at, 0.0)
-        if name_at[0] >= inset_x_mm:
-            strokes += placed(name.strokes_mm, name_at, 0.0)
-        end_y -= _ARROW_MM + _END_GAP_MM
-    else:
-        left_out.append("the arrow for board +y")
-    rows = int((usable_mm - cap_mm) / (_LINE_PITCH * cap_mm) + 1e-9) + 1
-    top_x = inset_x_mm + (usable_mm - cap_mm - (min(rows, len(lines)) - 1) * _LINE_PITCH * cap_mm) / 2 + cap_mm
-    for i, line in enumerate(lines):
-        text = stroke_text(line, cap_mm)
-        if i >= rows or start_y + text.width_mm > end_y:
-            left_out.append(f"'{line}'")
-        else:
-            strokes += placed(text.strokes_mm, (top_x + i * _LINE_PITCH * cap_mm, start_y), 90.0)
-    return strokes, tuple(left_out)
+    left_mm = TAG_KEEP_OUT_MM + fab.legend.line_mm
+    radius_mm, edge_mm = tape.board.corner_radius_mm, fab.legend.edge_mm
+    rise_mm = sqrt(max((radius_mm - edge_mm) ** 2 - (radius_mm - left_mm) ** 2, 0.0)) if left_mm < radius_mm else radius_mm
+    return compose_label(
+        [
+            tape.name,
+            f"sector {tape.sector}",
+            f"{tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
+            f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
+        ],
+        x_mm=(left_mm, strip_width_mm(spec) - left_mm),
+        y_mm=(
+            tape.tag.center_mm[1] + SIDE_CELLS * tape.tag.cell_mm / 2 + _TAG_TO_TEXT_MM,
+            tape.board.size_mm[1] - max(_END_GAP_MM, radius_mm - rise_mm),
+        ),
+        cap_mm=fab.legend.text_mm,
+    )
