@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,8 +63,21 @@ class GerberContent:
     file_attributes: dict[str, tuple[str, ...]]
 
 
+@contextmanager
+def _collection_paused() -> Iterator[None]:
+    """Parsing makes hundreds of thousands of objects and no cycles; the collector would look at them over and over."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@lru_cache(maxsize=8)
 def read_gerber(data: bytes) -> GerberContent:
-    """Read a Gerber file.
+    """Read a Gerber file. Equal bytes are parsed once: the preview and the verification of a kit read the same files.
 
     Raises
     ------
@@ -71,7 +88,7 @@ def read_gerber(data: bytes) -> GerberContent:
     from gerbonara.rs274x import GerberFile
 
     try:
-        with warnings.catch_warnings():
+        with _collection_paused(), warnings.catch_warnings():
             warnings.simplefilter("error")
             file = GerberFile.from_string(data.decode("ascii"))
         flashes = [o for o in file.objects if isinstance(o, Flash)]
