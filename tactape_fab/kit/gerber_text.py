@@ -14,7 +14,7 @@ from tactape_fab.profiles import X2Mode
 from tactape_fab.texture.frames import FloatArray, IntArray, to_nm
 from tactape_fab.texture.tape import Tape
 
-_CHUNK = 20_000
+_CHUNK = 2_000
 """Flashes formatted at a time, which bounds memory whatever the number of parts."""
 _PROJECT_SPACE = uuid.UUID("6f1c2d0e-6d0a-5b4f-9f0e-2b7a5c1d9e34")
 
@@ -113,7 +113,9 @@ class GerberText:
 
     def data(self) -> bytes:
         """The whole file with its signature (Gerber 2024.05 section 5.6.9: MD5 of all before it, line ends left out)."""
-        body = "\n".join(self._lines) + "\n"
-        digest = hashlib.md5(body.replace("\n", "").encode("ascii"), usedforsecurity=False).hexdigest()
-        end = self.attribute_line(f"TF.MD5,{digest}").replace("%%", "%")
-        return (body + end + "M02*\n").encode("ascii")
+        pieces = [f"{line}\n".encode("ascii") for line in self._lines]
+        digest = hashlib.md5(usedforsecurity=False)
+        for piece in pieces:
+            digest.update(piece.replace(b"\n", b""))
+        end = self.attribute_line(f"TF.MD5,{digest.hexdigest()}").replace("%%", "%")
+        return b"".join([*pieces, f"{end}M02*\n".encode("ascii")])

@@ -24,6 +24,7 @@ from tactape_fab.verify.files import (
     roles_of,
 )
 from tactape_fab.verify.layers import (
+    LandPairs,
     Recorded,
     check_components,
     check_drill,
@@ -32,6 +33,7 @@ from tactape_fab.verify.layers import (
     check_openings,
     check_outline,
     pair_lands,
+    point_tree,
     read_recorded,
 )
 from tactape_fab.verify.legend import check_tag
@@ -142,28 +144,35 @@ def _check_content(
         checks.append(check_outline(layers["profile"], tape))
     if holes is not None:
         checks.append(check_drill(holes, tape))
+    lands = {"copper-top": recorded.pads, "paste-top": recorded.paste}
+    pairs = {
+        role: pair_lands(layers[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
+        for role, land in lands.items()
+        if role in layers
+    }
     if cpl is not None:
         checks += check_cpl(files["cpl"].data, cpl, tape)
-        checks += _check_layers_with_cpl(layers, recorded, tape, cpl)
+        checks += _check_layers_with_cpl(layers, pairs, recorded, tape, cpl)
         checks += check_symbols(tape, cpl.xy_mm, "CPL")
     checks.append(check_bom(files["bom"].data, tape))
-    if "copper-top" in layers:
-        xy_mm = layers["copper-top"].flash_xy_mm
-        centre_mm, _, _ = pair_lands(xy_mm, recorded.pads.offset_mm, tape.part.rotation_deg)
-        checks += check_symbols(tape, centre_mm, "copper")
+    if "copper-top" in pairs:
+        checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
     return [*checks, check_job(tape, files), check_picture(files), check_zip(files)]
 
 
-def _check_layers_with_cpl(layers: dict[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
+def _check_layers_with_cpl(
+    layers: dict[str, GerberContent], pairs: dict[str, LandPairs], recorded: Recorded, tape: Tape, cpl: CplContent
+) -> list[Check]:
     checks: list[Check] = []
+    rows = point_tree(cpl.xy_mm)
     for role, land in (("copper-top", recorded.pads), ("paste-top", recorded.paste)):
         if role in layers:
-            checks += check_lands(role, layers[role], land, tape, cpl)
+            checks += check_lands(role, layers[role], pairs[role], land, tape, cpl, rows)
     if "coverlay-top" in layers:
-        checks += check_openings(layers["coverlay-top"], recorded, tape, cpl)
+        checks += check_openings(layers["coverlay-top"], recorded, tape, cpl, rows)
     if "components-top" in layers:
         checks.append(check_components(layers["components-top"], tape, cpl))
     if "copper-top" in layers:

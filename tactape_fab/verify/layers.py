@@ -72,15 +72,28 @@ def read_recorded(table: Fields) -> Recorded:
     )
 
 
-def nearest(points_mm: FloatArray, of_mm: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Index of, and distance to, the nearest of `of_mm` for every point; shapes (n,)."""
-    tree = shapely.STRtree(shapely.points(of_mm))
+def nearest(points_mm: FloatArray, tree: shapely.STRtree) -> tuple[IntArray, FloatArray]:
+    """Index of, and distance to, the nearest point of a tree for every point; shapes (n,)."""
     (asked, found), distance = tree.query_nearest(shapely.points(points_mm), return_distance=True, all_matches=False)
     order = np.argsort(asked, kind="stable")
     return found[order].astype(np.int64), distance[order]
 
 
-def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> tuple[FloatArray, FloatArray, IntArray]:
+def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
+    """A tree of points for `nearest`; xy_mm of shape (n, 2)."""
+    return shapely.STRtree(shapely.points(xy_mm))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LandPairs:
+    """Pairs of lands: middles and vectors from land 1 to land 2, shape (p, 2), mm; and the flashes without a partner."""
+
+    centre_mm: FloatArray
+    axis_mm: FloatArray
+    alone: IntArray
+
+
+def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> LandPairs:
     """Find pairs of lands from flashes alone.
 
     Parameters
@@ -88,32 +101,32 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> tupl
     xy_mm : ndarray, shape (m, 2)
     offset_mm, rotation_deg : float
         Half the distance of a pair, and its direction.
-
-    Returns
-    -------
-    centre_mm, axis_mm : ndarray, shape (p, 2)
-        Middle of each pair, and the vector from land 1 to land 2.
-    alone : ndarray of int64
-        Flashes that have no partner.
     """
     if len(xy_mm) < 2:
-        return np.empty((0, 2)), np.empty((0, 2)), np.arange(len(xy_mm))
+        return LandPairs(centre_mm=np.empty((0, 2)), axis_mm=np.empty((0, 2)), alone=np.arange(len(xy_mm)))
+    tree = point_tree(xy_mm)
     step = rotate((2 * offset_mm, 0.0), rotation_deg)
-    partner, distance = nearest(xy_mm + step, xy_mm)
-    back, back_distance = nearest(xy_mm - step, xy_mm)
+    partner, distance = nearest(xy_mm + step, tree)
+    back, back_distance = nearest(xy_mm - step, tree)
     index = np.arange(len(xy_mm))
     first = (distance < _PARTNER_TOLERANCE_MM) & (back[partner] == index) & (back_distance[partner] < _PARTNER_TOLERANCE_MM)
     second = partner[first]
     used = np.zeros(len(xy_mm), dtype=bool)
     used[first], used[second] = True, True
-    return (xy_mm[first] + xy_mm[second]) / 2, xy_mm[second] - xy_mm[first], np.flatnonzero(~used)
+    return LandPairs(
+        centre_mm=(xy_mm[first] + xy_mm[second]) / 2,
+        axis_mm=xy_mm[second] - xy_mm[first],
+        alone=np.flatnonzero(~used),
+    )
 
 
-def check_lands(name: str, content: GerberContent, land: Land, tape: Tape, cpl: CplContent) -> list[Check]:
+def check_lands(
+    name: str, content: GerberContent, pairs: LandPairs, land: Land, tape: Tape, cpl: CplContent, rows: shapely.STRtree
+) -> list[Check]:
     """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation."""
     count = len(content.flash_xy_mm)
     expected = 2 * tape.part_count
-    centre, axis, alone = pair_lands(content.flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
+    centre, axis, alone = pairs.centre_mm, pairs.axis_mm, pairs.alone
     problems = []
     if count != expected:
         problems.append(f"{count} flashes where {tape.part_count} parts need {expected}")
@@ -128,7 +141,7 @@ def check_lands(name: str, content: GerberContent, land: Land, tape: Tape, cpl: 
     checks = [Check(name=f"{name} pairs", passed=not problems, message=message, figure=float(len(centre)))]
     if len(centre) == 0 or len(cpl.xy_mm) == 0:
         return checks
-    row, distance = nearest(centre, cpl.xy_mm)
+    row, distance = nearest(centre, rows)
     checks.append(_place_check(name, centre, distance, cpl, row))
     checks.append(_rotation_check(name, content, land, axis, cpl.rotation_deg[row], cpl, row))
     checks.append(_area_check(name, content, land.area_mm2 * expected))
@@ -200,7 +213,7 @@ def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check
     return Check(name=f"{name} area", passed=passed, message=message, figure=error * 100, unit="%")
 
 
-def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
+def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: CplContent, rows: shapely.STRtree) -> list[Check]:
     """One coverlay opening per part, at its CPL row, round both pads with the fab's expansion."""
     name = "coverlay-top"
     count = len(content.flash_xy_mm)
@@ -216,7 +229,7 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
     ]
     if count == 0 or len(cpl.xy_mm) == 0:
         return checks
-    row, distance = nearest(content.flash_xy_mm, cpl.xy_mm)
+    row, distance = nearest(content.flash_xy_mm, rows)
     checks.append(_place_check(name, content.flash_xy_mm, distance, cpl, row))
     half = (
         np.array([recorded.pads.offset_mm + recorded.pads.size_mm[0] / 2, recorded.pads.size_mm[1] / 2]) + recorded.expansion_mm

@@ -74,7 +74,7 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
         shapes.append(_Shapes(name="legend", colour=colour, polygons=legend.areas_mm, lines=legend.strokes_mm, line_mm=line_mm))
     cpl = read_cpl(files["cpl"])
     bodies, terminals = [], []
-    body = _body_outline(read_gerber(files["components-top"]))
+    body = _body_outline(files["components-top"])
     for angle in np.unique(cpl.rotation_deg):
         xy = cpl.xy_mm[cpl.rotation_deg == angle]
         bodies.append((rotate(body, float(angle)), xy))
@@ -89,9 +89,10 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
     return shapes, outline
 
 
-def _body_outline(components: GerberContent) -> FloatArray:
-    """The unturned body as a rectangle, from the first body outline of the component layer."""
-    corners = components.strokes_mm[0][:4]
+def _body_outline(components: bytes) -> FloatArray:
+    """The unturned body as a rectangle, from the first part of the component layer; the others are not read."""
+    first_part = components.split(b"%TO.C,R2*%")[0]
+    corners = read_gerber(first_part + b"M02*\n").strokes_mm[0][:4]
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     length, width = max(sides[0], sides[1]) / 2, min(sides[0], sides[1]) / 2
     return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
