@@ -43,6 +43,9 @@ class Finding:
     at_mm: tuple[float, float] | None = None
     source: str = ""
 
+    def __post_init__(self) -> None:
+        _plain_numbers(self, "value", "limit")
+
     @property
     def blocks(self) -> bool:
         return self.level == "block" and not self.passed
@@ -61,6 +64,18 @@ class Check:
     figure: float | None = None
     unit: str = ""
     warning: bool = False
+
+    def __post_init__(self) -> None:
+        _plain_numbers(self, "figure")
+
+
+def _plain_numbers(line: Finding | Check, *names: str) -> None:
+    """Python's own bool and float where numpy's were measured, so that every line can be written as JSON."""
+    object.__setattr__(line, "passed", bool(line.passed))
+    for name in names:
+        value = getattr(line, name)
+        if value is not None:
+            object.__setattr__(line, name, float(value))
 
 
 @dataclass(frozen=True, slots=True)

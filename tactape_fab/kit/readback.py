@@ -15,9 +15,13 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.errors import TactapeError
+from tactape_fab.kit.shapes import area_mm2
 from tactape_fab.texture.frames import FloatArray, IntArray
 
+FURTHEST_MM = 1e5
 _ARC_ERROR_MM = 1e-4
+_ARC_MISFIT_MM = 1e-5
+_CIRCLE_POINTS = 64
 
 
 class ReadbackError(TactapeError):
@@ -84,26 +88,37 @@ def read_gerber(data: bytes) -> GerberContent:
     ReadbackError
         When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
     """
-    from gerbonara.graphic_objects import Arc, Flash, Line, Region
     from gerbonara.rs274x import GerberFile
 
     try:
         with _collection_paused(), warnings.catch_warnings():
             warnings.simplefilter("error")
-            file = GerberFile.from_string(data.decode("ascii"))
-        flashes = [o for o in file.objects if isinstance(o, Flash)]
-        apertures = list({id(o.aperture): o.aperture for o in flashes}.values())
-        outlines = tuple(_aperture_outline(a) for a in apertures)
+            content = _content(GerberFile.from_string(data.decode("ascii")))
+    except ReadbackError:
+        raise
     except Exception as error:  # gerbonara raises whatever its parser meets
         raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
-    if any(o.unit.shorthand != "mm" for o in file.objects):
+    shapes = [*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm]
+    if not all(_is_on_earth(points) for points in shapes):
+        raise ReadbackError(f"it draws further out than {FURTHEST_MM:g} mm")
+    if any(len(area) < 3 or area_mm2(area) == 0.0 for area in content.areas_mm):
+        raise ReadbackError("a region of it has no area")
+    return content
+
+
+def _content(file: Any) -> GerberContent:
+    from gerbonara.graphic_objects import Arc, Flash, Line, Region
+
+    if any(o.unit is None or o.unit.shorthand != "mm" for o in file.objects):
         raise ReadbackError("it is not in millimetres")
+    flashes = [o for o in file.objects if isinstance(o, Flash)]
+    apertures = list({id(o.aperture): o.aperture for o in flashes}.values())
     index = {id(a): i for i, a in enumerate(apertures)}
     strokes, widths = _join_strokes([o for o in file.objects if isinstance(o, Line | Arc)])
     return GerberContent(
         flash_xy_mm=np.array([(o.x, o.y) for o in flashes], dtype=np.float64).reshape(-1, 2),
         flash_aperture=np.array([index[id(o.aperture)] for o in flashes], dtype=np.int64),
-        aperture_outlines_mm=outlines,
+        aperture_outlines_mm=tuple(_aperture_outline(a) for a in apertures),
         aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures),
         flash_component=tuple((o.attrs.get(".P") or o.attrs.get(".C") or ("",))[0] for o in flashes),
         areas_mm=tuple(np.array(o.outline, dtype=np.float64) for o in file.objects if isinstance(o, Region)),
@@ -112,6 +127,11 @@ def read_gerber(data: bytes) -> GerberContent:
         clear=any(not o.polarity_dark for o in file.objects),
         file_attributes={key.lstrip("."): tuple(value) for key, value in file.file_attrs.items()},
     )
+
+
+def _is_on_earth(points_mm: FloatArray) -> bool:
+    """Whether points can be places on a board: finite, and not absurdly far out."""
+    return bool(np.isfinite(points_mm).all() and np.abs(points_mm).max(initial=0.0) <= FURTHEST_MM)
 
 
 def _one_line(error: Exception) -> str:
@@ -127,23 +147,33 @@ def _aperture_outline(aperture: Any) -> FloatArray:
     (shape,) = aperture.flash(0.0, 0.0, MM, True)
     if isinstance(shape, ArcPoly) and not any(shape.arc_centers or ()):
         outline = np.array(shape.outline, dtype=np.float64)
-        return outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
+        outline = outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
+        if len(outline) < 3 or area_mm2(outline) == 0.0:
+            raise ReadbackError("a flashed aperture of it has no area")
+        return outline
     if isinstance(shape, Circle):
-        angle = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
+        angle = np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS, endpoint=False)
         return np.asarray(shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=np.float64)
     raise ReadbackError(f"aperture shape {type(shape).__name__} is none that this tool writes")
 
 
 def _join_strokes(objects: list[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """Lines and arcs as polylines, joined where one begins at the end of the one before with the same aperture."""
+    from gerbonara.apertures import CircleAperture
+    from gerbonara.graphic_objects import Arc
+
     strokes: list[list[tuple[float, float]]] = []
     widths: list[float] = []
     last = None
     for o in objects:
+        if isinstance(o, Arc) and o.numeric_error("mm") > _ARC_MISFIT_MM:
+            raise ReadbackError("an arc of it does not fit its centre")
         lines = o.approximate(max_error=_ARC_ERROR_MM) if hasattr(o, "approximate") else [o]
         points = [(line.x2, line.y2) for line in lines]
         if last is None or o.aperture is not last.aperture or (o.x1, o.y1) != (last.x2, last.y2):
             strokes.append([(o.x1, o.y1)])
+            if not isinstance(o.aperture, CircleAperture):
+                raise ReadbackError("it draws lines with an aperture that is not round")
             widths.append(o.aperture.diameter)
         strokes[-1] += points
         last = o
@@ -167,9 +197,12 @@ def read_drill(data: bytes) -> FloatArray:
             file = ExcellonFile.from_string(data.decode("ascii"), plated=False)
     except Exception as error:  # gerbonara raises whatever its parser meets
         raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
-    if not all(isinstance(o, Flash) and o.unit.shorthand == "mm" for o in file.objects):
+    if not all(isinstance(o, Flash) and o.unit is not None and o.unit.shorthand == "mm" for o in file.objects):
         raise ReadbackError("it holds other things than round holes in millimetres")
-    return np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)
+    holes = np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)
+    if not _is_on_earth(holes):
+        raise ReadbackError(f"a hole of it lies further out than {FURTHEST_MM:g} mm")
+    return holes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -204,8 +237,8 @@ def read_cpl(data: bytes) -> CplContent:
         raise ReadbackError(f"column {error} is missing") from error
     except ValueError as error:
         raise ReadbackError(f"a coordinate or rotation is no number: {_one_line(error)}") from error
-    if not (np.isfinite(xy).all() and np.isfinite(rotation).all()):
-        raise ReadbackError("a coordinate or rotation is not finite")
+    if not (_is_on_earth(xy) and _is_on_earth(rotation)):
+        raise ReadbackError(f"a coordinate or rotation is not finite, or beyond {FURTHEST_MM:g}")
     return content
 
 

@@ -7,6 +7,7 @@ import io
 import json
 import re
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -66,15 +67,11 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, lis
             problems.append(f"{shown(row)} names no file inside the kit")
             continue
         listed.add(str(path))
-        place = folder / path
-        if not place.resolve().is_relative_to(root):
-            problems.append(f"{path} leads out of the kit's folder")
-        elif not place.is_file():
-            problems.append(f"{path} is missing")
-        elif place.stat().st_size > _MOST_BYTES:
-            problems.append(f"{path} is larger than {_MOST_BYTES} bytes")
+        try:
+            data = _read_inside(root, folder / path)
+        except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
+            problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
         else:
-            data = place.read_bytes()
             files.setdefault(str(row.get("role")), []).append(WrittenFile(path=str(path), data=data))
             if row.get("bytes") != len(data) or row.get("sha256") != hashlib.sha256(data).hexdigest():
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
@@ -90,6 +87,17 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, lis
             )
         )
     return files, checks
+
+
+def _read_inside(root: Path, place: Path) -> bytes:
+    """The bytes of a regular file below `root` of bounded size; OSError with the reason otherwise."""
+    if not place.resolve().is_relative_to(root):
+        raise OSError(0, "leads out of the kit's folder")
+    if not place.is_file():
+        raise OSError(0, "is missing")
+    if place.stat().st_size > _MOST_BYTES:
+        raise OSError(0, f"is larger than {_MOST_BYTES} bytes")
+    return place.read_bytes()
 
 
 def check_roles(tape: Tape, files: Mapping[str, list[WrittenFile]]) -> Check:
@@ -116,7 +124,7 @@ def check_zip(files: Mapping[str, WrittenFile]) -> Check:
                     member.file_size != len(expected[member.filename]) or archive.read(member) != expected[member.filename]
                 ):
                     problems.append(f"{member.filename} in the zip differs from the kit's")
-    except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError) as error:
         problems.append(f"it cannot be opened: {error}")
     message = named(problems) if problems else f"{len(expected)} files, each as in the kit, nothing else"
     return Check(name="fab-zip", passed=not problems, message=message)
@@ -127,9 +135,9 @@ def check_job(tape: Tape, files: Mapping[str, WrittenFile]) -> Check:
     try:
         job = json.loads(files["job"].data)
         size = job["GeneralSpecs"]["Size"]
-        paths = {row["Path"] for row in job["FilesAttributes"]}
+        paths = {str(row["Path"]) for row in job["FilesAttributes"]}
         size_mm = (float(size["X"]), float(size["Y"]))
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         return Check(name="job", passed=False, message=f"the job file cannot be read: {type(error).__name__} {error}")
     expected = {
         files[role].path.rsplit("/", 1)[-1] for role in FAB_ZIP_ROLES if role in files and role not in ("job", "drill-npth")
@@ -159,7 +167,10 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     import numpy as np
 
     data = np.frombuffer(files["preview-png"].data, dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    except cv2.error:  # a header that announces a vast picture
+        image = None
     svg_whole = files["preview-svg"].data.startswith(b"<svg") and files["preview-svg"].data.rstrip().endswith(b"</svg>")
     if image is None or not svg_whole:
         return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import cos, pi
 
 import numpy as np
 import shapely
@@ -137,9 +138,12 @@ def check_lands(
         problems.append(f"{len(content.aperture_outlines_mm)} different apertures instead of one")
     if len(content.areas_mm) or len(content.strokes_mm) or content.clear:
         problems.append("objects that are no pads")
+    shapeless = any(area_mm2(outline) == 0.0 for outline in content.aperture_outlines_mm)
+    if shapeless:
+        problems.append("an aperture without area")
     message = "; ".join(problems) or f"{len(centre)} pairs for {tape.part_count} parts"
     checks = [Check(name=f"{name} pairs", passed=not problems, message=message, figure=float(len(centre)))]
-    if len(centre) == 0 or len(cpl.xy_mm) == 0:
+    if shapeless or len(centre) == 0 or len(cpl.xy_mm) == 0:
         return checks
     row, distance = nearest(centre, rows)
     checks.append(_place_check(name, centre, distance, cpl, row))
@@ -220,14 +224,15 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
     problems = []
     if count != tape.part_count:
         problems.append(f"{count} openings for {tape.part_count} parts")
-    if len(content.aperture_outlines_mm) != 1 or len(content.areas_mm) or len(content.strokes_mm) or content.clear:
+    shapeless = any(area_mm2(outline) == 0.0 for outline in content.aperture_outlines_mm)
+    if len(content.aperture_outlines_mm) != 1 or len(content.areas_mm) or len(content.strokes_mm) or content.clear or shapeless:
         problems.append("other objects than one opening per part")
     checks = [
         Check(
             name=f"{name} openings", passed=not problems, message="; ".join(problems) or f"{count} openings", figure=float(count)
         )
     ]
-    if count == 0 or len(cpl.xy_mm) == 0:
+    if shapeless or count == 0 or len(cpl.xy_mm) == 0:
         return checks
     row, distance = nearest(content.flash_xy_mm, rows)
     checks.append(_place_check(name, content.flash_xy_mm, distance, cpl, row))
@@ -248,12 +253,12 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
         return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
     stroke = content.strokes_mm[0]
-    if np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
+    if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
         return Check(name="profile", passed=False, message="the outline is not closed")
     expected = shapely.Polygon(rounded_rectangle(board.size_mm, board.corner_radius_mm) + np.array(board.size_mm) / 2)
     drawn = shapely.Polygon(stroke)
     error_mm = float(shapely.hausdorff_distance(drawn.exterior, expected.exterior))
-    chord_mm = board.corner_radius_mm * (1 - np.cos(np.pi / 32))  # the expected corner is a polyline of 8 chords
+    chord_mm = board.corner_radius_mm * (1 - cos(pi / 32))  # the expected corner is a polyline of 8 chords
     passed = drawn.is_valid and error_mm <= OUTLINE_TOLERANCE_MM + chord_mm
     size = stroke.max(axis=0) - stroke.min(axis=0)
     message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
