@@ -29,28 +29,35 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _number(text: str) -> Any:
+    if "_" in text:
+        return text
     for read in (int, float):
         try:
-            return read(text.strip().removesuffix("mm").rstrip())
+            return read(text)
         except ValueError:
             continue
     return text
 
 
-def _numbers(text: str, separator: str) -> Any:
-    return [_number(item) for item in text.replace("×", "x").lower().split(separator)]
+def _length(text: str) -> Any:
+    number = _number(text.strip().removesuffix("mm").rstrip())
+    return text if isinstance(number, str) else number
+
+
+def _lengths(text: str, separator: str) -> Any:
+    return [_length(item) for item in text.split(separator)]
 
 
 def _size(text: str) -> Any:
-    return _numbers(text, "x")
+    return _lengths(text.replace("×", "x").replace("X", "x"), "x")
 
 
-def _list(text: str) -> Any:
-    return _numbers(text, ",")
+def _pair(text: str) -> Any:
+    return [_number(item) for item in text.split(",")]
 
 
 def _holes(texts: Sequence[str]) -> Any:
-    return [_list(text) for text in texts] or None
+    return [_lengths(text, ",") for text in texts] or None
 
 
 class _TapeOption(click.Option):
@@ -67,20 +74,20 @@ def _same(text: str) -> str:
 
 _TAPE_OPTIONS = (
     _TapeOption(["--sector"], "sector", _number, metavar="N", help="Sector of the code that the tape shows. Required."),
-    _TapeOption(["--w"], "pitch_mm", _number, metavar="MM", help="Grid pitch W.  [default: 1.5]"),
-    _TapeOption(["--delta"], "displacement_mm", _number, metavar="MM", help="Displacement Δ of each part.  [default: W/6]"),
+    _TapeOption(["--w"], "pitch_mm", _length, metavar="MM", help="Grid pitch W.  [default: 1.5]"),
+    _TapeOption(["--delta"], "displacement_mm", _length, metavar="MM", help="Displacement Δ of each part.  [default: W/6]"),
     _TapeOption(["--size"], "size_mm", _size, metavar="WxH", help="Outline, mm.  [default: 100x50]"),
     _TapeOption(["--code"], "code", _same, metavar="NAME", help="microdots-4x4 (default), debruijn-4x4 or anoto-6x6."),
     _TapeOption(
         ["--origin"],
         "origin",
-        _list,
+        _pair,
         metavar="COL,ROW",
         help="Place of grid point 0,0 in the code plane.  [default: the sector's]",
     ),
     _TapeOption(["--tag"], "tag", _same, metavar="strip|none", help="Strip with AprilTag and label, or none.  [default: strip]"),
     _TapeOption(["--tag-id"], "tag_id", _number, metavar="ID", help="Id of the AprilTag.  [default: the sector]"),
-    _TapeOption(["--tag-cell"], "tag_cell_mm", _number, metavar="MM", help="Side of a cell of the AprilTag.  [default: 0.5]"),
+    _TapeOption(["--tag-cell"], "tag_cell_mm", _length, metavar="MM", help="Side of a cell of the AprilTag.  [default: 0.5]"),
     _TapeOption(["--part"], "part", _same, metavar="NAME", help="Part profile, or a .toml file.  [default: r0201]"),
     _TapeOption(["--rotation"], "rotation_deg", _number, metavar="DEG", help="Rotation of every part.  [default: 45]"),
     _TapeOption(["--fab"], "fab", _same, metavar="PROFILE", help="Fab profile, or a .toml file.  [default: generic-fpc]"),
@@ -89,7 +96,7 @@ _TAPE_OPTIONS = (
     ),
     _TapeOption(["--x2"], "x2", _same, metavar="full|comments|off", help="Gerber attributes.  [default: the profile's]"),
     _TapeOption(
-        ["--corner-radius"], "corner_radius_mm", _number, metavar="MM", help="Corner radius of the outline.  [default: 1]"
+        ["--corner-radius"], "corner_radius_mm", _length, metavar="MM", help="Corner radius of the outline.  [default: 1]"
     ),
     _TapeOption(["--hole"], "holes_mm", _holes, metavar="X,Y,D", multiple=True, help="Unplated hole, mm; may be repeated."),
     _TapeOption(
@@ -106,13 +113,13 @@ def _tape_options(command: F) -> F:
     return command
 
 
-def _examined(spec_file: str | None, options: dict[str, Any]) -> Examined:
+def _examined(spec_file: str | None, options: dict[str, Any], *, output: str | None = None, overwrite: bool = False) -> Examined:
     from tactape_fab.kit.spec import read_spec_file
     from tactape_fab.make import examine_values
 
     values = read_spec_file(Path(spec_file)) if spec_file is not None else {}
     given = {o.name: o.read(options[o.name]) for o in _TAPE_OPTIONS if o.name is not None and options[o.name] not in (None, ())}
-    return examine_values({**values, **given})
+    return examine_values({**values, **given}, output=output, overwrite=overwrite)
 
 
 # Printing
@@ -203,7 +210,7 @@ def make(spec_file: str | None, output: str | None, overwrite: bool, no_verify: 
     with _answers():
         from tactape_fab.make import make_examined
 
-        examined = _examined(spec_file, options)
+        examined = _examined(spec_file, options, output=output, overwrite=overwrite)
         _warn(examined.findings)
         kit = make_examined(
             examined,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Literal
 
 Level = Literal["block", "warn", "info"]
@@ -70,12 +71,12 @@ class Check:
 
 
 def _plain_numbers(line: Finding | Check, *names: str) -> None:
-    """Python's own bool and float where numpy's were measured, so that every line can be written as JSON."""
+    """Python's own bool and float where numpy's were measured, None where nothing was: every line can be JSON."""
     object.__setattr__(line, "passed", bool(line.passed))
     for name in names:
         value = getattr(line, name)
         if value is not None:
-            object.__setattr__(line, name, float(value))
+            object.__setattr__(line, name, float(value) if isfinite(value) else None)
 
 
 @dataclass(frozen=True, slots=True)

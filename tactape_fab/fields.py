@@ -16,8 +16,18 @@ _SHOWN_CHARACTERS = 60
 
 def shown(value: object) -> str:
     """A value as a message shows it: one short line."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits (sys.int_info)
+        text = f"<{type(value).__name__} too long to show>"
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
+
+
+def _range_text(low: float, high: float, above: float, below: float, of_unit: str) -> str:
+    """Bounds in words, for a message that has no better remedy."""
+    least = f"from {low:g}" if math.isfinite(low) else f"above {above:g}" if math.isfinite(above) else ""
+    most = f"to {high:g}" if math.isfinite(high) else f"below {below:g}" if math.isfinite(below) else ""
+    return " ".join(["a number", *filter(None, (least, most))]) + of_unit
 
 
 def unknown_key(key: object, known: Sequence[str], where: str = "") -> Problem:
@@ -90,7 +100,7 @@ class Fields:
         default: float,
     ) -> float:
         of_unit = f" {unit}" if unit else ""
-        then = f"; {remedy}" if remedy else ""
+        then = f"; {remedy or 'give ' + _range_text(low, high, above, below, of_unit)}"
         if isinstance(value, bool) or not isinstance(value, Real):
             self.problem(key, f"{key} = {shown(value)} is not a number{f' in {unit}' if unit else ''}{then}")
             return default
@@ -129,7 +139,7 @@ class Fields:
             return fallback
         value = self.values[key]
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
-            self.problem(key, f"{key} = {shown(value)} is not {count} numbers{f'; {remedy}' if remedy else ''}")
+            self.problem(key, f"{key} = {shown(value)} is not {count} numbers; {remedy or f'give a list of {count}'}")
             return fallback
         return tuple(
             self._number(f"{key}[{i}]", v, low, high, above, math.inf, unit, remedy, fallback[i]) for i, v in enumerate(value)
@@ -143,7 +153,7 @@ class Fields:
         return self._integer(key, self.values[key], low, high, remedy, default)
 
     def _integer(self, key: str, value: object, low: int, high: int, remedy: str, default: int) -> int:
-        then = f"; {remedy}" if remedy else ""
+        then = f"; {remedy or f'give one from {low} to {high}'}"
         if isinstance(value, bool) or not isinstance(value, Integral):
             self.problem(key, f"{key} = {shown(value)} is not a whole number{then}")
             return default
@@ -163,7 +173,7 @@ class Fields:
             return fallback
         value = self.values[key]
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
-            self.problem(key, f"{key} = {shown(value)} is not {count} whole numbers{f'; {remedy}' if remedy else ''}")
+            self.problem(key, f"{key} = {shown(value)} is not {count} whole numbers; {remedy or f'give a list of {count}'}")
             return fallback
         return tuple(self._integer(f"{key}[{i}]", v, low, high, remedy, fallback[i]) for i, v in enumerate(value))
 
@@ -183,9 +193,10 @@ class Fields:
             return default
         value = self.values[key]
         if not isinstance(value, str) or len(value) > longest:
-            self.problem(key, f"{key} = {shown(value)} is not a text{f'; {remedy}' if remedy else ''}")
+            wanted = "one of: " + ", ".join(choices) if choices else f"at most {longest} characters in quotes"
+            self.problem(key, f"{key} = {shown(value)} is not a text; {remedy or f'give {wanted}'}")
         elif choices and value not in choices:
-            self.problem(key, f"{key} = {shown(value)} is none of: {', '.join(choices)}{f'; {remedy}' if remedy else ''}")
+            self.problem(key, f"{key} = {shown(value)} is none of: {', '.join(choices)}; {remedy or 'give one of them'}")
         elif pattern and not re.fullmatch(pattern, value):
             self.problem(key, f"{key} = {shown(value)} has a form that cannot be used; {remedy or pattern}")
         else:
@@ -195,25 +206,30 @@ class Fields:
     def flag(self, key: str, *, default: bool = False) -> bool:
         value = self.values.get(key)
         if not isinstance(value, bool):
-            self.problem(key, f"{key} = {shown(value)} is neither true nor false")
+            self.problem(key, f"{key} = {shown(value)} is not a truth value; give true or false")
             return default
         return value
 
-    def table(self, key: str) -> Fields:
-        """A nested table; its problems are collected here, under ``key.``."""
+    def table(self, key: str, known: Sequence[str] | None = None) -> Fields:
+        """A nested table; its problems are collected here, under ``key.``; keys beside `known` are refused."""
         value = self.values.get(key)
         if not isinstance(value, Mapping):
-            self.problem(key, f"{key} = {shown(value)} is not a table" if key in self.values else f"{key} is missing")
+            what = f"{key} = {shown(value)} is not a table" if key in self.values else f"{key} is missing"
+            self.problem(key, f"{what}; give a table of that name")
             value = {}
-        return Fields(value, f"{self.where}{key}.", self.problems)
+        table = Fields(value, f"{self.where}{key}.", self.problems)
+        if known is not None:
+            table.refuse_unknown(known)
+        return table
 
     def rows(self, key: str, *, longest: int) -> Sequence[Any]:
         """A list of at most `longest` entries, whatever they are."""
         value = self.values.get(key)
         if isinstance(value, str) or not isinstance(value, Sequence):
-            self.problem(key, f"{key} = {shown(value)} is not a list" if key in self.values else f"{key} is missing")
+            what = f"{key} = {shown(value)} is not a list" if key in self.values else f"{key} is missing"
+            self.problem(key, f"{what}; give a list")
             return ()
         if len(value) > longest:
-            self.problem(key, f"{key} has {len(value)} entries, more than {longest}")
+            self.problem(key, f"{key} has {len(value)} entries, more than {longest}; give fewer")
             return ()
         return value

@@ -5,18 +5,21 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import re
+import secrets
 import shutil
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError
+from tactape_fab.fields import shown
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.rules import check
-from tactape_fab.kit.spec import DEFAULTS, TapeSpec
+from tactape_fab.kit.spec import KEYS, TapeSpec
 from tactape_fab.kit.writer import manifest, render_all, write_kit
 from tactape_fab.profiles import FabProfile, X2Mode, load_fab, load_part
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape, read_manifest
@@ -85,24 +88,44 @@ def examine(spec: TapeSpec) -> Examined:
     return Examined(spec=spec, fab=fab, layout=layout, findings=tuple(check(layout, fab)))
 
 
-def examine_values(values: Mapping[str, Any]) -> Examined:
-    """Examine untrusted values; a refusal lists broken design rules too, as far as they can be measured.
+def examine_values(values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False) -> Examined:
+    """Examine untrusted values, and the place that the kit is to take.
+
+    A refusal lists everything: what is refused is set aside for its default and the rest is examined again, until
+    nothing new is found; broken design rules are listed as far as the remaining values show them.
 
     Raises
     ------
     SpecError
         With every problem, and in `findings` the rules that the remaining values break.
     """
-    try:
-        return examine(TapeSpec.from_mapping(values))
-    except SpecError as error:
-        refused = {problem.key.split("[")[0].split(".")[0] for problem in error.problems}
-        kept = {k: v for k, v in values.items() if k in DEFAULTS and k not in refused}
+    problems: list[Problem] = []
+    raised: list[type[SpecError]] = []
+    if output is not None:
         try:
-            findings = examine(TapeSpec.from_mapping({"sector": 0, **kept})).findings
-        except SpecError:
-            raise error from None
-        raise type(error)(error.problems, [f for f in findings if f.blocks]) from None
+            _refuse_taken(Path(output), overwrite=overwrite)
+        except SpecError as error:
+            problems += error.problems
+            raised.append(SpecError)
+    findings: Sequence[Finding] = ()
+    kept = dict(values)
+    while True:
+        try:
+            examined = examine(TapeSpec.from_mapping(kept))
+        except SpecError as error:
+            new = [problem for problem in error.problems if problem not in problems]
+            if not new:
+                break
+            problems += new
+            raised.append(type(error))
+            refused = {re.split(r"[ .\[:]", problem.key)[0] for problem in new}
+            kept = {"sector": 0, **{k: v for k, v in kept.items() if k in KEYS and k not in refused}}
+        else:
+            if not problems:
+                return examined
+            findings = [finding for finding in examined.findings if finding.blocks]
+            break
+    raise (raised[0] if len(set(raised)) == 1 else SpecError)(problems, findings)
 
 
 def make_kit(
@@ -160,12 +183,10 @@ def make_examined(
     artifacts = render_all(examined.layout, examined.fab)
     content = manifest(examined.layout, examined.spec, examined.fab, artifacts)
     checks: tuple[Check, ...] = ()
+    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    new_parents = [parent for parent in target.parents if not parent.exists()]
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=UNFINISHED_SUFFIX, dir=target.parent))
-    except OSError as error:
-        raise TactapeError(f"no folder can be made in {target.parent}: {error.strerror or error}") from error
-    try:
+        folder.mkdir(parents=True)
         progress("writing")
         write_kit(folder, content, artifacts)
         if verify:
@@ -173,12 +194,12 @@ def make_examined(
             verification = verify_folder(folder / MANIFEST_NAME, quick=True)
             verification.raise_if_failed()
             checks = verification.checks
-        folder.chmod(0o755)
         _put_in_place(folder, target, overwrite=overwrite)
     except OSError as error:
-        raise TactapeError(f"the kit cannot be written to {target}: {error.strerror or error}") from error
+        reason = error.strerror or error
+        raise TactapeError(f"the kit cannot be written to {target}: {reason}; use -o to name another folder") from error
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        _clear_away(folder, new_parents)
     return Kit(
         path=target,
         tape=examined.layout.tape,
@@ -188,14 +209,29 @@ def make_examined(
     )
 
 
+def _clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
+    """Leave nothing behind, also when a second signal comes while this is under way."""
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+        for parent in new_parents:  # innermost first; one that holds a kit stays
+            with suppress(OSError):
+                parent.rmdir()
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
 def _refuse_taken(target: Path, *, overwrite: bool) -> None:
     if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):
         raise SpecError(f"output = {target} is no name for a kit; give a folder that does not begin with '.' and ends otherwise")
-    if not (target.exists() or target.is_symlink()):
-        return
-    if not overwrite:
+    try:
+        taken = target.exists() or target.is_symlink()
+    except (OSError, ValueError) as error:  # a name that no system takes
+        raise SpecError(f"output = {shown(str(target))} cannot be a folder: {error}; use -o to name another one") from error
+    if taken and not overwrite:
         raise SpecError(f"output = {target} exists already; use --overwrite to replace a kit, or -o to name another folder")
-    _refuse_foreign(target)
+    if taken:
+        _refuse_foreign(target)
 
 
 def _refuse_foreign(target: Path) -> None:

@@ -33,6 +33,9 @@ LIMIT_IDS = (
 )
 GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "components-top", "job")
 _PROFILE_BYTES = 1024 * 1024
+_LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+_SOURCE_KEYS = ("level", "source", "date", "confirmed")
+_LAND_KEYS = ("size_mm", "corner_radius_mm", "offset_mm")
 _FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9._-]{1,99}"
 
 X2Mode = Literal["full", "comments", "off"]
@@ -170,14 +173,16 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
     try:
         with path.open("rb") as stream:
             data = stream.read(_PROFILE_BYTES + 1)
-    except OSError as error:
-        raise SpecError(Problem(key, f"{key} = {path} cannot be opened: {error.strerror or error}")) from error
+    except (OSError, ValueError) as error:  # ValueError: a path that no system takes
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        message = f"{key} = {shown(str(path))} cannot be opened: {reason}; give the path of a TOML file that can be read"
+        raise SpecError(Problem(key, message)) from error
     if len(data) > _PROFILE_BYTES:
-        raise SpecError(Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile"))
+        raise SpecError(Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; give a spec or profile"))
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
-        raise SpecError(Problem(key, f"{key} = {path} is not TOML: {error}")) from error
+        raise SpecError(Problem(key, f"{key} = {path} is not TOML: {error}; correct it")) from error
 
 
 def _profile_table(kind: str, key: str, name: str) -> Fields:
@@ -202,21 +207,19 @@ def load_fab(name: str) -> FabProfile:
     table.refuse_unknown(
         ("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size")
     )
-    material = table.table("material")
-    colours = table.table("colours")
-    gerber = table.table("gerber")
-    assembly = table.table("assembly")
-    coverlay = table.table("coverlay")
-    legend = table.table("legend")
-    files = table.table("files")
-    files.refuse_unknown(GERBER_ROLES)
-    limits = table.table("limits")
-    limits.refuse_unknown(LIMIT_IDS)
-    size = table.table("size")
+    material = table.table("material", ("base", "thickness_mm", "copper_um", "layers", "finish"))
+    colours = table.table("colours", ("coverlay", "legend"))
+    gerber = table.table("gerber", ("x2",))
+    assembly = table.table("assembly", ("format",))
+    coverlay = table.table("coverlay", ("expansion_mm",))
+    legend = table.table("legend", _LEGEND_KEYS)
+    files = table.table("files", GERBER_ROLES)
+    limits = table.table("limits", LIMIT_IDS)
+    size = table.table("size", ("largest_mm", *_SOURCE_KEYS))
     largest = size.numbers("largest_mm", 2, above=0.0)
-    names = [files.values.get(role) for role in GERBER_ROLES]
-    if len(set(map(str, names))) != len(names):
-        files.problem("files", "two roles share a file name; give each its own")
+    file_names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
+    if len(set(file_names)) != len(file_names):
+        table.problem("files", "files gives two roles the same name; give each its own")
     profile = FabProfile(
         name=table.text("name", longest=100),
         title=table.text("title"),
@@ -236,10 +239,8 @@ def load_fab(name: str) -> FabProfile:
             for role in GERBER_ROLES
         },
         coverlay_expansion_mm=coverlay.number("expansion_mm", low=0.0, high=1.0),
-        legend=LegendRules(
-            **{key: legend.number(key, low=0.0, high=10.0) for key in ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")}
-        ),
-        limits={name: _read_limit(limits.table(name)) for name in LIMIT_IDS},
+        legend=LegendRules(**{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
+        limits={name: _read_limit(limits.table(name, ("value_mm", *_SOURCE_KEYS))) for name in LIMIT_IDS},
         size=SizeLimit(
             largest_mm=(max(largest), min(largest)),
             level=_read_level(size),
@@ -276,9 +277,9 @@ def load_part(name: str) -> PartProfile:
     """
     table = _profile_table("parts", "part", name)
     table.refuse_unknown(("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard"))
-    body = table.table("body")
+    body = table.table("body", ("size_mm", "tolerance_mm", "terminal_mm"))
     length, width, height = body.numbers("size_mm", 3, above=0.0, high=20.0)
-    courtyard = table.table("courtyard").numbers("size_mm", 2, above=0.0, high=40.0)
+    courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, above=0.0, high=40.0)
     profile = PartProfile(
         name=table.text("name", pattern=r"[A-Za-z0-9._-]{1,64}", remedy="use letters, digits, '.', '_', '-'"),
         shape=table.text("shape", choices=PART_SHAPES),
@@ -288,8 +289,8 @@ def load_part(name: str) -> PartProfile:
         body_mm=(length, width, height),
         body_tolerance_mm=body.number("tolerance_mm", low=0.0, high=1.0),
         terminal_mm=body.number("terminal_mm", low=0.0, high=length / 2),
-        pads=_read_land(table.table("pads")),
-        paste=_read_land(table.table("paste")),
+        pads=_read_land(table.table("pads", _LAND_KEYS)),
+        paste=_read_land(table.table("paste", _LAND_KEYS)),
         courtyard_mm=(courtyard[0], courtyard[1]),
     )
     _refuse_problems(table)

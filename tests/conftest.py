@@ -31,7 +31,7 @@ def default_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
 
 @pytest.fixture(scope="session")
 def small_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
-    """A kit of 6 x 7 grid points with a strip and a hole; not to be changed."""
+    """A kit of 8 x 12 grid points with a strip and a hole; not to be changed."""
     spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
     return make_kit(spec, tmp_path_factory.mktemp("small") / "tactape-s100")
 

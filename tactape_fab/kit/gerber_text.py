@@ -16,19 +16,22 @@ from tactape_fab.texture.tape import Tape
 
 _CHUNK = 2_000
 """Flashes formatted at a time, which bounds memory whatever the number of parts."""
-_PROJECT_SPACE = uuid.UUID("6f1c2d0e-6d0a-5b4f-9f0e-2b7a5c1d9e34")
 
 
 def project_id(tape: Tape) -> str:
-    """Value of .ProjectId: name, a GUID that the tape alone decides, revision (Gerber 2024.05 section 5.6.8)."""
+    """Value of .ProjectId (Gerber 2024.05 section 5.6.8): name, GUID, revision.
+
+    The GUID has the form of RFC 4122 version 4, and the tape alone decides its bits.
+    """
     key = f"{tape.name}/{tape.code}/{tape.sector}/{tape.origin}/{tape.pitch_mm}/{tape.displacement_mm}/{tape.board}"
-    return f"{tape.name},{uuid.uuid5(_PROJECT_SPACE, key)},{__version__}"
+    guid = uuid.UUID(bytes=hashlib.sha256(key.encode()).digest()[:16], version=4)
+    return f"{tape.name},{guid},{__version__}"
 
 
 class GerberText:
     """Lines of one Gerber file, with its attributes in the mode the fab takes."""
 
-    def __init__(self, tape: Tape, x2: X2Mode, file_function: str, polarity: str | None = "Positive") -> None:
+    def __init__(self, tape: Tape, x2: X2Mode, file_function: str, polarity: str = "Positive") -> None:
         self._x2 = x2
         self._lines: list[str] = []
         self._next_aperture = 10
@@ -38,8 +41,7 @@ class GerberText:
         self._attribute(f"TF.SameCoordinates,{tape.name}")
         self._attribute("TF.Part,Single")
         self._attribute(f"TF.FileFunction,{file_function}")
-        if polarity is not None:
-            self._attribute(f"TF.FilePolarity,{polarity}")
+        self._attribute(f"TF.FilePolarity,{polarity}")
         self.add("%FSLAX46Y46*%", "%MOMM*%", "%LPD*%", "G75*", "G01*")
 
     def add(self, *lines: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from tactape_fab.kit.label import Label, compose_label
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
-from tactape_fab.kit.shapes import rounded_rectangle
+from tactape_fab.kit.shapes import outline_corner_points, rounded_rectangle
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tag import SIDE_CELLS, tag_ink
 from tactape_fab.profiles import FabProfile, PartProfile
@@ -96,9 +96,14 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
         paste=Flashes(outline_mm=outlines.paste, xy_mm=lands(outlines.paste_xy)),
         openings=Flashes(outline_mm=outlines.opening, xy_mm=xy_mm),
         bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
-        outline_mm=rounded_rectangle(tape.board.size_mm, tape.board.corner_radius_mm) + np.array(tape.board.size_mm) / 2,
+        outline_mm=_board_outline(tape),
         legend=_legend(tape, spec, fab),
     )
+
+
+def _board_outline(tape: Tape) -> FloatArray:
+    size_mm, radius_mm = tape.board.size_mm, tape.board.corner_radius_mm
+    return rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
 
 
 def _legend(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Legend:

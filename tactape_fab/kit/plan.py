@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from math import ceil, floor
 
 import numpy as np
@@ -45,6 +47,29 @@ def field_margins_mm(outlines: PartOutlines, fab: FabProfile, displacement_mm: f
     return x + displacement_mm, y + displacement_mm
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Grid:
+    """Where the grid lies on a board of some size, and how many points it has."""
+
+    texture_origin_mm: tuple[float, float]
+    columns: int
+    rows: int
+
+
+def _grid(size_mm: tuple[float, float], spec: TapeSpec, outlines: PartOutlines, fab: FabProfile) -> _Grid:
+    width_mm, height_mm = size_mm
+    margin_x_mm, margin_y_mm = field_margins_mm(outlines, fab, spec.displacement_mm)
+    clear_of_strip_mm = strip_width_mm(spec) + reach_mm(outlines.opening)[0] + spec.displacement_mm
+    first_x_mm = max(margin_x_mm, clear_of_strip_mm if spec.tag == "strip" else 0.0)
+    x0_mm = ceil(first_x_mm / ORIGIN_STEP_MM - _STEP_SLACK) * ORIGIN_STEP_MM
+    rows = floor((height_mm - 2 * margin_y_mm + 2 * TOLERANCE_MM) / spec.pitch_mm) + 1
+    return _Grid(
+        texture_origin_mm=(float(snap_mm(x0_mm)), float(snap_mm((height_mm + (rows - 1) * spec.pitch_mm) / 2))),
+        columns=floor((width_mm - margin_x_mm - x0_mm + TOLERANCE_MM) / spec.pitch_mm) + 1,
+        rows=rows,
+    )
+
+
 def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
     """Decide a tape.
 
@@ -61,30 +86,25 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
     """
     code = get_code(spec.code)
     outlines = part_outlines(part, fab, spec.rotation_deg)
-    width_mm, height_mm = spec.size_mm
-    margin_x_mm, margin_y_mm = field_margins_mm(outlines, fab, spec.displacement_mm)
-    first_x_mm = strip_width_mm(spec) + reach_mm(outlines.opening)[0] + spec.displacement_mm if spec.tag == "strip" else 0.0
-    x0_mm = ceil(max(first_x_mm, margin_x_mm) / ORIGIN_STEP_MM - _STEP_SLACK) * ORIGIN_STEP_MM
-    columns = floor((width_mm - margin_x_mm - x0_mm) / spec.pitch_mm + _STEP_SLACK) + 1
-    rows = floor((height_mm - 2 * margin_y_mm) / spec.pitch_mm + _STEP_SLACK) + 1
-    field_mm = (code.window - 1) * spec.pitch_mm
-    _refuse_small(spec, code, columns, rows, (x0_mm + field_mm + margin_x_mm, 2 * margin_y_mm + field_mm))
-    _refuse_large(spec, code, columns, rows)
-    tag = _plan_tag(spec, fab)
-    symbols = encode(code, spec.sector, spec.origin, (rows, columns))
+    grid = _grid(spec.size_mm, spec, outlines, fab)
+    problems = [*_size_problems(spec, code, grid, outlines, fab), *_tag_problems(spec, fab)]
+    beyond = list(_reach_problems(spec, code, grid))
+    if problems or beyond:
+        raise (SpecError if problems else CapacityError)([*problems, *beyond])
+    symbols = encode(code, spec.sector, spec.origin, (grid.rows, grid.columns))
     board = Board(
         size_mm=spec.size_mm,
-        texture_origin_mm=(float(snap_mm(x0_mm)), float(snap_mm((height_mm + (rows - 1) * spec.pitch_mm) / 2))),
+        texture_origin_mm=grid.texture_origin_mm,
         corner_radius_mm=spec.corner_radius_mm,
         thickness_mm=fab.material.thickness_mm,
         holes=tuple(spec.holes_mm),
     )
     free = _placeable(spec, board, outlines, fab, symbols)
-    if not np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any():
+    if not _has_window(free, code):
         raise SpecError(
             Problem(
                 "holes_mm",
-                f"holes and corners leave no whole {code.window}x{code.window} window of code '{code.name}' on the tape; "
+                f"holes_mm and corners leave no whole {code.window}x{code.window} window of code '{code.name}' on the tape; "
                 "use fewer holes, a smaller --corner-radius or a larger tape",
             )
         )
@@ -93,76 +113,108 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
         sector=spec.sector,
         code=spec.code,
         origin=spec.origin,
-        columns=columns,
-        rows=rows,
+        columns=grid.columns,
+        rows=grid.rows,
         pitch_mm=spec.pitch_mm,
         displacement_mm=spec.displacement_mm,
         symbols=symbols,
         omitted=np.argwhere(~free)[:, ::-1].astype(np.int64),
         board=board,
         part=TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg),
-        tag=tag,
+        tag=_plan_tag(spec),
     )
 
 
-def _refuse_small(spec: TapeSpec, code: Code, columns: int, rows: int, least_mm: tuple[float, float]) -> None:
-    least_height_mm = least_mm[1]
-    if spec.tag == "strip":
-        least_height_mm = max(least_height_mm, SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM)
-    if columns >= code.window and rows >= code.window and spec.size_mm[1] >= least_height_mm - TOLERANCE_MM:
+def _has_window(free: BoolArray, code: Code) -> bool:
+    """Whether the parts that can be placed make up at least one whole window."""
+    if min(free.shape) < code.window:
+        return False
+    return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
+
+
+def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, outlines: PartOutlines, fab: FabProfile) -> Iterator[Problem]:
+    least_height_mm = _strip_height_mm(spec)
+    fits = grid.columns >= code.window and grid.rows >= code.window
+    if fits and spec.size_mm[1] >= least_height_mm - TOLERANCE_MM:
         return
-    least = [ceil(v * 10 - _STEP_SLACK) / 10 for v in (least_mm[0], least_height_mm)]
+    least = _least_size_mm(spec, code, outlines, fab)
     what = "a strip with a tag and " if spec.tag == "strip" else ""
-    raise SpecError(
-        Problem(
-            "size_mm",
-            f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
-            f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
-            + (", or --tag none" if spec.tag == "strip" else ""),
-        )
+    yield Problem(
+        "size_mm",
+        f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
+        f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
+        + (", or --tag none" if spec.tag == "strip" else ""),
     )
 
 
-def _refuse_large(spec: TapeSpec, code: Code, columns: int, rows: int) -> None:
-    problems = []
-    if columns * rows > MOST_POINTS:
-        problems.append(
-            Problem("size_mm", f"size_mm gives {columns} x {rows} grid points, more than {MOST_POINTS}; use a smaller --size")
+def _strip_height_mm(spec: TapeSpec) -> float:
+    """Least height of a tape that has room for its tag; 0 without one."""
+    return SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
+
+
+def _least_size_mm(spec: TapeSpec, code: Code, outlines: PartOutlines, fab: FabProfile) -> tuple[float, float]:
+    """The least size, in whole tenths of a millimetre, whose field holds a window, rounded corners considered."""
+    margin_x_mm, margin_y_mm = field_margins_mm(outlines, fab, spec.displacement_mm)
+    field_mm = (code.window - 1) * spec.pitch_mm
+    x0_mm = _grid(spec.size_mm, spec, outlines, fab).texture_origin_mm[0]
+    tenths = np.ceil(
+        np.array([x0_mm + field_mm + margin_x_mm, max(2 * margin_y_mm + field_mm, _strip_height_mm(spec))]) * 10 - _STEP_SLACK
+    )
+    while True:
+        size_mm = (float(tenths[0]) / 10, float(tenths[1]) / 10)
+        grid = _grid(size_mm, spec, outlines, fab)
+        board = Board(
+            size_mm=size_mm,
+            texture_origin_mm=grid.texture_origin_mm,
+            corner_radius_mm=spec.corner_radius_mm,
+            thickness_mm=fab.material.thickness_mm,
         )
-    for name, first, count in (("column", spec.origin[0], columns), ("row", spec.origin[1], rows)):
+        symbols = encode(code, spec.sector, (0, 0), (grid.rows, grid.columns))
+        if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, outlines, fab, symbols), code):
+            return size_mm
+        tenths += 1
+
+
+def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid) -> Iterator[Problem]:
+    if grid.columns * grid.rows > MOST_POINTS:
+        yield Problem(
+            "size_mm",
+            f"size_mm gives {grid.columns} x {grid.rows} grid points, more than {MOST_POINTS}; use a smaller --size",
+        )
+    for name, first, count in (("column", spec.origin[0], grid.columns), ("row", spec.origin[1], grid.rows)):
         if first + count > code.range:
-            problems.append(
-                Problem(
-                    "origin",
-                    f"origin {name} {first} + {count} {name}s of the tape exceed {code.range}, the range of code "
-                    f"'{code.name}'; give --origin COL,ROW with {name} at most {max(code.range - count, 0)}, or a smaller --size",
-                )
+            yield Problem(
+                "origin",
+                f"origin {name} {first} + {count} {name}s of the tape exceed {code.range}, the range of code "
+                f"'{code.name}'; give --origin COL,ROW with {name} at most {max(code.range - count, 0)}, or a smaller --size",
             )
-    if problems:
-        raise CapacityError(problems)
 
 
-def _plan_tag(spec: TapeSpec, fab: FabProfile) -> Tag | None:
+def _tag_centre_mm(spec: TapeSpec) -> tuple[float, float]:
+    half_mm = SIDE_CELLS * spec.tag_cell_mm / 2
+    return float(snap_mm(TAG_KEEP_OUT_MM + half_mm)), float(snap_mm(TAG_RAISE_MM + half_mm))
+
+
+def _tag_problems(spec: TapeSpec, fab: FabProfile) -> Iterator[Problem]:
+    if spec.tag_id is None:
+        return
+    ring = np.array(_tag_centre_mm(spec)) + SIDE_CELLS * spec.tag_cell_mm / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    size_mm = (
+        max(spec.size_mm[0], float(ring.max())),
+        max(spec.size_mm[1], _strip_height_mm(spec)),
+    )  # too small is said elsewhere
+    if inset_mm(ring, size_mm, spec.corner_radius_mm).min() < fab.legend.edge_mm - TOLERANCE_MM:
+        yield Problem(
+            "corner_radius_mm",
+            f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} "
+            "mm inside the outline; use a smaller --corner-radius or --tag none",
+        )
+
+
+def _plan_tag(spec: TapeSpec) -> Tag | None:
     if spec.tag_id is None:
         return None
-    half_mm = SIDE_CELLS * spec.tag_cell_mm / 2
-    centre = (TAG_KEEP_OUT_MM + half_mm, TAG_RAISE_MM + half_mm)
-    corners = np.array(centre) + half_mm * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    if inset_mm(corners, spec.size_mm, spec.corner_radius_mm).min() < fab.legend.edge_mm - TOLERANCE_MM:
-        raise SpecError(
-            Problem(
-                "corner_radius_mm",
-                f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} "
-                "mm inside the outline; use a smaller --corner-radius or --tag none",
-            )
-        )
-    return Tag(
-        family=TAG_FAMILY,
-        id=spec.tag_id,
-        cell_mm=spec.tag_cell_mm,
-        center_mm=(float(snap_mm(centre[0])), float(snap_mm(centre[1]))),
-        rotation_deg=0.0,
-    )
+    return Tag(family=TAG_FAMILY, id=spec.tag_id, cell_mm=spec.tag_cell_mm, center_mm=_tag_centre_mm(spec), rotation_deg=0.0)
 
 
 def _placeable(spec: TapeSpec, board: Board, outlines: PartOutlines, fab: FabProfile, symbols: SymbolArray) -> BoolArray:
@@ -187,7 +239,7 @@ def _placeable(spec: TapeSpec, board: Board, outlines: PartOutlines, fab: FabPro
         inside = inset_mm(vertices, board.size_mm, board.corner_radius_mm).min(axis=-1)
         free[near[:, 0], near[:, 1]] &= inside >= fab.limits[rule].value_mm - TOLERANCE_MM
     for x_mm, y_mm, diameter_mm in board.holes:
-        reach = diameter_mm / 2 + max(reach_mm(outlines.opening)) + fab.limits["hole-copper"].value_mm + 1.0
+        reach = diameter_mm / 2 + max(reach_mm(outlines.opening)) + max(fab.limits[r].value_mm for _, r in hole_rules) + 1.0
         near = np.argwhere(np.abs(centre_mm - (x_mm, y_mm)).max(axis=-1) < reach)
         for outline, rule in hole_rules:
             gap = _distance_mm(outline, np.array([x_mm, y_mm]) - centre_mm[near[:, 0], near[:, 1]]) - diameter_mm / 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gc
 import io
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ FURTHEST_MM = 1e5
 _ARC_ERROR_MM = 1e-4
 _ARC_MISFIT_MM = 1e-5
 _CIRCLE_POINTS = 64
+_STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
 
 
 class ReadbackError(TactapeError):
@@ -42,12 +44,12 @@ class GerberContent:
         Outline of each flashed aperture about its origin.
     aperture_functions : tuple of str
         .AperFunction of each flashed aperture, '' where the file has none.
-    flash_component : tuple of str
-        .P or .C reference of each flash, '' where the file has none.
+    flash_component, flash_pin : tuple of str
+        .P or .C reference of each flash and its pin, '' where the file has none.
     areas_mm : tuple of ndarray
         Regions as polygons.
     strokes_mm : tuple of ndarray, each (k, 2)
-        Drawn lines and arcs as polylines, in file order, joined where one begins at the end of the one before.
+        Drawn lines and arcs as polylines, in file order, joined where one begins at the open end of the one before.
     stroke_width_mm : ndarray, shape (s,)
     clear : bool
         Whether any object is drawn in clear polarity.
@@ -60,6 +62,7 @@ class GerberContent:
     aperture_outlines_mm: tuple[FloatArray, ...]
     aperture_functions: tuple[str, ...]
     flash_component: tuple[str, ...]
+    flash_pin: tuple[str, ...]
     areas_mm: tuple[FloatArray, ...]
     strokes_mm: tuple[FloatArray, ...]
     stroke_width_mm: FloatArray
@@ -93,7 +96,9 @@ def read_gerber(data: bytes) -> GerberContent:
     try:
         with _collection_paused(), warnings.catch_warnings():
             warnings.simplefilter("error")
-            content = _content(GerberFile.from_string(data.decode("ascii")))
+            text = data.decode("ascii")
+            _refuse_statements(text)
+            content = _content(GerberFile.from_string(text))
     except ReadbackError:
         raise
     except Exception as error:  # gerbonara raises whatever its parser meets
@@ -104,6 +109,16 @@ def read_gerber(data: bytes) -> GerberContent:
     if any(len(area) < 3 or area_mm2(area) == 0.0 for area in content.areas_mm):
         raise ReadbackError("a region of it has no area")
     return content
+
+
+def _refuse_statements(text: str) -> None:
+    """Refuse what gerbonara passes over in silence though a fab would draw by it."""
+    foreign = sorted(set(re.findall(r"%([A-Z]{2})", text)) - _STATEMENTS)
+    if foreign:
+        raise ReadbackError(f"it holds %{foreign[0]}, which this tool never writes")
+    ends = re.findall(r"(?:^|[*%])\s*(M0*[0-2])\*", text)
+    if ends != ["M02"] or not text.rstrip().endswith("M02*"):
+        raise ReadbackError("its end, M02, does not stand once and last")
 
 
 def _content(file: Any) -> GerberContent:
@@ -121,6 +136,7 @@ def _content(file: Any) -> GerberContent:
         aperture_outlines_mm=tuple(_aperture_outline(a) for a in apertures),
         aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures),
         flash_component=tuple((o.attrs.get(".P") or o.attrs.get(".C") or ("",))[0] for o in flashes),
+        flash_pin=tuple((*o.attrs.get(".P", ()), "", "")[1] for o in flashes),
         areas_mm=tuple(np.array(o.outline, dtype=np.float64) for o in file.objects if isinstance(o, Region)),
         strokes_mm=strokes,
         stroke_width_mm=widths,
@@ -145,6 +161,8 @@ def _aperture_outline(aperture: Any) -> FloatArray:
     from gerbonara.utils import MM
 
     (shape,) = aperture.flash(0.0, 0.0, MM, True)
+    if not shape.polarity_dark:
+        raise ReadbackError("an aperture of it draws nothing: its exposure is off")
     if isinstance(shape, ArcPoly) and not any(shape.arc_centers or ()):
         outline = np.array(shape.outline, dtype=np.float64)
         outline = outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
@@ -158,7 +176,7 @@ def _aperture_outline(aperture: Any) -> FloatArray:
 
 
 def _join_strokes(objects: list[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
-    """Lines and arcs as polylines, joined where one begins at the end of the one before with the same aperture."""
+    """Lines and arcs as polylines, joined where one begins at the open end of the one before with the same aperture."""
     from gerbonara.apertures import CircleAperture
     from gerbonara.graphic_objects import Arc
 
@@ -166,11 +184,12 @@ def _join_strokes(objects: list[Any]) -> tuple[tuple[FloatArray, ...], FloatArra
     widths: list[float] = []
     last = None
     for o in objects:
-        if isinstance(o, Arc) and o.numeric_error("mm") > _ARC_MISFIT_MM:
+        if isinstance(o, Arc) and (o.numeric_error("mm") > _ARC_MISFIT_MM or o.cx == o.cy == 0.0):
             raise ReadbackError("an arc of it does not fit its centre")
-        lines = o.approximate(max_error=_ARC_ERROR_MM) if hasattr(o, "approximate") else [o]
-        points = [(line.x2, line.y2) for line in lines]
-        if last is None or o.aperture is not last.aperture or (o.x1, o.y1) != (last.x2, last.y2):
+        lines = o.approximate(max_error=_ARC_ERROR_MM) if isinstance(o, Arc) else [o]
+        points = [*((line.x2, line.y2) for line in lines[:-1]), (o.x2, o.y2)]
+        closed = bool(strokes) and len(strokes[-1]) > 2 and strokes[-1][0] == strokes[-1][-1]
+        if last is None or closed or o.aperture is not last.aperture or (o.x1, o.y1) != (last.x2, last.y2):
             strokes.append([(o.x1, o.y1)])
             if not isinstance(o.aperture, CircleAperture):
                 raise ReadbackError("it draws lines with an aperture that is not round")
@@ -194,9 +213,14 @@ def read_drill(data: bytes) -> FloatArray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            file = ExcellonFile.from_string(data.decode("ascii"), plated=False)
+            text = data.decode("ascii")
+            file = ExcellonFile.from_string(text, plated=False)
     except Exception as error:  # gerbonara raises whatever its parser meets
         raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
+    if not text.rstrip().endswith("\nM30"):
+        raise ReadbackError("its end, M30, is missing")
+    if re.search(r"TF\.FileFunction,(?!NonPlated,)", text):
+        raise ReadbackError("it calls itself another file than one of unplated holes")
     if not all(isinstance(o, Flash) and o.unit is not None and o.unit.shorthand == "mm" for o in file.objects):
         raise ReadbackError("it holds other things than round holes in millimetres")
     holes = np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)

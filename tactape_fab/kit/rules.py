@@ -173,9 +173,10 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     yield _finding(
         fab, "opening-legend", _worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none"
     )
-    for x, y, diameter in layout.tape.board.holes:
-        gap = float(shapely.distance(ink, shapely.Point(x, y))) - diameter / 2
-        yield _finding(fab, "hole-legend", (gap, (x, y)), "legend to hole", "move the hole or use --tag none")
+    if layout.tape.board.holes:
+        holes = np.array(layout.tape.board.holes)
+        gaps = shapely.distance(ink, shapely.points(holes[:, :2])) - holes[:, 2] / 2
+        yield _finding(fab, "hole-legend", _worst_at(gaps, holes), "legend to hole", "move the hole or use --tag none")
     if legend.left_out:
         yield Finding(
             rule="label",
@@ -207,15 +208,15 @@ def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
             gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
             yield _finding(fab, "hole-hole", _worst_at(gaps, centres[a]), "film between two holes", "move the holes apart")
     for rule, outline, what in (
-        ("hole-copper", layout.outlines.pads, "hole to copper"),
-        ("hole-part", layout.outlines.body, "hole to body"),
+        ("hole-copper", layout.outlines.pad_xy[:, None] + layout.outlines.pad, "hole to copper"),
+        ("hole-part", layout.outlines.body[None], "hole to body"),
     ):
         values, places = [], []
         for (x, y), radius in zip(centres, radii, strict=True):
-            reach = radius + max(reach_mm(outline)) + 5.0
+            reach = radius + max(reach_mm(outline.reshape(-1, 2))) + 5.0
             near = layout.parts_xy_mm[np.abs(layout.parts_xy_mm - (x, y)).max(axis=1) < reach]
             if len(near):
-                bodies = shapely.convex_hull(shapely.multipoints(near[:, None] + outline))
+                bodies = shapely.polygons(near[:, None, None] + outline)
                 values.append(float(shapely.distance(bodies, shapely.Point(x, y)).min() - radius))
                 places.append((float(x), float(y)))
         if values:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, radians, sin
+from math import acos, atan2, ceil, cos, pi, radians, sin
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,9 @@ import numpy.typing as npt
 from tactape_fab.texture.frames import FloatArray, snap_mm
 
 CORNER_POINTS = 9
-"""Vertices per rounded corner: a 0.1 mm corner is then 0.1 % of a pad's area from exact."""
+"""Vertices per rounded corner of a land: a 0.1 mm corner is then 0.1 % of a pad's area from exact."""
+CHORD_ERROR_MM = 0.0005
+"""How far a polyline may leave the arc of the board's outline."""
 
 
 def rotate(xy_mm: npt.ArrayLike, angle_deg: float) -> FloatArray:
@@ -20,13 +22,22 @@ def rotate(xy_mm: npt.ArrayLike, angle_deg: float) -> FloatArray:
     return turned
 
 
-def rounded_rectangle(size_mm: tuple[float, float], corner_radius_mm: float = 0.0) -> FloatArray:
+def outline_corner_points(corner_radius_mm: float) -> int:
+    """Vertices per corner that keep the chords of the board's outline within CHORD_ERROR_MM of its arc."""
+    if corner_radius_mm <= CHORD_ERROR_MM:
+        return 2
+    return max(CORNER_POINTS, ceil(pi / 4 / acos(1 - CHORD_ERROR_MM / corner_radius_mm)) + 1)
+
+
+def rounded_rectangle(
+    size_mm: tuple[float, float], corner_radius_mm: float = 0.0, corner_points: int = CORNER_POINTS
+) -> FloatArray:
     """Vertices of a rounded rectangle about the origin, counter-clockwise, not closed; shape (k, 2)."""
     half = np.array(size_mm) / 2
     if corner_radius_mm == 0.0:
         square: FloatArray = half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)], dtype=np.float64)
         return square
-    angle = np.linspace(0.0, pi / 2, CORNER_POINTS) + np.array([-pi / 2, 0.0, pi / 2, pi])[:, None]
+    angle = np.linspace(0.0, pi / 2, corner_points) + np.array([-pi / 2, 0.0, pi / 2, pi])[:, None]
     centre = (half - corner_radius_mm) * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
     corners = centre[:, None] + corner_radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     points: FloatArray = corners.reshape(-1, 2)

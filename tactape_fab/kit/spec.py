@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -116,12 +116,12 @@ class TapeSpec:
         return spec
 
     def to_mapping(self) -> dict[str, Any]:
-        """Every option as understood, for the manifest."""
-        return {key: _plain(value) for key, value in asdict(self).items()}
+        """Every option as understood, for the manifest; of a profile's path only the file's name, wherever it stood."""
+        values = {key: _plain(value) for key, value in asdict(self).items()}
+        return {**values, "part": Path(self.part).name, "fab": Path(self.fab).name}
 
 
 KEYS = tuple(f.name for f in fields(TapeSpec))
-DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISSING}
 
 
 class _ReachProblem(Problem):
@@ -218,7 +218,8 @@ def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tu
         "size_mm", 2, above=0.0, high=LONGEST_MM, remedy="give WIDTHxHEIGHT in millimetres, such as 100x50", default=(100.0, 50.0)
     )
     reach_mm = code_range * pitch_mm
-    larger = f"use --code {_larger_code(code_range)} or a smaller tape" if _larger_code(code_range) else "use a smaller tape"
+    code = _code_of_reach(max(width, height) / pitch_mm)
+    larger = f"use --code {code} or a smaller tape" if code else "use a smaller tape"
     for i, side_mm in enumerate((width, height)):
         if side_mm > reach_mm:
             message = (
@@ -229,9 +230,10 @@ def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tu
     return _snapped(width), _snapped(height)
 
 
-def _larger_code(code_range: int) -> str:
-    larger = [name for name in CODE_NAMES if get_code(name).range > code_range]
-    return min(larger, key=lambda name: get_code(name).range, default="")
+def _code_of_reach(points: float) -> str:
+    """The code of least range that has so many points along an axis, '' where none has."""
+    reaching = [name for name in CODE_NAMES if get_code(name).range >= points]
+    return min(reaching, key=lambda name: get_code(name).range, default="")
 
 
 def _origin(table: Fields, code_name: str, sector: int, code_range: int) -> tuple[int, int]:
@@ -274,6 +276,8 @@ def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, fl
             key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm"
         )
         if x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
-            table.problem(key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm")
+            table.problem(
+                key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm; move it"
+            )
         holes.append((round(x, 4), round(y, 4), round(d, 4)))  # as many decimals as the drill file has
     return tuple(holes)

@@ -17,7 +17,7 @@ RING_CELLS = 1
 """Light ring outside the black border, without which no detector finds the tag (AprilTag 2, section III)."""
 SIDE_CELLS = CODE_CELLS + 2 * RING_CELLS
 LEAST_CELL_MM = 0.30
-"""Least cell that prints and reads with margin at 0.05 mm of ink bleed."""
+"""Least cell that prints, and that pupil-apriltags still reads after 0.05 mm of ink bleed; OpenCV wants 0.5 mm."""
 
 
 def tag_cells(tag_id: int) -> BoolArray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.errors import Problem, SpecError
-from tactape_fab.fields import Fields
+from tactape_fab.fields import Fields, shown
 from tactape_fab.texture.code import CODE_NAMES, BoolArray, encode, get_code
 from tactape_fab.texture.frames import (
     DIRECTIONS_XY,
@@ -192,11 +192,18 @@ def find_manifest(path: str | Path) -> Path:
         When there is none, or the folder is one that an interrupted run left unfinished.
     """
     place = Path(path)
-    file = place / MANIFEST_NAME if place.is_dir() else place
-    if file.resolve().parent.name.endswith(UNFINISHED_SUFFIX):
+    try:
+        is_folder = place.is_dir()
+        file = place / MANIFEST_NAME if is_folder else place
+        unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
+        there = file.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, a name that no system takes
+        raise SpecError(f"{shown(str(place))} is no kit: {error}; give the folder of a kit") from error
+    if unfinished:
         raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
-    if not file.is_file():
-        raise SpecError(f"{place} is no kit: {'it holds no ' + MANIFEST_NAME if place.is_dir() else 'there is no such file'}")
+    if not there:
+        reason = f"it holds no {MANIFEST_NAME}" if is_folder else "there is no such file"
+        raise SpecError(f"{shown(str(place))} is no kit: {reason}; give the folder of a kit or its {MANIFEST_NAME}")
     return file
 
 
@@ -223,7 +230,7 @@ def read_manifest(file: Path) -> dict[str, Any]:
 
 
 def _read_board(table: Fields) -> Board:
-    size = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(1.0, 1.0))
+    size = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(LONGEST_MM, LONGEST_MM))
     holes = []
     for i, hole in enumerate(table.rows("holes", longest=MOST_HOLES)):
         entry = Fields({f"holes[{i}]": hole}, table.where, table.problems)
@@ -274,6 +281,8 @@ def _read_tape(table: Fields) -> Tape:
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     board = _read_board(table.table("board"))
     part = _read_part(table.table("part"))
+    if "tag" not in table.values:
+        table.problem("tag", "tag is missing; give a table, or null for a tape without one")
     tag = None if table.values.get("tag") is None else _read_tag(table.table("tag"))
     if columns * rows > MOST_POINTS:
         table.problem("columns", f"columns x rows = {columns} x {rows} exceeds {MOST_POINTS} grid points")

@@ -88,7 +88,7 @@ def check_bom(data: bytes, tape: Tape) -> Check:
         if items:
             problems.append(f"it {what} {named(items)}")
     if len(seen) < len(found):
-        problems.append(f"it repeats {len(found) - len(seen)} designators")
+        problems.append(f"it repeats {named([d for d, times in Counter(found).items() if times > 1])}")
     longest = max(map(len, groups), default=0)
     if longest > DESIGNATORS_PER_ROW:
         problems.append(f"a row has {longest} designators, more than {DESIGNATORS_PER_ROW}")

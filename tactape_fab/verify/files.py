@@ -119,7 +119,11 @@ def check_zip(files: Mapping[str, WrittenFile]) -> Check:
             problems += [f"{name} is missing from the zip" for name in expected if name not in names]
             problems += [f"{name} does not belong in the zip" for name in names if name not in expected]
             problems += [f"{name} is in the zip twice" for name in sorted(set(names)) if names.count(name) > 1]
-            for member in members:
+            packed = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
+            problems += [
+                f"{m.filename} is packed in a way that few programs open" for m in members if m.compress_type not in packed
+            ]
+            for member in (m for m in members if m.compress_type in packed):
                 if member.filename in expected and (
                     member.file_size != len(expected[member.filename]) or archive.read(member) != expected[member.filename]
                 ):

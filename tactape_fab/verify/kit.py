@@ -41,13 +41,14 @@ from tactape_fab.verify.symbols import check_symbols
 
 GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "components-top")
 FILE_FUNCTIONS = {
-    "copper-top": ("Copper", "L1", "Top"),
-    "coverlay-top": ("Soldermask", "Top"),
-    "paste-top": ("Paste", "Top"),
-    "legend-top": ("Legend", "Top"),
-    "profile": ("Profile", "NP"),
-    "components-top": ("Component", "L1", "Top"),
+    "copper-top": ("Copper,L1,Top", "Positive"),
+    "coverlay-top": ("Soldermask,Top", "Negative"),
+    "paste-top": ("Paste,Top", "Positive"),
+    "legend-top": ("Legend,Top", "Positive"),
+    "profile": ("Profile,NP", "Positive"),
+    "components-top": ("Component,L1,Top", "Positive"),
 }
+"""Function and polarity that a file of each role gives itself in its attributes."""
 
 
 T = TypeVar("T")
@@ -103,6 +104,8 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         tape = Tape.from_mapping(manifest)
         table = Fields(manifest)
         recorded = read_recorded(table)
+        table.table("tool")
+        table.table("spec")
         if table.problems:
             raise SpecError(table.problems)
     except SpecError as error:
@@ -184,8 +187,9 @@ def _check_attributes(layers: dict[str, GerberContent], files: dict[str, Written
     """File functions are the roles', and signatures fit, wherever a file carries attributes."""
     problems = [problem for role in layers if (problem := check_signature(role, files[role].data)) is not None]
     for role, content in layers.items():
-        function = content.file_attributes.get("FileFunction")
-        if function is not None and function != FILE_FUNCTIONS[role]:
-            problems.append(f"{role} calls itself {','.join(function)}")
+        for attribute, expected in zip(("FileFunction", "FilePolarity"), FILE_FUNCTIONS[role], strict=True):
+            found = content.file_attributes.get(attribute)
+            if found is not None and ",".join(found) != expected:
+                problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
     message = named(problems) if problems else "file functions as the roles, MD5 signatures right"
     return Check(name="attributes", passed=not problems, message=message)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, pi
 
 import numpy as np
 import shapely
@@ -12,7 +11,7 @@ import shapely
 from tactape_fab.errors import Check
 from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent
-from tactape_fab.kit.shapes import area_mm2, axis_angle_deg, inset_mm, rotate, rounded_rectangle
+from tactape_fab.kit.shapes import area_mm2, axis_angle_deg, inset_mm, placed_outline, rotate
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
@@ -23,6 +22,7 @@ AREA_TOLERANCE = 0.01
 OUTLINE_TOLERANCE_MM = 0.001
 EDGE_TOLERANCE_MM = 0.0005
 _PARTNER_TOLERANCE_MM = 0.1
+_ARC_POINTS = 512
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,10 +87,14 @@ def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LandPairs:
-    """Pairs of lands: middles and vectors from land 1 to land 2, shape (p, 2), mm; and the flashes without a partner."""
+    """Pairs of lands: middles and vectors from land 1 to land 2, shape (p, 2), mm; the flashes that are land 1 and 2 of
+    each pair, shape (p,); and the flashes without a partner.
+    """
 
     centre_mm: FloatArray
     axis_mm: FloatArray
+    first: IntArray
+    second: IntArray
     alone: IntArray
 
 
@@ -104,21 +108,44 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
         Half the distance of a pair, and its direction.
     """
     if len(xy_mm) < 2:
-        return LandPairs(centre_mm=np.empty((0, 2)), axis_mm=np.empty((0, 2)), alone=np.arange(len(xy_mm)))
+        nothing, none = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+        return LandPairs(centre_mm=nothing, axis_mm=nothing, first=none, second=none, alone=np.arange(len(xy_mm)))
     tree = point_tree(xy_mm)
     step = rotate((2 * offset_mm, 0.0), rotation_deg)
     partner, distance = nearest(xy_mm + step, tree)
     back, back_distance = nearest(xy_mm - step, tree)
     index = np.arange(len(xy_mm))
-    first = (distance < _PARTNER_TOLERANCE_MM) & (back[partner] == index) & (back_distance[partner] < _PARTNER_TOLERANCE_MM)
-    second = partner[first]
+    linked = (distance < _PARTNER_TOLERANCE_MM) & (back[partner] == index) & (back_distance[partner] < _PARTNER_TOLERANCE_MM)
+    following = np.where(linked, partner, -1)
+    first, second = _alternate(following)
     used = np.zeros(len(xy_mm), dtype=bool)
     used[first], used[second] = True, True
     return LandPairs(
         centre_mm=(xy_mm[first] + xy_mm[second]) / 2,
         axis_mm=xy_mm[second] - xy_mm[first],
+        first=first,
+        second=second,
         alone=np.flatnonzero(~used),
     )
+
+
+def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
+    """Cut chains into pairs from their heads: lands of neighbours may be as far apart as the lands of one part.
+
+    ``following`` names the next flash of each, -1 at the end of a chain.
+    """
+    heads = np.ones(len(following), dtype=bool)
+    heads[following[following >= 0]] = False
+    first, second = [], []
+    now = np.flatnonzero(heads & (following >= 0))
+    while len(now):
+        first.append(now)
+        second.append(following[now])
+        onward = following[second[-1]]
+        now = onward[onward >= 0]
+        now = now[following[now] >= 0]
+    nothing = np.empty(0, dtype=np.int64)
+    return np.concatenate([nothing, *first]), np.concatenate([nothing, *second])
 
 
 def check_lands(
@@ -127,7 +154,7 @@ def check_lands(
     """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation."""
     count = len(content.flash_xy_mm)
     expected = 2 * tape.part_count
-    centre, axis, alone = pairs.centre_mm, pairs.axis_mm, pairs.alone
+    centre, axis, alone, rotation = pairs.centre_mm, pairs.axis_mm, pairs.alone, tape.part.rotation_deg
     problems = []
     if count != expected:
         problems.append(f"{count} flashes where {tape.part_count} parts need {expected}")
@@ -146,29 +173,32 @@ def check_lands(
     if shapeless or len(centre) == 0 or len(cpl.xy_mm) == 0:
         return checks
     row, distance = nearest(centre, rows)
-    checks.append(_place_check(name, centre, distance, cpl, row))
+    checks.append(_place_check(name, "pair", centre, distance, cpl, row))
     checks.append(_rotation_check(name, content, land, axis, cpl.rotation_deg[row], cpl, row))
     checks.append(_area_check(name, content, land.area_mm2 * expected))
+    checks.append(_shape_check(name, content.aperture_outlines_mm, placed_outline(land.size_mm, land.corner_radius_mm, rotation)))
+    if any(content.flash_component):
+        checks.append(_names_check(name, content, pairs, [cpl.designators[i] for i in row]))
     return checks
 
 
-def _place_check(name: str, centre: FloatArray, distance: FloatArray, cpl: CplContent, row: IntArray) -> Check:
+def _place_check(name: str, what: str, centre: FloatArray, distance: FloatArray, cpl: CplContent, row: IntArray) -> Check:
     worst = int(np.argmax(distance))
     taken, times = np.unique(row, return_counts=True)
     far = np.flatnonzero(distance > PLACE_TOLERANCE_MM)
     problems = []
     if len(far):
         problems.append(
-            f"{len(far)} pairs are off the CPL, worst by {distance[worst] * 1000:.1f} um at {cpl.designators[row[worst]]} "
+            f"{len(far)} {what}s are off the CPL, worst by {distance[worst] * 1000:.1f} um at {cpl.designators[row[worst]]} "
             f"({centre[worst, 0]:.3f}, {centre[worst, 1]:.3f}) mm"
         )
     if (times > 1).any():
-        problems.append(f"two pairs stand at {cpl.designators[taken[times > 1][0]]}")
+        problems.append(f"two {what}s stand at {cpl.designators[taken[times > 1][0]]}")
     if len(taken) < len(cpl.xy_mm):
         missing = np.setdiff1d(np.arange(len(cpl.xy_mm)), taken)
-        problems.append(f"no pair stands at {named([cpl.designators[i] for i in missing])}")
+        problems.append(f"no {what} stands at {named([cpl.designators[i] for i in missing])}")
     figure = float(distance.max() * 1000)
-    message = "; ".join(problems) or f"centre of every pair within {figure:.3f} um of its CPL row"
+    message = "; ".join(problems) or f"centre of every {what} within {figure:.3f} um of its CPL row"
     return Check(name=f"{name} places", passed=not problems, message=message, figure=figure, unit="um")
 
 
@@ -208,6 +238,26 @@ def _outline_axis_deg(outline: FloatArray, land: Land) -> float | None:
     return axis_angle_deg((float(along[0]), float(along[1])))
 
 
+def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:
+    """Every flashed outline is the manifest's, about its own origin."""
+    target = shapely.Polygon(expected).exterior
+    error_mm = max(float(shapely.hausdorff_distance(shapely.Polygon(outline).exterior, target)) for outline in outlines)
+    passed = error_mm <= PLACE_TOLERANCE_MM
+    message = f"outline {'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the manifest's"
+    return Check(name=f"{name} shape", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def _names_check(name: str, content: GerberContent, pairs: LandPairs, designators: list[str]) -> Check:
+    """Pads 1 and 2 name the part whose CPL row they stand at."""
+    wrong = [
+        f"{content.flash_component[flash]}.{content.flash_pin[flash]} stands where {part}.{pin} is"
+        for pin, flashes in (("1", pairs.first), ("2", pairs.second))
+        for flash, part in zip(flashes.tolist(), designators, strict=True)
+        if (content.flash_component[flash], content.flash_pin[flash]) != (part, pin)
+    ]
+    return Check(name=f"{name} names", passed=not wrong, message=named(wrong) or "every pad names its part and pin")
+
+
 def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check:
     areas = np.array([area_mm2(outline) for outline in content.aperture_outlines_mm])
     area = float(areas[content.flash_aperture].sum())
@@ -235,15 +285,10 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
     if shapeless or count == 0 or len(cpl.xy_mm) == 0:
         return checks
     row, distance = nearest(content.flash_xy_mm, rows)
-    checks.append(_place_check(name, content.flash_xy_mm, distance, cpl, row))
-    half = (
-        np.array([recorded.pads.offset_mm + recorded.pads.size_mm[0] / 2, recorded.pads.size_mm[1] / 2]) + recorded.expansion_mm
-    )
-    expected = shapely.Polygon(rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), tape.part.rotation_deg))
-    error_mm = float(shapely.hausdorff_distance(shapely.Polygon(content.aperture_outlines_mm[0]).exterior, expected.exterior))
-    passed = error_mm <= PLACE_TOLERANCE_MM
-    message = f"opening is {error_mm * 1000:.1f} um from the pads' box with {recorded.expansion_mm:g} mm of expansion"
-    checks.append(Check(name=f"{name} shape", passed=passed, message=message, figure=error_mm * 1000, unit="um"))
+    checks.append(_place_check(name, "opening", content.flash_xy_mm, distance, cpl, row))
+    pads, wider_mm = recorded.pads, 2 * recorded.expansion_mm
+    size_mm = (2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm)
+    checks.append(_shape_check(name, content.aperture_outlines_mm, placed_outline(size_mm, 0.0, tape.part.rotation_deg)))
     return checks
 
 
@@ -255,11 +300,15 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     stroke = content.strokes_mm[0]
     if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
         return Check(name="profile", passed=False, message="the outline is not closed")
-    expected = shapely.Polygon(rounded_rectangle(board.size_mm, board.corner_radius_mm) + np.array(board.size_mm) / 2)
+    (width, height), radius = board.size_mm, board.corner_radius_mm
+    corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
+    core = shapely.MultiPoint(corners).convex_hull
+    expected = core.buffer(radius, quad_segs=_ARC_POINTS) if radius else core
     drawn = shapely.Polygon(stroke)
+    if not drawn.is_valid:
+        return Check(name="profile", passed=False, message="the outline crosses itself")
     error_mm = float(shapely.hausdorff_distance(drawn.exterior, expected.exterior))
-    chord_mm = board.corner_radius_mm * (1 - cos(pi / 32))  # the expected corner is a polyline of 8 chords
-    passed = drawn.is_valid and error_mm <= OUTLINE_TOLERANCE_MM + chord_mm
+    passed = error_mm <= OUTLINE_TOLERANCE_MM
     size = stroke.max(axis=0) - stroke.min(axis=0)
     message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
     return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
@@ -311,18 +360,28 @@ def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Che
         return Check(
             name="components-top", passed=False, message=f"its designators differ from the CPL's: {named(wrong) or 'their order'}"
         )
-    error = float(np.hypot(*(centres - cpl.xy_mm).T).max()) if len(centres) else 0.0
-    passed = error <= PLACE_TOLERANCE_MM
-    worst = f"worst {error * 1000:.3f} um from the CPL"
-    return Check(name="components-top", passed=passed, message=f"{len(centres)} parts, {worst}", figure=error * 1000, unit="um")
+    error = np.hypot(*(centres - cpl.xy_mm).T)
+    far = np.flatnonzero(error > PLACE_TOLERANCE_MM)
+    figure = float(error.max(initial=0.0) * 1000)
+    message = (
+        f"{len(far)} parts are off the CPL: {named([f'{names[i]} by {error[i] * 1000:.1f} um' for i in far])}"
+        if len(far)
+        else f"{len(centres)} parts within {figure:.3f} um of the CPL"
+    )
+    return Check(name="components-top", passed=not len(far), message=message, figure=figure, unit="um")
 
 
 def check_drill(holes: FloatArray, tape: Tape) -> Check:
     """The drill file has exactly the manifest's holes."""
-    expected = np.array(sorted(tape.board.holes), dtype=np.float64).reshape(-1, 3)
-    found = np.array(sorted(map(tuple, holes.tolist())), dtype=np.float64).reshape(-1, 3)
-    same = found.shape == expected.shape and bool(np.abs(found - expected).max(initial=0.0) <= PLACE_TOLERANCE_MM)
-    message = (
-        f"{len(found)} holes as in the manifest" if same else f"{len(found)} holes differ from the manifest's {len(expected)}"
-    )
-    return Check(name="drill-npth", passed=same, message=message, figure=float(len(found)))
+    expected, found = sorted(tape.board.holes), sorted((x, y, d) for x, y, d in holes.tolist())
+
+    def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
+        return all(max(abs(a - b) for a, b in zip(hole, other, strict=True)) > PLACE_TOLERANCE_MM for other in others)
+
+    missing = [f"({x:g}, {y:g}) d {d:g} mm is missing" for x, y, d in expected if apart((x, y, d), found)]
+    strange = [f"({x:g}, {y:g}) d {d:g} mm is not in the manifest" for x, y, d in found if apart((x, y, d), expected)]
+    problems = [*missing, *strange]
+    if not problems and len(found) != len(expected):
+        problems.append(f"{len(found)} holes where the manifest has {len(expected)}")
+    message = named(problems) or f"{len(found)} holes as in the manifest"
+    return Check(name="drill-npth", passed=not problems, message=message, figure=float(len(found)))

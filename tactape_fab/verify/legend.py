@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from tactape_fab.errors import Check
 from tactape_fab.kit.readback import GerberContent
+from tactape_fab.kit.shapes import rotate
 from tactape_fab.kit.tag import CODE_CELLS
-from tactape_fab.texture.frames import FloatArray, board_to_picture
+from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.tape import Tag, Tape
 
 _PX_PER_CELL = 12
@@ -52,6 +53,14 @@ def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_
     """Detect the tag in the written legend layer: id, place of every corner, and so orientation."""
     if tape.tag is None:
         return []
+    if legend.clear:
+        return [
+            Check(
+                name="tag by OpenCV",
+                passed=False,
+                message="the legend layer draws in clear polarity, which no detector can judge",
+            )
+        ]
     image = legend_picture(legend, tape, tape.tag, legend_is_light=legend_is_light)
     checks = [_judge("tag by OpenCV", tape.tag, _read_opencv(image))]
     if with_pupil and find_spec("pupil_apriltags") is not None:
@@ -97,12 +106,13 @@ def _judge(name: str, tag: Tag, readings: list[Reading]) -> Check:
     side_px = (CODE_CELLS + 2 + 2 * _MARGIN_CELLS) * _PX_PER_CELL
     half = CODE_CELLS / 2 * _PX_PER_CELL
     centre = (side_px - 1) / 2
-    expected = centre + half * np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+    upright = rotate([(-1, -1), (1, -1), (1, 1), (-1, 1)], tag.rotation_deg)
+    expected = centre + half * board_to_texture(upright, (0.0, 0.0))
     error_cells = float(np.linalg.norm(corners_px - expected, axis=1).max() / _PX_PER_CELL)
     error_mm = error_cells * tag.cell_mm
     passed = error_cells <= _CORNER_TOLERANCE_CELLS
     message = (
-        f"tag {tag_id} reads upright, corners within {error_mm:.3f} mm"
+        f"tag {tag_id} reads the right way up, corners within {error_mm:.3f} mm"
         if passed
         else f"tag {tag_id} is turned or displaced: a corner is {error_mm:.3f} mm from its place"
     )

@@ -39,21 +39,21 @@ def render_copper(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
 
 
 def _render_flashes(
-    layout: Layout, fab: FabProfile, role: str, function: str, polarity: str, flashes: Flashes
+    layout: Layout, fab: FabProfile, role: str, function: str, polarity: str, macro: str, flashes: Flashes
 ) -> tuple[Artifact]:
     gerber = GerberText(layout.tape, fab.x2, function, polarity)
-    gerber.flash(gerber.outline("OPENING", flashes.outline_mm, "Material"), flashes.xy_mm)
+    gerber.flash(gerber.outline(macro, flashes.outline_mm, "Material"), flashes.xy_mm)
     return _artifact(layout, fab, role, gerber)
 
 
 def render_coverlay(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
     """Coverlay as a soldermask layer: what is drawn is open."""
-    return _render_flashes(layout, fab, "coverlay-top", "Soldermask,Top", "Negative", layout.openings)
+    return _render_flashes(layout, fab, "coverlay-top", "Soldermask,Top", "Negative", "OPENING", layout.openings)
 
 
 def render_paste(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
     """Stencil apertures."""
-    return _render_flashes(layout, fab, "paste-top", "Paste,Top", "Positive", layout.paste)
+    return _render_flashes(layout, fab, "paste-top", "Paste,Top", "Positive", "PASTE", layout.paste)
 
 
 def render_legend(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
