@@ -12,6 +12,7 @@ from typing import Any
 from tactape_fab.errors import Problem
 
 _SHOWN_CHARACTERS = 60
+_SHOWN_PATH = 200
 
 
 def shown(value: object) -> str:
@@ -23,11 +24,18 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
 
 
+def shown_path(path: object) -> str:
+    """A path as a message shows it: its end, which names the file, is never cut off."""
+    text = str(path)
+    text = text if text.isprintable() else repr(text)
+    return text if len(text) <= _SHOWN_PATH else "..." + text[-_SHOWN_PATH:]
+
+
 def _range_text(low: float, high: float, above: float, below: float, of_unit: str) -> str:
     """Bounds in words, for a message that has no better remedy."""
     least = f"from {low:g}" if math.isfinite(low) else f"above {above:g}" if math.isfinite(above) else ""
-    most = f"to {high:g}" if math.isfinite(high) else f"below {below:g}" if math.isfinite(below) else ""
-    return " ".join(["a number", *filter(None, (least, most))]) + of_unit
+    most = f"to {high:g}" if math.isfinite(high) else f"and below {below:g}" if math.isfinite(below) else ""
+    return " ".join(["a number", *filter(None, (least, most if least else most.removeprefix("and ")))]) + of_unit
 
 
 def unknown_key(key: object, known: Sequence[str], where: str = "") -> Problem:
@@ -204,9 +212,12 @@ class Fields:
         return default
 
     def flag(self, key: str, *, default: bool = False) -> bool:
-        value = self.values.get(key)
+        if key not in self.values:
+            self._missing(key, "true or false")
+            return default
+        value = self.values[key]
         if not isinstance(value, bool):
-            self.problem(key, f"{key} = {shown(value)} is not a truth value; give true or false")
+            self.problem(key, f"{key} = {shown(value)} is neither true nor false; give one of them")
             return default
         return value
 

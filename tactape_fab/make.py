@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError
-from tactape_fab.fields import shown
+from tactape_fab.fields import shown_path
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.rules import check
@@ -227,7 +227,8 @@ def _refuse_taken(target: Path, *, overwrite: bool) -> None:
     try:
         taken = target.exists() or target.is_symlink()
     except (OSError, ValueError) as error:  # a name that no system takes
-        raise SpecError(f"output = {shown(str(target))} cannot be a folder: {error}; use -o to name another one") from error
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
     if taken and not overwrite:
         raise SpecError(f"output = {target} exists already; use --overwrite to replace a kit, or -o to name another folder")
     if taken:

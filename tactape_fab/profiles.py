@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from tactape_fab.errors import Level, Problem, SpecError
-from tactape_fab.fields import Fields, shown
+from tactape_fab.fields import Fields, shown, shown_path
 from tactape_fab.texture.tape import PART_SHAPES
 
 X2_MODES = ("full", "comments", "off")
@@ -175,10 +175,12 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
             data = stream.read(_PROFILE_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a path that no system takes
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        message = f"{key} = {shown(str(path))} cannot be opened: {reason}; give the path of a TOML file that can be read"
+        message = f"{key} = {shown_path(path)} cannot be opened: {reason}; give the path of a TOML file that can be read"
         raise SpecError(Problem(key, message)) from error
     if len(data) > _PROFILE_BYTES:
-        raise SpecError(Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; give a spec or profile"))
+        raise SpecError(
+            Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile, give one")
+        )
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
@@ -217,9 +219,9 @@ def load_fab(name: str) -> FabProfile:
     limits = table.table("limits", LIMIT_IDS)
     size = table.table("size", ("largest_mm", *_SOURCE_KEYS))
     largest = size.numbers("largest_mm", 2, above=0.0)
-    file_names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
-    if len(set(file_names)) != len(file_names):
-        table.problem("files", "files gives two roles the same name; give each its own")
+    names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
+    for shared in sorted({n for n in names if names.count(n) > 1}):
+        files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")
     profile = FabProfile(
         name=table.text("name", longest=100),
         title=table.text("title"),

@@ -104,7 +104,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
         raise SpecError(
             Problem(
                 "holes_mm",
-                f"holes_mm and corners leave no whole {code.window}x{code.window} window of code '{code.name}' on the tape; "
+                f"holes and corners leave no whole {code.window}x{code.window} window of code '{code.name}' on the tape; "
                 "use fewer holes, a smaller --corner-radius or a larger tape",
             )
         )
@@ -169,7 +169,8 @@ def _least_size_mm(spec: TapeSpec, code: Code, outlines: PartOutlines, fab: FabP
             corner_radius_mm=spec.corner_radius_mm,
             thickness_mm=fab.material.thickness_mm,
         )
-        symbols = encode(code, spec.sector, (0, 0), (grid.rows, grid.columns))
+        origin = (min(spec.origin[0], code.range - grid.columns), min(spec.origin[1], code.range - grid.rows))
+        symbols = encode(code, spec.sector, origin, (grid.rows, grid.columns))
         if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, outlines, fab, symbols), code):
             return size_mm
         tenths += 1

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.errors import Problem, SpecError
-from tactape_fab.fields import Fields, shown
+from tactape_fab.fields import Fields, shown_path
 from tactape_fab.texture.code import CODE_NAMES, BoolArray, encode, get_code
 from tactape_fab.texture.frames import (
     DIRECTIONS_XY,
@@ -198,12 +198,13 @@ def find_manifest(path: str | Path) -> Path:
         unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
         there = file.is_file()
     except (OSError, RuntimeError, ValueError) as error:  # a link to itself, a name that no system takes
-        raise SpecError(f"{shown(str(place))} is no kit: {error}; give the folder of a kit") from error
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit") from error
     if unfinished:
         raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
     if not there:
         reason = f"it holds no {MANIFEST_NAME}" if is_folder else "there is no such file"
-        raise SpecError(f"{shown(str(place))} is no kit: {reason}; give the folder of a kit or its {MANIFEST_NAME}")
+        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit or its {MANIFEST_NAME}")
     return file
 
 

@@ -1,0 +1,24 @@
+"""Encoding the whole plane of the default code takes well under a second, with every code and wherever it lies."""
+
+from __future__ import annotations
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from tactape_fab.texture.code import CODE_NAMES, encode, get_code
+from tests.bench.measure import Timed, run, show
+
+SIDE = 3375
+MOST_MS = 500.0
+
+
+@pytest.mark.parametrize("name", CODE_NAMES)
+def test_plane_is_encoded_in_well_under_a_second(benchmark: BenchmarkFixture, name: str) -> None:
+    code = get_code(name)
+    far = code.range - SIDE
+    timed = Timed(lambda: encode(code, code.sectors - 1, (far, far), (SIDE, SIDE)))
+    symbols = run(benchmark, timed, rounds=5)
+    assert symbols.shape == (SIDE, SIDE)
+    best_ms = min(timed.seconds) * 1000
+    show(f"encode {SIDE} x {SIDE} of {name}, best of 5", best_ms, "ms", f"< {MOST_MS:g}")
+    assert best_ms < MOST_MS

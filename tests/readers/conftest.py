@@ -1,0 +1,63 @@
+"""The readers as fixtures, and layouts from the specs of the kits that they read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.kit.layout import Layout, build_layout
+from tactape_fab.kit.plan import plan
+from tactape_fab.profiles import load_fab, load_part
+from tests.readers.pictures import Reader, gerbonara_svg, gerbv_picture, rasterised, tracespace_svg
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """A written kit and the layout of the same spec, which was never a file."""
+
+    kit: Kit
+    layout: Layout
+
+    def path(self, role: str) -> Path:
+        return self.kit.path / self.kit.files[role]
+
+
+def layout_of(spec: TapeSpec) -> Layout:
+    fab, part = load_fab(spec.fab), load_part(spec.part)
+    return build_layout(plan(spec, fab, part), spec, fab, part)
+
+
+@pytest.fixture(scope="session")
+def tape_100x50(default_kit: Kit) -> Sample:
+    """The main job's tape."""
+    return Sample(kit=default_kit, layout=layout_of(TapeSpec(sector=7)))
+
+
+@pytest.fixture(scope="session")
+def tape_6x4(tmp_path_factory: pytest.TempPathFactory) -> Sample:
+    """A tape of 6 x 4 parts with tag, text, arrow and holes of two diameters."""
+    holes_mm = [(9.0, 10.5, 0.9), (17.0, 6.5, 2.0), (25.123, 10.4567, 0.9)]
+    spec = TapeSpec(sector=100, pitch_mm=4.0, displacement_mm=0.5, size_mm=(30.0, 17.0), holes_mm=holes_mm, name="t1")
+    sample = Sample(kit=make_kit(spec, tmp_path_factory.mktemp("6x4") / "t1"), layout=layout_of(spec))
+    assert (sample.kit.tape.columns, sample.kit.tape.rows, len(sample.kit.tape.omitted)) == (6, 4, 0)
+    return sample
+
+
+@pytest.fixture(params=["gerbonara", "gerbv", "gerber-to-svg"])
+def reader(request: pytest.FixtureRequest, tmp_path: Path) -> Reader:
+    """Each of the readers that draw a whole tape in no time."""
+    folder = tmp_path / "reader"
+    folder.mkdir()
+    if request.param == "gerbv":
+        gerbv: str = request.getfixturevalue("gerbv")
+        return Reader(draw=lambda path, window: gerbv_picture(gerbv, path, window, folder), least_iou=0.93, antialiased=False)
+    rsvg: str = request.getfixturevalue("rsvg_convert")
+    if request.param == "gerbonara":
+        return Reader(draw=lambda path, window: rasterised(rsvg, gerbonara_svg(path, window), window, folder), least_iou=0.98)
+    find: Callable[[str], str] = request.getfixturevalue("node_module")
+    node = find("gerber-to-svg")
+    return Reader(draw=lambda path, window: rasterised(rsvg, tracespace_svg(node, path, window), window, folder), least_iou=0.98)

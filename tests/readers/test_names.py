@@ -1,0 +1,73 @@
+"""By the names in the fab zip alone, gerbonara and npm's whats-that-gerber know every layer, and find one outline."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from gerbonara.layers import LayerStack
+
+from tactape_fab import Kit, TapeSpec, make_kit
+from tests.readers.conftest import Sample
+
+_LAYERS = {("top", "copper"), ("top", "mask"), ("top", "silk"), ("top", "paste"), ("mechanical", "outline")}
+_KINDS = {
+    "copper-top": ("copper", "top"),
+    "coverlay-top": ("soldermask", "top"),
+    "paste-top": ("solderpaste", "top"),
+    "legend-top": ("silkscreen", "top"),
+    "profile": ("outline", "all"),
+    "drill-npth": ("drill", "all"),
+    "job": (None, None),
+}
+
+
+@pytest.fixture(scope="module", params=["full", "comments", "off"])
+def kit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Kit:
+    spec = TapeSpec(sector=100, size_mm=(25.0, 25.0), holes_mm=[(20.5, 12.5, 1.0)], x2=request.param)
+    return make_kit(spec, tmp_path_factory.mktemp(request.param) / "tape")
+
+
+def test_gerbonara_opens_the_zip_as_a_board(kit: Kit) -> None:
+    stack = LayerStack.open(kit.path / kit.files["fab-zip"])
+    try:
+        layers = {side_use for side_use, layer in stack.graphic_layers.items() if layer is not None}
+        drills = [file.original_path.name for file in (stack.drill_pth, stack.drill_npth, *stack.drill_layers) if file]
+        (width_mm, height_mm) = (high - low for low, high in zip(*stack.board_bounds(), strict=True))
+    finally:
+        stack.tmpdir.cleanup()
+    assert layers == _LAYERS
+    assert set(drills) == {"tactape-s100-NPTH.drl"}
+    assert (width_mm, height_mm) == pytest.approx((25.0, 25.0), abs=0.11)  # the outline's line is 0.1 mm wide
+
+
+def test_gerbonara_reads_the_hole_as_unplated(kit: Kit) -> None:
+    stack = LayerStack.open(kit.path / kit.files["fab-zip"])
+    stack.tmpdir.cleanup()
+    assert stack.drill_pth is None
+    assert stack.drill_npth is not None
+    assert len(stack.drill_npth.objects) == 1
+
+
+def test_whats_that_gerber_knows_every_name_in_the_zip(tape_6x4: Sample, node_module: Callable[[str], str]) -> None:
+    node = node_module("whats-that-gerber")
+    with zipfile.ZipFile(tape_6x4.path("fab-zip")) as archive:
+        names = archive.namelist()
+    script = "process.stdout.write(JSON.stringify(require('whats-that-gerber')(process.argv.slice(1))))"
+    run = subprocess.run([node, "-e", script, *names], capture_output=True, text=True, check=True)
+    kinds = {name: (kind["type"], kind["side"]) for name, kind in json.loads(run.stdout).items()}
+    roles = {path.rsplit("/", 1)[-1]: role for role, path in tape_6x4.kit.files.items()}
+    assert kinds == {name: _KINDS[roles[name]] for name in names}
+    assert sorted(kinds.values(), key=str) == sorted(_KINDS.values(), key=str)
+
+
+def test_gerbonara_refuses_a_second_outline(tape_6x4: Sample, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tape_6x4.path("fab-zip")) as archive:
+        archive.extractall(tmp_path)
+    (tmp_path / "t1.gm2").write_bytes((tmp_path / "t1.gm1").read_bytes())
+    with pytest.raises(SystemError, match="mechanical outline"):
+        LayerStack.open(tmp_path)

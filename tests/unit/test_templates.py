@@ -1,0 +1,107 @@
+"""The data files of templates/ are found, and a kit can be made, from a checkout, an editable install and a wheel."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import tactape_fab
+from tactape_fab.profiles import profile_names, templates_folder
+
+ROOT = Path(tactape_fab.__file__).resolve().parent.parent
+SOURCES = ("tactape_fab", "templates", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
+PROBE = """
+import json
+import tactape_fab
+from tactape_fab.cli import main
+from tactape_fab.profiles import load_fab, load_part, profile_names, templates_folder
+names = {kind: profile_names(kind) for kind in ("fabs", "parts")}
+[load_fab(name) for name in names["fabs"]], [load_part(name) for name in names["parts"]]
+main(["make", "--sector", "7", "--size", "20x20", "-o", "kit", "--overwrite"], standalone_mode=False)
+print(json.dumps({"package": tactape_fab.__file__, "templates": str(templates_folder()), "names": names}))
+"""
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what a checkout holds, so that builds leave this one alone."""
+    if not (ROOT / "pyproject.toml").is_file():
+        pytest.skip("the package under test does not come from a checkout, so there is nothing to build; run this in a checkout")
+    folder = tmp_path_factory.mktemp("checkout") / "tactape-fab"
+    folder.mkdir()
+    for name in SOURCES:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, folder / name)
+    return folder
+
+
+def pip(*args: str | Path) -> None:
+    """Run pip without a network, with the build backend that is installed."""
+    quiet = ("--disable-pip-version-check", "--no-input", "--quiet")
+    done = subprocess.run([sys.executable, "-m", "pip", *quiet, *map(str, args)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def probe(command: list[str], cwd: Path, **env: str) -> tuple[Path, Path]:
+    """Make a kit in a fresh interpreter; return where its package and its templates came from."""
+    clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run([*command, PROBE], cwd=cwd, env={**clean, **env}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["names"] == {kind: profile_names(kind) for kind in ("fabs", "parts")}
+    assert (cwd / "kit" / "manifest.json").is_file()
+    return Path(found["package"]).resolve().parent, Path(found["templates"]).resolve()
+
+
+def probe_installed(target: Path, cwd: Path) -> tuple[Path, Path]:
+    """The same with `target` as the first site folder, ahead of the one that this test runs in."""
+    folders = [str(target), *(p for p in sys.path if p.endswith(("site-packages", "dist-packages")))]
+    program = f"import site, sys; [site.addsitedir(folder) for folder in {folders!r}]; exec(sys.argv[1])"
+    return probe([sys.executable, "-I", "-S", "-c", program], cwd)
+
+
+def test_every_template_can_be_read_here() -> None:
+    assert templates_folder().is_dir()
+    assert "generic-fpc" in profile_names("fabs")
+    assert "r0201" in profile_names("parts")
+
+
+def test_checkout_as_current_folder_finds_its_templates(checkout: Path) -> None:
+    package, templates = probe([sys.executable, "-c"], checkout)
+    assert (package, templates) == (checkout / "tactape_fab", checkout / "templates")
+    shutil.rmtree(checkout / "kit")
+
+
+def test_checkout_on_the_path_finds_its_templates(checkout: Path, tmp_path: Path) -> None:
+    package, templates = probe([sys.executable, "-c"], tmp_path, PYTHONPATH=str(checkout))
+    assert (package, templates) == (checkout / "tactape_fab", checkout / "templates")
+
+
+def test_editable_install_finds_the_templates_of_its_checkout(checkout: Path, tmp_path: Path) -> None:
+    pip("install", "--editable", checkout, "--target", tmp_path / "site", "--no-deps", "--no-build-isolation", "--no-index")
+    package, templates = probe_installed(tmp_path / "site", tmp_path)
+    assert (package, templates) == (checkout / "tactape_fab", checkout / "templates")
+
+
+def test_wheel_brings_its_templates(checkout: Path, tmp_path: Path) -> None:
+    pip("wheel", checkout, "--wheel-dir", tmp_path / "dist", "--no-deps", "--no-build-isolation", "--no-index")
+    (wheel,) = (tmp_path / "dist").iterdir()
+    sources = {p.relative_to(checkout).as_posix() for p in (checkout / "templates").rglob("*") if p.is_file()}
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    assert {f"tactape_fab/{path}" for path in sources} <= set(names)
+    assert "tactape_fab/py.typed" in names
+    assert not [name for name in names if not name.startswith(("tactape_fab/", "tactape_fab-"))]
+    pip("install", wheel, "--target", tmp_path / "site", "--no-deps", "--no-index")
+    package, templates = probe_installed(tmp_path / "site", tmp_path)
+    assert (package, templates) == (tmp_path / "site" / "tactape_fab", tmp_path / "site" / "tactape_fab" / "templates")
