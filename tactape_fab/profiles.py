@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import pi
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -129,6 +130,11 @@ class LandPattern:
     size_mm: tuple[float, float]
     corner_radius_mm: float
     offset_mm: float
+
+    @property
+    def area_mm2(self) -> float:
+        """Exact area of one of the two lands."""
+        return self.size_mm[0] * self.size_mm[1] - (4 - pi) * self.corner_radius_mm**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,8 +297,8 @@ def load_part(name: str) -> PartProfile:
         body_mm=(length, width, height),
         body_tolerance_mm=body.number("tolerance_mm", low=0.0, high=1.0),
         terminal_mm=body.number("terminal_mm", low=0.0, high=length / 2),
-        pads=_read_land(table.table("pads", _LAND_KEYS)),
-        paste=_read_land(table.table("paste", _LAND_KEYS)),
+        pads=read_land(table.table("pads", _LAND_KEYS)),
+        paste=read_land(table.table("paste", _LAND_KEYS)),
         courtyard_mm=(courtyard[0], courtyard[1]),
     )
     _refuse_problems(table)
@@ -304,7 +310,8 @@ def _attribute_text(table: Fields, key: str) -> str:
     return table.text(key, pattern=r"[A-Za-z0-9 ._()+/,-]{1,200}", remedy="use plain letters, digits and ._()+/,-")
 
 
-def _read_land(table: Fields) -> LandPattern:
+def read_land(table: Fields) -> LandPattern:
+    """A land pattern out of a table of a part profile or a manifest; problems are collected in `table`."""
     size = table.numbers("size_mm", 2, above=0.0, high=20.0)
     return LandPattern(
         size_mm=(size[0], size[1]),

@@ -11,7 +11,7 @@ from tactape_fab.kit.readback import CplContent, ReadbackError, read_csv
 from tactape_fab.kit.render.assembly import CPL_COLUMNS, DESIGNATORS_PER_ROW
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
-from tactape_fab.verify.layers import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
+from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
 
 
 def check_cpl(data: bytes, cpl: CplContent, tape: Tape) -> list[Check]:

@@ -12,6 +12,7 @@ from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
 from tactape_fab.verify.assembly import check_bom, check_cpl
+from tactape_fab.verify.board import check_components, check_drill, check_edges, check_outline
 from tactape_fab.verify.files import (
     WrittenFile,
     check_job,
@@ -23,15 +24,11 @@ from tactape_fab.verify.files import (
     read_files,
     roles_of,
 )
-from tactape_fab.verify.layers import (
+from tactape_fab.verify.lands import (
     LandPairs,
     Recorded,
-    check_components,
-    check_drill,
-    check_edges,
     check_lands,
     check_openings,
-    check_outline,
     pair_lands,
     point_tree,
     read_recorded,

@@ -16,7 +16,7 @@ from tactape_fab import make
 from tactape_fab.kit import writer
 from tactape_fab.kit.render import preview
 from tactape_fab.verify import kit as verify_kit
-from tactape_fab.verify import layers
+from tactape_fab.verify import lands
 from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, run, show
 
 PARTS = 50_000
@@ -66,7 +66,7 @@ def test_large_kit_is_made_and_verified_within_a_minute(
     watch(make, "write_kit", "write")
     watch(make, "verify_folder", "verify --quick")
     watch(verify_kit, "read_gerber", "  gerbonara reads")
-    watch(layers, "nearest", "  nearest-neighbour search")
+    watch(lands, "nearest", "  nearest-neighbour search")
     whole = Timed(lambda: make.make_kit(large_spec(PARTS), tmp_path / "kit"))
 
     kit = run(benchmark, whole, rounds=1)

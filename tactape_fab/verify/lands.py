@@ -1,8 +1,8 @@
-"""Fabrication layers against the manifest and the CPL: counts, places, rotations, areas, outline and clearances."""
+"""Pads, paste and coverlay openings against the manifest and the CPL: counts, places, rotations, shapes, areas, names."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,8 @@ import shapely
 from tactape_fab.errors import Check
 from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent
-from tactape_fab.kit.shapes import area_mm2, axis_angle_deg, inset_mm, placed_outline, rotate
+from tactape_fab.kit.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
+from tactape_fab.profiles import LandPattern, read_land
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
@@ -19,32 +20,15 @@ from tactape_fab.verify.files import named
 PLACE_TOLERANCE_MM = 0.001
 ROTATION_TOLERANCE_DEG = 0.05
 AREA_TOLERANCE = 0.01
-OUTLINE_TOLERANCE_MM = 0.001
-EDGE_TOLERANCE_MM = 0.0005
 _PARTNER_TOLERANCE_MM = 0.1
-_ARC_POINTS = 512
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Land:
-    """A pair of lands as the manifest records it."""
-
-    size_mm: tuple[float, float]
-    corner_radius_mm: float
-    offset_mm: float
-
-    @property
-    def area_mm2(self) -> float:
-        """Exact area of one land with its rounded corners."""
-        return self.size_mm[0] * self.size_mm[1] - (4 - np.pi) * self.corner_radius_mm**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
     """What the manifest records of the lands, the openings and the limits they were made for."""
 
-    pads: Land
-    paste: Land
+    pads: LandPattern
+    paste: LandPattern
     expansion_mm: float
     pad_edge_mm: float
     body_edge_mm: float
@@ -55,18 +39,9 @@ def read_recorded(table: Fields) -> Recorded:
     lands = table.table("land_pattern")
     limits = table.table("fab").table("limits_mm")
 
-    def land(key: str) -> Land:
-        entry = lands.table(key)
-        size = entry.numbers("size_mm", 2, above=0.0, high=20.0)
-        return Land(
-            size_mm=(size[0], size[1]),
-            corner_radius_mm=entry.number("corner_radius_mm", low=0.0, high=min(size) / 2),
-            offset_mm=entry.number("offset_mm", above=0.0, high=20.0),
-        )
-
     return Recorded(
-        pads=land("pads"),
-        paste=land("paste"),
+        pads=read_land(lands.table("pads")),
+        paste=read_land(lands.table("paste")),
         expansion_mm=lands.number("opening_expansion_mm", low=0.0, high=1.0),
         pad_edge_mm=limits.number("pad-edge", low=0.0, high=100.0),
         body_edge_mm=limits.number("body-edge", low=0.0, high=100.0),
@@ -149,7 +124,7 @@ def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def check_lands(
-    name: str, content: GerberContent, pairs: LandPairs, land: Land, tape: Tape, cpl: CplContent, rows: shapely.STRtree
+    name: str, content: GerberContent, pairs: LandPairs, land: LandPattern, tape: Tape, cpl: CplContent, rows: shapely.STRtree
 ) -> list[Check]:
     """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation."""
     count = len(content.flash_xy_mm)
@@ -208,7 +183,13 @@ def _turn_deg(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _rotation_check(
-    name: str, content: GerberContent, land: Land, axis: FloatArray, rotation_deg: FloatArray, cpl: CplContent, row: IntArray
+    name: str,
+    content: GerberContent,
+    land: LandPattern,
+    axis: FloatArray,
+    rotation_deg: FloatArray,
+    cpl: CplContent,
+    row: IntArray,
 ) -> Check:
     pair_deg = np.degrees(np.arctan2(axis[:, 1], axis[:, 0]))
     turn = _turn_deg(pair_deg, rotation_deg)
@@ -226,7 +207,7 @@ def _rotation_check(
     return Check(name=f"{name} rotation", passed=not problems, message=message, figure=float(turn[worst]), unit="deg")
 
 
-def _outline_axis_deg(outline: FloatArray, land: Land) -> float | None:
+def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
     """Direction of an aperture's side that lies along the part, None where the land is square."""
     if abs(land.size_mm[0] - land.size_mm[1]) < 0.01:
         return None
@@ -290,98 +271,3 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
     size_mm = (2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm)
     checks.append(_shape_check(name, content.aperture_outlines_mm, placed_outline(size_mm, 0.0, tape.part.rotation_deg)))
     return checks
-
-
-def check_outline(content: GerberContent, tape: Tape) -> Check:
-    """One closed outline, as large and as round as the manifest says."""
-    board = tape.board
-    if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
-        return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
-    stroke = content.strokes_mm[0]
-    if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
-        return Check(name="profile", passed=False, message="the outline is not closed")
-    (width, height), radius = board.size_mm, board.corner_radius_mm
-    corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
-    core = shapely.MultiPoint(corners).convex_hull
-    expected = core.buffer(radius, quad_segs=_ARC_POINTS) if radius else core
-    drawn = shapely.Polygon(stroke)
-    if not drawn.is_valid:
-        return Check(name="profile", passed=False, message="the outline crosses itself")
-    error_mm = float(shapely.hausdorff_distance(drawn.exterior, expected.exterior))
-    passed = error_mm <= OUTLINE_TOLERANCE_MM
-    size = stroke.max(axis=0) - stroke.min(axis=0)
-    message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
-    return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
-
-
-def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
-    """Nothing outside the outline; copper and bodies as far inside as the recorded limits ask."""
-    board = tape.board
-
-    def inset(points: list[FloatArray]) -> float:
-        joined = np.concatenate(points) if points else np.empty((0, 2))
-        return float(inset_mm(joined, board.size_mm, board.corner_radius_mm).min()) if len(joined) else float("inf")
-
-    def drawn(content: GerberContent) -> list[FloatArray]:
-        stamps = [
-            (content.flash_xy_mm[content.flash_aperture == i, None] + outline).reshape(-1, 2)
-            for i, outline in enumerate(content.aperture_outlines_mm)
-        ]
-        return [*stamps, *content.areas_mm, *content.strokes_mm]
-
-    checks = []
-    half = np.array(tape.part.body_mm[:2]) / 2
-    bodies = [
-        (
-            cpl.xy_mm[cpl.rotation_deg == angle, None]
-            + rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), float(angle))
-        ).reshape(-1, 2)
-        for angle in np.unique(cpl.rotation_deg)
-    ]
-    cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
-    cases.insert(0, ("copper-top", drawn(layers["copper-top"]), recorded.pad_edge_mm))
-    cases.append(("bodies", bodies, recorded.body_edge_mm))
-    for role, points, limit_mm in cases:
-        value = inset(points)
-        passed = value >= limit_mm - EDGE_TOLERANCE_MM
-        message = f"{value:.3f} mm inside the outline" + ("" if passed else f", less than {limit_mm:g} mm")
-        checks.append(Check(name=f"{role} to edge", passed=passed, message=message, figure=value, unit="mm"))
-    return checks
-
-
-def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Check:
-    """The component layer names every part where the CPL has it."""
-    main = np.array([f.startswith("ComponentMain") for f in content.aperture_functions], dtype=bool)
-    is_centre = main[content.flash_aperture] if len(content.flash_aperture) else np.zeros(0, dtype=bool)
-    centres = content.flash_xy_mm[is_centre]
-    names = [name for name, keep in zip(content.flash_component, is_centre, strict=True) if keep]
-    if names != list(cpl.designators):
-        wrong = sorted(set(names) ^ set(cpl.designators))
-        return Check(
-            name="components-top", passed=False, message=f"its designators differ from the CPL's: {named(wrong) or 'their order'}"
-        )
-    error = np.hypot(*(centres - cpl.xy_mm).T)
-    far = np.flatnonzero(error > PLACE_TOLERANCE_MM)
-    figure = float(error.max(initial=0.0) * 1000)
-    message = (
-        f"{len(far)} parts are off the CPL: {named([f'{names[i]} by {error[i] * 1000:.1f} um' for i in far])}"
-        if len(far)
-        else f"{len(centres)} parts within {figure:.3f} um of the CPL"
-    )
-    return Check(name="components-top", passed=not len(far), message=message, figure=figure, unit="um")
-
-
-def check_drill(holes: FloatArray, tape: Tape) -> Check:
-    """The drill file has exactly the manifest's holes."""
-    expected, found = sorted(tape.board.holes), sorted((x, y, d) for x, y, d in holes.tolist())
-
-    def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
-        return all(max(abs(a - b) for a, b in zip(hole, other, strict=True)) > PLACE_TOLERANCE_MM for other in others)
-
-    missing = [f"({x:g}, {y:g}) d {d:g} mm is missing" for x, y, d in expected if apart((x, y, d), found)]
-    strange = [f"({x:g}, {y:g}) d {d:g} mm is not in the manifest" for x, y, d in found if apart((x, y, d), expected)]
-    problems = [*missing, *strange]
-    if not problems and len(found) != len(expected):
-        problems.append(f"{len(found)} holes where the manifest has {len(expected)}")
-    message = named(problems) or f"{len(found)} holes as in the manifest"
-    return Check(name="drill-npth", passed=not problems, message=message, figure=float(len(found)))
