@@ -71,7 +71,7 @@ def manifest(layout: Layout, spec: TapeSpec, fab: FabProfile, artifacts: Iterabl
         **layout.tape.to_mapping(),
         "fab": {"name": fab.name, **fab.thresholds()},
         "land_pattern": _land_pattern(layout.part, fab),
-        "spec": spec.to_mapping(),
+        "spec": {**spec.to_mapping(), "assembly": fab.assembly, "x2": fab.x2},
         "files": [
             {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
             for a in sorted(artifacts, key=lambda a: a.path)

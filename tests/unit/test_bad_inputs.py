@@ -81,7 +81,7 @@ OPTIONS = [
     Case("make --sector 7 --size 9000x50", USAGE, "9000.0 mm", "exceeds 5062.5 mm", "use --code anoto-6x6"),
     Case("make --sector 7 --size 5000x30", USAGE, "column 84 + 3328 columns", "exceed 3375", ORIGIN + " with column at most 47"),
     Case("make --sector 250 --size 4000x40", USAGE, "3000 + 2662", "exceed 3375", ORIGIN + " with column at most 713"),
-    Case("make --sector 7 --code anoto-6x6 --size 9000x9000", USAGE, "5995 x 5998", "4000000", "use a smaller --size"),
+    Case("make --sector 7 --code anoto-6x6 --size 9000x9000", USAGE, "5995 x 5998", "500000", "use a smaller --size"),
     Case("make --sector 7 --size 5x5", USAGE, "5 x 5 mm is too small", "needs 13 x 7.7 mm", "use a larger --size, or --tag none"),
     Case("make --sector 7 --size 5x5 --tag none", USAGE, "5 x 5 mm", "needs 7.7 x 7.7 mm", "use a larger --size"),
     Case("make --sector 7 --size 40x30 --w 10", USAGE, "40 x 30 mm", "at pitch 10 mm", "use a larger --size"),
