@@ -1,4 +1,4 @@
-"""Makes the table of numbers in the README. Run: python docs/make_numbers.py
+"""Prints the table of numbers in the README; with --write, writes it there. Run: python docs/make_numbers.py [--write]
 
 The last row is a time of the machine that ran this; the others are the same everywhere, and a test holds the README to them.
 """
@@ -27,7 +27,7 @@ def lasting_rows(kit: Kit) -> list[str]:
     assert windows is not None and places is not None and bridge.value is not None and bridge.limit is not None
     return [
         f"| parts on a {kit.tape.board.size_mm[0]:g} x {kit.tape.board.size_mm[1]:g} mm tape | {kit.tape.part_count} |",
-        f"| 4x4 windows read from the written copper that decode to their own place | {windows:.0f} of {windows:.0f} |",
+        f"| 4x4 windows of the written copper that decode, the right way up, to their place | {windows:.0f} of {windows:.0f} |",
         f"| largest distance of a written pad pair from its pick-and-place row | {places:.3f} µm |",
         f"| narrowest coverlay bridge, and the limit of `{kit.tape.part.name}` on `generic-fpc` | "
         f"{bridge.value:.3f} mm, {bridge.limit:.3f} mm |",
@@ -50,11 +50,13 @@ def main() -> None:
         kit = make_kit(TapeSpec(sector=7), Path(folder) / "tactape-s007")
         rows = [*lasting_rows(kit), f"| `make` with verification, whole process | {make_seconds(Path(folder)):.1f} s |"]
     table = "\n".join(["| | |", "|---|---|", *rows, ""])
+    sys.stdout.write(table)
+    if "--write" not in sys.argv[1:]:
+        return
     text = README.read_text(encoding="utf-8")
     head, rest = text.split(BEGIN)
     tail = rest.split(END)[1]
     README.write_text(f"{head}{BEGIN}{table}{END}{tail}", encoding="utf-8")
-    sys.stdout.write(table)
 
 
 if __name__ == "__main__":

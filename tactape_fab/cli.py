@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
@@ -92,7 +93,7 @@ _TAPE_OPTIONS = (
     _TapeOption(["--rotation"], "rotation_deg", _number, metavar="DEG", help="Rotation of every part.  [default: 45]"),
     _TapeOption(["--fab"], "fab", _same, metavar="PROFILE", help="Fab profile, or a .toml file.  [default: generic-fpc]"),
     _TapeOption(
-        ["--assembly"], "assembly", _same, metavar="generic|jlcpcb", help="Columns of CPL and BOM.  [default: the profile's]"
+        ["--assembly"], "assembly", _same, metavar="generic|jlcpcb", help="Columns of the BOM.  [default: the profile's]"
     ),
     _TapeOption(["--x2"], "x2", _same, metavar="full|comments|off", help="Gerber attributes.  [default: the profile's]"),
     _TapeOption(
@@ -188,7 +189,17 @@ def _echo_checks(checks: Sequence[Check]) -> None:
 # Commands
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+class _Group(click.Group):
+    """The group of commands; names of files may hold what an ASCII terminal cannot show."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")
+        return super().main(*args, **kwargs)
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="tactape-fab")
 def main() -> None:
     """Make tactile fiducial tapes that a PCB fab can build, and prove them from the written files."""
@@ -217,7 +228,7 @@ def make(spec_file: str | None, output: str | None, overwrite: bool, no_verify: 
             output,
             overwrite=overwrite,
             verify=not no_verify,
-            progress=lambda text: click.echo(f"{text} ...", err=True) if sys.stderr.isatty() else None,
+            progress=lambda text: click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None,
         )
         _echo_json(_kit_json(kit)) if as_json else _echo_kit(kit)
 
@@ -272,7 +283,7 @@ def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
 
 @main.command()
 @click.argument("kit")
-@click.option("--quick", is_flag=True, help="Only what the packages that are always installed can check.")
+@click.option("--quick", is_flag=True, help="Leave out the second tag detector.")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
 def verify(kit: str, quick: bool, as_json: bool) -> None:
     """Read a written kit back with software that is not ours, and decode it."""
@@ -287,6 +298,7 @@ def verify(kit: str, quick: bool, as_json: bool) -> None:
         else:
             _echo_checks(verification.checks)
         verification.raise_if_failed()
+        click.echo(f"verified: {len(verification.checks)} checks of the written files", err=True)
 
 
 if __name__ == "__main__":

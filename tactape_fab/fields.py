@@ -204,7 +204,9 @@ class Fields:
             wanted = "one of: " + ", ".join(choices) if choices else f"at most {longest} characters in quotes"
             self.problem(key, f"{key} = {shown(value)} is not a text; {remedy or f'give {wanted}'}")
         elif choices and value not in choices:
-            self.problem(key, f"{key} = {shown(value)} is none of: {', '.join(choices)}; {remedy or 'give one of them'}")
+            near = difflib.get_close_matches(value, choices, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else remedy or "give one of them"
+            self.problem(key, f"{key} = {shown(value)} is none of: {', '.join(choices)}; {hint}")
         elif pattern and not re.fullmatch(pattern, value):
             self.problem(key, f"{key} = {shown(value)} has a form that cannot be used; {remedy or pattern}")
         else:

@@ -27,6 +27,14 @@ from tactape_fab.verify import verify_folder
 
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
+_RESTS_ON = {
+    "displacement_mm": {"pitch_mm"},
+    "size_mm": {"pitch_mm", "displacement_mm", "code", "fab", "part", "rotation_deg", "tag_cell_mm", "corner_radius_mm"},
+    "origin": {"code", "sector", "size_mm", "pitch_mm"},
+    "corner_radius_mm": {"size_mm", "tag_cell_mm"},
+    "holes_mm": {"size_mm", "corner_radius_mm"},
+}
+"""What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,11 +96,16 @@ def examine(spec: TapeSpec) -> Examined:
     return Examined(spec=spec, fab=fab, layout=layout, findings=tuple(check(layout, fab)))
 
 
+def _root(key: str) -> str:
+    """The key of the spec that a problem's key belongs to."""
+    return re.split(r"[ .\[:]", key)[0]
+
+
 def examine_values(values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False) -> Examined:
     """Examine untrusted values, and the place that the kit is to take.
 
     A refusal lists everything: what is refused is set aside for its default and the rest is examined again, until
-    nothing new is found; broken design rules are listed as far as the remaining values show them.
+    nothing new is found; broken design rules are listed where the values that they measure were not refused.
 
     Raises
     ------
@@ -109,21 +122,24 @@ def examine_values(values: Mapping[str, Any], *, output: str | None = None, over
             raised.append(SpecError)
     findings: Sequence[Finding] = ()
     kept = dict(values)
+    set_aside: set[str] = set()
     while True:
         try:
             examined = examine(TapeSpec.from_mapping(kept))
         except SpecError as error:
-            new = [problem for problem in error.problems if problem not in problems]
+            new = [p for p in error.problems if p not in problems and not _RESTS_ON.get(_root(p.key), set()) & set_aside]
             if not new:
                 break
             problems += new
             raised.append(type(error))
-            refused = {re.split(r"[ .\[:]", problem.key)[0] for problem in new}
+            refused = {_root(problem.key) for problem in new}
+            set_aside |= refused
             kept = {"sector": 0, **{k: v for k, v in kept.items() if k in KEYS and k not in refused}}
         else:
             if not problems:
                 return examined
-            findings = [finding for finding in examined.findings if finding.blocks]
+            if not set_aside & {"pitch_mm", "displacement_mm", "rotation_deg", "part"}:
+                findings = [replace(finding, at_mm=None) for finding in examined.findings if finding.blocks]
             break
     raise (raised[0] if len(set(raised)) == 1 else SpecError)(problems, findings)
 
@@ -176,8 +192,12 @@ def make_examined(
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
     target = Path(examined.layout.tape.name if path is None else path)
-    _refuse_taken(target, overwrite=overwrite)
-    if any(finding.blocks for finding in examined.findings):
+    blocking = [finding for finding in examined.findings if finding.blocks]
+    try:
+        _refuse_taken(target, overwrite=overwrite)
+    except SpecError as error:
+        raise SpecError(error.problems, blocking) from None
+    if blocking:
         raise DesignRuleError(examined.findings)
     progress("rendering")
     artifacts = render_all(examined.layout, examined.fab)
@@ -229,6 +249,8 @@ def _refuse_taken(target: Path, *, overwrite: bool) -> None:
     except (OSError, ValueError) as error:  # a name that no system takes
         reason = getattr(error, "strerror", None) or error
         raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
+    if taken and (target.is_symlink() or not target.is_dir()):
+        raise SpecError(f"output = {target} exists and is not a folder; nothing was touched; use -o to name another folder")
     if taken and not overwrite:
         raise SpecError(f"output = {target} exists already; use --overwrite to replace a kit, or -o to name another folder")
     if taken:
@@ -238,8 +260,6 @@ def _refuse_taken(target: Path, *, overwrite: bool) -> None:
 def _refuse_foreign(target: Path) -> None:
     """Only a folder that is wholly ours may be replaced: our manifest, and no file that it does not list."""
     remedy = "nothing was touched; use -o to name another folder"
-    if target.is_symlink() or not target.is_dir():
-        raise SpecError(f"output = {target} is not a folder; {remedy}")
     try:
         content = read_manifest(target / MANIFEST_NAME)
     except SpecError as error:

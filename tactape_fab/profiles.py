@@ -35,6 +35,7 @@ LIMIT_IDS = (
 GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "components-top", "job")
 _PROFILE_BYTES = 1024 * 1024
 _LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+_COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
 _SOURCE_KEYS = ("level", "source", "date", "confirmed")
 _LAND_KEYS = ("size_mm", "corner_radius_mm", "offset_mm")
 _FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9._-]{1,99}"
@@ -228,6 +229,9 @@ def load_fab(name: str) -> FabProfile:
     names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
     for shared in sorted({n for n in names if names.count(n) > 1}):
         files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")
+    if colours.values.get("legend") in _COLOURS_ALIKE.get(str(colours.values.get("coverlay")), ()):
+        both = colours.values["legend"]
+        colours.problem("legend", f"legend = {both!r} on coverlay {both!r} cannot be seen, nor its tag; give another of the two")
     profile = FabProfile(
         name=table.text("name", longest=100),
         title=table.text("title"),

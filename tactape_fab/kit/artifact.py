@@ -6,11 +6,11 @@ import os
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from tactape_fab.errors import RenderError
+from tactape_fab.errors import SpecError
 
 EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
 """Date of every file where SOURCE_DATE_EPOCH is not set: the earliest that a zip can hold."""
-_LATEST = datetime(2107, 12, 31, tzinfo=UTC)
+ZIP_LATEST = datetime(2107, 12, 31, tzinfo=UTC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,19 +27,22 @@ def build_date() -> datetime:
 
     Raises
     ------
-    RenderError
-        When SOURCE_DATE_EPOCH is no whole number of seconds between 1980 and 2107, the reach of a zip's dates.
+    SpecError
+        When SOURCE_DATE_EPOCH is no whole number of seconds since 1970.
     """
     text = os.environ.get("SOURCE_DATE_EPOCH")
     if text is None:
         return EPOCH
     try:
-        date = datetime.fromtimestamp(int(text), tz=UTC)
+        seconds = int(text)
+        if seconds < 0:
+            raise ValueError
+        return datetime.fromtimestamp(seconds, tz=UTC)
     except (ValueError, OverflowError, OSError):
-        date = None
-    if date is None or not EPOCH <= date <= _LATEST:
-        raise RenderError(
-            f"SOURCE_DATE_EPOCH = {text[:40]!r} is no number of seconds between {EPOCH:%Y-%m-%d} and {_LATEST:%Y-%m-%d}; "
-            "correct it or unset it"
-        )
-    return date
+        message = f"SOURCE_DATE_EPOCH = {text[:40]!r} is no whole number of seconds since 1970; correct it or unset it"
+        raise SpecError(message) from None
+
+
+def zip_date() -> datetime:
+    """The build date, moved into what a zip can hold: 1980 to 2107."""
+    return min(max(build_date(), EPOCH), ZIP_LATEST)

@@ -19,13 +19,14 @@ _CHUNK = 2_000
 
 
 def project_id(tape: Tape) -> str:
-    """Value of .ProjectId (Gerber 2024.05 section 5.6.8): name, GUID, revision.
+    """Value of .ProjectId (Gerber 2024.05 section 5.6.8): name, GUID, revision."""
+    return f"{tape.name},{project_guid(tape)},{__version__}"
 
-    The GUID has the form of RFC 4122 version 4, and the tape alone decides its bits.
-    """
+
+def project_guid(tape: Tape) -> uuid.UUID:
+    """A GUID in the form of RFC 4122 version 4 whose bits the tape alone decides; also the tape's .SameCoordinates."""
     key = f"{tape.name}/{tape.code}/{tape.sector}/{tape.origin}/{tape.pitch_mm}/{tape.displacement_mm}/{tape.board}"
-    guid = uuid.UUID(bytes=hashlib.sha256(key.encode()).digest()[:16], version=4)
-    return f"{tape.name},{guid},{__version__}"
+    return uuid.UUID(bytes=hashlib.sha256(key.encode()).digest()[:16], version=4)
 
 
 class GerberText:
@@ -38,7 +39,7 @@ class GerberText:
         self._attribute(f"TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}")
         self._attribute(f"TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}")
         self._attribute(f"TF.ProjectId,{project_id(tape)}")
-        self._attribute(f"TF.SameCoordinates,{tape.name}")
+        self._attribute(f"TF.SameCoordinates,{project_guid(tape)}")
         self._attribute("TF.Part,Single")
         self._attribute(f"TF.FileFunction,{file_function}")
         self._attribute(f"TF.FilePolarity,{polarity}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -15,8 +16,8 @@ _CAP_UNITS = 21.0
 """Capital height of the Hershey simplex fonts in font units: cap line -12 to base line 9 (y down)."""
 _BASE_LINE = 9.0
 
-LINE_PITCH = 1.5
-"""Distance of two lines of text in capital heights."""
+LINE_PITCH = 1.65
+"""Distance of two lines of text in capital heights: a capital, the descender (a third of it), the ink and a gap."""
 ARROW_MM = 3.0
 ARROW_GAP_MM = 1.0
 
@@ -90,25 +91,20 @@ def _arrow() -> tuple[FloatArray, ...]:
 
 
 def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) -> tuple[list[str], list[str]]:
-    """Fill lines with fields in order, several to a line where they fit; what fits nowhere is left out."""
-    packed: list[str] = []
-    left_out: list[str] = []
-    for i, field in enumerate(fields):
-        joined = f"{packed[-1]}  {field}" if packed else field
-        scarce = len(fields) - i > lines - len(packed)
-        if packed and scarce and stroke_text(joined, cap_mm).width_mm <= length_mm:
-            packed[-1] = joined
-        elif len(packed) < lines and stroke_text(field, cap_mm).width_mm <= length_mm:
-            packed.append(field)
-        else:
-            left_out.append(field)
-    return packed, left_out
+    """Spread fields over lines in order, the longest line as short as can be; the last fields are left out until it fits."""
+    for kept in range(len(fields), 0, -1):
+        splits = combinations(range(1, kept), min(lines, kept) - 1)
+        spread = [["  ".join(fields[i:j]) for i, j in pairwise((0, *split, kept))] for split in splits]
+        best = min(spread, key=lambda texts: max(stroke_text(text, cap_mm).width_mm for text in texts))
+        if all(stroke_text(text, cap_mm).width_mm <= length_mm for text in best):
+            return best, list(fields[kept:])
+    return [], list(fields)
 
 
 def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tuple[float, float], cap_mm: float) -> Label:
     """Text that reads upward, and above it an arrow that points to board +y.
 
-    Text goes before the arrow where there is no room for both.
+    Where there is no room for both, the arrow costs one field of text at most.
 
     Parameters
     ----------
@@ -124,7 +120,7 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
     low, high = y_mm
     beside_arrow = _pack(fields, lines, high - low - ARROW_MM - ARROW_GAP_MM, cap_mm)
     alone = _pack(fields, lines, high - low, cap_mm)
-    has_arrow = len(beside_arrow[1]) <= len(alone[1]) and high - low >= ARROW_MM
+    has_arrow = len(beside_arrow[1]) <= len(alone[1]) + 1 and high - low >= ARROW_MM
     packed, left_out = beside_arrow if has_arrow else alone
     strokes: list[FloatArray] = []
     middle = (x_mm[0] + x_mm[1]) / 2

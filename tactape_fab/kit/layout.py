@@ -14,6 +14,7 @@ from tactape_fab.kit.shapes import outline_corner_points, rounded_rectangle
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tag import SIDE_CELLS, tag_ink
 from tactape_fab.profiles import FabProfile, PartProfile
+from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.tape import Tape
 
@@ -134,7 +135,7 @@ def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Label:
     return compose_label(
         [
             tape.name,
-            f"sector {tape.sector}",
+            f"sector {tape.sector}" + ("" if tape.code == DEFAULT_CODE else f" of {tape.code}"),
             f"{tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
             f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
         ],

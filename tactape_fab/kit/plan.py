@@ -87,7 +87,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
     code = get_code(spec.code)
     outlines = part_outlines(part, fab, spec.rotation_deg)
     grid = _grid(spec.size_mm, spec, outlines, fab)
-    problems = [*_size_problems(spec, code, grid, outlines, fab), *_tag_problems(spec, fab)]
+    problems = list(_size_problems(spec, code, grid, outlines, fab)) or list(_tag_problems(spec, fab))
     beyond = list(_reach_problems(spec, code, grid))
     if problems or beyond:
         raise (SpecError if problems else CapacityError)([*problems, *beyond])
@@ -200,11 +200,7 @@ def _tag_problems(spec: TapeSpec, fab: FabProfile) -> Iterator[Problem]:
     if spec.tag_id is None:
         return
     ring = np.array(_tag_centre_mm(spec)) + SIDE_CELLS * spec.tag_cell_mm / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    size_mm = (
-        max(spec.size_mm[0], float(ring.max())),
-        max(spec.size_mm[1], _strip_height_mm(spec)),
-    )  # too small is said elsewhere
-    if inset_mm(ring, size_mm, spec.corner_radius_mm).min() < fab.legend.edge_mm - TOLERANCE_MM:
+    if inset_mm(ring, spec.size_mm, spec.corner_radius_mm).min() < fab.legend.edge_mm - TOLERANCE_MM:
         yield Problem(
             "corner_radius_mm",
             f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} "

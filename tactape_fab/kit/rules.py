@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -108,9 +109,13 @@ def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         i = int(np.argmin(gaps))
         return float(gaps[i]), (float(places[i, 0]), float(places[i, 1]))
 
+    between_own = gap_mm(outlines.pad, (outlines.pad_xy[1] - outlines.pad_xy[0])[None])
     lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
-    wider = "use a larger --w or a smaller --delta"
+    wider = "use a larger --w or a smaller --delta" + ("" if tape.part.rotation_deg % 90 == 45 else ", or --rotation 45")
     yield _finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
+    own = (float(between_own[0]), None)
+    pair = _finding(fab, "pad-pad", own, "gap between the two pads of a part", "use a part whose pads lie further apart")
+    yield replace(pair, rule="pad-pair")
     yield _finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
     yield _finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
     yield _finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
@@ -183,7 +188,7 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
             level="warn",
             passed=False,
             unit="",
-            message=f"the strip has no room for {', '.join(legend.left_out)}; use a larger --size or --tag-cell",
+            message=f"the strip has no room for {', '.join(legend.left_out)}; use a larger --size or a shorter --name",
         )
 
 

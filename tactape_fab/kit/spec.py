@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from math import isnan
+from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +152,8 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     """All values in their final form, and all problems."""
     table = Fields({key: value for key, value in raw.items() if value is not None})
     code = get_code(table.text("code", choices=CODE_NAMES, default=DEFAULT_CODE))
+    if table.problems:  # an unknown code: judge the sector by the code that has most
+        code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
     sector = table.integer(
         "sector",
         low=0,
@@ -168,14 +170,19 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
         "size_mm": _size(table, pitch_mm, code.name, code.range),
         "origin": _origin(table, code.name, sector, code.range),
         "tag_cell_mm": _snapped(table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=0.5)),
-        "rotation_deg": table.number("rotation_deg", low=0.0, below=360.0, unit="deg", default=45.0),
+        "rotation_deg": table.number("rotation_deg", low=-360.0, high=360.0, unit="deg", default=45.0) % 360.0,
         "tag": table.text("tag", choices=TAG_MODES, default="none"),
         "part": _profile_name(table, "part", "parts"),
         "fab": _profile_name(table, "fab", "fabs"),
     }
     values["tag_id"] = _tag_id(table, values["tag"], sector)
     values["corner_radius_mm"] = _snapped(
-        table.number("corner_radius_mm", low=0.0, high=min(values["size_mm"]) / 2, remedy="half the shorter side at most")
+        table.number(
+            "corner_radius_mm",
+            low=0.0,
+            high=LONGEST_MM if _refused(table, "size_mm") else min(values["size_mm"]) / 2,
+            remedy="half the shorter side at most",
+        )
     )
     values["holes_mm"] = _holes(table, values["size_mm"])
     for key, choices in (("assembly", ASSEMBLY_FORMATS), ("x2", X2_MODES)):
@@ -186,6 +193,11 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
         else f"tactape-s{sector:03d}"
     )
     return values, table.problems
+
+
+def _refused(table: Fields, key: str) -> bool:
+    """Whether a value was refused before: what rests on it cannot be judged."""
+    return any(problem.key.startswith(key) for problem in table.problems)
 
 
 def _snapped(value_mm: float) -> float:
@@ -206,7 +218,7 @@ def _displacement(table: Fields, pitch_mm: float) -> float:
         table.number(
             "displacement_mm",
             low=LEAST_DISPLACEMENT_MM,
-            below=pitch_mm / 2,
+            below=inf if _refused(table, "pitch_mm") else pitch_mm / 2,
             remedy=f"{remedy}, usually {usual:g}",
             default=usual,
         )
@@ -217,7 +229,7 @@ def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tu
     width, height = table.numbers(
         "size_mm", 2, above=0.0, high=LONGEST_MM, remedy="give WIDTHxHEIGHT in millimetres, such as 100x50", default=(100.0, 50.0)
     )
-    reach_mm = code_range * pitch_mm
+    reach_mm = inf if _refused(table, "pitch_mm") else code_range * pitch_mm
     code = _code_of_reach(max(width, height) / pitch_mm)
     larger = f"use --code {code} or a smaller tape" if code else "use a smaller tape"
     for i, side_mm in enumerate((width, height)):
@@ -275,7 +287,9 @@ def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, fl
         x, y, d = Fields({key: hole}, "", table.problems).numbers(
             key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm"
         )
-        if x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
+        if _refused(table, "size_mm"):
+            pass
+        elif x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
             table.problem(
                 key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm; move it"
             )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab import __version__
-from tactape_fab.kit.artifact import Artifact, build_date
+from tactape_fab.kit.artifact import Artifact, zip_date
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.render.assembly import render_bom, render_cpl
 from tactape_fab.kit.render.components import render_components
@@ -52,7 +52,7 @@ def render_all(layout: Layout, fab: FabProfile) -> list[Artifact]:
 def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
     """The zip with fixed dates and order, the same bytes every time."""
     stream = io.BytesIO()
-    date = build_date()
+    date = zip_date()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for artifact in sorted((a for a in artifacts if a.role in FAB_ZIP_ROLES), key=lambda a: a.path):
             entry = zipfile.ZipInfo(artifact.path.rsplit("/", 1)[-1], date.timetuple()[:6])

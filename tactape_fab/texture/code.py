@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import prod
+from numbers import Integral
 
 import numpy as np
 import numpy.typing as npt
@@ -153,6 +154,10 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
         When the code is unknown or the sector out of its range.
     """
     of = get_code(code)
+    given: object = sector
+    if isinstance(given, bool) or not isinstance(given, Integral):
+        raise SpecError(Problem("sector", f"sector = {given!r} is not a whole number; give one from 0 to {of.sectors - 1}"))
+    sector = int(given)
     if not 0 <= sector < of.sectors:
         raise SpecError(Problem("sector", f"sector = {sector} is outside 0 to {of.sectors - 1} of code '{code}'"))
     return of.origin_stride * sector, of.origin_stride * (17 * sector % of.sectors)

@@ -17,7 +17,7 @@ from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded
 
 OUTLINE_TOLERANCE_MM = 0.001
 EDGE_TOLERANCE_MM = 0.0005
-_ARC_POINTS = 512
+_ARC_POINTS = 2048
 
 
 def check_outline(content: GerberContent, tape: Tape) -> Check:
@@ -75,6 +75,27 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
         message = f"{value:.3f} mm inside the outline" + ("" if passed else f", less than {limit_mm:g} mm")
         checks.append(Check(name=f"{role} to edge", passed=passed, message=message, figure=value, unit="mm"))
     return checks
+
+
+def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:
+    """Ink stays as far from every coverlay opening as the recorded limit asks."""
+    strokes = [
+        shapely.LineString(stroke).buffer(width / 2) if len(stroke) > 1 else shapely.Point(stroke[0]).buffer(width / 2)
+        for stroke, width in zip(legend.strokes_mm, legend.stroke_width_mm.tolist(), strict=True)
+    ]
+    ink = shapely.union_all([*(shapely.make_valid(shapely.Polygon(area)) for area in legend.areas_mm), *strokes])
+    outlines = [coverlay.aperture_outlines_mm[i] for i in coverlay.flash_aperture]
+    bounds = shapely.bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
+    near = [
+        shapely.Polygon(outline + xy)
+        for xy, outline in zip(coverlay.flash_xy_mm, outlines, strict=True)
+        if bounds[0] <= xy[0] <= bounds[2] and bounds[1] <= xy[1] <= bounds[3]
+    ]
+    value = float(shapely.distance(ink, near).min()) if near else float("inf")
+    passed = value >= recorded.opening_legend_mm - EDGE_TOLERANCE_MM
+    message = f"{value:.3f} mm from the nearest opening" if near else "far from every opening"
+    limit = "" if passed else f", less than {recorded.opening_legend_mm:g} mm"
+    return Check(name="legend-top to openings", passed=passed, message=message + limit, figure=value, unit="mm")
 
 
 def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Check:

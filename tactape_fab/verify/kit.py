@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
 from tactape_fab.verify.assembly import check_bom, check_cpl
-from tactape_fab.verify.board import check_components, check_drill, check_edges, check_outline
+from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
 from tactape_fab.verify.files import (
     WrittenFile,
     check_job,
@@ -47,6 +48,8 @@ FILE_FUNCTIONS = {
 }
 """Function and polarity that a file of each role gives itself in its attributes."""
 
+
+REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
 
 T = TypeVar("T")
 
@@ -139,7 +142,7 @@ def _check_content(
             layers[role] = content
     cpl = _read("cpl", read_cpl, files, checks)
     holes = _read("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
-    checks.append(_check_attributes(layers, files))
+    checks.append(_check_attributes(layers, files, manifest["spec"].get("x2")))
     if "profile" in layers:
         checks.append(check_outline(layers["profile"], tape))
     if holes is not None:
@@ -177,16 +180,29 @@ def _check_layers_with_cpl(
         checks.append(check_components(layers["components-top"], tape, cpl))
     if "copper-top" in layers:
         checks += check_edges(layers, recorded, tape, cpl)
+    if "legend-top" in layers and "coverlay-top" in layers:
+        checks.append(check_legend_clear(layers["legend-top"], layers["coverlay-top"], recorded))
     return checks
 
 
-def _check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile]) -> Check:
-    """File functions are the roles', and signatures fit, wherever a file carries attributes."""
+def _check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile], x2: object) -> Check:
+    """Attributes are there as the manifest's ``spec.x2`` says; functions are the roles', one origin, signatures fit."""
     problems = [problem for role in layers if (problem := check_signature(role, files[role].data)) is not None]
+    origins = set()
     for role, content in layers.items():
+        mode = "full" if role == "components-top" else x2
+        start = {"full": b"%TF.", "comments": b"G04 #@! TF."}.get(str(mode))
+        if start is not None:
+            missing = [n for n in REQUIRED_ATTRIBUTES if start + n.encode() not in files[role].data]
+            problems += [f"{role} has no .{name}" for name in missing]
+            origins.add(re.search(rb"TF\.SameCoordinates,([^*]*)\*", files[role].data))
+        if mode == "full" and role == "copper-top" and not all(content.flash_component):
+            problems.append("copper-top has pads without .P")
         for attribute, expected in zip(("FileFunction", "FilePolarity"), FILE_FUNCTIONS[role], strict=True):
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
+    if len({match[1] for match in origins if match is not None}) > 1:
+        problems.append("the layers have different .SameCoordinates")
     message = named(problems) if problems else "file functions as the roles, MD5 signatures right"
     return Check(name="attributes", passed=not problems, message=message)

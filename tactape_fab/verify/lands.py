@@ -32,6 +32,7 @@ class Recorded:
     expansion_mm: float
     pad_edge_mm: float
     body_edge_mm: float
+    opening_legend_mm: float
 
 
 def read_recorded(table: Fields) -> Recorded:
@@ -45,6 +46,7 @@ def read_recorded(table: Fields) -> Recorded:
         expansion_mm=lands.number("opening_expansion_mm", low=0.0, high=1.0),
         pad_edge_mm=limits.number("pad-edge", low=0.0, high=100.0),
         body_edge_mm=limits.number("body-edge", low=0.0, high=100.0),
+        opening_legend_mm=limits.number("opening-legend", low=0.0, high=100.0),
     )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
+from functools import cache
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +68,9 @@ def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_
     checks = [_judge("tag by OpenCV", tape.tag, _read_opencv(image))]
     if with_pupil and find_spec("pupil_apriltags") is not None:
         checks.append(_judge("tag by pupil-apriltags", tape.tag, _read_pupil(image)))
+    elif with_pupil:
+        missing = "not installed; install the extra 'verify' for a second detector"
+        checks.append(Check(name="tag by pupil-apriltags", passed=False, warning=True, message=missing))
     return checks
 
 
@@ -87,11 +93,22 @@ def _read_opencv(image: GrayImage) -> list[Reading]:
     ]
 
 
-def _read_pupil(image: GrayImage) -> list[Reading]:
+@cache
+def pupil_detector() -> Any:
+    """The one pupil-apriltags detector of this process.
+
+    It is never destroyed: its destructor frees the tag family before the detector that still points to it, which
+    corrupts the heap (pupil-apriltags 1.0.4).
+    """
     from pupil_apriltags import Detector
 
     detector = Detector(families="tag36h11", nthreads=1)
-    found = detector.detect(image)
+    atexit.register(setattr, detector, "tag_detector_ptr", None)  # without a pointer the destructor does nothing
+    return detector
+
+
+def _read_pupil(image: GrayImage) -> list[Reading]:
+    found = pupil_detector().detect(image)
     return [(int(d.tag_id), np.asarray(d.corners, dtype=np.float64)) for d in found if d.hamming == 0]
 
 

@@ -60,10 +60,11 @@ def test_every_copper_flash_names_its_part_and_pin_in_order(kits: dict[str, Kit]
 def test_file_attributes_say_what_the_layer_is(kits: dict[str, Kit], layer: str) -> None:
     function, polarity, _ = _FUNCTIONS[layer]
     attributes = dict(_read(kits["full"], layer).file_attrs)
-    attributes.pop(".ProjectId"), attributes.pop(".CreationDate"), attributes.pop(".MD5")
+    _, guid, _ = attributes.pop(".ProjectId")
+    attributes.pop(".CreationDate"), attributes.pop(".MD5")
     assert attributes == {
         ".GenerationSoftware": ("tactape-fab", "tactape-fab", __version__),
-        ".SameCoordinates": ("t3",),
+        ".SameCoordinates": (guid,),
         ".Part": ("Single",),
         ".FileFunction": function,
         ".FilePolarity": (polarity,),

@@ -11,6 +11,7 @@ import pytest
 from cv2 import aruco
 
 from tactape_fab import TapeSpec, make_kit
+from tactape_fab.verify.legend import pupil_detector
 from tests.readers.conftest import layout_of
 from tests.readers.pictures import GrayImage, gerbv_image
 from tests.readers.raster import board_window
@@ -29,9 +30,7 @@ def _yaw_deg(left_px: np.ndarray, right_px: np.ndarray) -> float:
 
 def _read_pupil(image: GrayImage) -> list[Reading]:
     """By AprilRobotics' own corner order: the lower edge runs from corner 0 to corner 1."""
-    from pupil_apriltags import Detector
-
-    found = Detector(families="tag36h11", nthreads=1).detect(np.ascontiguousarray(image))
+    found = pupil_detector().detect(np.ascontiguousarray(image))
     return [(d.tag_id, _yaw_deg(d.corners[0], d.corners[1])) for d in found if d.hamming == 0]
 
 

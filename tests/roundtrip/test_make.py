@@ -112,6 +112,14 @@ def test_no_file_holds_today_s_date_or_the_place_of_the_kit(small_kit: Kit) -> N
             assert not [mark for mark in marks if mark in data and mark != b"/"], path
 
 
+def test_dates_before_a_zip_can_hold_them_stand_in_the_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    kit = make_kit(TapeSpec(sector=1, size_mm=(20, 20)), tmp_path / "kit")
+    assert b"TF.CreationDate,1970-01-01T00:00:00+00:00*" in (kit.path / kit.files["copper-top"]).read_bytes()
+    with zipfile.ZipFile(kit.path / kit.files["fab-zip"]) as archive:
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
 def test_source_date_epoch_changes_the_dates_and_nothing_else(
     tmp_path: Path, small_kit: Kit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,7 +22,7 @@ from tactape_fab.profiles import templates_folder
 PROGRAM = (sys.executable, "-m", "tactape_fab.cli")
 HEAVY = {"build123d", "OCP", "trimesh"}
 RULES = {
-    "pad-pad", "body-body", "courtyard", "opening-bridge", "opening-size", "pad-edge", "body-edge", "opening-edge",
+    "pad-pad", "pad-pair", "body-body", "courtyard", "opening-bridge", "opening-size", "pad-edge", "body-edge", "opening-edge",
     "opening-legend", "hole-legend", "hole-edge", "hole-size", "hole-hole", "hole-copper", "hole-part", "size",
 }  # fmt: skip
 FINDING_KEYS = {"rule", "level", "passed", "message", "value", "limit", "unit", "at_mm", "source"}

@@ -233,6 +233,7 @@ def test_figures_of_the_main_job() -> None:
     findings = findings_of(examine(TapeSpec(sector=7)))
     assert findings["body-body"].value == pytest.approx(0.385, abs=0.0005)
     assert findings["pad-pad"].value == pytest.approx(0.307, abs=0.0005)
+    assert findings["pad-pair"].value == pytest.approx(0.180, abs=0.0005)
     assert findings["courtyard"].value == pytest.approx(0.007, abs=0.0005)
     assert findings["opening-bridge"].value == pytest.approx(0.207, abs=0.0005)
     assert findings["opening-size"].value == pytest.approx(0.5, abs=1e-6)
@@ -245,6 +246,7 @@ def test_limits_are_those_of_the_generic_profile() -> None:
     limits = {rule: (finding.limit, finding.level) for rule, finding in findings.items()}
     assert limits == {
         "pad-pad": (0.10, "block"),
+        "pad-pair": (0.10, "block"),
         "body-body": (0.15, "block"),
         "courtyard": (0.0, "warn"),
         "opening-bridge": (0.20, "block"),

@@ -12,6 +12,7 @@ import pytest
 import shapely
 
 from tactape_fab.kit.tag import LEAST_CELL_MM, Ink, tag_cells, tag_ink
+from tactape_fab.verify.legend import pupil_detector
 
 IDS = range(587)
 SAMPLE = [0, 1, 7, 100, 255, 300, 444, 586]
@@ -77,9 +78,7 @@ def picture(tag_id: int, *, light: bool, cell_mm: float = 0.5, bleed_mm: float =
 
 def read_by_pupil(image: Image) -> list[tuple[int, int, npt.NDArray[np.float64]]]:
     """Id, hamming distance and corners, lower left first, counter-clockwise as seen."""
-    from pupil_apriltags import Detector
-
-    found = Detector(families="tag36h11", nthreads=1).detect(image)
+    found = pupil_detector().detect(image)
     return [(int(d.tag_id), int(d.hamming), np.asarray(d.corners)) for d in found]
 
 

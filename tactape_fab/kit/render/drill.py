@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tactape_fab import __version__
 from tactape_fab.kit.artifact import Artifact, build_date
+from tactape_fab.kit.gerber_text import project_guid
 from tactape_fab.kit.layout import Layout
 from tactape_fab.profiles import FabProfile
 
@@ -18,7 +19,7 @@ def render_drill(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
         "M48",
         f"; #@! TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}",
         f"; #@! TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}",
-        f"; #@! TF.SameCoordinates,{layout.tape.name}",
+        f"; #@! TF.SameCoordinates,{project_guid(layout.tape)}",
         "; #@! TF.Part,Single",
         "; #@! TF.FileFunction,NonPlated,1,1,NPTH",
         "METRIC",

@@ -18,6 +18,8 @@ from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_te
 MARGIN_MM = 2.0
 PX_PER_MM = 20.0
 MOST_PX = 6000
+OVERSAMPLING = 3
+EDGE_MM = 0.1
 _TERMINAL_SHARE = 0.2
 _SUB_PIXEL_BITS = 4
 
@@ -153,7 +155,7 @@ def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
         f"<title>{name}</title>",
     ]
     for shape in shapes:
-        edge = f' stroke="{shape.edge}" stroke-width="0.1"' if shape.edge else ""
+        edge = f' stroke="{shape.edge}" stroke-width="{EDGE_MM}"' if shape.edge else ""
         lines.append(f'<g id="{shape.name}" fill="{shape.colour}"{edge}>')
         for i, (outline, xy) in enumerate(shape.stamps):
             lines += _stamp_uses(_down(outline), _down(xy), f"{shape.name}-{i}")
@@ -181,27 +183,34 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
 
     extent_mm = size_mm + 2 * MARGIN_MM
     px_per_mm = min(PX_PER_MM, MOST_PX / float(extent_mm.max()))
+    finer = max(1, min(OVERSAMPLING, int(MOST_PX / (float(extent_mm.max()) * px_per_mm))))
     width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
-    image = np.full((height, width, 3), _bgr(_BACKGROUND), dtype=np.uint8)
+    image = np.full((height * finer, width * finer, 3), _bgr(_BACKGROUND), dtype=np.uint8)
     one = 1 << _SUB_PIXEL_BITS
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
         upper_left_mm = (-MARGIN_MM, float(size_mm[1]) + MARGIN_MM)
-        fixed: npt.NDArray[np.int32] = np.rint(board_to_picture(points_mm, upper_left_mm, px_per_mm) * one).astype(np.int32)
+        fixed: npt.NDArray[np.int32] = np.rint(board_to_picture(points_mm, upper_left_mm, px_per_mm * finer) * one).astype(
+            np.int32
+        )
         return fixed
+
+    def line_px(width_mm: float) -> int:
+        return max(round(width_mm * px_per_mm * finer), 1)
 
     for shape in shapes:
         colour = _bgr(shape.colour)
         for outline, xy in shape.stamps:
             for polygon in px(xy[:, None] + outline):
-                cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_AA, _SUB_PIXEL_BITS)
+                cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_8, _SUB_PIXEL_BITS)
         for polygon in shape.polygons:
-            cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_AA, _SUB_PIXEL_BITS)
+            cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_8, _SUB_PIXEL_BITS)
             if shape.edge:
-                cv2.polylines(image, [px(polygon)], True, _bgr(shape.edge), 2, cv2.LINE_AA, _SUB_PIXEL_BITS)
-        thickness = max(round(shape.line_mm * px_per_mm), 1)
+                cv2.polylines(image, [px(polygon)], True, _bgr(shape.edge), line_px(EDGE_MM), cv2.LINE_8, _SUB_PIXEL_BITS)
         for line in shape.lines:
-            cv2.polylines(image, [px(line)], False, colour, thickness, cv2.LINE_AA, _SUB_PIXEL_BITS)
+            cv2.polylines(image, [px(line)], False, colour, line_px(shape.line_mm), cv2.LINE_8, _SUB_PIXEL_BITS)
+    if finer > 1:
+        image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     written, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
     if not written:
         raise RenderError("the preview picture could not be encoded as PNG")
