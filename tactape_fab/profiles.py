@@ -149,7 +149,6 @@ class PartProfile:
     footprint: str
     body_mm: tuple[float, float, float]
     body_tolerance_mm: float
-    terminal_mm: float
     pads: LandPattern
     paste: LandPattern
     courtyard_mm: tuple[float, float]
@@ -289,7 +288,7 @@ def load_part(name: str) -> PartProfile:
     """
     table = _profile_table("parts", "part", name)
     table.refuse_unknown(("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard"))
-    body = table.table("body", ("size_mm", "tolerance_mm", "terminal_mm"))
+    body = table.table("body", ("size_mm", "tolerance_mm"))
     length, width, height = body.numbers("size_mm", 3, above=0.0, high=20.0)
     courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, above=0.0, high=40.0)
     profile = PartProfile(
@@ -300,7 +299,6 @@ def load_part(name: str) -> PartProfile:
         footprint=_attribute_text(table, "footprint"),
         body_mm=(length, width, height),
         body_tolerance_mm=body.number("tolerance_mm", low=0.0, high=1.0),
-        terminal_mm=body.number("terminal_mm", low=0.0, high=length / 2),
         pads=read_land(table.table("pads", _LAND_KEYS)),
         paste=read_land(table.table("paste", _LAND_KEYS)),
         courtyard_mm=(courtyard[0], courtyard[1]),
