@@ -18,6 +18,7 @@ from tactape_fab import __version__
 from tactape_fab.errors import Check, DesignRuleError, Finding, SpecError, TactapeError, VerifyError
 
 if TYPE_CHECKING:
+    from tactape_fab.emboss import Embossed
     from tactape_fab.make import Examined, Kit
 
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
@@ -73,6 +74,10 @@ def _same(text: str) -> str:
     return text
 
 
+def _off(given: bool) -> bool:
+    return not given
+
+
 _TAPE_OPTIONS = (
     _TapeOption(["--sector"], "sector", _number, metavar="N", help="Sector of the code that the tape shows. Required."),
     _TapeOption(["--w"], "pitch_mm", _length, metavar="MM", help="Grid pitch W.  [default: 1.5]"),
@@ -89,9 +94,24 @@ _TAPE_OPTIONS = (
     _TapeOption(["--tag"], "tag", _same, metavar="strip|none", help="Strip with AprilTag and label, or none.  [default: strip]"),
     _TapeOption(["--tag-id"], "tag_id", _number, metavar="ID", help="Id of the AprilTag.  [default: the sector]"),
     _TapeOption(["--tag-cell"], "tag_cell_mm", _length, metavar="MM", help="Side of a cell of the AprilTag.  [default: 0.5]"),
-    _TapeOption(["--part"], "part", _same, metavar="NAME", help="Part profile, or a .toml file.  [default: r0201]"),
+    _TapeOption(
+        ["--part"],
+        "part",
+        _same,
+        metavar="NAME",
+        help="Part profile, or a .toml file; block, dome, cone are for printing and milling.  [default: r0201]",
+    ),
+    _TapeOption(["--body"], "body_mm", _size, metavar="LxWxH", help="Size of block, dome or cone; of the round ones DxH."),
+    _TapeOption(["--dome-top"], "dome_top_mm", _length, metavar="MM", help="Diameter of a dome's flat top."),
     _TapeOption(["--rotation"], "rotation_deg", _number, metavar="DEG", help="Rotation of every part.  [default: 45]"),
     _TapeOption(["--fab"], "fab", _same, metavar="PROFILE", help="Fab profile, or a .toml file.  [default: generic-fpc]"),
+    _TapeOption(
+        ["--process"],
+        "process",
+        _same,
+        metavar="sla|fdm|cnc",
+        help="How the models are made, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
+    ),
     _TapeOption(
         ["--assembly"], "assembly", _same, metavar="generic|jlcpcb", help="Columns of the BOM.  [default: the profile's]"
     ),
@@ -103,6 +123,19 @@ _TAPE_OPTIONS = (
     _TapeOption(
         ["--name"], "name", _same, metavar="NAME", help="Name of the tape and its files.  [default: tactape-s007 for sector 7]"
     ),
+    _TapeOption(["--base"], "base_mm", _length, metavar="MM", help="Base of the solid models.  [default: 0.8]"),
+    _TapeOption(["--negative"], "negative", bool, is_flag=True, help="Solid models of the mould, whose cast is the texture."),
+    _TapeOption(["--top"], "top", _same, metavar="tiles|single", help="Top face in the STEP solid.  [default: tiles]"),
+    _TapeOption(["--cylinder"], "cylinder_mm", _length, metavar="R", help="Wrap the solid models round a radius, mm."),
+    _TapeOption(["--around"], "around", _same, metavar="x|y", help="Board axis that goes round the cylinder.  [default: x]"),
+    _TapeOption(
+        ["--shell"],
+        "shell",
+        _same,
+        metavar="segment|whole",
+        help="Base of a cylinder: the tape's, or closed.  [default: segment]",
+    ),
+    _TapeOption(["--no-3d"], "models", _off, is_flag=True, help="Leave the 3D models out."),
 )
 
 
@@ -119,7 +152,9 @@ def _examined(spec_file: str | None, options: dict[str, Any], *, output: str | N
     from tactape_fab.make import examine_values
 
     values = read_spec_file(Path(spec_file)) if spec_file is not None else {}
-    given = {o.name: o.read(options[o.name]) for o in _TAPE_OPTIONS if o.name is not None and options[o.name] not in (None, ())}
+    given = {
+        o.name: o.read(options[o.name]) for o in _TAPE_OPTIONS if o.name is not None and options[o.name] not in (None, (), False)
+    }
     return examine_values({**values, **given}, output=output, overwrite=overwrite)
 
 
@@ -212,10 +247,11 @@ def main() -> None:
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def make(spec_file: str | None, output: str | None, overwrite: bool, no_verify: bool, as_json: bool, **options: Any) -> None:
-    """Write a tape's kit: everything that fab and assembly line need, verified from the written files.
+    """Write a tape's kit: everything that fab and assembly line need, or printer and mill, verified from the written files.
 
     \b
-    Example: tactape-fab make --sector 7 --w 1.5 --delta 0.25
+    Examples: tactape-fab make --sector 7 --w 1.5 --delta 0.25
+              tactape-fab make --sector 7 --part dome --process sla
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a polite end leaves nothing behind
     with _answers():
@@ -250,6 +286,15 @@ def _kit_json(kit: Kit) -> dict[str, Any]:
     }
 
 
+_PURPOSES = (
+    ("for the fab", ("fab-zip",)),
+    ("for assembly", ("cpl", "bom")),
+    ("for CAD and milling", ("step-assembly", "step-solid")),
+    ("for printing", ("stl", "3mf")),
+)
+"""What a user does with which files, in the order in which make names them."""
+
+
 def _echo_kit(kit: Kit) -> None:
     tape = kit.tape
     width, height = tape.board.size_mm
@@ -261,15 +306,17 @@ def _echo_kit(kit: Kit) -> None:
         f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm"
     )
     click.echo(f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified")
-    click.echo(f"for the fab: {kit.path / kit.files['fab-zip']}")
-    click.echo(f"for assembly: {kit.path / kit.files['cpl']}, {kit.path / kit.files['bom']}")
+    for purpose, roles in _PURPOSES:
+        paths = [str(kit.path / kit.files[role]) for role in roles if role in kit.files]
+        if paths:
+            click.echo(f"{purpose}: {', '.join(paths)}")
 
 
 @_tape_options
 @main.command()
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
-    """Measure a tape against the design rules of its fab; nothing is written."""
+    """Measure a tape against the design rules of its fab or process; nothing is written."""
     with _answers():
         findings = _examined(spec_file, options).findings
         if as_json:
@@ -283,7 +330,70 @@ def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
 
 @main.command()
 @click.argument("kit")
-@click.option("--quick", is_flag=True, help="Leave out the second tag detector.")
+@click.argument("surface")
+@click.option("--at", metavar="X,Y,Z", help="Point of the surface under the middle of the texture, mm.")
+@click.option("--up", metavar="X,Y,Z", help="Direction of board +y there.  [default: +z, or +y on a level surface]")
+@click.option("--face", metavar="N", help="Face of a STEP solid, from 0.  [default: the one at the point, or the largest]")
+@click.option("--unit", metavar="mm|cm|m|inch", default="mm", help="Unit of an STL, OBJ or PLY file.  [default: mm]")
+@click.option("-o", "--output", metavar="DIR", help="Folder of the result.  [default: beside the part]")
+@click.option("--overwrite", is_flag=True, help="Replace an older result of this tool.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: bool, as_json: bool, **place: str | None) -> None:
+    """Put a kit's texture on a part of yours: SURFACE is an STL, 3MF, OBJ, PLY or STEP file.
+
+    \b
+    Example: tactape-fab emboss tactape-s007 handle.stl --at 0,0,25
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    with _answers():
+        from tactape_fab.emboss import emboss_kit
+        from tactape_fab.solids.charts import read_placement
+
+        given = {"at_mm": place["at"], "up": place["up"], "face": place["face"]}
+        placement = read_placement(
+            {key: _number(text) if key == "face" else _pair(text) for key, text in given.items() if text is not None}
+        )
+        made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=_step_shown())
+        if as_json:
+            _echo_json(
+                {
+                    "path": str(made.path),
+                    "name": made.tape.name,
+                    "surface": dict(made.surface),
+                    "files": dict(made.files),
+                    "checks": [asdict(c) for c in made.checks],
+                }
+            )
+        else:
+            _echo_embossed(made)
+
+
+def _step_shown() -> Callable[[str, int, int], None]:
+    """Progress as one line of a terminal, written over; nothing elsewhere."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        return lambda *_: None
+    return lambda text, done, count: click.echo(f"\r{text} {done} of {count}\033[K", err=True, nl=done == count)
+
+
+def _echo_embossed(made: Embossed) -> None:
+    surface, distortion = made.surface, made.surface["distortion"]
+    centre = ", ".join(f"{v:.3f}" for v in surface["centre_mm"])
+    click.echo(f"{made.path}: {made.tape.part_count} elements of {made.tape.name} on {surface['source']} round ({centre}) mm")
+    click.echo(
+        f"pitch error {distortion['pitch_error_min']:+.2%} to {distortion['pitch_error_max']:+.2%}, median "
+        f"{distortion['pitch_error_median']:+.2%}; the texture reaches {distortion['reach_mm']:.1f} mm, usable are "
+        f"{distortion['usable_radius_mm']:.1f} mm"
+    )
+    click.echo(f"verified: {len(made.checks)} checks of the written files")
+    for purpose, roles in _PURPOSES:
+        paths = [str(made.path / made.files[role]) for role in roles if role in made.files]
+        if paths:
+            click.echo(f"{purpose}: {', '.join(paths)}")
+
+
+@main.command()
+@click.argument("kit")
+@click.option("--quick", is_flag=True, help="Leave out CAD kernels, other programs and the second tag detector.")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
 def verify(kit: str, quick: bool, as_json: bool) -> None:
     """Read a written kit back with software that is not ours, and decode it."""

@@ -2,49 +2,86 @@
 
 from __future__ import annotations
 
-import ctypes
-import errno
-import os
 import re
 import secrets
-import shutil
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError
-from tactape_fab.fields import shown_path
+from tactape_fab.fields import shown
+from tactape_fab.folders import clear_away, put_in_place, refuse_taken
+from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.layout import Layout, build_layout
-from tactape_fab.kit.plan import plan
+from tactape_fab.kit.plan import plan, plan_texture
+from tactape_fab.kit.process_rules import check_models, check_texture
 from tactape_fab.kit.rules import check
 from tactape_fab.kit.spec import KEYS, TapeSpec
-from tactape_fab.kit.writer import manifest, render_all, write_kit
-from tactape_fab.profiles import FabProfile, X2Mode, load_fab, load_part
-from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape, read_manifest
+from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, texture_record, write_kit
+from tactape_fab.profiles import (
+    ElementProfile,
+    FabProfile,
+    PartProfile,
+    ProcessProfile,
+    X2Mode,
+    load_fab,
+    load_process,
+    read_part,
+)
+from tactape_fab.solids.checks import form_problems
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
 from tactape_fab.verify import verify_folder
 
-_RENAME_EXCHANGE = 2
-_AT_FDCWD = -100
+T = TypeVar("T")
+_ELEMENT = {"part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm"}
+"""Where one of these was set aside, the rules would measure other parts than those asked for."""
 _RESTS_ON = {
     "displacement_mm": {"pitch_mm"},
-    "size_mm": {"pitch_mm", "displacement_mm", "code", "fab", "part", "rotation_deg", "tag_cell_mm", "corner_radius_mm"},
+    "size_mm": {"code", "fab", "process", "tag_cell_mm", "corner_radius_mm", *_ELEMENT},
     "origin": {"code", "sector", "size_mm", "pitch_mm"},
-    "corner_radius_mm": {"size_mm", "tag_cell_mm"},
+    "corner_radius_mm": {"size_mm", "tag_cell_mm", "part", "cylinder_mm"},
     "holes_mm": {"size_mm", "corner_radius_mm"},
+    "part": _ELEMENT,
+    "body_mm": {"part", "dome_top_mm"},
+    "dome_top_mm": {"part", "body_mm"},
+    "cylinder_mm": {"size_mm", "base_mm", "around", *_ELEMENT},
+    "around": {"cylinder_mm"},
+    "shell": {"cylinder_mm", "size_mm", "around"},
 }
 """What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Examined:
-    """A spec with all that follows from it before anything is written."""
+class Film:
+    """What there is of a tape of parts with lands beside the tape: its fab, and its layers."""
 
-    spec: TapeSpec
     fab: FabProfile
     layout: Layout
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Examined:
+    """A spec with all that follows from it before anything is written; ``film`` is None for solid elements."""
+
+    spec: TapeSpec
+    tape: Tape
+    film: Film | None
+    process: ProcessProfile | None
     findings: tuple[Finding, ...]
+
+    @property
+    def layout(self) -> Layout:
+        """The film's layers; only a film has them."""
+        assert self.film is not None
+        return self.film.layout
+
+    @property
+    def fab(self) -> FabProfile:
+        """The film's fab; only a film has one."""
+        assert self.film is not None
+        return self.film.fab
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,20 +117,67 @@ def examine(spec: TapeSpec) -> Examined:
         When a profile cannot be read, or no tape follows from the spec.
     """
     problems: list[Problem] = []
-    fab = part = None
-    try:
-        fab = load_fab(spec.fab)
-    except SpecError as error:
-        problems += error.problems
-    try:
-        part = load_part(spec.part)
-    except SpecError as error:
-        problems += error.problems
-    if fab is None or part is None:
+    fab = _loaded(load_fab, spec.fab, problems)
+    part = _loaded(read_part, spec.part, problems)
+    process = _loaded(load_process, spec.process, problems)
+    if problems:
         raise SpecError(problems)
-    fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
+    if isinstance(part, PartProfile) and fab is not None:
+        fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
+        return _examine_film(spec, fab, part, process)
+    if isinstance(part, ElementProfile) and process is not None:
+        return _examine_texture(spec, part, process)
+    raise SpecError(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
+
+
+def _loaded(load: Callable[[str], T], name: str | None, problems: list[Problem]) -> T | None:
+    """A profile by its name; None where there is no name, or where its problems are added."""
+    try:
+        return None if name is None else load(name)
+    except SpecError as error:
+        problems += error.problems
+        return None
+
+
+def _examine_film(spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None) -> Examined:
     layout = build_layout(plan(spec, fab, part), spec, fab, part)
-    return Examined(spec=spec, fab=fab, layout=layout, findings=tuple(check(layout, fab)))
+    tape, form = layout.tape, spec.form
+    findings = check(layout, fab)
+    if form is not None:
+        problems = form_problems(tape, form)
+        findings += [_cell_finding(p) for p in problems if p.key == "part" and not _broken(findings, "body-body")]
+        findings += _corner_findings(tape, form)
+        findings += [] if process is None else check_models(tape, form, process)
+        if others := [p for p in problems if p.key != "part"]:
+            raise SpecError(others, [f for f in findings if f.blocks])
+    return Examined(spec=spec, tape=tape, film=Film(fab=fab, layout=layout), process=process, findings=tuple(findings))
+
+
+def _broken(findings: Sequence[Finding], rule: str) -> bool:
+    return any(f.rule == rule and f.blocks for f in findings)
+
+
+def _cell_finding(problem: Problem) -> Finding:
+    """Parts that a fab can place may yet be too large for the models, which need each of them in its own cell."""
+    return Finding(rule="models", level="block", passed=False, unit="", message=f"{problem.message}, or --no-3d")
+
+
+def _corner_findings(tape: Tape, form: SolidForm) -> list[Finding]:
+    radius_mm = tape.board.corner_radius_mm
+    if form.cylinder is None or radius_mm == 0.0:
+        return []
+    message = f"the film's corners have a radius of {radius_mm:g} mm, those of the wrapped models are square"
+    return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
+
+
+def _examine_texture(spec: TapeSpec, part: ElementProfile, process: ProcessProfile) -> Examined:
+    assert spec.form is not None
+    assert spec.body_mm is not None
+    tape = plan_texture(spec, process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm))
+    findings = check_texture(tape, spec.form, process)
+    if problems := form_problems(tape, spec.form):
+        raise SpecError(problems, [f for f in findings if f.blocks])
+    return Examined(spec=spec, tape=tape, film=None, process=process, findings=tuple(findings))
 
 
 def _root(key: str) -> str:
@@ -116,7 +200,7 @@ def examine_values(values: Mapping[str, Any], *, output: str | None = None, over
     raised: list[type[SpecError]] = []
     if output is not None:
         try:
-            _refuse_taken(Path(output), overwrite=overwrite)
+            refuse_taken(Path(output), overwrite=overwrite)
         except SpecError as error:
             problems += error.problems
             raised.append(SpecError)
@@ -132,13 +216,15 @@ def examine_values(values: Mapping[str, Any], *, output: str | None = None, over
                 break
             problems += new
             raised.append(type(error))
+            if not set_aside & _ELEMENT:
+                findings = [replace(finding, at_mm=None) for finding in error.findings] or findings
             refused = {_root(problem.key) for problem in new}
             set_aside |= refused
             kept = {"sector": 0, **{k: v for k, v in kept.items() if k in KEYS and k not in refused}}
         else:
             if not problems:
                 return examined
-            if not set_aside & {"pitch_mm", "displacement_mm", "rotation_deg", "part"}:
+            if not set_aside & _ELEMENT and not findings:
                 findings = [replace(finding, at_mm=None) for finding in examined.findings if finding.blocks]
             break
     raise (raised[0] if len(set(raised)) == 1 else SpecError)(problems, findings)
@@ -191,17 +277,16 @@ def make_examined(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
-    target = Path(examined.layout.tape.name if path is None else path)
+    target = Path(examined.tape.name if path is None else path)
     blocking = [finding for finding in examined.findings if finding.blocks]
     try:
-        _refuse_taken(target, overwrite=overwrite)
+        refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
     if blocking:
         raise DesignRuleError(examined.findings)
     progress("rendering")
-    artifacts = render_all(examined.layout, examined.fab)
-    content = manifest(examined.layout, examined.spec, examined.fab, artifacts)
+    artifacts, content = _rendered(examined)
     checks: tuple[Check, ...] = ()
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
@@ -214,92 +299,30 @@ def make_examined(
             verification = verify_folder(folder / MANIFEST_NAME, quick=True)
             verification.raise_if_failed()
             checks = verification.checks
-        _put_in_place(folder, target, overwrite=overwrite)
+        put_in_place(folder, target, overwrite=overwrite)
     except OSError as error:
         reason = error.strerror or error
         raise TactapeError(f"the kit cannot be written to {target}: {reason}; use -o to name another folder") from error
     finally:
-        _clear_away(folder, new_parents)
+        clear_away(folder, new_parents)
     return Kit(
         path=target,
-        tape=examined.layout.tape,
+        tape=examined.tape,
         findings=examined.findings,
         checks=checks,
         files={a.role: a.path for a in artifacts},
     )
 
 
-def _clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
-    """Leave nothing behind, also when a second signal comes while this is under way."""
-    try:
-        shutil.rmtree(folder, ignore_errors=True)
-        for parent in new_parents:  # innermost first; one that holds a kit stays
-            with suppress(OSError):
-                parent.rmdir()
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-
-
-def _refuse_taken(target: Path, *, overwrite: bool) -> None:
-    if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):
-        raise SpecError(f"output = {target} is no name for a kit; give a folder that does not begin with '.' and ends otherwise")
-    try:
-        taken = target.exists() or target.is_symlink()
-    except (OSError, ValueError) as error:  # a name that no system takes
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
-    if taken and (target.is_symlink() or not target.is_dir()):
-        raise SpecError(f"output = {target} exists and is not a folder; nothing was touched; use -o to name another folder")
-    if taken and not overwrite:
-        raise SpecError(f"output = {target} exists already; use --overwrite to replace a kit, or -o to name another folder")
-    if taken:
-        _refuse_foreign(target)
-
-
-def _refuse_foreign(target: Path) -> None:
-    """Only a folder that is wholly ours may be replaced: our manifest, and no file that it does not list."""
-    remedy = "nothing was touched; use -o to name another folder"
-    try:
-        content = read_manifest(target / MANIFEST_NAME)
-    except SpecError as error:
-        raise SpecError(f"output = {target} is no kit of this tool ({error}); {remedy}") from None
-    rows = content.get("files")
-    listed = {row.get("path") for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
-    listed.add(MANIFEST_NAME)
-    for place in target.rglob("*"):
-        if (place.is_symlink() or not place.is_dir()) and place.relative_to(target).as_posix() not in listed:
-            raise SpecError(f"output = {target} holds {place.relative_to(target)}, which its manifest does not list; {remedy}")
-
-
-def _put_in_place(folder: Path, target: Path, *, overwrite: bool) -> None:
-    """Give a finished folder its name; whoever looks sees the old kit or the new one, never a mixture."""
-    if not (target.exists() or target.is_symlink()):
-        folder.rename(target)
-        return
-    _refuse_taken(target, overwrite=overwrite)  # again: it may have come since
-    if _exchange(folder, target):
-        return
-    # without an exchange in one step: the old kit steps aside under an unfinished name, and back if the new one fails
-    aside = folder.with_name(folder.name.removesuffix(UNFINISHED_SUFFIX) + ".old" + UNFINISHED_SUFFIX)
-    target.rename(aside)
-    try:
-        folder.rename(target)
-    except OSError:
-        aside.rename(target)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
-
-
-def _exchange(a: Path, b: Path) -> bool:
-    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False where the system cannot."""
-    try:
-        rename = ctypes.CDLL(None, use_errno=True).renameat2
-    except (AttributeError, OSError, TypeError):
-        return False
-    if rename(_AT_FDCWD, os.fsencode(a), _AT_FDCWD, os.fsencode(b), _RENAME_EXCHANGE) == 0:
-        return True
-    code = ctypes.get_errno()
-    if code in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
-        return False
-    raise OSError(code, os.strerror(code))
+def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
+    """Every file of the kit, and the content of its manifest."""
+    spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
+    artifacts = [] if film is None else render_all(film.layout, film.fab)
+    if spec.form is not None:
+        artifacts += render_models(tape, spec.form, None if film is None else film.fab)
+    if film is not None:
+        record = film_record(film.layout, spec, film.fab, process)
+    else:
+        assert process is not None
+        record = texture_record(spec, process)
+    return artifacts, manifest(tape, record, artifacts)

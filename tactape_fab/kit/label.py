@@ -9,8 +9,8 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from tactape_fab.kit.shapes import rotate
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import rotate
 
 _CAP_UNITS = 21.0
 """Capital height of the Hershey simplex fonts in font units: cap line -12 to base line 9 (y down)."""

@@ -10,12 +10,12 @@ import numpy as np
 from tactape_fab.kit.label import Label, compose_label
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
-from tactape_fab.kit.shapes import outline_corner_points, rounded_rectangle
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tag import SIDE_CELLS, tag_ink
 from tactape_fab.profiles import FabProfile, PartProfile
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.frames import FloatArray, snap_mm
+from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
 from tactape_fab.texture.tape import Tape
 
 _TAG_TO_TEXT_MM = 1.0

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 
-from tactape_fab.kit.shapes import placed_outline, rotate
+import numpy as np
+
 from tactape_fab.profiles import FabProfile, LandPattern, PartProfile
 from tactape_fab.texture.frames import FloatArray, snap_mm
+from tactape_fab.texture.shapes import placed_outline, rotate
+
+FOOT_POINTS = 128
+"""Vertices of a dome's foot: within 0.1 um of a circle of 0.6 mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,3 +64,11 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
         opening=box(pair_mm, wider_mm),
         opening_size_mm=(pair_mm[0] + wider_mm, pair_mm[1] + wider_mm),
     )
+
+
+def element_outline(shape: str, body_mm: tuple[float, float, float], rotation_deg: float) -> FloatArray:
+    """Foot of a solid element about its centre, counter-clockwise, not closed; shape (k, 2)."""
+    if shape == "block":
+        return placed_outline(body_mm[:2], 0.0, rotation_deg)
+    angle = np.arange(FOOT_POINTS) * (2 * pi / FOOT_POINTS)
+    return snap_mm(body_mm[0] / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1))

@@ -1,4 +1,7 @@
-"""plan(spec, fab, part) -> Tape: outline, strip and margins decide the grid. Everything of Tape is decided here."""
+"""Outline, strip and margins decide the grid. Everything of Tape is decided here.
+
+`plan` is for parts with lands on a film, `plan_texture` for solid elements on a base.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,13 @@ from math import ceil, floor
 import numpy as np
 
 from tactape_fab.errors import CapacityError, Problem, SpecError
-from tactape_fab.kit.outlines import PartOutlines, part_outlines
-from tactape_fab.kit.shapes import inset_mm, reach_mm
+from tactape_fab.kit.outlines import element_outline, part_outlines
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tag import SIDE_CELLS
-from tactape_fab.profiles import FabProfile, PartProfile
+from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
 from tactape_fab.texture.code import BoolArray, Code, encode, get_code
-from tactape_fab.texture.frames import DIRECTIONS_XY, SymbolArray, snap_mm, texture_to_board
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, snap_mm, texture_to_board
+from tactape_fab.texture.shapes import inset_mm, reach_mm
 from tactape_fab.texture.tape import MOST_POINTS, TAG_FAMILY, Board, Tag, Tape, TapePart
 
 TAG_KEEP_OUT_MM = 0.5
@@ -33,17 +36,59 @@ def strip_width_mm(spec: TapeSpec) -> float:
     return SIDE_CELLS * spec.tag_cell_mm + 2 * TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
 
 
-def field_margins_mm(outlines: PartOutlines, fab: FabProfile, displacement_mm: float) -> tuple[float, float]:
-    """Least distance of a grid point from the outline along x and y, its part displaced outward.
+Rule = tuple[FloatArray, float]
+"""An outline about the part's centre, and the distance that it must keep (mm)."""
 
-    The largest of what the edge rules ask for copper, body and opening.
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Claim:
+    """The room that a part claims: what each of its outlines keeps from the board's outline and from holes.
+
+    ``widest`` is the outline that reaches furthest; it also keeps clear of the strip.
     """
-    rules = (
-        (outlines.pads, fab.limits["pad-edge"].value_mm),
-        (outlines.body, fab.limits["body-edge"].value_mm),
-        (outlines.opening, fab.limits["opening-edge"].value_mm),
+
+    edge: tuple[Rule, ...]
+    hole: tuple[Rule, ...]
+    widest: FloatArray
+    ink_edge_mm: float = 0.0
+
+    @property
+    def furthest_mm(self) -> float:
+        """No rule of the outline looks further than this from a part's centre."""
+        return max(reach_mm(self.widest)) + max(limit for _, limit in self.edge)
+
+
+def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Claim:
+    """What a part with lands claims by a fab's rules for copper, body and opening."""
+    outlines = part_outlines(part, fab, rotation_deg)
+    limit = {rule: fab.limits[rule].value_mm for rule in ("pad-edge", "body-edge", "opening-edge", "hole-copper", "hole-part")}
+    return Claim(
+        edge=(
+            (outlines.pads, limit["pad-edge"]),
+            (outlines.body, limit["body-edge"]),
+            (outlines.opening, limit["opening-edge"]),
+        ),
+        hole=(
+            (outlines.pads, limit["hole-copper"]),
+            (outlines.body, limit["hole-part"]),
+            (outlines.opening, limit["hole-copper"]),
+        ),
+        widest=outlines.opening,
+        ink_edge_mm=fab.legend.edge_mm,
     )
-    x, y = (max(reach_mm(outline)[axis] + limit for outline, limit in rules) for axis in (0, 1))
+
+
+def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: float) -> Claim:
+    """What a solid element claims by the rules of its process for its foot."""
+    foot = element_outline(part.shape, part.body_mm, rotation_deg)
+    return Claim(
+        edge=((foot, process.limits["body-edge"].value_mm),), hole=((foot, process.limits["hole-part"].value_mm),), widest=foot
+    )
+
+
+def field_margins_mm(claim: Claim, displacement_mm: float) -> tuple[float, float]:
+    """Least distance of a grid point from the outline along x and y, its part displaced outward: the largest of all rules'."""
+    x, y = (max(reach_mm(outline)[axis] + limit for outline, limit in claim.edge) for axis in (0, 1))
     return x + displacement_mm, y + displacement_mm
 
 
@@ -56,10 +101,10 @@ class _Grid:
     rows: int
 
 
-def _grid(size_mm: tuple[float, float], spec: TapeSpec, outlines: PartOutlines, fab: FabProfile) -> _Grid:
+def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
     width_mm, height_mm = size_mm
-    margin_x_mm, margin_y_mm = field_margins_mm(outlines, fab, spec.displacement_mm)
-    clear_of_strip_mm = strip_width_mm(spec) + reach_mm(outlines.opening)[0] + spec.displacement_mm
+    margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
+    clear_of_strip_mm = strip_width_mm(spec) + reach_mm(claim.widest)[0] + spec.displacement_mm
     first_x_mm = max(margin_x_mm, clear_of_strip_mm if spec.tag == "strip" else 0.0)
     x0_mm = ceil(first_x_mm / ORIGIN_STEP_MM - _STEP_SLACK) * ORIGIN_STEP_MM
     rows = floor((height_mm - 2 * margin_y_mm + 2 * TOLERANCE_MM) / spec.pitch_mm) + 1
@@ -71,7 +116,7 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, outlines: PartOutlines, 
 
 
 def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
-    """Decide a tape.
+    """Decide a tape of parts with lands.
 
     The grid point (0, 0) stands at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
     plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
@@ -84,10 +129,29 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
     CapacityError
         When the grid runs past the code's range.
     """
+    tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
+    return _plan(spec, film_claim(part, fab, spec.rotation_deg), tape_part, fab.material.thickness_mm)
+
+
+def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> Tape:
+    """Decide a texture of solid elements on a base as thick as the spec says; the grid is decided as in `plan`, without strip.
+
+    Raises
+    ------
+    SpecError, CapacityError
+        As `plan`.
+    """
+    assert spec.base_mm is not None
+    tape_part = TapePart(
+        name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg, top_mm=part.top_mm
+    )
+    return _plan(spec, element_claim(part, process, spec.rotation_deg), tape_part, spec.base_mm)
+
+
+def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float) -> Tape:
     code = get_code(spec.code)
-    outlines = part_outlines(part, fab, spec.rotation_deg)
-    grid = _grid(spec.size_mm, spec, outlines, fab)
-    problems = list(_size_problems(spec, code, grid, outlines, fab)) or list(_tag_problems(spec, fab))
+    grid = _grid(spec.size_mm, spec, claim)
+    problems = list(_size_problems(spec, code, grid, claim)) or list(_tag_problems(spec, claim.ink_edge_mm))
     beyond = list(_reach_problems(spec, code, grid))
     if problems or beyond:
         raise (SpecError if problems else CapacityError)([*problems, *beyond])
@@ -96,10 +160,10 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
         size_mm=spec.size_mm,
         texture_origin_mm=grid.texture_origin_mm,
         corner_radius_mm=spec.corner_radius_mm,
-        thickness_mm=fab.material.thickness_mm,
+        thickness_mm=thickness_mm,
         holes=tuple(spec.holes_mm),
     )
-    free = _placeable(spec, board, outlines, fab, symbols)
+    free = _placeable(spec, board, claim, symbols)
     if not _has_window(free, code):
         raise SpecError(
             Problem(
@@ -120,7 +184,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
         symbols=symbols,
         omitted=np.argwhere(~free)[:, ::-1].astype(np.int64),
         board=board,
-        part=TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg),
+        part=part,
         tag=_plan_tag(spec),
     )
 
@@ -132,12 +196,12 @@ def _has_window(free: BoolArray, code: Code) -> bool:
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
 
 
-def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, outlines: PartOutlines, fab: FabProfile) -> Iterator[Problem]:
+def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Iterator[Problem]:
     least_height_mm = _strip_height_mm(spec)
     fits = grid.columns >= code.window and grid.rows >= code.window
     if fits and spec.size_mm[1] >= least_height_mm - TOLERANCE_MM:
         return
-    least = _least_size_mm(spec, code, outlines, fab)
+    least = _least_size_mm(spec, code, claim)
     what = "a strip with a tag and " if spec.tag == "strip" else ""
     yield Problem(
         "size_mm",
@@ -152,26 +216,26 @@ def _strip_height_mm(spec: TapeSpec) -> float:
     return SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
 
 
-def _least_size_mm(spec: TapeSpec, code: Code, outlines: PartOutlines, fab: FabProfile) -> tuple[float, float]:
+def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, float]:
     """The least size, in whole tenths of a millimetre, whose field holds a window, rounded corners considered."""
-    margin_x_mm, margin_y_mm = field_margins_mm(outlines, fab, spec.displacement_mm)
+    margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     field_mm = (code.window - 1) * spec.pitch_mm
-    x0_mm = _grid(spec.size_mm, spec, outlines, fab).texture_origin_mm[0]
+    x0_mm = _grid(spec.size_mm, spec, claim).texture_origin_mm[0]
     tenths = np.ceil(
         np.array([x0_mm + field_mm + margin_x_mm, max(2 * margin_y_mm + field_mm, _strip_height_mm(spec))]) * 10 - _STEP_SLACK
     )
     while True:
         size_mm = (float(tenths[0]) / 10, float(tenths[1]) / 10)
-        grid = _grid(size_mm, spec, outlines, fab)
+        grid = _grid(size_mm, spec, claim)
         board = Board(
             size_mm=size_mm,
             texture_origin_mm=grid.texture_origin_mm,
             corner_radius_mm=spec.corner_radius_mm,
-            thickness_mm=fab.material.thickness_mm,
+            thickness_mm=1.0,
         )
         origin = (min(spec.origin[0], code.range - grid.columns), min(spec.origin[1], code.range - grid.rows))
         symbols = encode(code, spec.sector, origin, (grid.rows, grid.columns))
-        if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, outlines, fab, symbols), code):
+        if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, claim, symbols), code):
             return size_mm
         tenths += 1
 
@@ -196,14 +260,14 @@ def _tag_centre_mm(spec: TapeSpec) -> tuple[float, float]:
     return float(snap_mm(TAG_KEEP_OUT_MM + half_mm)), float(snap_mm(TAG_RAISE_MM + half_mm))
 
 
-def _tag_problems(spec: TapeSpec, fab: FabProfile) -> Iterator[Problem]:
+def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
     if spec.tag_id is None:
         return
     ring = np.array(_tag_centre_mm(spec)) + SIDE_CELLS * spec.tag_cell_mm / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    if inset_mm(ring, spec.size_mm, spec.corner_radius_mm).min() < fab.legend.edge_mm - TOLERANCE_MM:
+    if inset_mm(ring, spec.size_mm, spec.corner_radius_mm).min() < ink_edge_mm - TOLERANCE_MM:
         yield Problem(
             "corner_radius_mm",
-            f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {fab.legend.edge_mm:g} "
+            f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {ink_edge_mm:g} "
             "mm inside the outline; use a smaller --corner-radius or --tag none",
         )
 
@@ -214,7 +278,7 @@ def _plan_tag(spec: TapeSpec) -> Tag | None:
     return Tag(family=TAG_FAMILY, id=spec.tag_id, cell_mm=spec.tag_cell_mm, center_mm=_tag_centre_mm(spec), rotation_deg=0.0)
 
 
-def _placeable(spec: TapeSpec, board: Board, outlines: PartOutlines, fab: FabProfile, symbols: SymbolArray) -> BoolArray:
+def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray) -> BoolArray:
     """Whether the part of each grid point keeps every edge and hole rule; shape (rows, columns).
 
     Rounded corners and holes take parts away, straight edges do not: the margins see to those.
@@ -224,23 +288,21 @@ def _placeable(spec: TapeSpec, board: Board, outlines: PartOutlines, fab: FabPro
     texture_mm = np.stack([column, row], axis=-1) * spec.pitch_mm + spec.displacement_mm * DIRECTIONS_XY[symbols]
     centre_mm = texture_to_board(texture_mm, board.texture_origin_mm)
     free = np.ones((rows, columns), dtype=bool)
-    edge_rules = ((outlines.pads, "pad-edge"), (outlines.body, "body-edge"), (outlines.opening, "opening-edge"))
-    hole_rules = ((outlines.pads, "hole-copper"), (outlines.body, "hole-part"), (outlines.opening, "hole-copper"))
-    corner_zone_mm = board.corner_radius_mm + max(reach_mm(outlines.opening)) + fab.limits["body-edge"].value_mm
+    corner_zone_mm = board.corner_radius_mm + claim.furthest_mm
     beyond = np.abs(centre_mm - np.array(board.size_mm) / 2) - (np.array(board.size_mm) / 2 - corner_zone_mm)
     near = np.argwhere((beyond > 0.0).all(axis=-1))
-    for outline, rule in edge_rules:
+    for outline, limit_mm in claim.edge:
         if len(near) == 0:
             break
         vertices = centre_mm[near[:, 0], near[:, 1], None] + outline
         inside = inset_mm(vertices, board.size_mm, board.corner_radius_mm).min(axis=-1)
-        free[near[:, 0], near[:, 1]] &= inside >= fab.limits[rule].value_mm - TOLERANCE_MM
+        free[near[:, 0], near[:, 1]] &= inside >= limit_mm - TOLERANCE_MM
+    widest_mm = max(reach_mm(claim.widest)) + max(limit for _, limit in claim.hole) + 1.0
     for x_mm, y_mm, diameter_mm in board.holes:
-        reach = diameter_mm / 2 + max(reach_mm(outlines.opening)) + max(fab.limits[r].value_mm for _, r in hole_rules) + 1.0
-        near = np.argwhere(np.abs(centre_mm - (x_mm, y_mm)).max(axis=-1) < reach)
-        for outline, rule in hole_rules:
+        near = np.argwhere(np.abs(centre_mm - (x_mm, y_mm)).max(axis=-1) < diameter_mm / 2 + widest_mm)
+        for outline, limit_mm in claim.hole:
             gap = _distance_mm(outline, np.array([x_mm, y_mm]) - centre_mm[near[:, 0], near[:, 1]]) - diameter_mm / 2
-            free[near[:, 0], near[:, 1]] &= gap >= fab.limits[rule].value_mm - TOLERANCE_MM
+            free[near[:, 0], near[:, 1]] &= gap >= limit_mm - TOLERANCE_MM
     return free
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.errors import TactapeError
-from tactape_fab.kit.shapes import area_mm2
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import area_mm2
 
 FURTHEST_MM = 1e5
 _ARC_ERROR_MM = 1e-4

@@ -11,10 +11,10 @@ import shapely
 from tactape_fab.errors import Finding
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.shapes import inset_mm, reach_mm
-from tactape_fab.profiles import FabProfile
+from tactape_fab.profiles import FabProfile, ProcessProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.shapes import inset_mm, reach_mm
+from tactape_fab.texture.tape import Board, Tape
 
 _NEAR_LEGEND_MM = 5.0
 
@@ -35,12 +35,13 @@ def check(layout: Layout, fab: FabProfile) -> list[Finding]:
     return findings
 
 
-def _finding(fab: FabProfile, rule: str, measured: Measured, what: str, remedy: str) -> Finding:
+def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured, what: str, remedy: str) -> Finding:
+    """Hold a measured value against the profile's limit of that rule."""
     value, at_mm = measured
-    limit = fab.limits[rule]
+    limit = profile.limits[rule]
     passed = value >= limit.value_mm - TOLERANCE_MM
     relation = "meets" if passed else "is below"
-    message = f"{what} {value:.3f} mm {relation} the limit {limit.value_mm:.3f} mm of {fab.name}"
+    message = f"{what} {value:.3f} mm {relation} the limit {limit.value_mm:.3f} mm of {profile.name}"
     return Finding(
         rule=rule,
         level=limit.level,
@@ -66,6 +67,18 @@ def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
     points = shapely.points(shift_mm)
     depth = np.where(shapely.covers(body, points), shapely.distance(body.exterior, points), 0.0)
     return np.asarray(shapely.distance(body, points) - depth)
+
+
+def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Centre distances, as vectors, of placed parts that may come nearer than `reach`, and where each is met first.
+
+    Returns
+    -------
+    shifts, places : ndarray, shape (m, 2)
+        One row for each grid offset and each pair of symbols that occurs at it; board frame.
+    """
+    pairs = list(_neighbours(tape, reach))
+    return np.array([shift for shift, _ in pairs]).reshape(-1, 2), np.array([place for _, place in pairs]).reshape(-1, 2)
 
 
 def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -99,27 +112,24 @@ def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     tape = layout.tape
     outlines = layout.outlines
     part_reach = 2 * float(np.hypot(*np.maximum(reach_mm(outlines.courtyard), reach_mm(outlines.opening))))
-    pairs = list(_neighbours(tape, part_reach + max(limit.value_mm for limit in fab.limits.values())))
-    if not pairs:
+    shifts, places = neighbours(tape, part_reach + max(limit.value_mm for limit in fab.limits.values()))
+    if len(shifts) == 0:
         return
-    shifts = np.array([shift for shift, _ in pairs])
-    places = np.array([place for _, place in pairs])
 
     def worst(gaps: FloatArray) -> Measured:
-        i = int(np.argmin(gaps))
-        return float(gaps[i]), (float(places[i, 0]), float(places[i, 1]))
+        return worst_at(gaps, places)
 
     between_own = gap_mm(outlines.pad, (outlines.pad_xy[1] - outlines.pad_xy[0])[None])
     lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
     wider = "use a larger --w or a smaller --delta" + ("" if tape.part.rotation_deg % 90 == 45 else ", or --rotation 45")
-    yield _finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
+    yield finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
     own = (float(between_own[0]), None)
-    pair = _finding(fab, "pad-pad", own, "gap between the two pads of a part", "use a part whose pads lie further apart")
+    pair = finding(fab, "pad-pad", own, "gap between the two pads of a part", "use a part whose pads lie further apart")
     yield replace(pair, rule="pad-pair")
-    yield _finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
-    yield _finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
-    yield _finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
-    yield _finding(
+    yield finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
+    yield finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
+    yield finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
+    yield finding(
         fab,
         "opening-size",
         (min(outlines.opening_size_mm), None),
@@ -139,20 +149,21 @@ def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         ("body-edge", layout.outlines.body, "body to outline"),
         ("opening-edge", layout.outlines.opening, "coverlay opening to outline"),
     ):
-        near = _near_outline(layout, fab.limits[rule].value_mm + max(reach_mm(outline)))
-        inset = inset_mm(near[:, None] + outline, board.size_mm, board.corner_radius_mm).min(axis=1)
-        yield _finding(fab, rule, _worst_at(inset, near), what, remedy)
+        yield finding(fab, rule, to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm), what, remedy)
 
 
-def _near_outline(layout: Layout, within_mm: float) -> FloatArray:
-    """Centres of the parts nearest to the outline: enough of them to hold the worst one."""
-    board = layout.tape.board
-    inset = inset_mm(layout.parts_xy_mm, board.size_mm, board.corner_radius_mm)
-    near: FloatArray = layout.parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * within_mm]
-    return near
+def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, limit_mm: float) -> Measured:
+    """Least distance of an outline about each part's centre from the board's outline.
+
+    Only the parts nearest to the outline are looked at: enough of them to hold the worst one.
+    """
+    inset = inset_mm(parts_xy_mm, board.size_mm, board.corner_radius_mm)
+    near = parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * (limit_mm + max(reach_mm(outline_mm)))]
+    return worst_at(inset_mm(near[:, None] + outline_mm, board.size_mm, board.corner_radius_mm).min(axis=1), near)
 
 
-def _worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
+def worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
+    """The least value and where it stands."""
     i = int(np.argmin(values))
     return float(values[i]), (float(at_mm[i, 0]), float(at_mm[i, 1]))
 
@@ -175,13 +186,13 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     right_end = ink.bounds[2] + _NEAR_LEGEND_MM
     near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
     gaps = shapely.distance(ink, shapely.polygons(near[:, None] + layout.openings.outline_mm))
-    yield _finding(
-        fab, "opening-legend", _worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none"
+    yield finding(
+        fab, "opening-legend", worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none"
     )
     if layout.tape.board.holes:
         holes = np.array(layout.tape.board.holes)
         gaps = shapely.distance(ink, shapely.points(holes[:, :2])) - holes[:, 2] / 2
-        yield _finding(fab, "hole-legend", _worst_at(gaps, holes), "legend to hole", "move the hole or use --tag none")
+        yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", "move the hole or use --tag none")
     if legend.left_out:
         yield Finding(
             rule="label",
@@ -196,37 +207,49 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
 
 
 def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
-    board = layout.tape.board
-    if not board.holes:
+    if not layout.tape.board.holes:
         return
-    holes = np.array(board.holes)
-    centres, radii = holes[:, :2], holes[:, 2] / 2
-    edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii
-    yield _finding(fab, "hole-edge", _worst_at(edge, centres), "hole to outline", "move the hole inward")
-    yield _finding(fab, "hole-size", _worst_at(2 * radii, centres), "smallest hole", "use a larger hole")
-    if len(holes) > 1:
-        tree = shapely.STRtree(shapely.points(centres))
-        widest = 2 * radii.max() + fab.limits["hole-hole"].value_mm + 10.0
-        a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=widest)
-        a, b = a[a < b], b[a < b]
-        if len(a):
-            gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
-            yield _finding(fab, "hole-hole", _worst_at(gaps, centres[a]), "film between two holes", "move the holes apart")
+    yield from hole_rules(layout.tape.board, fab, "film")
     for rule, outline, what in (
         ("hole-copper", layout.outlines.pad_xy[:, None] + layout.outlines.pad, "hole to copper"),
         ("hole-part", layout.outlines.body[None], "hole to body"),
     ):
-        values, places = [], []
-        for (x, y), radius in zip(centres, radii, strict=True):
-            reach = radius + max(reach_mm(outline.reshape(-1, 2))) + 5.0
-            near = layout.parts_xy_mm[np.abs(layout.parts_xy_mm - (x, y)).max(axis=1) < reach]
-            if len(near):
-                bodies = shapely.polygons(near[:, None, None] + outline)
-                values.append(float(shapely.distance(bodies, shapely.Point(x, y)).min() - radius))
-                places.append((float(x), float(y)))
-        if values:
-            worst = int(np.argmin(values))
-            yield _finding(fab, rule, (values[worst], places[worst]), what, "move the hole")
+        yield from hole_to_parts(layout.tape.board, fab, rule, layout.parts_xy_mm, outline, what)
+
+
+def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str) -> Iterator[Finding]:
+    """Holes to the outline, to each other, and their size; `between` is what lies between two of them."""
+    holes = np.array(board.holes)
+    centres, radii = holes[:, :2], holes[:, 2] / 2
+    edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii
+    yield finding(profile, "hole-edge", worst_at(edge, centres), "hole to outline", "move the hole inward")
+    yield finding(profile, "hole-size", worst_at(2 * radii, centres), "smallest hole", "use a larger hole")
+    if len(holes) > 1:
+        tree = shapely.STRtree(shapely.points(centres))
+        widest = 2 * radii.max() + profile.limits["hole-hole"].value_mm + 10.0
+        a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=widest)
+        a, b = a[a < b], b[a < b]
+        if len(a):
+            gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
+            what = f"{between} between two holes"
+            yield finding(profile, "hole-hole", worst_at(gaps, centres[a]), what, "move the holes apart")
+
+
+def hole_to_parts(
+    board: Board, profile: FabProfile | ProcessProfile, rule: str, parts_xy_mm: FloatArray, outlines_mm: FloatArray, what: str
+) -> Iterator[Finding]:
+    """Least distance of a hole from the outlines, shape (m, k, 2), about each part's centre."""
+    values, places = [], []
+    for x, y, diameter in board.holes:
+        reach = diameter / 2 + max(reach_mm(outlines_mm.reshape(-1, 2))) + 5.0
+        near = parts_xy_mm[np.abs(parts_xy_mm - (x, y)).max(axis=1) < reach]
+        if len(near):
+            bodies = shapely.polygons(near[:, None, None] + outlines_mm)
+            values.append(float(shapely.distance(bodies, shapely.Point(x, y)).min() - diameter / 2))
+            places.append((float(x), float(y)))
+    if values:
+        worst = int(np.argmin(values))
+        yield finding(profile, rule, (values[worst], places[worst]), what, "move the hole")
 
 
 def _size_rule(tape: Tape, fab: FabProfile) -> Finding:

@@ -6,17 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from math import inf, isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from tactape_fab.errors import CapacityError, Problem, SpecError
 from tactape_fab.fields import Fields, shown, unknown_key
+from tactape_fab.kit.solid_options import DEFAULT_PROCESS, Part, read_solid_options
 from tactape_fab.kit.tag import LEAST_CELL_MM
-from tactape_fab.profiles import ASSEMBLY_FORMATS, X2_MODES, profile_names, read_toml
+from tactape_fab.profiles import ASSEMBLY_FORMATS, X2_MODES, ElementProfile, profile_names, read_part, read_toml
+from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
 from tactape_fab.texture.code import CODE_NAMES, DEFAULT_CODE, default_origin, get_code
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 
 TAG_MODES = ("strip", "none")
+DEFAULT_FAB = "generic-fpc"
+DEFAULT_CORNER_RADIUS_MM = 1.0
 LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
 LEAST_DISPLACEMENT_MM = 0.02
 DEFAULT_PITCH_MM = 1.5
@@ -42,12 +46,15 @@ class TapeSpec:
     origin : (int, int)
         Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given.
     tag : {"strip", "none"}
-        A strip at the left end with AprilTag and label, or no strip.
+        A strip at the left end with AprilTag and label, or no strip. Where None is given a film has one, a texture of
+        solid elements has none.
     tag_id : int or None
         Id of the AprilTag; the sector where None is given and there is a strip.
     tag_cell_mm : float
-    part, fab : str
-        Profile name, or path of a TOML file.
+    part : str
+        Profile name, or path of a TOML file: a part with lands, or a solid element (``block``, ``dome``, ``cone``).
+    fab : str or None
+        Profile name, or path of a TOML file; ``generic-fpc`` for a part with lands, None for a solid element.
     rotation_deg : float
         Rotation of every part, counter-clockwise, 0 along board x.
     assembly : str or None
@@ -55,10 +62,30 @@ class TapeSpec:
     x2 : str or None
         Gerber attributes: ``full``, as ``comments``, or ``off``; the fab profile's where None is given.
     corner_radius_mm : float
+        1 where None is given, 0 for solid elements on a cylinder, whose corners are square.
     holes_mm : sequence of (float, float, float)
         Unplated holes (x, y, diameter) in the board frame.
     name : str
         Name of the tape and of its files; ``tactape-s007`` for sector 7 where None is given.
+    body_mm : (float, float, float) or None
+        Size of a solid element: length, width, height; of a dome the diameter (once or twice) and the height. The part
+        profile's where None is given.
+    dome_top_mm : float or None
+        Diameter of a dome's flat top, which makes it a truncated cone; the part profile's where None is given.
+    process : str or None
+        Process profile (``sla``, ``fdm``, ``cnc``), or path of a TOML file; ``sla`` for a solid element.
+    models : bool
+        Whether the kit has 3D models. The keys below are None without them.
+    base_mm : float or None
+        Thickness of the solid models' base.
+    negative : bool
+        The mould instead of the texture.
+    top : {"tiles", "single"} or None
+    cylinder_mm : float or None
+        Radius of the cylinder that the solid models are wrapped around.
+    around : {"x", "y"} or None
+    shell : {"segment", "whole"} or None
+        See `tactape_fab.solids.forms`.
 
     Raises
     ------
@@ -72,17 +99,27 @@ class TapeSpec:
     size_mm: tuple[float, float] = (100.0, 50.0)
     code: str = DEFAULT_CODE
     origin: tuple[int, int] = None  # type: ignore[assignment]
-    tag: str = "strip"
+    tag: str = None  # type: ignore[assignment]
     tag_id: int | None = None
     tag_cell_mm: float = 0.5
     part: str = "r0201"
     rotation_deg: float = 45.0
-    fab: str = "generic-fpc"
+    fab: str | None = None
     assembly: str | None = None
     x2: str | None = None
-    corner_radius_mm: float = 1.0
+    corner_radius_mm: float = None  # type: ignore[assignment]
     holes_mm: Sequence[tuple[float, float, float]] = ()
     name: str = None  # type: ignore[assignment]
+    body_mm: tuple[float, float, float] | None = None
+    dome_top_mm: float | None = None
+    process: str | None = None
+    models: bool = True
+    base_mm: float | None = None
+    negative: bool = False
+    top: str | None = None
+    cylinder_mm: float | None = None
+    around: str | None = None
+    shell: str | None = None
 
     def __post_init__(self) -> None:
         values, problems = _checked(asdict(self))
@@ -118,9 +155,20 @@ class TapeSpec:
     def to_mapping(self) -> dict[str, Any]:
         """Every option as understood, for the manifest; of a profile's path only the file's name, wherever it stood."""
         values = {key: _plain(value) for key, value in asdict(self).items()}
-        return {**values, "part": Path(self.part).name, "fab": Path(self.fab).name}
+        return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
+
+    @property
+    def form(self) -> SolidForm | None:
+        """What the solid models are like; None without models."""
+        if self.base_mm is None:
+            return None
+        cylinder = None
+        if self.cylinder_mm is not None:
+            cylinder = Cylinder(radius_mm=self.cylinder_mm, around=cast(Axis, self.around), shell=cast(Shell, self.shell))
+        return SolidForm(base_mm=self.base_mm, negative=self.negative, top=cast(Top, self.top), cylinder=cylinder)
 
 
+PROFILE_KEYS = ("fab", "part", "process")
 KEYS = tuple(f.name for f in fields(TapeSpec))
 
 
@@ -141,7 +189,7 @@ def read_spec_file(path: Path) -> dict[str, Any]:
         When the file cannot be read as TOML.
     """
     values = read_toml(path, "spec file")
-    for key in ("fab", "part"):
+    for key in PROFILE_KEYS:
         name = values.get(key)
         if isinstance(name, str) and name.endswith(".toml"):
             values[key] = str(path.parent / name)
@@ -171,19 +219,14 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
         "origin": _origin(table, code.name, sector, code.range),
         "tag_cell_mm": _snapped(table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=0.5)),
         "rotation_deg": table.number("rotation_deg", low=-360.0, high=360.0, unit="deg", default=45.0) % 360.0,
-        "tag": table.text("tag", choices=TAG_MODES, default="none"),
         "part": _profile_name(table, "part", "parts"),
-        "fab": _profile_name(table, "fab", "fabs"),
     }
+    part = _part(table, values["part"])
+    values |= read_solid_options(table, part)
+    values |= _of_the_film(table, isinstance(part, ElementProfile))
+    values["process"] = _process(table, part)
     values["tag_id"] = _tag_id(table, values["tag"], sector)
-    values["corner_radius_mm"] = _snapped(
-        table.number(
-            "corner_radius_mm",
-            low=0.0,
-            high=LONGEST_MM if _refused(table, "size_mm") else min(values["size_mm"]) / 2,
-            remedy="half the shorter side at most",
-        )
-    )
+    values["corner_radius_mm"] = _corner_radius(table, part, values)
     values["holes_mm"] = _holes(table, values["size_mm"])
     for key, choices in (("assembly", ASSEMBLY_FORMATS), ("x2", X2_MODES)):
         values[key] = table.text(key, choices=choices) if key in table.values else None
@@ -193,6 +236,50 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
         else f"tactape-s{sector:03d}"
     )
     return values, table.problems
+
+
+def _part(table: Fields, name: str) -> Part | None:
+    """The part's profile, to know its kind; one that cannot be read counts as none, `examine` says why."""
+    if _refused(table, "part"):
+        return None
+    try:
+        return read_part(name)
+    except SpecError:
+        return None
+
+
+def _of_the_film(table: Fields, solid: bool) -> dict[str, Any]:
+    """Tag and fab: a film has both unless told otherwise, solid elements have neither."""
+    if solid:
+        return {"tag": "none", "fab": None}
+    return {
+        "tag": table.text("tag", choices=TAG_MODES, default="none") if "tag" in table.values else "strip",
+        "fab": _profile_name(table, "fab", "fabs") if "fab" in table.values else DEFAULT_FAB,
+    }
+
+
+def _process(table: Fields, part: Part | None) -> str | None:
+    if "process" in table.values:
+        return _profile_name(table, "process", "processes")
+    return DEFAULT_PROCESS if isinstance(part, ElementProfile) else None
+
+
+def _corner_radius(table: Fields, part: Part | None, values: dict[str, Any]) -> float:
+    square = isinstance(part, ElementProfile) and values["cylinder_mm"] is not None
+    given = table.values.get("corner_radius_mm", 0.0 if square else DEFAULT_CORNER_RADIUS_MM)
+    radius_mm = Fields({"corner_radius_mm": given}, "", table.problems).number(
+        "corner_radius_mm",
+        low=0.0,
+        high=LONGEST_MM if _refused(table, "size_mm") else min(values["size_mm"]) / 2,
+        remedy="half the shorter side at most",
+    )
+    if square and radius_mm > 0.0:
+        table.problem(
+            "corner_radius_mm",
+            f"corner_radius_mm = {radius_mm:g} mm contradicts cylinder_mm: a wrapped texture has square corners, 0 mm; "
+            "leave out --corner-radius",
+        )
+    return _snapped(radius_mm)
 
 
 def _refused(table: Fields, key: str) -> bool:

@@ -18,10 +18,13 @@ from tactape_fab.kit.render.components import render_components
 from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
 from tactape_fab.kit.render.job import render_job
+from tactape_fab.kit.render.models import render_assembly, render_solid
 from tactape_fab.kit.render.preview import render_preview
+from tactape_fab.kit.render.solid_preview import render_solid_preview
 from tactape_fab.kit.spec import TapeSpec
-from tactape_fab.profiles import FabProfile, LandPattern, PartProfile
-from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME
+from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, Tape
 
 RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
     "copper-top": render_copper,
@@ -42,11 +45,19 @@ FAB_ZIP_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profi
 
 
 def render_all(layout: Layout, fab: FabProfile) -> list[Artifact]:
-    """Every file of the kit but its manifest: fabrication, assembly, previews drawn from those, and the zip."""
+    """Every file of a film but models and manifest: fabrication, assembly, previews drawn from those, and the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(layout, fab)]
     artifacts += render_preview(artifacts, fab)
     artifacts.append(_fab_zip(layout, artifacts))
     return artifacts
+
+
+def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[Artifact]:
+    """The 3D models; a film's with its assembly, a texture of solid elements (`fab` None) with previews of the mesh."""
+    models = render_solid(tape, form)
+    if fab is None:
+        return [*models, *render_solid_preview(models, tape, form)]
+    return [render_assembly(tape, fab), *models]
 
 
 def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
@@ -63,19 +74,51 @@ def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
     return Artifact(role="fab-zip", path=f"{layout.tape.name}-fab.zip", data=stream.getvalue())
 
 
-def manifest(layout: Layout, spec: TapeSpec, fab: FabProfile, artifacts: Iterable[Artifact]) -> dict[str, Any]:
-    """Content of manifest.json: the tape, what it was made with, and every file with size and SHA-256."""
+def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifact]) -> dict[str, Any]:
+    """Content of manifest.json: the tape, what it was made with, and every file with size and SHA-256.
+
+    Parameters
+    ----------
+    made_by : mapping
+        What `film_record` or `texture_record` gives.
+    """
     return {
         "format": MANIFEST_FORMAT,
         "tool": {"name": "tactape-fab", "version": __version__},
-        **layout.tape.to_mapping(),
-        "fab": {"name": fab.name, **fab.thresholds()},
-        "land_pattern": _land_pattern(layout.part, fab),
-        "spec": {**spec.to_mapping(), "assembly": fab.assembly, "x2": fab.x2},
+        **tape.to_mapping(),
+        **made_by,
         "files": [
             {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
             for a in sorted(artifacts, key=lambda a: a.path)
         ],
+    }
+
+
+def film_record(layout: Layout, spec: TapeSpec, fab: FabProfile, process: ProcessProfile | None) -> dict[str, Any]:
+    """What the manifest of a film records of profiles and options."""
+    return {
+        "fab": {"name": fab.name, **fab.thresholds()},
+        "land_pattern": _land_pattern(layout.part, fab),
+        **_models_record(spec.form, process),
+        "spec": {**spec.to_mapping(), "assembly": fab.assembly, "x2": fab.x2},
+    }
+
+
+def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
+    """What the manifest of a texture of solid elements records: its process stands in the fab's place."""
+    return {
+        "fab": {"name": process.name, **process.thresholds()},
+        **_models_record(spec.form, process),
+        "spec": spec.to_mapping(),
+    }
+
+
+def _models_record(form: SolidForm | None, process: ProcessProfile | None) -> dict[str, Any]:
+    if form is None:
+        return {}
+    return {
+        "solid": form.to_mapping(),
+        "process": None if process is None else {"name": process.name, **process.thresholds()},
     }
 
 

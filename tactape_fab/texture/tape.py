@@ -31,7 +31,7 @@ UNFINISHED_SUFFIX = ".partial"
 
 TAG_FAMILY = "tag36h11"
 TAG_IDS = 587
-PART_SHAPES = ("block",)
+PART_SHAPES = ("block", "dome")
 
 LONGEST_MM = 10_000.0
 MOST_POINTS = 500_000
@@ -55,12 +55,17 @@ class Board:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TapePart:
-    """The element on every grid point: ``body_mm`` is (length, width, height), ``rotation_deg`` counter-clockwise."""
+    """The element on every grid point: ``body_mm`` is (length, width, height), ``rotation_deg`` counter-clockwise.
+
+    A ``block`` is a box; a ``dome`` is a spherical cap of (diameter, diameter, height), or a truncated cone whose flat
+    top has the diameter ``top_mm``.
+    """
 
     name: str
     shape: str
     body_mm: tuple[float, float, float]
     rotation_deg: float
+    top_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +77,22 @@ class Tag:
     cell_mm: float
     center_mm: tuple[float, float]
     rotation_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surface:
+    """The user's own part that a texture stands on instead of a board.
+
+    ``source`` and ``sha256`` name its file; ``centre_mm`` is the point under the middle of the grid, ``up`` the direction
+    of board +y there (the part's coordinates); ``radius_mm`` is that of the patch, None where it is neither sphere nor
+    cylinder.
+    """
+
+    source: str
+    sha256: str
+    centre_mm: tuple[float, float, float]
+    up: tuple[float, float, float]
+    radius_mm: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,6 +111,8 @@ class Tape:
         Read-only. The code's symbol at every grid point, the omitted ones too.
     omitted : ndarray of int64, shape (k, 2)
         Read-only (column, row) of grid points that carry no part, row-major.
+    surface : Surface or None
+        Where the texture stands on a part of the user's own: board positions then mean nothing.
     """
 
     name: str
@@ -105,6 +128,7 @@ class Tape:
     board: Board
     part: TapePart
     tag: Tag | None
+    surface: Surface | None = None
 
     def __post_init__(self) -> None:
         self.symbols.setflags(write=False)
@@ -153,6 +177,7 @@ class Tape:
             "symbols": symbols_to_rows(self.symbols),
             "omitted": self.omitted.tolist(),
             "tag": None if self.tag is None else _plain(self.tag),
+            **({} if self.surface is None else {"surface": _plain(self.surface)}),
         }
 
     @classmethod
@@ -178,8 +203,10 @@ class Tape:
         return cls.from_mapping(read_manifest(find_manifest(path)))
 
 
-def _plain(record: Board | TapePart | Tag) -> dict[str, Any]:
-    values = ((f.name, getattr(record, f.name)) for f in fields(record))
+def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
+    values = (
+        (f.name, getattr(record, f.name)) for f in fields(record) if f.name != "top_mm" or getattr(record, f.name) is not None
+    )
     return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
 
 
@@ -248,11 +275,20 @@ def _read_board(table: Fields) -> Board:
 
 def _read_part(table: Fields) -> TapePart:
     length, width, height = table.numbers("body_mm", 3, above=0.0, high=100.0)
+    shape = table.text("shape", choices=PART_SHAPES)
+    top_mm = None
+    if table.values.get("top_mm") is not None:
+        top_mm = table.number("top_mm", above=0.0, below=length)
+    if shape == "dome" and (length != width or (top_mm is None and height >= length / 2)):
+        table.problem(
+            "body_mm", f"body_mm = {[length, width, height]} is no dome; give [diameter, diameter, less than the radius]"
+        )
     return TapePart(
         name=table.text("name", longest=200),
-        shape=table.text("shape", choices=PART_SHAPES),
+        shape=shape,
         body_mm=(length, width, height),
         rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
+        top_mm=top_mm,
     )
 
 
@@ -263,6 +299,21 @@ def _read_tag(table: Fields) -> Tag:
         cell_mm=table.number("cell_mm", above=0.0, high=100.0),
         center_mm=_pair(table.numbers("center_mm", 2, low=0.0, high=LONGEST_MM)),
         rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
+    )
+
+
+def _read_surface(table: Fields) -> Surface:
+    x, y, z = table.numbers("centre_mm", 3, low=-LONGEST_MM * 10, high=LONGEST_MM * 10)
+    u, v, w = table.numbers("up", 3, low=-1.0, high=1.0, unit="")
+    radius_mm = None
+    if table.values.get("radius_mm") is not None:
+        radius_mm = table.number("radius_mm", low=-1e9, high=1e9)
+    return Surface(
+        source=table.text("source", longest=300),
+        sha256=table.text("sha256", pattern=r"[0-9a-f]{64}"),
+        centre_mm=(x, y, z),
+        up=(u, v, w),
+        radius_mm=radius_mm,
     )
 
 
@@ -285,6 +336,7 @@ def _read_tape(table: Fields) -> Tape:
     if "tag" not in table.values:
         table.problem("tag", "tag is missing; give a table, or null for a tape without one")
     tag = None if table.values.get("tag") is None else _read_tag(table.table("tag"))
+    surface = _read_surface(table.table("surface")) if "surface" in table.values else None
     if columns * rows > MOST_POINTS:
         table.problem("columns", f"columns x rows = {columns} x {rows} exceeds {MOST_POINTS} grid points")
     if table.problems:
@@ -317,6 +369,7 @@ def _read_tape(table: Fields) -> Tape:
         board=board,
         part=part,
         tag=tag,
+        surface=surface,
     )
 
 

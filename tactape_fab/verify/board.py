@@ -9,8 +9,8 @@ import shapely
 
 from tactape_fab.errors import Check
 from tactape_fab.kit.readback import CplContent, GerberContent
-from tactape_fab.kit.shapes import inset_mm, rotate
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
 from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded

@@ -8,10 +8,10 @@ import json
 import re
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal
 
 from tactape_fab.errors import Check
 from tactape_fab.fields import shown
@@ -23,6 +23,10 @@ _MOST_NAMED = 5
 
 ALWAYS = ("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom")
 PICTURES = ("preview-svg", "preview-png")
+MODELS = ("step-solid", "stl", "3mf")
+EMBOSSED = ("stl", "3mf", "placements")
+
+Kind = Literal["film", "texture", "embossed"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,11 +41,25 @@ def named(items: list[str]) -> str:
     return ", ".join(items[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def roles_of(tape: Tape) -> tuple[str, ...]:
-    """Roles that the kit of this tape must have, each once."""
+def kind_of(manifest: Mapping[str, Any]) -> Kind:
+    """What a manifest is of: a film with parts, a texture of solid elements, a texture on a user's own part."""
+    if "surface" in manifest:
+        return "embossed"
+    spec = manifest.get("spec")
+    made_by_fab = "land_pattern" in manifest or not isinstance(spec, Mapping) or spec.get("fab") is not None
+    return "film" if made_by_fab else "texture"
+
+
+def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True) -> tuple[str, ...]:
+    """Roles that a kit must have, each once; of an embossed one those that it has in any case."""
+    if kind == "embossed":
+        return EMBOSSED
+    if kind == "texture":
+        return (*MODELS, *PICTURES)
     legend = ("legend-top",) if tape.tag is not None else ()
     drill = ("drill-npth",) if tape.board.holes else ()
-    return (*ALWAYS, *legend, *drill, *PICTURES, "fab-zip")
+    solids = ("step-assembly", *MODELS) if models else ()
+    return (*ALWAYS, *legend, *drill, *solids, *PICTURES, "fab-zip")
 
 
 def safe_path(text: object) -> PurePosixPath | None:
@@ -100,10 +118,10 @@ def _read_inside(root: Path, place: Path) -> bytes:
     return place.read_bytes()
 
 
-def check_roles(tape: Tape, files: Mapping[str, list[WrittenFile]]) -> Check:
-    expected = roles_of(tape)
+def check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]], allowed: Sequence[str] = ()) -> Check:
+    """Every expected role once, and no other but the allowed ones."""
     wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
-    wrong += [f"{role}, which this tape has no use for" for role in files if role not in expected]
+    wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed)]
     message = f"the kit holds {named(wrong)}" if wrong else f"{len(expected)} roles, one file each"
     return Check(name="roles", passed=not wrong, message=message)
 

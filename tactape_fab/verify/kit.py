@@ -11,9 +11,14 @@ from typing import Any, TypeVar
 from tactape_fab.errors import Check, SpecError, VerifyError
 from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
+from tactape_fab.solids.checks import form_problems
+from tactape_fab.solids.forms import SolidForm, read_form
+from tactape_fab.solids.readmesh import MeshError, read_stl
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
 from tactape_fab.verify.assembly import check_bom, check_cpl
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
+from tactape_fab.verify.embossed import check_embossed
+from tactape_fab.verify.expected import expected_of_embossed, expected_of_kit
 from tactape_fab.verify.files import (
     WrittenFile,
     check_job,
@@ -21,10 +26,12 @@ from tactape_fab.verify.files import (
     check_roles,
     check_signature,
     check_zip,
+    kind_of,
     named,
     read_files,
     roles_of,
 )
+from tactape_fab.verify.kernels import check_with_others
 from tactape_fab.verify.lands import (
     LandPairs,
     Recorded,
@@ -35,6 +42,7 @@ from tactape_fab.verify.lands import (
     read_recorded,
 )
 from tactape_fab.verify.legend import check_tag
+from tactape_fab.verify.models import check_models, check_threemf
 from tactape_fab.verify.symbols import check_symbols
 
 GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "components-top")
@@ -78,7 +86,7 @@ def verify_kit(path: str | Path, *, quick: bool = False) -> Verification:
     ----------
     path : str or Path
     quick : bool
-        Leave out what needs a program or a library beyond the ones this package installs: the second tag detector.
+        Leave out what needs a CAD kernel, another program or an extra: OCCT, FreeCAD, PrusaSlicer, the second tag detector.
 
     Returns
     -------
@@ -102,8 +110,10 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
     try:
         manifest = read_manifest(manifest_file)
         tape = Tape.from_mapping(manifest)
+        kind = kind_of(manifest)
         table = Fields(manifest)
-        recorded = read_recorded(table)
+        recorded = read_recorded(table) if kind == "film" else None
+        form = read_form(table.table("solid")) if kind == "texture" or (kind == "film" and "solid" in manifest) else None
         table.table("tool")
         table.table("spec")
         if table.problems:
@@ -114,14 +124,49 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         )
     checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols as code '{tape.code}' has them")]
     files, file_checks = read_files(folder, manifest)
-    checks += [*file_checks, check_roles(tape, files)]
+    expected = roles_of(tape, kind, models=form is not None)
+    checks += [*file_checks, check_roles(expected, files, ("step-solid",) if kind == "embossed" else ())]
     single = {role: rows[0] for role, rows in files.items() if rows}
-    missing = [role for role in roles_of(tape) if role not in single]
+    missing = [role for role in expected if role not in single]
     if missing:
         checks.append(Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}"))
         return Verification(name=tape.name, checks=tuple(checks))
-    checks += _check_content(manifest, tape, recorded, single, quick=quick)
+    if kind == "embossed":
+        checks += _check_part(manifest, tape, single, quick=quick)
+        return Verification(name=tape.name, checks=tuple(checks))
+    cpl = None
+    if recorded is not None:
+        cpl = _read("cpl", read_cpl, single, checks)
+        checks += _check_content(manifest, tape, recorded, single, cpl, quick=quick)
+    checks.append(check_picture(single))
+    if form is not None:
+        checks += _check_solids(tape, form, single, cpl, quick=quick)
     return Verification(name=tape.name, checks=tuple(checks))
+
+
+def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
+    """The models of a texture on a part of the user's own."""
+    checks = check_embossed(manifest, files["stl"].data, files["placements"].data)
+    try:
+        checks.append(check_threemf(files["3mf"].data, read_stl(files["stl"].data)))
+    except MeshError:  # said already
+        return checks
+    surface = Fields(manifest["surface"])
+    volume_mm3 = surface.number("volume_mm3", above=0.0, unit="mm3", default=1.0)
+    bodies = surface.integer("bodies", low=1, high=1_000_000, default=1)
+    if quick or surface.problems:
+        return checks
+    return [*checks, *check_with_others(tape, expected_of_embossed(volume_mm3, bodies, files), files)]
+
+
+def _check_solids(
+    tape: Tape, form: SolidForm, files: dict[str, WrittenFile], cpl: CplContent | None, *, quick: bool
+) -> list[Check]:
+    problems = form_problems(tape, form)
+    if problems:
+        return [Check(name="solid", passed=False, message="; ".join(p.message for p in problems))]
+    checks = check_models(tape, form, files, cpl)
+    return checks if quick else [*checks, *check_with_others(tape, expected_of_kit(tape, form, files), files, cpl)]
 
 
 def _read(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], checks: list[Check]) -> T | None:
@@ -133,14 +178,20 @@ def _read(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], 
 
 
 def _check_content(
-    manifest: dict[str, Any], tape: Tape, recorded: Recorded, files: dict[str, WrittenFile], *, quick: bool
+    manifest: dict[str, Any],
+    tape: Tape,
+    recorded: Recorded,
+    files: dict[str, WrittenFile],
+    cpl: CplContent | None,
+    *,
+    quick: bool,
 ) -> list[Check]:
+    """Everything that a fab and an assembly line get."""
     checks: list[Check] = []
     layers: dict[str, GerberContent] = {}
     for role in GERBER_ROLES:
         if role in files and (content := _read(role, read_gerber, files, checks)) is not None:
             layers[role] = content
-    cpl = _read("cpl", read_cpl, files, checks)
     holes = _read("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
     checks.append(_check_attributes(layers, files, manifest["spec"].get("x2")))
     if "profile" in layers:
@@ -163,7 +214,7 @@ def _check_content(
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
-    return [*checks, check_job(tape, files), check_picture(files), check_zip(files)]
+    return [*checks, check_job(tape, files), check_zip(files)]
 
 
 def _check_layers_with_cpl(

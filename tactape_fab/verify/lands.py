@@ -11,9 +11,9 @@ import shapely
 from tactape_fab.errors import Check
 from tactape_fab.fields import Fields
 from tactape_fab.kit.readback import CplContent, GerberContent
-from tactape_fab.kit.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
 from tactape_fab.profiles import LandPattern, read_land
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
 

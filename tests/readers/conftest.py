@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,9 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.profiles import load_fab, load_part
+from tests.conftest import _missing
 from tests.readers.pictures import Reader, gerbonara_svg, gerbv_picture, rasterised, tracespace_svg
+from tests.readers.solids import NAMES, Variant, write_variant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +30,7 @@ class Sample:
 
 
 def layout_of(spec: TapeSpec) -> Layout:
-    fab, part = load_fab(spec.fab), load_part(spec.part)
+    fab, part = load_fab(spec.fab or "generic-fpc"), load_part(spec.part)
     return build_layout(plan(spec, fab, part), spec, fab, part)
 
 
@@ -61,3 +64,28 @@ def reader(request: pytest.FixtureRequest, tmp_path: Path) -> Reader:
     find: Callable[[str], str] = request.getfixturevalue("node_module")
     node = find("gerber-to-svg")
     return Reader(draw=lambda path, window: rasterised(rsvg, tracespace_svg(node, path, window), window, folder), least_iou=0.98)
+
+
+@pytest.fixture(scope="session")
+def solid_variants(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Variant]:
+    """Every kind of solid, written once; not to be changed."""
+    folder = tmp_path_factory.mktemp("solids")
+    return {name: write_variant(name, folder) for name in NAMES}
+
+
+@pytest.fixture(scope="session")
+def freecad() -> str:
+    """Path of FreeCAD without a window."""
+    found = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
+    if found is None:
+        _missing("FreeCAD", "install Debian's freecad-python3")
+    return str(found)
+
+
+@pytest.fixture(scope="session")
+def prusa_slicer() -> str:
+    """Path of PrusaSlicer."""
+    found = shutil.which("prusa-slicer")
+    if found is None:
+        _missing("PrusaSlicer", "install Debian's prusa-slicer")
+    return str(found)

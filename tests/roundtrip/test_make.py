@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tactape_fab import Kit, Tape, TapeSpec, default_origin, make, make_kit, verify_kit
+from tactape_fab import Kit, Tape, TapeSpec, default_origin, folders, make, make_kit, verify_kit
 from tactape_fab.cli import main
 from tactape_fab.errors import Check, SpecError, TactapeError, VerifyError
 from tactape_fab.kit.artifact import Artifact
@@ -33,7 +33,8 @@ from tactape_fab.verify import kit as verify_kit_module
 SMALL = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
 """The spec of the shared small kit."""
 FAB_ROLES = {"copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job"}
-ROLES = FAB_ROLES | {"components-top", "cpl", "bom", "preview-svg", "preview-png", "fab-zip"}
+MODEL_ROLES = {"step-assembly", "step-solid", "stl", "3mf"}
+ROLES = FAB_ROLES | MODEL_ROLES | {"components-top", "cpl", "bom", "preview-svg", "preview-png", "fab-zip"}
 PINNED_KEYS = {
     "format", "name", "tool", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm", "board", "part",
     "fab", "spec", "symbols", "omitted", "tag", "files",
@@ -127,9 +128,9 @@ def test_source_date_epoch_changes_the_dates_and_nothing_else(
     dated, plain = contents(make_kit(SMALL, tmp_path / "kit").path), contents(small_kit.path)
     assert dated.keys() == plain.keys()
     for path, data in dated.items():
-        if path.endswith((".zip", "manifest.json")):
+        if path.endswith((".zip", ".3mf", "manifest.json")):
             continue
-        undated = without_signature(data.replace(b"2026-01-02T03:04:05+00:00", b"1980-01-01T00:00:00+00:00"))
+        undated = without_signature(data.replace(b"2026-01-02T03:04:05", b"1980-01-01T00:00:00"))
         assert undated == without_signature(plain[path]), path
     assert dated["gerber/tactape-s100.gtl"].count(b"2026-01-02T03:04:05+00:00") == 1
     with zipfile.ZipFile(io.BytesIO(dated["tactape-s100-fab.zip"])) as archive:
@@ -288,7 +289,7 @@ def test_overwrite_works_where_folders_cannot_be_exchanged(
     tmp_path: Path, small_kit: Kit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make_kit(TapeSpec(sector=8, size_mm=(20.0, 20.0)), tmp_path / "kit")
-    monkeypatch.setattr(make, "_exchange", lambda *_: False)
+    monkeypatch.setattr(folders, "_exchange", lambda *_: False)
     make_kit(SMALL, tmp_path / "kit", overwrite=True)
     assert contents(tmp_path / "kit") == contents(small_kit.path)
     assert [p.name for p in tmp_path.iterdir()] == ["kit"]

@@ -108,7 +108,7 @@ OPTIONS = [
     Case("make --sector 7 --tag-cell 0.1", USAGE, "0.1 mm", "below 0.3 mm", REMEDY),
     Case("make --sector 7 --tag-cell 6", USAGE, "6 mm", "exceeds 5 mm", REMEDY),
     # part, holes, corners, rotation, name
-    Case("make --sector 7 --part r9999", USAGE, "'r9999'", "none of: r0201", "path of a .toml file"),
+    Case("make --sector 7 --part r9999", USAGE, "'r9999'", "none of: block, cone, dome, r0201", "path of a .toml file"),
     Case("make --sector 7 --fab acme", USAGE, "'acme'", "none of: generic-fpc", "path of a .toml file"),
     Case("make --sector 7 --fab ../fabs/generic-fpc", USAGE, "'../fabs/generic-fpc'", "none of", "path of a .toml file"),
     Case("make --sector 7 --code qr", USAGE, "'qr'", "none of", "microdots-4x4, debruijn-4x4, anoto-6x6"),
@@ -138,8 +138,72 @@ OPTIONS = [
     Case("make --sector 7 --w 1.2", RULES, "opening-bridge: coverlay bridge between openings 0.066 mm", "limit 0.200 mm", WIDER),
     Case("check --sector 7 --w 0.5", RULES, "body-body: gap between two largest bodies -0.094 mm", "limit 0.150 mm", WIDER),
     Case("make --sector 7 --rotation 90", RULES, "pad-pad: gap between pads of two parts -0.100 mm", "limit 0.100 mm", WIDER),
+    # solid elements
+    Case("make --sector 7 --part dome --body 0.6x0.3", USAGE, "0.6 x 0.3 mm", "below its radius 0.3 mm", "use a lower dome"),
+    Case("make --sector 7 --part dome --body 0.6x0.5x0.2", USAGE, "0.6 x 0.5 x 0.2 mm", "no circle", "one diameter"),
+    Case("make --sector 7 --part dome --body 0.6", USAGE, "body_mm = [0.6]", "3 numbers", "give DIAMETERxHEIGHT in mm"),
+    Case("make --sector 7 --part block --body 0.6x0.2", USAGE, "body_mm = [0.6, 0.2]", "3 numbers", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part block --body 0.6x0.3x0.2inch", USAGE, "'0.2inch'", "a number in mm", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part block --body nanx0.3x0.2", USAGE, "body_mm[0] = nan", "finite", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part block --body 0.6x-0.3x0.2", USAGE, "body_mm[1] = -0.3 mm", "above 0 mm", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "body_mm[0] = 0 mm", "above 0 mm", "DIAMETERxHEIGHT"),
+    Case("make --sector 7 --part block --body 600x300x230", USAGE, "600 mm", "exceeds 20 mm", "each at most 20"),
+    Case(
+        "make --sector 7 --part block --body 2x2x0.2",
+        USAGE,
+        "part = 'block' is larger than its cell",
+        "0.748 mm",
+        "use a larger --w, a smaller --delta",
+    ),
+    Case(
+        "make --sector 7 --part dome --w 0.7",
+        USAGE,
+        "part = 'dome' is larger than its cell",
+        "0.348 mm",
+        "use a larger --w, a smaller --delta",
+    ),
+    Case("make --sector 7 --part dome --dome-top 0.6", USAGE, "0.6 mm", "between 0 and 0.6 mm", "use a smaller top"),
+    Case("make --sector 7 --part dome --dome-top 0", USAGE, "0 mm", "above 0 mm", REMEDY),
+    Case("make --sector 7 --part block --dome-top 0.2", USAGE, "dome_top_mm", "is for a dome", "leave it out"),
+    Case("make --sector 7 --part r0201 --body 1x1x1", USAGE, "body_mm = [1, 1, 1]", "contradicts part = 'r0201'", "--part block"),
+    Case("make --sector 7 --dome-top 0.2", USAGE, "dome_top_mm = 0.2", "contradicts part = 'r0201'", "--part block"),
+    Case("make --sector 7 --part dome --size 5x5", USAGE, "5 x 5 mm is too small", "6.7 x 6.6 mm", "use a larger --size"),
+    Case("make --sector 7 --part dome --fab generic-fpc", USAGE, "fab = 'generic-fpc'", "contradicts part", "leave out --fab"),
+    Case("make --sector 7 --part dome --assembly jlcpcb", USAGE, "'jlcpcb'", "contradicts part", "leave out --assembly"),
+    Case("make --sector 7 --part dome --x2 off", USAGE, "x2 = 'off'", "contradicts part", "leave out --x2"),
+    Case("make --sector 7 --part dome --tag strip", USAGE, "tag = 'strip'", "contradicts part", "leave out --tag"),
+    Case("make --sector 7 --part dome --tag-id 3", USAGE, "tag_id = 3", "contradicts part", "leave out --tag-id"),
+    Case("make --sector 7 --part dome --no-3d", USAGE, "--no-3d", "contradicts part", "leave out --no-3d"),
+    Case("make --sector 7 --part dome --hole 50,0.8,1", RULES, "0.300 mm", "limit 0.600 mm of sla", "move the hole inward"),
+    # process and base
+    Case("make --sector 7 --process laser", USAGE, "'laser'", "none of: cnc, fdm, sla", "path of a .toml file"),
+    Case("make --sector 7 --process nowhere.toml", USAGE, "nowhere.toml", "No such file", REMEDY),
+    Case("make --sector 7 --process sla --no-3d", USAGE, "process = 'sla'", "contradicts models = false", "give one of them"),
+    Case("make --sector 7 --base 0.1", USAGE, "0.1 mm", "below 0.2 mm", "--base is the thickness"),
+    Case("make --sector 7 --base 800", USAGE, "800 mm", "exceeds 50 mm", "--base is the thickness"),
+    Case("make --sector 7 --base 1 --no-3d", USAGE, "base_mm = 1", "contradicts models = false", "give one of them"),
+    Case("make --sector 7 --negative --no-3d", USAGE, "negative", "contradicts models = false", "give one of them"),
+    Case("make --sector 7 --top half", USAGE, "'half'", "none of", "tiles, single"),
+    # cylinder
+    Case("make --sector 7 --cylinder 0", USAGE, "0 mm", "above 0 mm", "--cylinder is the radius"),
+    Case("make --sector 7 --cylinder 1e9", USAGE, "1e+09 mm", "exceeds 100000 mm", "--cylinder is the radius"),
+    Case("make --sector 7 --cylinder 0.5 --size 20x20", USAGE, "0.5 mm", "below", "use a larger --cylinder"),
+    Case("make --sector 7 --cylinder 15 --part dome", USAGE, "15 mm", "the largest length that fits is 94.147 mm", "--size"),
+    Case("make --sector 7 --cylinder 30 --part dome --hole 50,25,2", USAGE, "holes_mm", "no holes", "leave out --hole"),
+    Case(
+        "make --sector 7 --cylinder 30 --part dome --corner-radius 2",
+        USAGE,
+        "2 mm",
+        "square corners",
+        "leave out --corner-radius",
+    ),
+    Case("make --sector 7 --around x", USAGE, "around = 'x'", "without cylinder_mm", "give --cylinder RADIUS"),
+    Case("make --sector 7 --shell whole", USAGE, "shell = 'whole'", "without cylinder_mm", "give --cylinder RADIUS"),
+    Case("make --sector 7 --cylinder 30 --around z", USAGE, "around = 'z'", "none of", "x, y"),
+    Case("make --sector 7 --cylinder 30 --shell half", USAGE, "shell = 'half'", "none of", "segment, whole"),
+    Case("make --sector 7 --cylinder 30 --no-3d", USAGE, "cylinder_mm = 30", "contradicts models = false", "give one of them"),
     # options that are unknown, in this version or at all
-    Case("make --sector 7 --no-3d", USAGE, "--no-3d", "No such option", "--help"),
+    Case("make --sector 7 --no-2d", USAGE, "--no-2d", "No such option", "--help"),
     Case("check --sector 7 -o kit", USAGE, "-o", "No such option", "--help"),
     Case("verify", USAGE, "KIT", "Missing argument", "--help"),
     Case("panel --sector 7", USAGE, "panel", "No such command", "--help"),
@@ -223,6 +287,10 @@ NUMBERS = {
     "--tag-cell": ("tag_cell_mm", "{}"),
     "--rotation": ("rotation_deg", "{}"),
     "--corner-radius": ("corner_radius_mm", "{}"),
+    "--base": ("base_mm", "{}"),
+    "--cylinder": ("cylinder_mm", "{}"),
+    "--part block --dome-top": ("dome_top_mm", "{}"),
+    "--part block --body": ("body_mm[2]", "0.6x0.3x{}"),
     "--hole": ("holes_mm[0][2]", "50,25,{}"),
 }
 
@@ -249,6 +317,11 @@ def test_no_option_takes_what_is_no_sensible_number(option: str, value: str, her
         ("--sector 300 --delta 0.7", ["sector = 300", "pad-pad: ", "body-body: ", "opening-bridge: "]),
         ("--sector 7 --delta 0.7 --fab nowhere.toml", ["nowhere.toml cannot be opened", "pad-pad: ", "opening-bridge: "]),
         ("--sector 7 --part r9 --fab acme --code qr", ["part = 'r9'", "fab = 'acme'", "code = 'qr'"]),
+        ("--sector 7 --part dome --fab acme --base 0", ["fab = 'acme' contradicts", "base_mm = 0 mm"]),
+        ("--sector 300 --part dome --cylinder 15", ["sector = 300", "the largest length that fits is 94.147 mm"]),
+        ("--sector 7 --delta 0.7 --cylinder 15", ["the tape would overlap itself", "pad-pad: ", "body-body: "]),
+        ("--sector 7 --process laser --no-3d --negative", ["process = 'laser'", "negative = True contradicts"]),
+        ("--sector 7 --part r9 --body nanx1x1 --base nan", ["part = 'r9'", "base_mm = nan"]),
         ("--sector 300 --fab nowhere.toml", ["sector = 300", "nowhere.toml cannot be opened"]),
         ("--sector 300 --size 5x5", ["sector = 300", "5 x 5 mm is too small"]),
         ("--sector 7 --size 5000x40 --corner-radius 10", ["--origin", "corner_radius_mm = 10 mm cuts into the tag"]),
@@ -283,6 +356,9 @@ def test_a_tape_larger_than_its_code_is_a_capacity_error() -> None:
         ("--sector 7 --size 5x5 --tag none", "--size 7.7x7.7"),
         ("--sector 900 --code anoto-6x6", "--tag-id 5"),
         ("--sector 7 --corner-radius 3", "--tag none"),
+        ("--sector 7 --part dome --size 5x5", "--size 6.7x6.6"),
+        ("--sector 7 --part dome --cylinder 15", "--size 94x50"),
+        ("--sector 7 --part dome --body 0.6x0.3", "--dome-top 0.3"),
     ],
 )
 def test_the_remedy_of_a_message_helps(args: str, remedy: str, here: Path) -> None:
@@ -364,31 +440,51 @@ PROFILES = [
     ("fabs", r"(?s).*", "", "limits", "is missing", REMEDY),
     ("fabs", r"(?s).*", "[[", "mine.toml", "is not TOML", REMEDY),
     ("fabs", r"(?s).*", "#" * 2_000_000, "mine.toml", "1048576 bytes", "it is not a spec or profile"),
+    ("processes", r"\[limits.gap\][^\[]*", "", "limits.gap", "is missing", REMEDY),
+    ("processes", "value_mm = 0.30\n", "value_mm = -0.30\n", "limits.feature.value_mm = -0.3 mm", "below 0 mm", REMEDY),
+    ("processes", r"\[limits.gap\]", "[limits.gaps]", "limits.gaps", "known key", "did you mean 'gap'?"),
+    ("processes", 'title = "', 'titel = "', "titel", "known key", "did you mean 'title'?"),
+    ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, 0.30", "0.6 x 0.3 mm", "below its radius 0.3 mm", "use a lower dome"),
+    ("elements", "0.60, 0.60, 0.23", "0.60, 0.50, 0.23", "0.6 x 0.5 x 0.23 mm", "no circle", "give it"),
+    ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, -1", "body.size_mm[2] = -1 mm", "above 0 mm", REMEDY),
+    ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, nan", "body.size_mm[2] = nan", "finite", REMEDY),
+    ("elements", 'shape = "dome"', 'shape = "ball"', "shape = 'ball'", "none of", "block, dome"),
+    ("elements", "tolerance_mm = 0.0", "top_mm = 0.7\ntolerance_mm = 0.0", "top_mm = 0.7 mm", "0.6 mm", "use a smaller top"),
+    ("elements", "[body]", "value = '1R'\n[body]", "value", "known key", REMEDY),
+    ("elements", r"(?s)\[body\].*", "[pads]\nsize_mm = [1, 1]\n", "pads.offset_mm", "is missing", REMEDY),
     ("parts", "0.60, 0.30", "-0.60, nan", "body.size_mm[0] = -0.6 mm", "above 0 mm", REMEDY),
     ("parts", '"block"', '"dome"', "shape = 'dome'", "none of", "block"),
     ("parts", "offset_mm = 0.32", "offset_mm = 0.1", "pads.offset_mm = 0.1 mm", "0.23 mm", "must not touch"),
     ("parts", 'value = "0R"', 'value = "a;b"', "value = 'a;b'", "cannot be used", "use plain letters"),
     ("parts", r"(?s)\[courtyard\].*", "", "courtyard", "is missing", REMEDY),
 ]
+SOURCES = {
+    "fabs": ("fabs", "generic-fpc", "fab"),
+    "parts": ("parts", "r0201", "part"),
+    "elements": ("parts", "dome", "part"),
+    "processes": ("processes", "sla", "process"),
+}
+"""Folder and name of the profile that is changed, and the option that names it."""
 
 
-@pytest.mark.parametrize(("kind", "old", "new", "value", "limit", "remedy"), PROFILES, ids=[p[3] for p in PROFILES])
+@pytest.mark.parametrize(("kind", "old", "new", "value", "limit", "remedy"), PROFILES, ids=[f"{p[0]} {p[3]}" for p in PROFILES])
 def test_a_bad_profile_is_refused(
     kind: str, old: str, new: str, value: str, limit: str, remedy: str | re.Pattern[str], here: Path
 ) -> None:
-    source = next((templates_folder() / kind).glob("*.toml")).read_text(encoding="utf-8")
+    folder, name, option = SOURCES[kind]
+    source = (templates_folder() / folder / f"{name}.toml").read_text(encoding="utf-8")
     pattern = old if any(mark in old for mark in ("(?s)", r"\[")) else re.escape(old)
     changed, count = re.subn(pattern, lambda _: new, source, count=1)
     assert count == 1
     (here / "mine.toml").write_text(changed, encoding="utf-8")
-    refuse(here, Case(f"make --sector 7 --{kind[:-1]} mine.toml", USAGE, value, limit, remedy))
+    refuse(here, Case(f"make --sector 7 --{option} mine.toml", USAGE, value, limit, remedy))
 
 
 def test_a_profile_that_cannot_be_read_is_refused(here: Path) -> None:
     (here / "folder.toml").mkdir()
     (here / "binary.toml").write_bytes(bytes(range(256)))
     for name, reason in (("nowhere", "No such file"), ("folder", "Is a directory"), ("binary", "is not TOML")):
-        for option in ("fab", "part"):
+        for option in ("fab", "part", "process"):
             refuse(here, Case(f"make --sector 7 --{option} {name}.toml", USAGE, f"{option} = {name}.toml", reason, REMEDY))
 
 

@@ -44,6 +44,16 @@ def test_defaults() -> None:
         "corner_radius_mm": 1.0,
         "holes_mm": [],
         "name": "tactape-s007",
+        "body_mm": None,
+        "dome_top_mm": None,
+        "process": None,
+        "models": True,
+        "base_mm": 0.8,
+        "negative": False,
+        "top": "tiles",
+        "cylinder_mm": None,
+        "around": None,
+        "shell": None,
     }
 
 
@@ -104,7 +114,7 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"tag_cell_mm": 0.2}, "tag_cell_mm", "tag_cell_mm = 0.2 mm is below 0.3 mm"),
     ({"rotation_deg": 400.0}, "rotation_deg", "rotation_deg = 400 deg exceeds 360 deg"),
     ({"rotation_deg": -400.0}, "rotation_deg", "rotation_deg = -400 deg is below -360 deg"),
-    ({"part": "r9999"}, "part", "part = 'r9999' is none of: r0201, nor the path of a .toml file"),
+    ({"part": "r9999"}, "part", "part = 'r9999' is none of: block, cone, dome, r0201, nor the path of a .toml file"),
     ({"part": 201}, "part", "part = 201 is not a text"),
     ({"fab": "acme"}, "fab", "fab = 'acme' is none of: generic-fpc, nor the path of a .toml file"),
     ({"assembly": "yes"}, "assembly", "assembly = 'yes' is none of: generic, jlcpcb"),

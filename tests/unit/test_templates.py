@@ -21,9 +21,10 @@ PROBE = """
 import json
 import tactape_fab
 from tactape_fab.cli import main
-from tactape_fab.profiles import load_fab, load_part, profile_names, templates_folder
-names = {kind: profile_names(kind) for kind in ("fabs", "parts")}
-[load_fab(name) for name in names["fabs"]], [load_part(name) for name in names["parts"]]
+from tactape_fab.profiles import load_fab, load_process, profile_names, read_part, templates_folder
+names = {kind: profile_names(kind) for kind in ("fabs", "parts", "processes")}
+for load, kind in ((load_fab, "fabs"), (read_part, "parts"), (load_process, "processes")):
+    [load(name) for name in names[kind]]
 main(["make", "--sector", "7", "--size", "20x20", "-o", "kit", "--overwrite"], standalone_mode=False)
 print(json.dumps({"package": tactape_fab.__file__, "templates": str(templates_folder()), "names": names}))
 """
@@ -58,7 +59,7 @@ def probe(command: list[str], cwd: Path, **env: str) -> tuple[Path, Path]:
     done = subprocess.run([*command, PROBE], cwd=cwd, env={**clean, **env}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
-    assert found["names"] == {kind: profile_names(kind) for kind in ("fabs", "parts")}
+    assert found["names"] == {kind: profile_names(kind) for kind in ("fabs", "parts", "processes")}
     assert (cwd / "kit" / "manifest.json").is_file()
     return Path(found["package"]).resolve().parent, Path(found["templates"]).resolve()
 
@@ -73,7 +74,8 @@ def probe_installed(target: Path, cwd: Path) -> tuple[Path, Path]:
 def test_every_template_can_be_read_here() -> None:
     assert templates_folder().is_dir()
     assert "generic-fpc" in profile_names("fabs")
-    assert "r0201" in profile_names("parts")
+    assert profile_names("parts") == ["block", "cone", "dome", "r0201"]
+    assert profile_names("processes") == ["cnc", "fdm", "sla"]
 
 
 def test_checkout_as_current_folder_finds_its_templates(checkout: Path) -> None:

@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from tactape_fab.errors import RenderError
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.colours import BODY, COVERLAY_COLOURS, Colour, rgb8
 from tactape_fab.kit.readback import GerberContent, read_cpl, read_drill, read_gerber
-from tactape_fab.kit.shapes import rotate
 from tactape_fab.profiles import FabProfile
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
+from tactape_fab.texture.shapes import rotate
 
 MARGIN_MM = 2.0
 PX_PER_MM = 20.0
@@ -23,19 +24,8 @@ EDGE_MM = 0.1
 _TERMINAL_SHARE = 0.2
 _SUB_PIXEL_BITS = 4
 
-Colour = str
-
-COVERLAY_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
-    "amber": ("#c98a1b", "#a8701a"),
-    "yellow": ("#e0b62e", "#b98f22"),
-    "black": ("#26282b", "#17181a"),
-    "white": ("#eceae4", "#cfccc3"),
-    "green": ("#1f6b3a", "#164d2a"),
-}
-"""Coverlay as seen on bare film, and its edge."""
 _BASE_FILM = "#8a5a12"
 _GOLD = "#e9c46a"
-_BODY = "#1d1f24"
 _TERMINAL = "#d9dce1"
 _LEGEND = {"white": "#f7f7f2", "black": "#151515"}
 _BACKGROUND = "#ffffff"
@@ -81,7 +71,7 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
         xy = cpl.xy_mm[cpl.rotation_deg == angle]
         bodies.append((rotate(body, float(angle)), xy))
         terminals += [(rotate(end, float(angle)), xy) for end in _terminals(body)]
-    shapes.append(_Shapes(name="bodies", colour=_BODY, stamps=tuple(bodies)))
+    shapes.append(_Shapes(name="bodies", colour=BODY, stamps=tuple(bodies)))
     shapes.append(_Shapes(name="terminals", colour=_TERMINAL, stamps=tuple(terminals)))
     if "drill-npth" in files:
         angle_rad = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
@@ -175,7 +165,8 @@ def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
 
 
 def _bgr(colour: Colour) -> tuple[int, int, int]:
-    return int(colour[5:7], 16), int(colour[3:5], 16), int(colour[1:3], 16)
+    red, green, blue = rgb8(colour)
+    return blue, green, red
 
 
 def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:

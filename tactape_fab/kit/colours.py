@@ -1,0 +1,33 @@
+"""Colours of what a kit shows, in pictures and in models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+Colour = str
+"""``#rrggbb``."""
+
+COVERLAY_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
+    "amber": ("#c98a1b", "#a8701a"),
+    "yellow": ("#e0b62e", "#b98f22"),
+    "black": ("#26282b", "#17181a"),
+    "white": ("#eceae4", "#cfccc3"),
+    "green": ("#1f6b3a", "#164d2a"),
+}
+"""Coverlay as seen on bare film, and its edge."""
+BODY = "#1d1f24"
+"""A resistor's body."""
+TEXTURE = "#c6ccd4"
+"""A printed or milled texture."""
+MOULD = "#d9cdb8"
+
+
+def rgb8(colour: Colour) -> tuple[int, int, int]:
+    """Red, green and blue from 0 to 255."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def rgb(colour: Colour) -> tuple[float, float, float]:
+    """Red, green and blue from 0 to 1."""
+    red, green, blue = rgb8(colour)
+    return red / 255, green / 255, blue / 255

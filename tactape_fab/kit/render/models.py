@@ -1,0 +1,49 @@
+"""The 3D models: STEP as an assembly of the placed parts, and one solid as STEP, STL and 3MF."""
+
+from __future__ import annotations
+
+from tactape_fab import __version__
+from tactape_fab.kit.artifact import Artifact, build_date, zip_date
+from tactape_fab.kit.colours import BODY, COVERLAY_COLOURS, MOULD, TEXTURE, rgb
+from tactape_fab.profiles import FabProfile
+from tactape_fab.solids.assembly import assembly_step
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh import stl_bytes, threemf_bytes
+from tactape_fab.solids.sheet import texture_mesh
+from tactape_fab.solids.step import solid_step
+from tactape_fab.texture.tape import Tape
+
+
+def render_assembly(tape: Tape, fab: FabProfile) -> Artifact:
+    """The film with every part as an occurrence of its own, named by its designator."""
+    data = assembly_step(
+        tape,
+        name=tape.name,
+        date=build_date(),
+        board_rgb=rgb(COVERLAY_COLOURS[fab.coverlay_colour][0]),
+        part_rgb=rgb(BODY),
+    )
+    return Artifact(role="step-assembly", path=f"models/{tape.name}-assembly.step", data=data)
+
+
+def render_solid(tape: Tape, form: SolidForm) -> list[Artifact]:
+    """The texture, or its mould, as one solid: exact for CAD and milling, as a mesh for printing."""
+    title = f"{tape.name} mould" if form.negative else tape.name
+    colour = rgb(MOULD if form.negative else TEXTURE)
+    mesh = texture_mesh(tape, form)
+    metadata = {
+        "Description": f"{_kind(tape, form)}: sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}, "
+        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm",
+        "Application": f"tactape-fab {__version__}",
+    }
+    files = (
+        ("step-solid", "step", solid_step(tape, form, name=title, date=build_date(), rgb=colour)),
+        ("stl", "stl", stl_bytes(mesh, title)),
+        ("3mf", "3mf", threemf_bytes(mesh, title, metadata, zip_date())),
+    )
+    return [Artifact(role=role, path=f"models/{tape.name}.{ending}", data=data) for role, ending, data in files]
+
+
+def _kind(tape: Tape, form: SolidForm) -> str:
+    kind = "mould of a tactile texture" if form.negative else "tactile texture"
+    return kind if form.cylinder is None else f"{kind} on a cylinder of radius {form.cylinder.radius_mm:g} mm"

@@ -1,0 +1,56 @@
+"""Fab, part and process profiles: data files of templates/, or a user's own TOML by path, read into plain records."""
+
+from __future__ import annotations
+
+from tactape_fab.profiles.fabs import (
+    ASSEMBLY_FORMATS,
+    GERBER_ROLES,
+    LIMIT_IDS,
+    X2_MODES,
+    FabProfile,
+    LegendRules,
+    Material,
+    SizeLimit,
+    X2Mode,
+    load_fab,
+)
+from tactape_fab.profiles.lookup import Limit, profile_names, read_toml, templates_folder
+from tactape_fab.profiles.parts import (
+    LARGEST_BODY_MM,
+    ElementProfile,
+    LandPattern,
+    PartProfile,
+    element_problem,
+    load_part,
+    read_land,
+    read_part,
+)
+from tactape_fab.profiles.processes import PROCESS_LIMIT_IDS, ProcessProfile, load_process
+
+__all__ = [
+    "ASSEMBLY_FORMATS",
+    "GERBER_ROLES",
+    "LARGEST_BODY_MM",
+    "LIMIT_IDS",
+    "PROCESS_LIMIT_IDS",
+    "X2_MODES",
+    "ElementProfile",
+    "FabProfile",
+    "LandPattern",
+    "LegendRules",
+    "Limit",
+    "Material",
+    "PartProfile",
+    "ProcessProfile",
+    "SizeLimit",
+    "X2Mode",
+    "element_problem",
+    "load_fab",
+    "load_part",
+    "load_process",
+    "profile_names",
+    "read_land",
+    "read_part",
+    "read_toml",
+    "templates_folder",
+]

@@ -1,0 +1,168 @@
+"""Fab profiles: what a fab can make and how it wants its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+from tactape_fab.errors import Level
+from tactape_fab.fields import shown
+from tactape_fab.profiles.lookup import SOURCE_KEYS, Limit, profile_table, read_level, read_limit, refuse_problems
+
+X2_MODES = ("full", "comments", "off")
+ASSEMBLY_FORMATS = ("generic", "jlcpcb")
+LIMIT_IDS = (
+    "pad-pad",
+    "body-body",
+    "pad-edge",
+    "body-edge",
+    "opening-size",
+    "opening-bridge",
+    "opening-edge",
+    "opening-legend",
+    "hole-edge",
+    "hole-copper",
+    "hole-part",
+    "hole-hole",
+    "hole-legend",
+    "hole-size",
+    "courtyard",
+)
+GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "components-top", "job")
+_LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+_COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
+_FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9._-]{1,99}"
+
+X2Mode = Literal["full", "comments", "off"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeLimit:
+    """The largest board, (longer side, shorter side)."""
+
+    largest_mm: tuple[float, float]
+    level: Level
+    source: str
+    date: str
+    confirmed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    base: str
+    thickness_mm: float
+    copper_um: float
+    layers: int
+    finish: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LegendRules:
+    """``line_mm`` thinnest ink line, ``text_mm`` least capital height, ``gap_mm`` least gap between inked areas,
+    ``bleed_mm`` how far ink runs over an edge, ``edge_mm`` ink to outline.
+    """
+
+    line_mm: float
+    text_mm: float
+    gap_mm: float
+    bleed_mm: float
+    edge_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FabProfile:
+    """What a fab can make and how it wants its files.
+
+    ``limits`` holds one `Limit` for each of LIMIT_IDS; ``file_names`` one name pattern per Gerber role.
+    """
+
+    name: str
+    title: str
+    material: Material
+    coverlay_colour: str
+    legend_colour: str
+    x2: X2Mode
+    assembly: str
+    file_names: Mapping[str, str]
+    coverlay_expansion_mm: float
+    legend: LegendRules
+    limits: Mapping[str, Limit]
+    size: SizeLimit
+
+    def file_path(self, role: str, tape_name: str) -> str:
+        """Path of a fabrication file relative to the kit's folder."""
+        return f"gerber/{self.file_names[role].replace('{name}', tape_name)}"
+
+    def thresholds(self) -> dict[str, Any]:
+        """The thresholds and colours as the manifest records them."""
+        return {
+            "coverlay_colour": self.coverlay_colour,
+            "legend_colour": self.legend_colour,
+            "coverlay_expansion_mm": self.coverlay_expansion_mm,
+            "legend_bleed_mm": self.legend.bleed_mm,
+            "legend_gap_mm": self.legend.gap_mm,
+            "largest_board_mm": list(self.size.largest_mm),
+            "limits_mm": {name: limit.value_mm for name, limit in self.limits.items()},
+        }
+
+
+def load_fab(name: str) -> FabProfile:
+    """A fab profile by name, or by the path of a TOML file.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it.
+    """
+    table = profile_table("fabs", "fab", name)
+    table.refuse_unknown(
+        ("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size")
+    )
+    material = table.table("material", ("base", "thickness_mm", "copper_um", "layers", "finish"))
+    colours = table.table("colours", ("coverlay", "legend"))
+    gerber = table.table("gerber", ("x2",))
+    assembly = table.table("assembly", ("format",))
+    coverlay = table.table("coverlay", ("expansion_mm",))
+    legend = table.table("legend", _LEGEND_KEYS)
+    files = table.table("files", GERBER_ROLES)
+    limits = table.table("limits", LIMIT_IDS)
+    size = table.table("size", ("largest_mm", *SOURCE_KEYS))
+    largest = size.numbers("largest_mm", 2, above=0.0)
+    names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
+    for shared in sorted({n for n in names if names.count(n) > 1}):
+        files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")
+    if colours.values.get("legend") in _COLOURS_ALIKE.get(str(colours.values.get("coverlay")), ()):
+        both = colours.values["legend"]
+        colours.problem("legend", f"legend = {both!r} on coverlay {both!r} cannot be seen, nor its tag; give another of the two")
+    profile = FabProfile(
+        name=table.text("name", longest=100),
+        title=table.text("title"),
+        material=Material(
+            base=material.text("base"),
+            thickness_mm=material.number("thickness_mm", above=0.0, high=10.0),
+            copper_um=material.number("copper_um", above=0.0, high=1000.0, unit="um"),
+            layers=material.integer("layers", low=1, high=64),
+            finish=material.text("finish"),
+        ),
+        coverlay_colour=colours.text("coverlay", choices=("amber", "black", "white", "yellow", "green")),
+        legend_colour=colours.text("legend", choices=("white", "black")),
+        x2=cast(X2Mode, gerber.text("x2", choices=X2_MODES)),
+        assembly=assembly.text("format", choices=ASSEMBLY_FORMATS),
+        file_names={
+            role: files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")
+            for role in GERBER_ROLES
+        },
+        coverlay_expansion_mm=coverlay.number("expansion_mm", low=0.0, high=1.0),
+        legend=LegendRules(**{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
+        limits={name: read_limit(limits.table(name, ("value_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
+        size=SizeLimit(
+            largest_mm=(max(largest), min(largest)),
+            level=read_level(size),
+            source=size.text("source"),
+            date=size.text("date"),
+            confirmed=size.flag("confirmed"),
+        ),
+    )
+    refuse_problems(table)
+    return profile

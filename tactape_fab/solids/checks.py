@@ -1,0 +1,110 @@
+"""What a tape's solid models ask of tape and form, checked before anything is built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import asin
+
+import numpy as np
+
+from tactape_fab.errors import Problem
+from tactape_fab.solids.elements import mean_radius_mm, reach_mm
+from tactape_fab.solids.forms import Cylinder, SolidForm
+from tactape_fab.solids.rise import foot_radius_mm, meets_cylinder
+from tactape_fab.texture.tape import Tape
+
+LEAST_CLEARANCE_MM = 0.002
+"""Least distance of an element from the border of its cell: faces and edges must stay apart in every reader."""
+LEAST_SLIT_MM = 0.1
+"""Least gap between the ends of a base that is not closed."""
+LEAST_TURN_DEG = 0.5
+"""A block's sides on a cylinder are parallel to its axis, square to it, or turned from both by at least this."""
+
+
+def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
+    """Everything that keeps these solid models of a tape from being built, each with its remedy."""
+    problems = list(_cell_problems(tape))
+    if form.cylinder is not None:
+        problems += _cylinder_problems(tape, form, form.cylinder)
+    return problems
+
+
+def _cell_problems(tape: Tape) -> Iterator[Problem]:
+    reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
+    worst = float(reach.max())
+    if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM:
+        most_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM
+        yield Problem(
+            "part",
+            f"part = '{tape.part.name}' is larger than its cell: displaced by {tape.displacement_mm:g} mm it reaches "
+            f"{worst:.3f} mm from its grid point, more than {most_mm:.3f} mm, half the pitch {tape.pitch_mm:g} mm less a "
+            "clearance; use a larger --w, a smaller --delta or a smaller element",
+        )
+
+
+def arc_length_mm(tape: Tape, cylinder: Cylinder) -> float:
+    """Length of the board along the axis that becomes arc length."""
+    return tape.board.size_mm[0 if cylinder.around == "x" else 1]
+
+
+def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Iterator[Problem]:
+    radius_mm, axis = cylinder.radius_mm, 0 if cylinder.around == "x" else 1
+    reach_across_mm = max(reach_mm(tape.part)) if tape.part.shape == "block" else mean_radius_mm(tape.part)
+    least_mm = max(2 * reach_across_mm, 0.0 if form.negative else form.base_mm + 0.1)
+    shown = f"cylinder_mm = {radius_mm:g} mm"
+    if radius_mm < least_mm:
+        yield Problem(
+            "cylinder_mm",
+            f"{shown} is below {least_mm:.2f} mm, what an element of reach {reach_across_mm:.2f} mm on a base of "
+            f"{form.base_mm:g} mm needs; use a larger --cylinder or a thinner --base",
+        )
+        return
+    length_mm = arc_length_mm(tape, cylinder)
+    longest_mm = cylinder.circumference_mm - (LEAST_SLIT_MM if cylinder.shell == "segment" else 0.0)
+    if length_mm > cylinder.circumference_mm:
+        yield Problem(
+            "cylinder_mm",
+            f"{shown}: the tape would overlap itself: {length_mm:g} mm along {cylinder.around} exceed the circumference; the "
+            f"largest length that fits is {np.floor(longest_mm * 1000) / 1000:.3f} mm; use a smaller --size or a larger "
+            "--cylinder",
+        )
+    else:
+        yield from _seam_problems(tape, cylinder, shown, length_mm)
+    if tape.board.holes:
+        yield Problem("holes_mm", "holes_mm: a wrapped texture has no holes; leave out --hole, or --cylinder")
+    if tape.part.shape == "block":
+        turn = (tape.part.rotation_deg + 45.0) % 90.0 - 45.0
+        if 1e-9 < abs(turn) < LEAST_TURN_DEG:
+            yield Problem(
+                "rotation_deg",
+                f"rotation_deg = {tape.part.rotation_deg:g} deg is less than {LEAST_TURN_DEG:g} deg from the cylinder's axis: "
+                "the block's edges would be ellipses of extreme length; use a multiple of 90 or more turn",
+            )
+    if tape.part.shape == "dome" and not meets_cylinder(tape.part, radius_mm):
+        yield Problem(
+            "cylinder_mm",
+            f"{shown} is too small for part '{tape.part.name}': the surface falls away under its foot further than its sides "
+            "reach; use a larger --cylinder, or a narrower or flatter element",
+        )
+        return
+    if tape.part.shape == "dome":
+        widest_mm = float(foot_radius_mm(tape.part, radius_mm, np.zeros(1))[0])
+    else:
+        widest_mm = reach_mm(tape.part)[axis]
+    cell_mm = radius_mm * asin(min(widest_mm / radius_mm, 1.0)) + tape.displacement_mm
+    if cell_mm > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM and not list(_cell_problems(tape)):
+        yield Problem(
+            "cylinder_mm",
+            f"{shown}: an element leaves its cell where the surface falls away under it ({cell_mm:.3f} mm from its grid point); "
+            "use a larger --cylinder or a larger --w",
+        )
+
+
+def _seam_problems(tape: Tape, cylinder: Cylinder, shown: str, length_mm: float) -> Iterator[Problem]:
+    """A base that nearly closes on itself leaves a slit that nothing can make; one that is to be closed is."""
+    gap_mm = cylinder.circumference_mm - length_mm
+    if cylinder.shell == "segment" and gap_mm < LEAST_SLIT_MM:
+        yield Problem(
+            "shell",
+            f"{shown}: a segment of {length_mm:g} mm leaves a slit of {gap_mm:.3f} mm; use --shell whole, or a smaller --size",
+        )

@@ -1,0 +1,99 @@
+"""Planes, cylinders and cones rolled out flat, and flat texture rolled on: exact, vectorised, without a CAD kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from tactape_fab.texture.frames import FloatArray
+
+Kind = Literal["plane", "cylinder", "cone"]
+
+
+class Places(NamedTuple):
+    """Places of a surface: parameters, shape (n, 2), and in model coordinates, shape (n, 3), the points, the images of the two
+    flat axes, and the normals that point away from the surface's axis.
+    """
+
+    uv: FloatArray
+    points_mm: FloatArray
+    first: FloatArray
+    second: FloatArray
+    normal: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Developable:
+    """A surface that can be rolled out flat, in the parameters of ISO 10303-42 (and of OCCT).
+
+    Attributes
+    ----------
+    kind : {"plane", "cylinder", "cone"}
+    origin_mm : ndarray, shape (3,)
+    axes : ndarray, shape (3, 3)
+        x, y and the axis z of the surface as rows.
+    radius_mm : float
+        Of a cylinder, of a cone at its origin.
+    half_angle_rad : float
+        Of a cone: its radius is ``radius_mm + v sin(half_angle_rad)``.
+    """
+
+    kind: Kind
+    origin_mm: FloatArray
+    axes: FloatArray
+    radius_mm: float = 0.0
+    half_angle_rad: float = 0.0
+
+    def parameters(self, points_mm: FloatArray) -> FloatArray:
+        """Parameters (u, v) of points on the surface; shape (n, 2)."""
+        x, y, z = np.moveaxis((points_mm - self.origin_mm) @ self.axes.T, 1, 0)
+        if self.kind == "plane":
+            return np.stack([x, y], axis=1)
+        v = z / cos(self.half_angle_rad) if self.kind == "cone" else z
+        return np.stack([np.arctan2(y, x), v], axis=1)
+
+    def roll(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
+        """Go straight over the surface from places at `uv` by `flat_mm`, each (n, 2).
+
+        The flat axes at a place are x and y of a plane, around and along the axis of a cylinder, away from the apex and
+        around the axis of a cone.
+        """
+        if self.kind == "plane":
+            return self._on_plane(uv, flat_mm)
+        if self.kind == "cylinder":
+            return self._on_cylinder(uv, flat_mm)
+        return self._on_cone(uv, flat_mm)
+
+    def _on_plane(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
+        end = uv + flat_mm
+        points = self.origin_mm + end @ self.axes[:2]
+        x, y, z = (np.broadcast_to(axis, points.shape) for axis in self.axes)
+        return Places(end, points, x, y, z)
+
+    def _around(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Directions away from the axis and around it."""
+        c, s = np.cos(u)[:, None], np.sin(u)[:, None]
+        return c * self.axes[0] + s * self.axes[1], c * self.axes[1] - s * self.axes[0]
+
+    def _on_cylinder(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
+        end = uv + flat_mm / (self.radius_mm, 1.0)
+        away, around = self._around(end[:, 0])
+        points = self.origin_mm + self.radius_mm * away + end[:, 1:] * self.axes[2]
+        return Places(end, points, around, np.broadcast_to(self.axes[2], points.shape), away)
+
+    def _on_cone(self, uv: FloatArray, flat_mm: FloatArray) -> Places:
+        sine, cosine = sin(self.half_angle_rad), cos(self.half_angle_rad)
+        narrow = abs(sine)
+        start_mm = (self.radius_mm + uv[:, 1] * sine) / narrow
+        reach, side = start_mm + flat_mm[:, 0], flat_mm[:, 1]
+        slant, turn = np.hypot(reach, side), np.arctan2(side, reach)
+        u, v = uv[:, 0] + turn / narrow, (slant * narrow - self.radius_mm) / sine
+        away, around = self._around(u)
+        points = self.origin_mm + (slant * narrow)[:, None] * away + (v * cosine)[:, None] * self.axes[2]
+        down = narrow * away + np.sign(sine) * cosine * self.axes[2]
+        c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        normal = cosine * away - sine * self.axes[2]
+        return Places(np.stack([u, v], axis=1), points, c * down - s * around, s * down + c * around, normal)

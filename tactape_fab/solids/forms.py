@@ -1,0 +1,93 @@
+"""SolidForm: what a user decides of the solid models beside the tape: base, mould, tiling, cylinder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import Any, Literal
+
+from tactape_fab.fields import Fields
+
+Axis = Literal["x", "y"]
+Shell = Literal["segment", "whole"]
+Top = Literal["tiles", "single"]
+
+AXES = ("x", "y")
+SHELLS = ("segment", "whole")
+TOPS = ("tiles", "single")
+DEFAULT_BASE_MM = 0.8
+"""Base of a texture that is printed or milled: 16 layers of 0.05 mm, stiff enough to be handled."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cylinder:
+    """A cylinder that the texture is wrapped around, texture outside.
+
+    Attributes
+    ----------
+    radius_mm : float
+        At z = 0, the top of the base.
+    around : {"x", "y"}
+        The board axis that becomes arc length; the cylinder's axis is parallel to the other one.
+    shell : {"segment", "whole"}
+        A base as long as the board, or one that goes all the way round.
+    """
+
+    radius_mm: float
+    around: Axis = "x"
+    shell: Shell = "segment"
+
+    @property
+    def circumference_mm(self) -> float:
+        return 2 * pi * self.radius_mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolidForm:
+    """What the solid models of a tape are like.
+
+    Attributes
+    ----------
+    base_mm : float
+        Thickness of the base below z = 0; of a mould, what is left below its deepest cavity.
+    negative : bool
+        The mould instead of the texture: its complement, turned 180 degrees about board y, cavities up.
+    top : {"tiles", "single"}
+        Whether the top face of the STEP solid is cut into coplanar tiles (opens much faster) or is one face.
+    cylinder : Cylinder or None
+    """
+
+    base_mm: float = DEFAULT_BASE_MM
+    negative: bool = False
+    top: Top = "tiles"
+    cylinder: Cylinder | None = None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The form as the manifest records it."""
+        cylinder = self.cylinder
+        return {
+            "base_mm": self.base_mm,
+            "negative": self.negative,
+            "top": self.top,
+            "cylinder": None
+            if cylinder is None
+            else {"radius_mm": cylinder.radius_mm, "around": cylinder.around, "shell": cylinder.shell},
+        }
+
+
+def read_form(table: Fields) -> SolidForm:
+    """A form out of a manifest's ``solid`` table; problems are collected in `table`."""
+    cylinder = None
+    if table.values.get("cylinder") is not None:
+        rows = table.table("cylinder", ("radius_mm", "around", "shell"))
+        cylinder = Cylinder(
+            radius_mm=rows.number("radius_mm", above=0.0, high=100_000.0, default=1.0),
+            around="y" if rows.text("around", choices=AXES) == "y" else "x",
+            shell="whole" if rows.text("shell", choices=SHELLS) == "whole" else "segment",
+        )
+    return SolidForm(
+        base_mm=table.number("base_mm", above=0.0, high=1000.0, default=DEFAULT_BASE_MM),
+        negative=table.flag("negative"),
+        top="single" if table.text("top", choices=TOPS) == "single" else "tiles",
+        cylinder=cylinder,
+    )

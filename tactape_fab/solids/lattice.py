@@ -1,0 +1,290 @@
+"""The flat side of a texture's mesh: cells, the rest of the board round them, triangles, all with shared vertices.
+
+Working coordinates are (a, b): board x and y, or arc length and place along a cylinder. On a cylinder everything is cut by
+lines across a, so near to each other that a flat triangle between two of them stays on the cylinder within the tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil, pi, sqrt
+
+import numpy as np
+import shapely
+
+from tactape_fab.solids.elements import block_corners_mm, reach_mm
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.rise import foot_radius_mm
+from tactape_fab.solids.wrap import Wrap
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rounded_rectangle
+from tactape_fab.texture.tape import Tape
+
+CHORD_ERROR_MM = 0.001
+"""How far a triangle may leave a cylinder."""
+HOLE_CHORD_ERROR_MM = 0.002
+_LEAST_MARGIN_MM = 0.05
+_CLEAR_MM = 0.001
+_KEY_DECIMALS = 7
+_CLEAR_OF_CORNER_MM = 0.01
+_MOST_MOVES = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lattice:
+    """Lines across a and b between the cells of the grid, and the board's ends.
+
+    Attributes
+    ----------
+    a_mm, b_mm : ndarray
+        Lines that bound cells, ascending; cell (i, j) lies between lines i, i + 1 and j, j + 1.
+    slices : int
+        Pieces that each cell is cut into across a; 1 on a plane.
+    a_fine_mm : ndarray
+        The lines across a with those that slice the cells: `slices` to each cell.
+    a_all_mm : ndarray
+        All lines across a, board ends included.
+    cell_of_part : ndarray, shape (n, 2)
+        (i, j) of every placed part.
+    local_mm : ndarray, shape (n, 2)
+        Centre of every placed part, (a, b).
+    """
+
+    a_mm: FloatArray
+    b_mm: FloatArray
+    slices: int
+    a_fine_mm: FloatArray
+    a_all_mm: FloatArray
+    cell_of_part: IntArray
+    local_mm: FloatArray
+
+
+def build_lattice(tape: Tape, form: SolidForm, wrap: Wrap | None) -> Lattice:
+    """Lines half way between neighbouring grid points; the outermost lie inside the board."""
+    turn = np.eye(2) if wrap is None else wrap.from_board
+    cells = tape.cells()
+    grid = np.array([(0, 0), (tape.columns - 1, tape.rows - 1)])
+    x0, y0 = tape.board.texture_origin_mm
+    ends = (np.array([x0, y0]) + grid * tape.pitch_mm * (1.0, -1.0)) @ turn.T
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    board = np.array([(0.0, 0.0), tape.board.size_mm]) @ turn.T
+    board_low, board_high = board.min(axis=0), board.max(axis=0)
+    reach = np.array(reach_mm(tape.part)) @ np.abs(turn).T + tape.displacement_mm
+    lines = [_axis_lines(low[k], high[k], board_low[k], board_high[k], tape.pitch_mm, reach[k]) for k in (0, 1)]
+    centre = (np.array([x0, y0]) + cells * tape.pitch_mm * (1.0, -1.0)) @ turn.T
+    slices = 1
+    fine = across = lines[0]
+    if wrap is not None:
+        step_mm = sqrt(8 * wrap.radius_mm * CHORD_ERROR_MM)
+        slices = ceil(float(np.diff(lines[0]).max()) / step_mm)
+        fine = _sliced(lines[0], low[0] + np.arange(len(lines[0]) - 1) * tape.pitch_mm, slices, _kept_clear_mm(tape, wrap))
+        end = board_high[0] if wrap.cylinder.shell == "segment" else board_low[0] + 2 * pi * wrap.radius_mm
+        across = np.concatenate([_between(board_low[0], fine[0], step_mm)[:-1], fine[:-1], _between(fine[-1], end, step_mm)])
+    return Lattice(
+        a_mm=lines[0],
+        b_mm=lines[1],
+        slices=slices,
+        a_fine_mm=fine,
+        a_all_mm=across,
+        cell_of_part=np.rint((centre - low) / tape.pitch_mm).astype(np.int64),
+        local_mm=tape.part_xy_mm() @ turn.T,
+    )
+
+
+def _kept_clear_mm(tape: Tape, wrap: Wrap) -> FloatArray:
+    """Arc lengths from a grid point at which an element, displaced or not, has a corner or begins and ends."""
+    if wrap.part.shape == "block":
+        offsets = block_corners_mm(wrap.part)[:, 0]
+    else:
+        offsets = foot_radius_mm(wrap.part, wrap.radius_mm, np.array([0.0, pi])) * (1.0, -1.0)
+    arcs = wrap.radius_mm * np.arcsin(offsets / wrap.radius_mm)
+    clear: FloatArray = np.unique((arcs[:, None] + tape.displacement_mm * np.array([-1.0, 0.0, 1.0])).ravel())
+    return clear
+
+
+def _sliced(lines: FloatArray, centres: FloatArray, slices: int, clear_mm: FloatArray) -> FloatArray:
+    """Cell borders with the lines that slice each cell, none of them near a corner of an element.
+
+    A line that only touched a foot would leave a vertex on one side of it alone.
+    """
+    shares = np.arange(1, slices) / slices
+    inner = lines[:-1, None] + shares * np.diff(lines)[:, None]
+    offset = inner - centres[:, None]
+    for _ in range(_MOST_MOVES):
+        apart = offset[..., None] - clear_mm
+        nearest = np.take_along_axis(apart, np.abs(apart).argmin(axis=-1)[..., None], axis=-1)[..., 0]
+        near = np.abs(nearest) < _CLEAR_OF_CORNER_MM
+        if not near.any():
+            break
+        offset = np.where(near, offset - nearest + 1.01 * _CLEAR_OF_CORNER_MM, offset)
+    fine = np.concatenate([lines[:-1, None], centres[:, None] + offset], axis=1).ravel()
+    sliced: FloatArray = np.append(fine, lines[-1])
+    return sliced
+
+
+def _between(a: float, b: float, step_mm: float) -> FloatArray:
+    lines: FloatArray = np.linspace(a, b, max(ceil((b - a) / step_mm), 1) + 1)
+    return lines
+
+
+def _axis_lines(low: float, high: float, board_low: float, board_high: float, pitch: float, reach: float) -> FloatArray:
+    count = round((high - low) / pitch) + 1
+    lines: FloatArray = low + (np.arange(count + 1, dtype=np.float64) - 0.5) * pitch
+    if lines[0] < board_low + _LEAST_MARGIN_MM:
+        lines[0] = (board_low + low - reach) / 2
+    if lines[-1] > board_high - _LEAST_MARGIN_MM:
+        lines[-1] = (board_high + high + reach) / 2
+    return lines
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rims:
+    """Outline and holes as closed polygons (a, b): the outline counter-clockwise, the holes clockwise.
+
+    ``closed`` is True where the ends of the outline along a are one and the same line.
+    """
+
+    outline: FloatArray
+    holes: tuple[FloatArray, ...]
+    closed: bool = False
+
+
+def build_rims(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> Rims:
+    if wrap is None:
+        size_mm, radius_mm = tape.board.size_mm, tape.board.corner_radius_mm
+        outline = rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
+        return Rims(outline=outline, holes=tuple(_circle(*hole) for hole in tape.board.holes))
+    a, (low, high) = lattice.a_all_mm, wrap.b_mm
+    outline = np.concatenate([np.column_stack([a, np.full_like(a, low)]), np.column_stack([a[::-1], np.full_like(a, high)])])
+    return Rims(outline=outline, holes=(), closed=wrap.cylinder.shell == "whole")
+
+
+def _circle(x: float, y: float, diameter: float) -> FloatArray:
+    """A hole clockwise."""
+    points = max(16, ceil(pi / np.arccos(max(1 - 2 * HOLE_CHORD_ERROR_MM / diameter, 0.5))))
+    angle = -np.arange(points) * (2 * pi / points)
+    return np.stack([x + diameter / 2 * np.cos(angle), y + diameter / 2 * np.sin(angle)], axis=1)
+
+
+def whole_cells(tape: Tape, lattice: Lattice, wrap: Wrap | None) -> IntArray:
+    """Indices of placed parts whose whole cell lies inside the outline and clear of every hole."""
+    if wrap is not None:
+        return np.arange(tape.part_count)
+    i, j = lattice.cell_of_part.T
+    a, b = lattice.a_mm, lattice.b_mm
+    corners = np.stack([np.stack([a[i + di], b[j + dj]], axis=1) for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))], axis=1)
+    good = inset_mm(corners, tape.board.size_mm, tape.board.corner_radius_mm).min(axis=1) > _CLEAR_MM
+    for x, y, d in tape.board.holes:
+        gap_a = np.maximum(np.maximum(a[i] - x, x - a[i + 1]), 0.0)
+        gap_b = np.maximum(np.maximum(b[j] - y, y - b[j + 1]), 0.0)
+        good &= np.hypot(gap_a, gap_b) > d / 2 + _CLEAR_MM
+    return np.flatnonzero(good)
+
+
+def cell_loops(lattice: Lattice, parts: IntArray) -> list[FloatArray]:
+    """Borders of the union of the cells of `parts`, cells on the left, with every vertex of the lattice on them."""
+    columns, rows = len(lattice.a_mm) - 1, len(lattice.b_mm) - 1
+    mask = np.zeros((columns + 2, rows + 2), dtype=bool)
+    i, j = lattice.cell_of_part[parts].T
+    mask[i + 1, j + 1] = True
+    following: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for (di, dj), (ai, aj), (bi, bj) in (
+        ((0, -1), (0, 0), (1, 0)),
+        ((1, 0), (1, 0), (1, 1)),
+        ((0, 1), (1, 1), (0, 1)),
+        ((-1, 0), (0, 1), (0, 0)),
+    ):
+        border = mask[1:-1, 1:-1] & ~mask[1 + di : columns + 1 + di, 1 + dj : rows + 1 + dj]
+        for ci, cj in np.argwhere(border).tolist():
+            following.setdefault((ci + ai, cj + aj), []).append((ci + bi, cj + bj))
+    loops = []
+    while following:
+        at = next(iter(following))
+        loop: list[tuple[int, int]] = []
+        while at in following:
+            ways = following[at]
+            way = ways[0] if len(ways) == 1 or not loop else min(ways, key=lambda to: _turn(loop[-1], at, to))
+            ways.remove(way)
+            if not ways:
+                del following[at]
+            loop.append(at)
+            at = way
+        loops.append(_with_slices(lattice, np.array(loop)))
+    return loops
+
+
+def _turn(before: tuple[int, int], at: tuple[int, int], to: tuple[int, int]) -> int:
+    """Smallest for the way furthest to the left: two cells that meet in a corner stay two loops."""
+    return -((at[0] - before[0]) * (to[1] - at[1]) - (at[1] - before[1]) * (to[0] - at[0]))
+
+
+def _with_slices(lattice: Lattice, loop: IntArray) -> FloatArray:
+    a, b, n = lattice.a_mm, lattice.b_mm, lattice.slices
+    points = []
+    for (i, j), (k, _) in zip(loop.tolist(), np.roll(loop, -1, axis=0).tolist(), strict=True):
+        points.append((a[i], b[j]))
+        if k != i and n > 1:
+            inside = lattice.a_fine_mm[min(i, k) * n + 1 : max(i, k) * n]
+            points += [(x, b[j]) for x in (inside if k > i else inside[::-1]).tolist()]
+    return np.array(points)
+
+
+def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -> shapely.Geometry:
+    """The board without holes, whole cells, and the feet of the elements that stand outside of those."""
+    board = shapely.Polygon(rims.outline, list(rims.holes))
+    outer = [loop for loop in loops if _area(loop) > 0.0]
+    inner = [loop for loop in loops if _area(loop) < 0.0]
+    islands = [shapely.Polygon(loop) for loop in inner]
+    fields = [shapely.Polygon(loop) for loop in outer]
+    rest = board
+    for field in fields:
+        holes = [island.exterior.coords for island in islands if field.contains(island.representative_point())]
+        rest = rest.difference(shapely.Polygon(field.exterior.coords, holes))
+    for foot in feet:
+        rest = rest.difference(shapely.Polygon(foot))
+    return rest
+
+
+def _area(loop: FloatArray) -> float:
+    x, y = loop.T
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+
+
+def triangulated(region: shapely.Geometry, cuts_mm: FloatArray | None) -> Iterator[FloatArray]:
+    """Counter-clockwise triangles of a region, shape (k, 3, 2), with no vertices but its own; cut across a where asked."""
+    pieces = [region]
+    if cuts_mm is not None:
+        _, low, _, high = region.bounds
+        strips = shapely.box(cuts_mm[:-1], low - 1.0, cuts_mm[1:], high + 1.0)
+        pieces = list(shapely.intersection(region, strips))
+    for piece in pieces:
+        for polygon in shapely.get_parts(piece):
+            if polygon.geom_type != "Polygon" or polygon.is_empty:
+                continue
+            parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+            corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+            u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+            wrong = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] < 0.0
+            corners[wrong] = corners[wrong][:, ::-1]
+            yield corners
+
+
+class Numbers:
+    """Gives every point of the plane one number, however often it is asked for."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[tuple[float, float], int] = {}
+        self.points: list[tuple[float, float]] = []
+
+    def __call__(self, points_mm: FloatArray) -> IntArray:
+        """Numbers of points, shape (..., 2) -> (...)."""
+        flat = points_mm.reshape(-1, 2)
+        keys = np.round(flat, _KEY_DECIMALS) + 0.0
+        numbers = []
+        for key, point in zip(map(tuple, keys.tolist()), flat.tolist(), strict=True):
+            number = self._numbers.setdefault(key, len(self.points))
+            if number == len(self.points):
+                self.points.append((point[0], point[1]))
+            numbers.append(number)
+        return np.array(numbers, dtype=np.int64).reshape(points_mm.shape[:-1])

@@ -1,0 +1,258 @@
+"""Pictures of meshes without a display: orthographic, depth-correct, softly lit from the upper left, on white."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.errors import RenderError
+from tactape_fab.solids.mesh import Mesh
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+Image = npt.NDArray[np.uint8]
+
+MOST_PX = 6000
+_SAMPLES_AT_ONCE = 500_000
+_NEAREST = 2**31 - 1
+_LIGHT = (-0.45, 0.60, 0.66)
+"""Towards the light in the picture's frame: x right, y up, z towards the viewer."""
+_AMBIENT, _FRONTAL, _DIRECT = 0.40, 0.14, 0.60
+_SHADOW, _SHADOW_STEPS = 0.28, 24
+_CREASE_COS, _CREASE_SHADE = 0.80, 0.60
+_SPAN_SLACK = 1e-9
+
+
+def shaded(
+    mesh: Mesh,
+    *,
+    direction: tuple[float, float, float],
+    up: tuple[float, float, float],
+    width_px: int,
+    rgb: tuple[float, float, float] = (0.78, 0.80, 0.83),
+    margin: float = 0.03,
+    supersampling: int = 2,
+) -> Image:
+    """Draw a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Closed; only its outside is drawn.
+    direction : (float, float, float)
+        From the object towards the viewer, in the mesh's frame.
+    up : (float, float, float)
+        What points up in the picture, in the mesh's frame; not parallel to `direction`.
+    width_px : int
+        The height follows from the object's extent. Where it would exceed MOST_PX the picture is narrower.
+    rgb : (float, float, float)
+        Colour of the surface in full light, each from 0 to 1.
+    margin : float
+        White border, as a share of the longer side.
+    supersampling : int
+        Samples along each axis of a pixel.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        Red, green, blue.
+
+    Raises
+    ------
+    RenderError
+        When the mesh is empty or has no extent, or the view has no direction.
+    """
+    import cv2
+
+    frame = view_frame(direction, up)
+    points = mesh.vertices_mm @ frame.T
+    if len(mesh.faces) == 0 or not np.isfinite(points).all():
+        raise RenderError("the mesh to draw is empty or not finite")
+    low, high = points.min(axis=0), points.max(axis=0)
+    border = margin * float((high - low)[:2].max())
+    extent = (high - low)[:2] + 2 * border
+    if min(extent) <= 0.0:
+        raise RenderError("the mesh to draw has no extent")
+    px_per_mm = min(width_px, MOST_PX, MOST_PX * extent[0] / extent[1]) / extent[0] * supersampling
+    size = [ceil(v * px_per_mm / supersampling) * supersampling for v in extent]
+    screen = np.empty_like(points)
+    screen[:, 0] = (points[:, 0] - low[0] + border) * px_per_mm - 0.5
+    screen[:, 1] = (high[1] + border - points[:, 1]) * px_per_mm - 0.5
+    screen[:, 2] = points[:, 2] * px_per_mm
+    corners = screen[mesh.faces]
+    normals = _normals(points[mesh.faces])
+    seen = _nearest_faces(corners, np.flatnonzero(normals[:, 2] > 1e-6), (size[1], size[0]))
+    picture = np.append(_lambert(normals), np.float32(0.0))[seen.face]
+    _darken_creases(picture, seen, normals)
+    small = (size[0] // supersampling, size[1] // supersampling)
+    light = cv2.resize(picture, small, interpolation=cv2.INTER_AREA)
+    cover = cv2.resize((seen.face >= 0).astype(np.float32), small, interpolation=cv2.INTER_AREA)
+    light *= _shadow(np.ascontiguousarray(seen.depth[::supersampling, ::supersampling]), supersampling)
+    colour = light[..., None] * np.asarray(rgb, dtype=np.float32) + (1.0 - cover)[..., None]
+    return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255), dtype=np.uint8)
+
+
+def png_bytes(image: Image) -> bytes:
+    """The picture as a PNG file.
+
+    Raises
+    ------
+    RenderError
+        When it cannot be encoded.
+    """
+    import cv2
+
+    written, data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not written:
+        raise RenderError("the picture could not be encoded as PNG")
+    return bytes(data)
+
+
+def view_frame(direction: tuple[float, float, float], up: tuple[float, float, float]) -> FloatArray:
+    """Right, up and towards the viewer as the rows of a rotation; shape (3, 3).
+
+    Raises
+    ------
+    RenderError
+        When one of both is zero or they are parallel.
+    """
+    towards = np.asarray(direction, dtype=np.float64)
+    right = np.cross(np.asarray(up, dtype=np.float64), towards)
+    if not (np.linalg.norm(right) > 1e-12):
+        raise RenderError(f"a view from {direction} with {up} up is none; give two directions that are not parallel")
+    towards = towards / np.linalg.norm(towards)
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+def _normals(corners: FloatArray) -> FloatArray:
+    """Unit normal of every triangle, zero where it has no area; shape (f, 3)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit: FloatArray = normals / np.where(lengths > 0.0, lengths, 1.0)
+    return unit
+
+
+def _lambert(normals: FloatArray) -> npt.NDArray[np.float32]:
+    light = np.asarray(_LIGHT) / np.linalg.norm(_LIGHT)
+    return np.asarray(_AMBIENT + _FRONTAL * normals[:, 2] + _DIRECT * np.maximum(normals @ light, 0.0), dtype=np.float32)
+
+
+# Depth buffer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """What each sample sees: a face's index, -1 for none, and its depth in samples towards the viewer."""
+
+    face: IntArray
+    depth: npt.NDArray[np.float32]
+
+
+def _nearest_faces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]) -> _Seen:
+    """Depth buffer over the triangles `facing` the viewer, the spans of all their scan lines at once.
+
+    Each sample holds depth and face in one integer, so that the nearest face is a maximum.
+    """
+    low, high = float(corners[..., 2].min()), float(corners[..., 2].max())
+    steps = (_NEAREST - 2) / max(high - low, 1e-12)
+    buffer = np.zeros(shape[0] * shape[1], dtype=np.int64)
+    for faces, first_row, rows in _pieces(corners, facing, shape):
+        line, row = _repeat_ranges(first_row, rows)
+        triangle = corners[faces]
+        begin, counts = _spans(triangle, line, row, shape[1])
+        slope_x, slope_y, level = _planes(triangle)
+        slope = (slope_x * steps)[line]
+        at_zero = ((level[line] + slope_y[line] * row - low) * steps) - slope * (row * shape[1])
+        span, pixel = _repeat_ranges(row * shape[1] + begin, counts)
+        step = np.clip(at_zero[span] + slope[span] * pixel, 0, _NEAREST - 2).astype(np.int64) + 1
+        step <<= 32
+        step |= faces[line][span]
+        np.maximum.at(buffer, pixel, step)
+    near = (buffer >> 32).reshape(shape)
+    face = np.where(near > 0, (buffer & 0xFFFFFFFF).reshape(shape), -1)
+    return _Seen(face=face, depth=np.asarray(np.maximum(near - 1, 0) / steps, dtype=np.float32))
+
+
+def _pieces(corners: FloatArray, facing: IntArray, shape: tuple[int, int]) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
+    """The faces with their first row and number of rows, in pieces of bounded size."""
+    y = corners[facing, :, 1]
+    first = np.maximum(np.ceil(y.min(axis=1) - _SPAN_SLACK), 0).astype(np.int64)
+    last = np.minimum(np.floor(y.max(axis=1) + _SPAN_SLACK), shape[0] - 1).astype(np.int64)
+    rows = np.maximum(last - first + 1, 0)
+    samples = rows * (np.ptp(corners[facing, :, 0], axis=1) + 2) / 2
+    piece = (np.cumsum(samples) // _SAMPLES_AT_ONCE).astype(np.int64)
+    for i in np.split(np.arange(len(facing)), np.flatnonzero(np.diff(piece)) + 1):
+        yield facing[i], first[i], rows[i]
+
+
+def _repeat_ranges(first: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+    """For every item its index `counts` times, and the numbers from `first` on beside it."""
+    index = np.repeat(np.arange(len(counts)), counts)
+    return index, np.arange(len(index)) + (first - np.cumsum(counts) + counts)[index]
+
+
+def _spans(triangle: FloatArray, line: IntArray, row: IntArray, width: int) -> tuple[IntArray, IntArray]:
+    """First column and number of columns of each scan line inside its triangle."""
+    left, right = np.full(len(line), np.inf), np.full(len(line), -np.inf)
+    for i in range(3):
+        a, b = triangle[:, i, :2], triangle[:, i - 1, :2]
+        fall = b[:, 1] - a[:, 1]
+        per_row = 1.0 / np.where(fall == 0.0, np.inf, fall)
+        along = (row - a[line, 1]) * per_row[line]
+        crossing = a[line, 0] + along * (b[:, 0] - a[:, 0])[line]
+        on_edge = (fall != 0.0)[line] & (along >= -_SPAN_SLACK) & (along <= 1 + _SPAN_SLACK)
+        np.minimum(left, crossing, out=left, where=on_edge)
+        np.maximum(right, crossing, out=right, where=on_edge)
+    begin = np.ceil(np.clip(left, 0, width) - _SPAN_SLACK)
+    end = np.floor(np.clip(right, -1, width - 1) + _SPAN_SLACK)
+    return begin.astype(np.int64), np.maximum(end - begin + 1, 0).astype(np.int64)
+
+
+def _planes(triangle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Depth of each triangle as slope_x * x + slope_y * y + level."""
+    a, b, c = np.moveaxis(triangle, 1, 0)
+    normal = np.cross(b - a, c - a)
+    slope_x, slope_y = -normal[:, 0] / normal[:, 2], -normal[:, 1] / normal[:, 2]
+    return slope_x, slope_y, a[:, 2] - slope_x * a[:, 0] - slope_y * a[:, 1]
+
+
+# Edges and shadow
+
+
+def _darken_creases(picture: npt.NDArray[np.float32], seen: _Seen, normals: FloatArray) -> None:
+    """Thin darker lines where two faces meet at an angle, and where one ends before another."""
+    flat, face, depth = picture.reshape(-1), seen.face.reshape(-1), seen.depth.reshape(-1)
+    for step in (1, seen.face.shape[1]):
+        a, b = face[:-step], face[step:]
+        at = np.flatnonzero((a != b) & (np.minimum(a, b) >= 0))
+        one, other = normals[a[at]], normals[b[at]]
+        rise = 1.5 + 3.0 / np.minimum(one[:, 2], other[:, 2])
+        edge = (np.einsum("ij,ij->i", one, other) < _CREASE_COS) | (np.abs(depth[at] - depth[at + step]) > rise)
+        flat[at[edge]] *= _CREASE_SHADE
+
+
+def _shadow(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.float32]:
+    """Share of light where something nearer stands between a pixel and the light, softened.
+
+    Parameters
+    ----------
+    depth : ndarray, shape (height, width)
+        Of one sample in each pixel, in samples; a pixel has `samples` of them along each axis.
+    """
+    import cv2
+
+    across, down, rise = _LIGHT[0], -_LIGHT[1], _LIGHT[2]
+    longest = max(abs(across), abs(down))
+    hidden = np.zeros(depth.shape, dtype=np.float32)
+    for i in range(1, _SHADOW_STEPS + 1):
+        u, v = round(i * across / longest), round(i * down / longest)
+        moved = cv2.warpAffine(
+            depth, np.array([[1, 0, -u], [0, 1, -v]], dtype=np.float32), depth.shape[::-1], flags=cv2.INTER_NEAREST
+        )
+        hidden = np.maximum(hidden, (moved - depth > samples * (0.5 + i * rise / longest)).astype(np.float32))
+    shade: npt.NDArray[np.float32] = 1.0 - _SHADOW * cv2.GaussianBlur(hidden, (0, 0), 0.8)
+    return shade

@@ -1,0 +1,113 @@
+"""How high an element stands over a cylinder: feet of domes, and volumes, exact or to machine precision."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+
+from tactape_fab.solids.elements import element_volume_mm3, sphere_radius_mm
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape, TapePart
+
+_BISECTIONS = 60
+_GAUSS_POINTS = 40
+_TURN_POINTS = 128
+_WIDER = 1.5
+
+
+def _surface_mm(t_mm: FloatArray, radius_mm: float) -> FloatArray:
+    """Height of a cylinder under its tangent plane's z = 0, at a tangential offset."""
+    height: FloatArray = np.sqrt(radius_mm**2 - t_mm**2) - radius_mm
+    return height
+
+
+def _dome_mm(part: TapePart, r_mm: FloatArray) -> FloatArray:
+    """Height of a dome over its tangent plane at a distance from its middle; goes on downward outside its flat foot."""
+    foot_mm, height_mm = part.body_mm[0] / 2, part.body_mm[2]
+    if part.top_mm is None:
+        sphere_mm = sphere_radius_mm(part)
+        height: FloatArray = np.sqrt(np.maximum(sphere_mm**2 - r_mm**2, 0.0)) + height_mm - sphere_mm
+        return height
+    slope = height_mm / (foot_mm - part.top_mm / 2)
+    return np.minimum(height_mm, (foot_mm - r_mm) * slope)
+
+
+def _widest_foot_mm(part: TapePart) -> float:
+    """The farthest from a dome's middle at which its foot is looked for: its sphere's equator, or half as far again."""
+    wider_mm = _WIDER * part.body_mm[0] / 2
+    return wider_mm if part.top_mm is not None else min(wider_mm, sphere_radius_mm(part))
+
+
+def meets_cylinder(part: TapePart, radius_mm: float) -> bool:
+    """Whether a dome comes down to a cylinder of this radius all round, before its sides would lean inward."""
+    widest_mm = _widest_foot_mm(part)
+    if widest_mm >= radius_mm:
+        return False
+    return bool(_dome_mm(part, np.array([widest_mm]))[0] < _surface_mm(np.array([widest_mm]), radius_mm)[0])
+
+
+def foot_radius_mm(part: TapePart, radius_mm: float, direction_rad: FloatArray) -> FloatArray:
+    """Distance from a dome's middle at which it meets a cylinder, for directions counted from the tangent."""
+    c = np.cos(direction_rad)
+    low = np.full_like(c, part.body_mm[0] / 2)
+    high = np.full_like(c, _widest_foot_mm(part))
+    for _ in range(_BISECTIONS):  # bisection: the difference falls steadily
+        middle = (low + high) / 2
+        above = _dome_mm(part, middle) > _surface_mm(middle * c, radius_mm)
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return (low + high) / 2
+
+
+def foot_loop_mm(part: TapePart, radius_mm: float, points: int) -> FloatArray:
+    """A dome's foot on a cylinder; shape (points, 3): tangential, along the cylinder, distance from its axis."""
+    angle = np.arange(points, dtype=np.float64) * (2 * pi / points)
+    r = foot_radius_mm(part, radius_mm, angle)
+    t = r * np.cos(angle)
+    return np.stack([t, r * np.sin(angle), np.sqrt(radius_mm**2 - t**2)], axis=1)
+
+
+def wrapped_volume_mm3(part: TapePart, radius_mm: float, rotation_deg: float) -> float:
+    """Volume of an element between a cylinder and itself, by Gauss quadrature.
+
+    Parameters
+    ----------
+    rotation_deg : float
+        Of the element about its normal, from the direction that runs round the cylinder.
+    """
+    x, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+    length_mm, width_mm, height_mm = part.body_mm
+    if part.shape == "block":
+        c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
+        u, v = np.meshgrid(x * length_mm / 2, x * width_mm / 2, indexing="ij")
+        rise = height_mm - _surface_mm(u * c - v * s, radius_mm)
+        return float(np.einsum("i,j,ij->", weight, weight, rise)) * length_mm * width_mm / 4
+    angle = np.arange(_TURN_POINTS, dtype=np.float64) * (2 * pi / _TURN_POINTS)
+    outer = foot_radius_mm(part, radius_mm, angle)
+    total = 0.0
+    edge = [] if part.top_mm is None else [np.full_like(outer, part.top_mm / 2)]
+    for low, high in pairwise([np.zeros_like(outer), *edge, outer]):
+        r = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * x
+        rise = _dome_mm(part, r) - _surface_mm(r * np.cos(angle)[:, None], radius_mm)
+        total += float(((rise * r) @ weight * (high - low) / 2).sum()) * 2 * pi / _TURN_POINTS
+    return total
+
+
+def solid_volume_mm3(tape: Tape, form: SolidForm) -> float:
+    """Volume of a tape's solid, from formulas: no part of any file is looked at."""
+    (w, h), r = tape.board.size_mm, tape.board.corner_radius_mm
+    cylinder, height_mm = form.cylinder, tape.part.body_mm[2]
+    if cylinder is None:
+        area_mm2 = w * h - (4 - pi) * r**2 - sum(pi / 4 * d**2 for _, _, d in tape.board.holes)
+        elements = tape.part_count * element_volume_mm3(tape.part)
+        return area_mm2 * (height_mm + form.base_mm) - elements if form.negative else area_mm2 * form.base_mm + elements
+    around_x = cylinder.around == "x"
+    length_mm, across_mm = (w, h) if around_x else (h, w)
+    angle_rad = 2 * pi if cylinder.shell == "whole" else length_mm / cylinder.radius_mm
+    back_mm = cylinder.radius_mm + (height_mm + form.base_mm if form.negative else -form.base_mm)
+    shell = abs(cylinder.radius_mm**2 - back_mm**2) / 2 * angle_rad * across_mm
+    rotation_deg = tape.part.rotation_deg - (0.0 if around_x else 90.0)
+    elements = tape.part_count * wrapped_volume_mm3(tape.part, cylinder.radius_mm, rotation_deg)
+    return shell - elements if form.negative else shell + elements

@@ -1,0 +1,130 @@
+"""Elements as open meshes: sides and top, and a foot with a vertex wherever a cut of the surface crosses it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+
+from tactape_fab.solids.elements import (
+    DOME_POINTS,
+    DOME_RINGS,
+    block_corners_mm,
+    cap_faces,
+    has_apex,
+    ring_faces,
+    sphere_radius_mm,
+)
+from tactape_fab.solids.rise import foot_radius_mm
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import TapePart
+
+_LEAST_SHARE = 1e-6
+_LEAST_TURN_RAD = 0.02
+_BISECTIONS = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shell:
+    """An element without its foot's inside.
+
+    Attributes
+    ----------
+    foot : ndarray, shape (m, 2)
+        Counter-clockwise, in the part's frame.
+    above : ndarray, shape (k, 3)
+        The other vertices, in the part's frame (height over the tangent plane).
+    faces : ndarray, shape (f, 3)
+        Indices: foot vertices first, then those above.
+    """
+
+    foot: FloatArray
+    above: FloatArray
+    faces: IntArray
+
+
+def element_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) -> Shell:
+    """The shell of an element on a plane, or on a cylinder of some radius.
+
+    Parameters
+    ----------
+    cuts_mm : ndarray
+        Tangential offsets at which the surface is cut: where one crosses the foot, the foot has a vertex exactly on it.
+    radius_mm : float or None
+    """
+    return _block_shell(part, cuts_mm) if part.shape == "block" else _dome_shell(part, cuts_mm, radius_mm)
+
+
+def _block_shell(part: TapePart, cuts_mm: FloatArray) -> Shell:
+    """Every side is a fan from the foot's vertices to the straight edge on top."""
+    corners = block_corners_mm(part)
+    foot: list[tuple[float, float]] = []
+    firsts = []
+    for k in range(4):
+        (px, py), (qx, qy) = corners[k].tolist(), corners[(k + 1) % 4].tolist()
+        firsts.append(len(foot))
+        foot.append((px, py))
+        if abs(qx - px) > _LEAST_SHARE:
+            shares = sorted(((cut - px) / (qx - px), cut) for cut in cuts_mm.tolist())
+            foot += [(cut, py + s * (qy - py)) for s, cut in shares if _LEAST_SHARE < s < 1 - _LEAST_SHARE]
+    m = len(foot)
+    faces = []
+    for k in range(4):
+        ends = [*range(firsts[k], firsts[k + 1] if k < 3 else m), firsts[(k + 1) % 4]]
+        faces += [(a, b, m + (k + 1) % 4) for a, b in pairwise(ends)]
+        faces.append((ends[0], m + (k + 1) % 4, m + k))
+    faces += [(m, m + 1, m + 2), (m, m + 2, m + 3)]
+    above = np.column_stack([corners, np.full(4, part.body_mm[2])])
+    return Shell(foot=np.array(foot), above=above, faces=np.array(faces, dtype=np.int64))
+
+
+def _dome_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) -> Shell:
+    """A cap or a cone in rings of equal directions."""
+
+    def foot_radius(angle: FloatArray) -> FloatArray:
+        if radius_mm is None:
+            return np.full_like(angle, part.body_mm[0] / 2)
+        return foot_radius_mm(part, radius_mm, angle)
+
+    angle, on_cut = _foot_angles(cuts_mm, foot_radius)
+    reach = foot_radius(angle)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    foot = reach[:, None] * direction
+    foot[:, 0] = np.where(np.isnan(on_cut), foot[:, 0], on_cut)
+    height_mm = part.body_mm[2]
+    if part.top_mm is not None:
+        radii, heights = np.full((1, len(angle)), part.top_mm / 2), np.full((1, len(angle)), height_mm)
+    else:
+        sphere_mm = sphere_radius_mm(part)
+        polar = np.arcsin(np.minimum(reach / sphere_mm, 1.0)) * (1 - np.arange(1, DOME_RINGS) / DOME_RINGS)[:, None]
+        radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
+    above = np.concatenate([radii[..., None] * direction, heights[..., None]], axis=2).reshape(-1, 3)
+    rings, points = len(radii) + 1, len(angle)
+    apex = None
+    if has_apex(part):
+        apex = rings * points
+        above = np.vstack([above, (0.0, 0.0, height_mm)])
+    faces = np.concatenate([ring_faces(rings, points), cap_faces((rings - 1) * points, points, apex)])
+    return Shell(foot=foot, above=above, faces=faces)
+
+
+def _foot_angles(cuts_mm: FloatArray, foot_radius: Callable[[FloatArray], FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Directions of a foot's vertices, ascending, and the cut that each lies on (NaN: none)."""
+    regular = np.arange(DOME_POINTS) * (2 * pi / DOME_POINTS)
+    ends = foot_radius(np.array([0.0, pi]))
+    cuts = cuts_mm[(cuts_mm > -ends[1]) & (cuts_mm < ends[0])]
+    near, far = np.repeat([0.0, 2 * pi], len(cuts)), np.full(2 * len(cuts), pi)
+    target = np.tile(cuts, 2)
+    for _ in range(_BISECTIONS):  # the offset falls steadily from the near end to the far one
+        middle = (near + far) / 2
+        beyond = foot_radius(middle) * np.cos(middle) > target
+        near, far = np.where(beyond, middle, near), np.where(beyond, far, middle)
+    crossing = (near + far) / 2
+    apart = np.abs((regular[:, None] - crossing + pi) % (2 * pi) - pi).min(axis=1, initial=pi) > _LEAST_TURN_RAD
+    angle = np.concatenate([regular[apart], crossing])
+    on_cut = np.concatenate([np.full(int(apart.sum()), np.nan), target])
+    order = np.argsort(angle)
+    return angle[order], on_cut[order]
