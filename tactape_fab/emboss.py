@@ -125,6 +125,9 @@ def emboss_kit(
     content = read_manifest(manifest_file)
     tape = Tape.from_mapping(content)
     refuse_tape(tape)
+    solid = content.get("solid")
+    if isinstance(solid, Mapping) and solid.get("negative") is True:
+        raise SpecError(f"KIT = {shown_path(kit_path)} is a mould; make the texture itself, without --negative, and emboss that")
     source = _read_source(Path(surface_path), unit)
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
     target = source.path.parent / name if output is None else Path(output)

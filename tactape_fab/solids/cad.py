@@ -52,7 +52,7 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     solids = imported.solids()
     if len(solids) != 1:
         raise RenderError(f"OCCT reads {len(solids)} solids of {tape.name} instead of one")
-    return Part(solids[0].wrapped, label=tape.name)
+    return Part([solids[0]], label=tape.name)
 
 
 def assembly(tape: Tape) -> Compound:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import asin
+from math import asin, pi
 
 import numpy as np
 
@@ -11,12 +11,15 @@ from tactape_fab.errors import Problem
 from tactape_fab.solids.elements import mean_radius_mm, reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.rise import foot_radius_mm, meets_cylinder
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
 LEAST_CLEARANCE_MM = 0.002
 """Least distance of an element from the border of its cell: faces and edges must stay apart in every reader."""
 LEAST_SLIT_MM = 0.1
 """Least gap between the ends of a base that is not closed."""
+LEAST_EDGE_MM = 0.01
+"""Least distance of a foot from the base's edge."""
 LEAST_TURN_DEG = 0.5
 """A block's sides on a cylinder are parallel to its axis, square to it, or turned from both by at least this."""
 
@@ -26,7 +29,7 @@ def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
     problems = list(_cell_problems(tape))
     if form.cylinder is not None:
         problems += _cylinder_problems(tape, form, form.cylinder)
-    return problems
+    return problems or list(_edge_problems(tape, form))
 
 
 def _cell_problems(tape: Tape) -> Iterator[Problem]:
@@ -39,6 +42,31 @@ def _cell_problems(tape: Tape) -> Iterator[Problem]:
             f"part = '{tape.part.name}' is larger than its cell: displaced by {tape.displacement_mm:g} mm it reaches "
             f"{worst:.3f} mm from its grid point, more than {most_mm:.3f} mm, half the pitch {tape.pitch_mm:g} mm less a "
             "clearance; use a larger --w, a smaller --delta or a smaller element",
+        )
+
+
+def foot_reach_mm(tape: Tape, form: SolidForm) -> FloatArray:
+    """Largest |x| and |y| of an element's foot on its surface, board axes; on a cylinder along the arc. Shape (2,)."""
+    reach = np.array(reach_mm(tape.part))
+    cylinder = form.cylinder
+    if cylinder is None:
+        return reach
+    axis = 0 if cylinder.around == "x" else 1
+    if tape.part.shape == "dome":
+        reach[axis], reach[1 - axis] = foot_radius_mm(tape.part, cylinder.radius_mm, np.array([0.0, pi / 2]))
+    reach[axis] = cylinder.radius_mm * asin(min(reach[axis] / cylinder.radius_mm, 1.0))
+    return reach
+
+
+def _edge_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
+    """Feet lie on the base."""
+    xy, reach = tape.part_xy_mm(), foot_reach_mm(tape, form)
+    gap_mm = float(np.minimum(xy - reach, np.array(tape.board.size_mm) - xy - reach).min(initial=np.inf))
+    if gap_mm < LEAST_EDGE_MM:
+        yield Problem(
+            "size_mm",
+            f"size_mm = {tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm: an element comes within {gap_mm:.3f} mm of the "
+            f"edge, less than {LEAST_EDGE_MM:g} mm; use a larger --size or a profile with a larger distance to the edge",
         )
 
 
@@ -87,11 +115,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
             "reach; use a larger --cylinder, or a narrower or flatter element",
         )
         return
-    if tape.part.shape == "dome":
-        widest_mm = float(foot_radius_mm(tape.part, radius_mm, np.zeros(1))[0])
-    else:
-        widest_mm = reach_mm(tape.part)[axis]
-    cell_mm = radius_mm * asin(min(widest_mm / radius_mm, 1.0)) + tape.displacement_mm
+    cell_mm = float(foot_reach_mm(tape, form)[axis]) + tape.displacement_mm
     if cell_mm > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM and not list(_cell_problems(tape)):
         yield Problem(
             "cylinder_mm",

@@ -130,7 +130,8 @@ def _dome(wrap: Wrap, place: Place, *, flip: bool) -> ElementText:
 def closed_spline(samples: FloatArray) -> tuple[FloatArray, list[float], list[int]]:
     """A clamped B-spline of degree 5 through a smooth closed curve, equal in two derivatives where it closes.
 
-    It has as few spans as stay within 0.02 nm of the curve at their middles, at most 192.
+    It has as few spans as stay within 0.02 nm of the curve in their middles, at most 192: on the smallest cylinders it may be
+    a little farther off.
 
     Parameters
     ----------

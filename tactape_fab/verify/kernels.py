@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.errors import Check
+from tactape_fab.fields import shown_path
 from tactape_fab.kit.readback import CplContent
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
@@ -143,9 +144,9 @@ def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Ch
     name = "step-assembly by OCCT"
     if "error" in found:
         return Check(name=name, passed=False, message=str(found["error"]))
-    rows = {str(row[0]): np.array(row[1:]) for row in found["occurrences"]}
+    rows = {shown_path(row[0]): np.array(row[1:]) for row in found["occurrences"]}
     problems = [] if len(rows) == len(found["occurrences"]) else ["two occurrences have one name"]
-    missing = [d for d in cpl.designators if d not in rows]
+    missing = [d for d in (*cpl.designators, "board") if d not in rows]
     extra = sorted(set(rows) - set(cpl.designators) - {"board"})
     if missing or extra:
         problems.append(f"occurrences that differ from the CPL: {named([*missing, *extra])}")
@@ -156,6 +157,8 @@ def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Ch
     along = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     turn = np.abs(placed[:, 3:6] - along).max(axis=1) + np.abs(placed[:, 6:9] - (0.0, 0.0, 1.0)).max(axis=1)
     worst = int(off.argmax())
+    if np.abs(rows["board"] - (0, 0, 0, 1, 0, 0, 0, 0, 1)).max() > PLACE_TOLERANCE_MM:
+        problems.append("the board does not lie at the origin")
     if off[worst] > PLACE_TOLERANCE_MM:
         problems.append(f"{cpl.designators[worst]} is {off[worst] * 1000:.2f} um off its CPL row")
     if turn.max() > DIRECTION_TOLERANCE:
@@ -169,17 +172,21 @@ def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> lis
     """The board and the one part, each one solid, by volume and centre of mass."""
     element = element_volume_mm3(tape.part)
     film = solid_volume_mm3(tape, SolidForm(base_mm=tape.board.thickness_mm)) - tape.part_count * element
-    expected = {"part": (element, (0.0, 0.0, tape.part.body_mm[2] / 2)), "board": (film, film_centre_mm(tape))}
+    (length, width, height), thick = tape.part.body_mm, tape.board.thickness_mm
+    expected = {
+        "part": (element, (0.0, 0.0, height / 2), (-length / 2, -width / 2, 0.0), (length / 2, width / 2, height)),
+        "board": (film, film_centre_mm(tape), (0.0, 0.0, -thick), (*tape.board.size_mm, 0.0)),
+    }
     solids = [solids[0] for solids in products.values() if len(solids) == 1]
     if len(solids) != 2 or len(products) != 2:
         return [f"{len(products)} products with {sum(map(len, products.values()))} solids, not a board and a part of one each"]
     problems = []
-    for what, (volume, centre) in expected.items():
+    for what, (volume, centre, low, high) in expected.items():
         volumes = [solid for solid in solids if np.isclose(solid[0], volume, rtol=VOLUME_TOLERANCE, atol=0.0)]
         if not volumes:
             problems.append(f"no product has the {what}'s {volume:.6f} mm3")
-        elif np.abs(np.array(volumes[0][1:]) - centre).max() > PLACE_TOLERANCE_MM / 10:
-            problems.append(f"the {what}'s centre of mass is not where its shape has it")
+        elif np.abs(np.array(volumes[0][1:]) - (*centre, *low, *high)).max() > PLACE_TOLERANCE_MM / 2:
+            problems.append(f"the {what}'s centre of mass or its bounds are not where its shape has them")
     return problems
 
 

@@ -7,10 +7,12 @@ import re
 import zipfile
 import zlib
 from collections.abc import Mapping
+from math import pi
 
 import numpy as np
 
 from tactape_fab.errors import Check
+from tactape_fab.fields import shown_path
 from tactape_fab.kit.readback import CplContent
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
@@ -18,9 +20,10 @@ from tactape_fab.solids.mesh import Mesh
 from tactape_fab.solids.readmesh import MeshError, mesh_problems, read_stl
 from tactape_fab.solids.rise import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped
-from tactape_fab.texture.frames import FloatArray, board_to_texture
+from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.raised import cells_of, find_raised
 from tactape_fab.verify.symbols import check_symbols
 
 PLACE_TOLERANCE_MM = 0.001
@@ -29,8 +32,13 @@ STL_PLACE_TOLERANCE_MM = 0.005
 _CHORD_TOLERANCE_MM = 0.002
 _DOME_VOLUME_TOLERANCE = 0.06
 _MOST_MODEL_BYTES = 2 << 30
+_TEXT_PER_TRIANGLE = 300
+_POINT = re.compile(rb"#(\d{1,12})=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
+_VERTEX = re.compile(rb"=VERTEX_POINT\('',#(\d{1,12})\)")
+_AXES = re.compile(rb"#(\d{1,12})=AXIS2_PLACEMENT_3D\('',#(\d{1,12}),")
+_ROUND = re.compile(rb"=(?:SPHERICAL|CONICAL)_SURFACE\('',#(\d{1,12}),")
 _OCCURRENCE = re.compile(
-    rb"CARTESIAN_POINT\('',\(\s*(-?[\d.]+),\s*(-?[\d.]+),\s*(-?[\d.]+)\)\);\s*#\d+=AXIS2_PLACEMENT_3D[^;]*;"
+    rb"CARTESIAN_POINT\('',\(\s*(-?\d+\.\d*),\s*(-?\d+\.\d*),\s*(-?\d+\.\d*)\)\);\s*#\d+=AXIS2_PLACEMENT_3D[^;]*;"
     rb"\s*#\d+=ITEM_DEFINED_TRANSFORMATION[^;]*;\s*#\d+=\(REPRESENTATION_RELATIONSHIP[^;]*;"
     rb"\s*#\d+=NEXT_ASSEMBLY_USAGE_OCCURRENCE\('([^']*)','([^']*)'"
 )
@@ -44,7 +52,7 @@ def check_models(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], 
         return [Check(name="stl", passed=False, message=f"{files['stl'].path}: {error}")]
     checks = [_check_mesh(tape, form, mesh), *_check_elements(tape, form, mesh)]
     checks.append(check_threemf(files["3mf"].data, mesh))
-    checks.append(_check_solid_text(tape, files["step-solid"].data))
+    checks.append(_check_solid_text(tape, form, files["step-solid"].data))
     if "step-assembly" in files:
         checks.append(_check_assembly_text(tape, files["step-assembly"].data, cpl))
     return checks
@@ -63,66 +71,50 @@ def mesh_volume_tolerance_mm3(tape: Tape, form: SolidForm) -> float:
     """How far a mesh's volume may be from the solid's: its chords cut off a little of every curve."""
     dome = tape.part_count * element_volume_mm3(tape.part) * _DOME_VOLUME_TOLERANCE if tape.part.shape == "dome" else 0.0
     width, height = tape.board.size_mm
-    curved_mm2 = width * height if form.cylinder is not None else 2 * (width + height) * form.base_mm
+    deep_mm = form.base_mm + (tape.part.body_mm[2] if form.negative else 0.0)
+    curved_mm2 = (2 * (width + height) + sum(pi * d for _, _, d in tape.board.holes)) * deep_mm
+    if form.cylinder is not None:
+        along, across = (width, height) if form.cylinder.around == "x" else (height, width)
+        back_mm = form.cylinder.radius_mm + (form.base_mm + tape.part.body_mm[2] if form.negative else 0.0)
+        length = form.cylinder.circumference_mm if form.cylinder.shell == "whole" else along
+        curved_mm2 = length * across * max(back_mm / form.cylinder.radius_mm, 1.0) ** 2
     return dome + 1e-5 * solid_volume_mm3(tape, form) + _CHORD_TOLERANCE_MM * curved_mm2
 
 
-def element_centres(tape: Tape, form: SolidForm, mesh: Mesh) -> tuple[FloatArray, FloatArray]:
-    """Where elements stand, from a solid's mesh alone.
-
-    Vertices well above the base (below it, in a mould) are gathered by the grid cell they lie in; the middle of
-    those of one cell is its element's centre.
-
-    Returns
-    -------
-    centres_mm : ndarray, shape (k, 2)
-        Board frame; on a cylinder along the arc at z = 0.
-    strays_mm : ndarray, shape (m, 2)
-        Raised vertices that lie in no cell.
-    """
-    points = unwrapped(mesh.vertices_mm, tape, form)
-    height = tape.part.body_mm[2]
-    raised = points[:, 2] > 0.6 * height
-    if form.negative:
-        raised &= points[:, 2] < height + form.base_mm / 2
-    xy = points[raised, :2]
-    cell = np.rint(board_to_texture(xy, tape.board.texture_origin_mm) / tape.pitch_mm).astype(np.int64)
-    inside = ((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1)
-    key = cell[inside, 1] * tape.columns + cell[inside, 0]
-    low, high = np.full((tape.rows * tape.columns, 2), np.inf), np.full((tape.rows * tape.columns, 2), -np.inf)
-    np.minimum.at(low, key, xy[inside])
-    np.maximum.at(high, key, xy[inside])
-    there = np.isfinite(low[:, 0])
-    return (low[there] + high[there]) / 2, xy[~inside]
-
-
 def _check_elements(tape: Tape, form: SolidForm, mesh: Mesh) -> list[Check]:
-    centres, strays = element_centres(tape, form, mesh)
-    checks = check_symbols(tape, centres, "STL")
-    expected = tape.part_xy_mm()
-    problems = []
-    if len(strays):
-        problems.append(f"{len(strays)} raised vertices off the grid, first at ({strays[0, 0]:.3f}, {strays[0, 1]:.3f}) mm")
-    if len(centres) != len(expected):
-        problems.append(f"{len(centres)} elements where the manifest has {len(expected)}")
-        figure = None
-    else:
-        order = np.argsort(tape.cells() @ (1, tape.columns), kind="stable")
-        off = np.hypot(*(centres - expected[order]).T)
-        worst = int(np.argmax(off))
-        figure = float(off[worst] * 1000)
-        if off[worst] > STL_PLACE_TOLERANCE_MM:
-            x, y = centres[worst]
-            problems.append(
-                f"{int((off > STL_PLACE_TOLERANCE_MM).sum())} elements are misplaced, worst by {figure:.1f} um "
-                f"at ({x:.3f}, {y:.3f}) mm"
-            )
-    message = "; ".join(problems) or f"centre of every element within {figure:.2f} um"
-    return [Check(name="stl places", passed=not problems, message=message, figure=figure, unit="um"), *checks]
+    raised = find_raised(tape, form, mesh.vertices_mm)
+    problems, figure = _place_problems(tape, raised.cells, raised.centres_mm, STL_PLACE_TOLERANCE_MM)
+    if len(raised.strays_mm):
+        x, y = raised.strays_mm[0]
+        problems.append(f"{len(raised.strays_mm)} raised vertices off the grid, first at ({x:.3f}, {y:.3f}) mm")
+    if raised.shape_error_mm > STL_PLACE_TOLERANCE_MM:
+        problems.append(f"elements differ from the manifest's shape by {raised.shape_error_mm * 1000:.1f} um")
+    message = (
+        "; ".join(problems) or f"shape and middle of every element within {max(figure, raised.shape_error_mm * 1000):.2f} um"
+    )
+    places = Check(name="stl places", passed=not problems, message=message, figure=figure, unit="um")
+    return [places, *check_symbols(tape, raised.centres_mm, "STL")]
 
 
-def read_threemf(data: bytes) -> Mesh:
-    """The one mesh of a 3MF file, in mm.
+def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, tolerance_mm: float) -> tuple[list[str], float]:
+    """What is wrong with the middles of elements found in cells, and the largest distance from the nominal one, um."""
+    grid = tape.cells() @ (1, tape.columns)
+    order = np.argsort(grid, kind="stable")
+    if not np.array_equal(np.sort(cells), grid[order]):
+        lost, extra = len(np.setdiff1d(grid, cells)), len(np.setdiff1d(cells, grid))
+        return [f"{len(cells)} elements where the manifest has {len(grid)}: {lost} are missing, {extra} too many"], 0.0
+    off = np.hypot(*(centres_mm[np.argsort(cells, kind="stable")] - tape.part_xy_mm()[order]).T)
+    worst = int(np.argmax(off))
+    figure = float(off[worst] * 1000)
+    if off[worst] <= tolerance_mm:
+        return [], figure
+    x, y = tape.part_xy_mm()[order][worst]
+    many = int((off > tolerance_mm).sum())
+    return [f"{many} elements are misplaced, worst by {figure:.1f} um at ({x:.3f}, {y:.3f}) mm"], figure
+
+
+def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
+    """The one mesh of a 3MF file that unpacks to no more than `most_bytes`, in mm.
 
     Raises
     ------
@@ -135,8 +127,8 @@ def read_threemf(data: bytes) -> Mesh:
             models = [entry for entry in archive.infolist() if entry.filename.endswith(".model")]
             if len(models) != 1 or "[Content_Types].xml" not in names or "_rels/.rels" not in names:
                 raise MeshError("it is no 3MF package of one model")
-            if sum(entry.file_size for entry in archive.infolist()) > _MOST_MODEL_BYTES:
-                raise MeshError(f"it unpacks to more than {_MOST_MODEL_BYTES} bytes")
+            if sum(entry.file_size for entry in archive.infolist()) > most_bytes:
+                raise MeshError(f"it unpacks to more than {most_bytes} bytes")
             text = archive.read(models[0])
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
@@ -149,24 +141,26 @@ def read_threemf(data: bytes) -> Mesh:
         raise MeshError(f"it holds what is no number: {error}") from error
     if len(vertices) == 0 or len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
         raise MeshError("its triangles name vertices that it does not have")
+    items = re.findall(rb"<item\b[^>]*>", text)
+    if len(items) != 1 or b"transform" in items[0] or b"<component" in text or text.count(b"<object ") != 1:
+        raise MeshError("it does not build one object where it stands")
     return Mesh(vertices_mm=vertices, faces=faces)
 
 
 def check_threemf(data: bytes, stl: Mesh) -> Check:
     """A 3MF file holds the mesh of the STL."""
     try:
-        mesh = read_threemf(data)
+        mesh = read_threemf(data, 1_000_000 + _TEXT_PER_TRIANGLE * len(stl.faces))
     except MeshError as error:
         return Check(name="3mf", passed=False, message=str(error))
     tolerance = 2e-6 + 2.0**-23 * float(np.abs(stl.vertices_mm).max())
     alike = mesh.faces.shape == stl.faces.shape
     error_mm = float(np.abs(mesh.corners_mm - stl.corners_mm).max()) if alike else 0.0
     passed = alike and error_mm <= tolerance
-    message = (
-        f"the mesh of the STL, within {error_mm * 1e6:.1f} nm"
-        if passed
-        else f"its {len(mesh.faces)} triangles are not the STL's {len(stl.faces)}"
-    )
+    if not alike:
+        message = f"its {len(mesh.faces)} triangles are not the STL's {len(stl.faces)}"
+    else:
+        message = f"{'the mesh of the STL, within' if passed else 'a corner is off the STL by'} {error_mm * 1e6:.1f} nm"
     return Check(name="3mf", passed=passed, message=message, figure=error_mm * 1e6, unit="nm")
 
 
@@ -183,7 +177,44 @@ def faces_of_elements(tape: Tape) -> int:
     return tape.part_count * (5 if tape.part.shape == "block" else 1 if tape.part.top_mm is None else 2)
 
 
-def _check_solid_text(tape: Tape, data: bytes) -> Check:
+def _anchors(tape: Tape, data: bytes) -> FloatArray:
+    """Points of a solid's text that tell where elements stand: corners of blocks, middles of spheres and cones; (n, 3).
+
+    Raises
+    ------
+    ValueError
+        When the text holds what is no point.
+    """
+    points = {int(name): xyz for name, xyz in _POINT.findall(data)}
+    if tape.part.shape == "block":
+        wanted = [int(name) for name in _VERTEX.findall(data)]
+    else:
+        axes = {int(name): int(point) for name, point in _AXES.findall(data)}
+        wanted = [axes[int(name)] for name in _ROUND.findall(data) if int(name) in axes]
+    rows = [points[name].split(b",") for name in wanted if name in points]
+    return np.array(rows, dtype="S").astype(np.float64).reshape(-1, 3)
+
+
+def _text_place_problems(tape: Tape, form: SolidForm, data: bytes) -> list[str]:
+    """Whether the elements of a STEP solid stand where the manifest has them, and a block's corners are its corners."""
+    try:
+        anchors = _anchors(tape, data)
+    except ValueError:
+        return ["it holds points that are none"]
+    if tape.part.shape == "block":
+        raised = find_raised(tape, form, anchors)
+        problems, _ = _place_problems(tape, raised.cells, raised.centres_mm, PLACE_TOLERANCE_MM)
+        if raised.shape_error_mm > PLACE_TOLERANCE_MM:
+            problems.append(f"elements differ from the manifest's shape by {raised.shape_error_mm * 1000:.1f} um")
+        return problems
+    xy = unwrapped(anchors, tape, form)[:, :2]
+    cells, inside = cells_of(tape, xy)
+    if not inside.all():
+        return [f"{int((~inside).sum())} elements are off the grid"]
+    return _place_problems(tape, cells, xy, PLACE_TOLERANCE_MM)[0]
+
+
+def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
     problems = _step_problems(data)
     solids, shells = data.count(b"=MANIFOLD_SOLID_BREP("), data.count(b"=CLOSED_SHELL(")
     faces, own = data.count(b"=ADVANCED_FACE("), faces_of_elements(tape)
@@ -191,14 +222,16 @@ def _check_solid_text(tape: Tape, data: bytes) -> Check:
         problems.append(f"{solids} solids of {shells} shells instead of one")
     if faces < own + 3:
         problems.append(f"{faces} faces, fewer than the {own} of {tape.part_count} elements and a base")
-    message = "; ".join(problems) or f"one solid of {faces} faces, {own} of them elements'"
+    if not problems:
+        problems = _text_place_problems(tape, form, data)
+    message = "; ".join(problems) or f"one solid of {faces} faces, {own} of them elements', each in its place"
     return Check(name="step-solid", passed=not problems, message=message, figure=float(faces))
 
 
 def _check_assembly_text(tape: Tape, data: bytes, cpl: CplContent | None) -> Check:
     problems = _step_problems(data)
     found = _OCCURRENCE.findall(data)
-    names = [name.decode("ascii", "replace") for *_, name, _ in found]
+    names = [shown_path(name.decode("ascii", "replace")) for *_, name, _ in found]
     designators = list(cpl.designators) if cpl is not None else tape.designators()
     xy = cpl.xy_mm if cpl is not None else tape.part_xy_mm()
     error_mm = 0.0

@@ -30,19 +30,22 @@ def read_shape(path: str) -> dict[str, Any]:
         "faces": sum(1 for _ in _explore(shape, TopAbs_ShapeEnum.TopAbs_FACE)),
         "valid": bool(BRepCheck_Analyzer(shape).IsValid()),
         "volume_mm3": sum(solid[0] for solid in solids),
-        "centre_mm": solids[0][1:] if len(solids) == 1 else None,
+        "centre_mm": solids[0][1:4] if len(solids) == 1 else None,
     }
 
 
 def _mass(solid: Any) -> list[float]:
-    """Volume and centre of mass of a solid, mm."""
+    """Volume, centre of mass and bounds (three least, three largest) of a solid, mm."""
+    from OCP.Bnd import Bnd_Box
+    from OCP.BRepBndLib import BRepBndLib
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
-    properties = GProp_GProps()
+    properties, box = GProp_GProps(), Bnd_Box()
     BRepGProp.VolumeProperties_s(solid, properties, VOLUME_EPSILON)
-    centre = properties.CentreOfMass()
-    return [float(properties.Mass()), centre.X(), centre.Y(), centre.Z()]
+    BRepBndLib.AddOptimal_s(solid, box, False, False)
+    points = (properties.CentreOfMass(), box.CornerMin(), box.CornerMax())
+    return [float(properties.Mass()), *(value for p in points for value in (p.X(), p.Y(), p.Z()))]
 
 
 def _explore(shape: Any, kind: Any) -> Any:

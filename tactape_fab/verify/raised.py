@@ -1,0 +1,101 @@
+"""Elements of a solid from points alone: which cell each stands in, where its middle is, and whether its shape is right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.solids.elements import block_corners_mm, sphere_radius_mm
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.wrap import unwrapped, wrap_of
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import FloatArray, IntArray, board_to_texture
+from tactape_fab.texture.tape import Tape
+
+RAISED_SHARE = 0.6
+"""Points higher than this share of an element's height belong to its top."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Raised:
+    """Elements found.
+
+    Attributes
+    ----------
+    centres_mm : ndarray, shape (k, 2)
+        Middles in the board frame, row by row; on a cylinder along the arc at z = 0.
+    cells : ndarray of int, shape (k,)
+        Row * columns + column of each.
+    strays_mm : ndarray, shape (m, 2)
+        Raised points in no cell.
+    shape_error_mm : float
+        Farthest that a raised point lies from where the element's shape has one.
+    """
+
+    centres_mm: FloatArray
+    cells: IntArray
+    strays_mm: FloatArray
+    shape_error_mm: float
+
+
+def cells_of(tape: Tape, xy_mm: FloatArray) -> tuple[IntArray, BoolArray]:
+    """Row * columns + column of the grid cell that each board point lies in, and whether it lies in one."""
+    cell = np.rint(board_to_texture(xy_mm, tape.board.texture_origin_mm) / tape.pitch_mm).astype(np.int64)
+    inside: BoolArray = np.asarray(((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1))
+    key: IntArray = cell[:, 1] * tape.columns + cell[:, 0]
+    return key, inside
+
+
+def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
+    """Gather the points well above the base (below it, in a mould) by their cells.
+
+    Parameters
+    ----------
+    points_mm : ndarray, shape (n, 3)
+        Of a mesh, or corners of a solid, in the file's frame.
+    """
+    points = unwrapped(points_mm, tape, form)
+    height = tape.part.body_mm[2]
+    high = points[:, 2] > RAISED_SHARE * height
+    if form.negative:
+        high &= points[:, 2] < height + form.base_mm / 2
+    points = points[high]
+    key, inside = cells_of(tape, points[:, :2])
+    count = tape.rows * tape.columns
+    low, most = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    np.minimum.at(low, key[inside], points[inside, :2])
+    np.maximum.at(most, key[inside], points[inside, :2])
+    there = np.flatnonzero(np.isfinite(low[:, 0]))
+    centres = np.zeros((count, 2))
+    centres[there] = (low[there] + most[there]) / 2
+    offset = np.column_stack([points[inside, :2] - centres[key[inside]], points[inside, 2]])
+    return Raised(
+        centres_mm=centres[there],
+        cells=there,
+        strays_mm=points[~inside, :2],
+        shape_error_mm=_shape_error_mm(tape, form, offset) if len(offset) else 0.0,
+    )
+
+
+def _shape_error_mm(tape: Tape, form: SolidForm, offset_mm: FloatArray) -> float:
+    """Largest distance of raised points, given from their element's middle, from the element's shape."""
+    part = tape.part
+    local = offset_mm
+    if form.cylinder is not None:
+        wrap = wrap_of(tape, form, form.cylinder)
+        part = wrap.part
+        ab = offset_mm[:, :2] @ wrap.from_board.T
+        out = wrap.radius_mm + offset_mm[:, 2]
+        angle = ab[:, 0] / wrap.radius_mm
+        local = np.column_stack([out * np.sin(angle), ab[:, 1], out * np.cos(angle) - wrap.radius_mm])
+    height = part.body_mm[2]
+    if part.shape == "block":
+        corners = np.column_stack([block_corners_mm(part), np.full(4, height)])
+        error = np.linalg.norm(local[:, None] - corners, axis=2).min(axis=1)
+    elif part.top_mm is not None:
+        error = np.hypot(np.hypot(local[:, 0], local[:, 1]) - part.top_mm / 2, local[:, 2] - height)
+    else:
+        sphere_mm = sphere_radius_mm(part)
+        error = np.abs(np.linalg.norm(local - (0.0, 0.0, height - sphere_mm), axis=1) - sphere_mm)
+    return float(error.max())
