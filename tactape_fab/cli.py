@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from io import TextIOWrapper
@@ -15,16 +16,32 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from tactape_fab import __version__
-from tactape_fab.errors import Check, DesignRuleError, Finding, SpecError, TactapeError, VerifyError
+from tactape_fab.console import (
+    FixTable,
+    check_lines,
+    embossed_json,
+    embossed_lines,
+    finding_lines,
+    fix_json,
+    kit_json,
+    kit_lines,
+    rule_lines,
+    simulated_line,
+    summary_line,
+)
+from tactape_fab.errors import DesignRuleError, Finding, FrameError, SpecError, TactapeError, VerifyError
 
 if TYPE_CHECKING:
-    from tactape_fab.emboss import Embossed
-    from tactape_fab.make import Examined, Kit
+    from tactape_fab.localize import Job, Locate, Located
+    from tactape_fab.make import Examined
+    from tactape_fab.profiles.sensors import SensorProfile
 
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that is not what it should be."""
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+_SENSOR_HELP = "Sensor profile, or a .toml file.  [default: gelsight-mini]"
 
 
 # Option texts to values. What cannot be understood is passed on as it is: the one checker names it with all the rest.
@@ -167,25 +184,19 @@ def _fail(status: int, lines: Sequence[str]) -> NoReturn:
     sys.exit(status)
 
 
-def _rule_lines(findings: Sequence[Finding]) -> list[str]:
-    return [f"{f.rule}: {f.message}{_at(f)}" for f in findings if f.blocks]
-
-
-def _at(finding: Finding) -> str:
-    return "" if finding.at_mm is None else f" (at {finding.at_mm[0]:.2f}, {finding.at_mm[1]:.2f} mm)"
-
-
 @contextmanager
 def _answers() -> Iterator[None]:
     """Turn what the package raises into messages and an exit status."""
     try:
         yield
     except SpecError as error:
-        _fail(USAGE, [*(p.message for p in error.problems), *_rule_lines(error.findings)])
+        _fail(USAGE, [*(p.message for p in error.problems), *rule_lines(error.findings)])
     except DesignRuleError as error:
-        _fail(RULES, _rule_lines(error.findings))
+        _fail(RULES, rule_lines(error.findings))
     except VerifyError as error:
         _fail(VERIFICATION, [f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning])
+    except FrameError as error:
+        _fail(USAGE, str(error).splitlines())
     except TactapeError as error:
         _fail(FAILED, str(error).splitlines())
 
@@ -200,25 +211,9 @@ def _warn(findings: Sequence[Finding]) -> None:
             click.echo(f"warning: {finding.rule}: {finding.message}", err=True)
 
 
-def _finding_row(finding: Finding) -> tuple[str, ...]:
-    verdict = "ok" if finding.passed else finding.level
-    value = "" if finding.value is None else f"{finding.value:.3f}"
-    limit = "" if finding.limit is None else f"{finding.limit:.3f}"
-    at = "" if finding.at_mm is None else f"{finding.at_mm[0]:.2f}, {finding.at_mm[1]:.2f}"
-    return finding.rule, verdict, value, limit, at
-
-
-def _echo_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
-    for row in [header, *rows]:
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-
-
-def _echo_checks(checks: Sequence[Check]) -> None:
-    width = max(len(c.name) for c in checks)
-    for c in checks:
-        verdict = "ok  " if c.passed else "warn" if c.warning else "FAIL"
-        click.echo(f"{verdict}  {c.name.ljust(width)}  {c.message}")
+def _echo_lines(lines: Iterable[str]) -> None:
+    for line in lines:
+        click.echo(line)
 
 
 # Commands
@@ -266,50 +261,7 @@ def make(spec_file: str | None, output: str | None, overwrite: bool, no_verify: 
             verify=not no_verify,
             progress=lambda text: click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None,
         )
-        _echo_json(_kit_json(kit)) if as_json else _echo_kit(kit)
-
-
-def _kit_json(kit: Kit) -> dict[str, Any]:
-    tape = kit.tape
-    return {
-        "path": str(kit.path),
-        "name": tape.name,
-        "sector": tape.sector,
-        "code": tape.code,
-        "origin": list(tape.origin),
-        "columns": tape.columns,
-        "rows": tape.rows,
-        "parts": tape.part_count,
-        "files": dict(kit.files),
-        "findings": [asdict(f) for f in kit.findings],
-        "checks": [asdict(c) for c in kit.checks],
-    }
-
-
-_PURPOSES = (
-    ("for the fab", ("fab-zip",)),
-    ("for assembly", ("cpl", "bom")),
-    ("for CAD and milling", ("step-assembly", "step-solid")),
-    ("for printing", ("stl", "3mf")),
-)
-"""What a user does with which files, in the order in which make names them."""
-
-
-def _echo_kit(kit: Kit) -> None:
-    tape = kit.tape
-    width, height = tape.board.size_mm
-    click.echo(
-        f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm"
-    )
-    click.echo(
-        f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
-        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm"
-    )
-    click.echo(f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified")
-    for purpose, roles in _PURPOSES:
-        paths = [str(kit.path / kit.files[role]) for role in roles if role in kit.files]
-        if paths:
-            click.echo(f"{purpose}: {', '.join(paths)}")
+        _echo_json(kit_json(kit)) if as_json else _echo_lines(kit_lines(kit))
 
 
 @_tape_options
@@ -322,7 +274,7 @@ def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
         if as_json:
             _echo_json([asdict(f) for f in findings])
         else:
-            _echo_table(("rule", "verdict", "measured mm", "limit mm", "at x, y mm"), [_finding_row(f) for f in findings])
+            _echo_lines(finding_lines(findings))
             _warn(findings)
         if any(f.blocks for f in findings):
             raise DesignRuleError(findings)
@@ -354,18 +306,7 @@ def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: boo
             {key: _number(text) if key == "face" else _pair(text) for key, text in given.items() if text is not None}
         )
         made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=_step_shown())
-        if as_json:
-            _echo_json(
-                {
-                    "path": str(made.path),
-                    "name": made.tape.name,
-                    "surface": dict(made.surface),
-                    "files": dict(made.files),
-                    "checks": [asdict(c) for c in made.checks],
-                }
-            )
-        else:
-            _echo_embossed(made)
+        _echo_json(embossed_json(made)) if as_json else _echo_lines(embossed_lines(made))
 
 
 def _step_shown() -> Callable[[str, int, int], None]:
@@ -373,22 +314,6 @@ def _step_shown() -> Callable[[str, int, int], None]:
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda *_: None
     return lambda text, done, count: click.echo(f"\r{text} {done} of {count}\033[K", err=True, nl=done == count)
-
-
-def _echo_embossed(made: Embossed) -> None:
-    surface, distortion = made.surface, made.surface["distortion"]
-    centre = ", ".join(f"{v:.3f}" for v in surface["centre_mm"])
-    click.echo(f"{made.path}: {made.tape.part_count} elements of {made.tape.name} on {surface['source']} round ({centre}) mm")
-    click.echo(
-        f"pitch error {distortion['pitch_error_min']:+.2%} to {distortion['pitch_error_max']:+.2%}, median "
-        f"{distortion['pitch_error_median']:+.2%}; the texture reaches {distortion['reach_mm']:.1f} mm, usable are "
-        f"{distortion['usable_radius_mm']:.1f} mm"
-    )
-    click.echo(f"verified: {len(made.checks)} checks of the written files")
-    for purpose, roles in _PURPOSES:
-        paths = [str(made.path / made.files[role]) for role in roles if role in made.files]
-        if paths:
-            click.echo(f"{purpose}: {', '.join(paths)}")
 
 
 @main.command()
@@ -406,9 +331,130 @@ def verify(kit: str, quick: bool, as_json: bool) -> None:
                 {"name": verification.name, "passed": verification.passed, "checks": [asdict(c) for c in verification.checks]}
             )
         else:
-            _echo_checks(verification.checks)
+            _echo_lines(check_lines(verification.checks))
         verification.raise_if_failed()
         click.echo(f"verified: {len(verification.checks)} checks of the written files", err=True)
+
+
+# Localization
+
+
+@main.command()
+@click.argument("kit")
+@click.option("-o", "--output", metavar="FRAMES.npz", required=True, help="File of the frames.")
+@click.option("--count", metavar="N", default="1", help="Number of frames.  [default: 1]")
+@click.option("--seed", metavar="S", default="0", help="Of poses, noise and defects; equal seeds give equal bytes.  [default: 0]")
+@click.option("--pose", metavar="X,Y,THETA", help="Pose of every frame, mm and degrees.  [default: spread over the tape]")
+@click.option("--edge", is_flag=True, help="Spread the poses along the edge of the texture instead.")
+@click.option("--sensor", metavar="NAME", default="gelsight-mini", help=_SENSOR_HELP)
+@click.option("--contact", metavar="AxB|pad", help="Axes of the elliptic contact, mm, or the whole field.  [default: 11x9]")
+@click.option("--cylinder", metavar="R", help="The strip along which a cylinder of this radius touches, mm.")
+@click.option("--missing", metavar="SHARE", help="Share of parts that are missing.  [default: 0]")
+@click.option("--bumps", metavar="N", help="Bumps that belong to no tape.  [default: 0]")
+@click.option("--noise", metavar="FACTOR", help="Factor on the sensor's noise.  [default: 1]")
+@click.option("--placement", metavar="MM", help="Standard deviation of the parts' places.  [default: 0]")
+@click.option("--elastomer", metavar="MM", help="How far the elastomer smooths, standard deviation.  [default: 0.15]")
+@click.option("--scale-error", metavar="SHARE", help="The true px/mm is the profile's times 1 + SHARE.  [default: 0]")
+@click.option("--from-cpl", is_flag=True, help="Take the parts' places from the kit's pick-and-place file.")
+def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, from_cpl: bool, **given: str | None) -> None:
+    """Write depth maps of a kit's tape in contact with a sensor, and where they were taken.
+
+    \b
+    Example: tactape-fab simulate tactape-s007 -o frames.npz --count 100 --seed 1
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    with _answers():
+        from tactape_fab.simulate_file import simulate_file
+
+        places = {"contact": _contact, "cylinder": _length, "placement": _length, "elastomer": _length}
+        options = {name: places.get(name, _number)(text) for name, text in given.items() if text is not None}
+        made = simulate_file(
+            kit,
+            output,
+            sensor=sensor,
+            pose=None if pose is None else _pair(pose),
+            edge=edge,
+            from_cpl=from_cpl,
+            progress=_step_shown(),
+            **options,
+        )
+        click.echo(simulated_line(made.path, made.count, made.frame_shape, made.tape, made.sensor))
+
+
+def _contact(text: str) -> Any:
+    """Both axes, or the name; what has not two parts is passed on as it is."""
+    axes = _size(text)
+    return axes if len(axes) == 2 else text
+
+
+@main.command()
+@click.argument("frames", nargs=-1, metavar="FRAMES...")
+@click.option("--tape", "kits", multiple=True, metavar="KIT...", help="Kits that can be touched, or a folder of kits.")
+@click.option("--code", metavar="NAME", help="Without --tape: the code alone; it asks for many more dots.")
+@click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]")
+@click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]")
+@click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=_SENSOR_HELP)
+@click.option("--method", metavar="ml|paper", default="ml", help="How frames are located.  [default: ml]")
+@click.option("--world", metavar="open|closed", help="Whether tapes that are not named may be touched, too.  [default: open]")
+@click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]")
+@click.option("--max-p-tape", metavar="P", help="Largest chance that it is no tape of ours.  [default: within --max-p-false]")
+@click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame.")
+@click.option("--overlay", metavar="DIR", help="Write a picture of every frame: dots, grid, axes.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame.")
+def decode(frames: Sequence[str], kits: Sequence[str], sensor: str, overlay: str | None, as_json: bool, **given: Any) -> None:
+    """Locate contacts: which tape each frame touches, where and at what angle, or why that cannot be said.
+
+    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif.
+
+    \b
+    Example: tactape-fab decode frames.npz --tape tactape-s007
+    """
+    with _answers():
+        from tactape_fab.localize import is_kit, localize, prepare
+
+        if kits:  # --tape A B, as a shell would have it
+            kits = [*kits, *(f for f in frames if is_kit(f))]
+            frames = [f for f in frames if not is_kit(f)]
+        reads = {"w": _length, "delta": _length, "max_p_false": _number, "max_p_tape": _number}
+        options = {name: reads[name](v) if name in reads and v is not None else v for name, v in given.items()}
+        job = prepare(frames, kits, sensor, **options)
+        _print_answers(localize(job, _with_a_word), job, as_json=as_json, overlay=overlay)
+
+
+def _with_a_word(job: Job, sensor: SensorProfile) -> Locate:
+    """The locator, with a word on stderr where getting ready takes long: the first time, something is compiled."""
+    from tactape_fab.localize import make_locator
+
+    word = threading.Timer(2.0, lambda: click.echo("getting the decoder ready, which takes longest the first time ...", err=True))
+    word.daemon = True
+    word.start()
+    try:
+        return make_locator(job, sensor)
+    finally:
+        word.cancel()
+
+
+def _print_answers(answers: Iterator[Located], job: Job, *, as_json: bool, overlay: str | None) -> None:
+    from tactape_fab.overlay import draw_overlay, write_overlay
+
+    table = FixTable(job.tapes)
+    count = sum(file.count for file in job.files)
+    show = _step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # rows are progress enough
+    located, elapsed_ms = 0, []
+    for answer in answers:
+        fix = answer.fix
+        if as_json:
+            click.echo(json.dumps(fix_json(answer.frame, fix), allow_nan=False))
+        else:
+            _echo_lines([table.header()] * (answer.frame == 0) + [table.row(answer.frame, fix)])
+        if overlay is not None:
+            picture = draw_overlay(answer.depth, answer.sensor, job.tapes, fix, answer.frame)
+            write_overlay(Path(overlay), picture, answer.frame)
+        located += fix.located
+        elapsed_ms.append(fix.elapsed_ms)
+        if len(elapsed_ms) % 100 == 0 or len(elapsed_ms) == count:
+            show("frames", len(elapsed_ms), count)
+    click.echo(summary_line(located, len(elapsed_ms), elapsed_ms), err=True)
 
 
 if __name__ == "__main__":

@@ -125,6 +125,10 @@ class RenderError(TactapeError):
     """A file of the kit could not be written."""
 
 
+class FrameError(TactapeError, ValueError):
+    """A frame that is no depth map of the sensor: wrong shape, no numbers, too large."""
+
+
 class VerifyError(TactapeError):
     """A written kit differs from what its manifest says.
 

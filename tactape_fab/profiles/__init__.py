@@ -1,4 +1,4 @@
-"""Fab, part and process profiles: data files of templates/, or a user's own TOML by path, read into plain records."""
+"""Fab, part, process and sensor profiles: data files of templates/, or a user's own TOML by path, read into plain records."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from tactape_fab.profiles.parts import (
     read_part,
 )
 from tactape_fab.profiles.processes import PROCESS_LIMIT_IDS, ProcessProfile, load_process
+from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 
 __all__ = [
     "ASSEMBLY_FORMATS",
@@ -42,12 +43,14 @@ __all__ = [
     "Material",
     "PartProfile",
     "ProcessProfile",
+    "SensorProfile",
     "SizeLimit",
     "X2Mode",
     "element_problem",
     "load_fab",
     "load_part",
     "load_process",
+    "load_sensor",
     "profile_names",
     "read_land",
     "read_part",

@@ -1,0 +1,32 @@
+"""Makes the picture of docs/localization.md. Run: python docs/make_localization_figures.py"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from tactape_fab import TapeSpec, make_kit
+from tactape_fab.localize import localize, prepare
+from tactape_fab.overlay import draw_overlay
+from tactape_fab.simulate_file import simulate_file
+
+FIGURE = Path(__file__).parent / "figures" / "localization-overlay.png"
+
+
+def overlay() -> None:
+    """The overlay of a contact near the tape's edge, with some parts missing and a bump that is none."""
+    import cv2
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        kit = make_kit(TapeSpec(sector=7), folder / "tactape-s007")
+        frames = simulate_file(kit.path, folder / "frames.npz", pose=[3.0, 20.0, 25.0], missing=0.05, bumps=2, seed=4).path
+        job = prepare([str(frames)], [str(kit.path)], "gelsight-mini")
+        located = next(localize(job))
+        picture = draw_overlay(located.depth, located.sensor, job.tapes, located.fix, located.frame)
+    cv2.imwrite(str(FIGURE), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+if __name__ == "__main__":
+    FIGURE.parent.mkdir(exist_ok=True)
+    overlay()

@@ -1,0 +1,167 @@
+"""Results as lines of text and as JSON, for the command line to print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactape_fab.errors import Check, Finding
+
+if TYPE_CHECKING:
+    from tactape_fab.decode.result import Localization
+    from tactape_fab.emboss import Embossed
+    from tactape_fab.make import Kit
+    from tactape_fab.texture.tape import Tape
+
+PURPOSES = (
+    ("for the fab", ("fab-zip",)),
+    ("for assembly", ("cpl", "bom")),
+    ("for CAD and milling", ("step-assembly", "step-solid")),
+    ("for printing", ("stl", "3mf")),
+)
+"""What a user does with which files, in the order in which make names them."""
+
+
+def rule_lines(findings: Sequence[Finding]) -> list[str]:
+    """The broken rules that block."""
+    return [f"{f.rule}: {f.message}{_at(f)}" for f in findings if f.blocks]
+
+
+def _at(finding: Finding) -> str:
+    return "" if finding.at_mm is None else f" (at {finding.at_mm[0]:.2f}, {finding.at_mm[1]:.2f} mm)"
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Every rule as a row of a table."""
+    return _table(("rule", "verdict", "measured mm", "limit mm", "at x, y mm"), [_finding_row(f) for f in findings])
+
+
+def _finding_row(finding: Finding) -> tuple[str, ...]:
+    verdict = "ok" if finding.passed else finding.level
+    value = "" if finding.value is None else f"{finding.value:.3f}"
+    limit = "" if finding.limit is None else f"{finding.limit:.3f}"
+    at = "" if finding.at_mm is None else f"{finding.at_mm[0]:.2f}, {finding.at_mm[1]:.2f}"
+    return finding.rule, verdict, value, limit, at
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
+
+
+def check_lines(checks: Sequence[Check]) -> list[str]:
+    """Every line of a verification."""
+    width = max(len(c.name) for c in checks)
+    verdicts = ["ok  " if c.passed else "warn" if c.warning else "FAIL" for c in checks]
+    return [f"{verdict}  {c.name.ljust(width)}  {c.message}" for verdict, c in zip(verdicts, checks, strict=True)]
+
+
+def kit_json(kit: Kit) -> dict[str, Any]:
+    tape = kit.tape
+    return {
+        "path": str(kit.path),
+        "name": tape.name,
+        "sector": tape.sector,
+        "code": tape.code,
+        "origin": list(tape.origin),
+        "columns": tape.columns,
+        "rows": tape.rows,
+        "parts": tape.part_count,
+        "files": dict(kit.files),
+        "findings": [asdict(f) for f in kit.findings],
+        "checks": [asdict(c) for c in kit.checks],
+    }
+
+
+def kit_lines(kit: Kit) -> list[str]:
+    tape = kit.tape
+    width, height = tape.board.size_mm
+    return [
+        f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm",
+        f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
+        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm",
+        f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified",
+        *_purpose_lines(kit),
+    ]
+
+
+def embossed_json(made: Embossed) -> dict[str, Any]:
+    return {
+        "path": str(made.path),
+        "name": made.tape.name,
+        "surface": dict(made.surface),
+        "files": dict(made.files),
+        "checks": [asdict(c) for c in made.checks],
+    }
+
+
+def embossed_lines(made: Embossed) -> list[str]:
+    surface, distortion = made.surface, made.surface["distortion"]
+    centre = ", ".join(f"{v:.3f}" for v in surface["centre_mm"])
+    return [
+        f"{made.path}: {made.tape.part_count} elements of {made.tape.name} on {surface['source']} round ({centre}) mm",
+        f"pitch error {distortion['pitch_error_min']:+.2%} to {distortion['pitch_error_max']:+.2%}, median "
+        f"{distortion['pitch_error_median']:+.2%}; the texture reaches {distortion['reach_mm']:.1f} mm, usable are "
+        f"{distortion['usable_radius_mm']:.1f} mm",
+        f"verified: {len(made.checks)} checks of the written files",
+        *_purpose_lines(made),
+    ]
+
+
+def _purpose_lines(made: Kit | Embossed) -> list[str]:
+    lines = []
+    for purpose, roles in PURPOSES:
+        paths = [str(made.path / made.files[role]) for role in roles if role in made.files]
+        if paths:
+            lines.append(f"{purpose}: {', '.join(paths)}")
+    return lines
+
+
+# Localization
+
+
+class FixTable:
+    """Answers as rows of a table, one by one: widths come from the names of the tapes."""
+
+    def __init__(self, tapes: Sequence[Tape]) -> None:
+        self.name_width = max([4, *(len(tape.name) for tape in tapes)])
+
+    def header(self) -> str:
+        return self._row("frame", "status", "dots", "tape", "x mm", "y mm", "theta deg", "p_false")
+
+    def row(self, frame: int, fix: Localization) -> str:
+        agreeing = f"{fix.n_agree}/{fix.n_dots}"
+        if not fix.located:
+            return f"{frame:>6}  {fix.status:<6}  {agreeing:>7}  not located: {fix.reason}"
+        name = fix.tape or (f"sector {fix.sector}" if fix.sector is not None else "")
+        x, y = (f"{v:.3f}" for v in fix.position_mm or fix.plane_mm or ()) if fix.position_mm or fix.plane_mm else ("", "")
+        theta = "" if fix.theta_deg is None else f"{fix.theta_deg:.2f}"
+        return self._row(str(frame), fix.status, agreeing, name, x, y, theta, "" if fix.p_false is None else f"{fix.p_false:.1e}")
+
+    def _row(self, frame: str, status: str, dots: str, name: str, x: str, y: str, theta: str, p_false: str) -> str:
+        width = self.name_width
+        return f"{frame:>6}  {status:<6}  {dots:>7}  {name:<{width}}  {x:>9}  {y:>9}  {theta:>9}  {p_false:>8}".rstrip()
+
+
+def fix_json(frame: int, fix: Localization) -> dict[str, Any]:
+    """The keys of an answer; a number that is none is null."""
+    return {key: _finite(value) for key, value in fix.to_mapping(frame).items()}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def summary_line(located: int, count: int, elapsed_ms: Sequence[float]) -> str:
+    median = sorted(elapsed_ms)[len(elapsed_ms) // 2] if elapsed_ms else 0.0
+    return f"located {located} of {count} frame{'s' * (count != 1)}; median {median:.2f} ms"
+
+
+def simulated_line(path: Path, count: int, shape: tuple[int, int], name: str, sensor: str) -> str:
+    frames = f"{count} frame{'s' * (count != 1)} of {shape[0]} x {shape[1]} px"
+    return f"{path}: {frames}, {name} as {sensor} sees it"

@@ -1,0 +1,231 @@
+"""Files of frames -> answers: the registry from kits, a locator for it, and one answer after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy.typing as npt
+
+from tactape_fab.errors import Problem, SpecError
+from tactape_fab.fields import Fields, shown_path
+from tactape_fab.frame_files import FrameFile, open_frames, tried
+from tactape_fab.profiles.sensors import SensorProfile, load_sensor
+from tactape_fab.texture.code import CODE_NAMES
+from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
+
+if TYPE_CHECKING:
+    from tactape_fab.decode.result import Localization
+
+METHODS = ("ml", "paper")
+MOST_TAPES = 4096
+DEFAULT_PITCH_MM = 1.5
+
+
+class Locate(Protocol):
+    """Locates a depth map as the sensor delivers it."""
+
+    def __call__(self, depth: npt.ArrayLike, *, timestamp: float | None = None) -> Localization: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Located:
+    """A frame and its answer.
+
+    Attributes
+    ----------
+    frame : int
+        Counted over all files.
+    depth : ndarray, shape (h, w)
+        As the file has it.
+    sensor : SensorProfile
+        With the file's scale, where that has one.
+    fix : Localization
+    """
+
+    frame: int
+    depth: npt.NDArray[Any]
+    sensor: SensorProfile
+    fix: Localization
+
+
+def is_kit(path: str) -> bool:
+    """Whether a path that a user gave is meant as a kit: a folder, or a manifest."""
+    try:
+        return path.lower().endswith(".json") or Path(path).is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
+    """The registry: tapes of kits, in the order given.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Folders of kits or of embossed parts, their manifests, or folders of such folders (in the order of their names).
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of them, all together.
+    """
+    tapes: list[Tape] = []
+    problems: list[Problem] = []
+    for path in paths:
+        for place in _kits_at(Path(path)):
+            if len(tapes) >= MOST_TAPES:
+                raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
+            try:
+                tapes.append(Tape.load(place))
+            except SpecError as error:
+                named = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
+                problems.extend(Problem("tape", message) for message in named)
+    if problems:
+        raise SpecError(problems)
+    return tapes
+
+
+def _kits_at(path: Path) -> list[Path]:
+    """A kit itself, or the kits in a folder that is none."""
+    try:
+        if not path.is_dir() or (path / MANIFEST_NAME).exists():
+            return [path]
+        inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
+    except (OSError, ValueError):  # Tape.load says what is wrong
+        return [path]
+    return inside or [path]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BareCode:
+    """What is known without a tape: the code and its grid."""
+
+    name: str
+    pitch_mm: float
+    displacement_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Job:
+    """What is to be located: files of frames, the sensor, the registry or only the code, and settings of `Localizer`."""
+
+    files: Sequence[FrameFile]
+    sensor: SensorProfile
+    tapes: Sequence[Tape]
+    code: BareCode | None
+    settings: Mapping[str, Any]
+
+
+def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, **options: Any) -> Job:
+    """Read everything that can be wrong before the first frame.
+
+    Parameters
+    ----------
+    frames, kits : sequence of path
+        See `open_frames` and `read_tapes`.
+    sensor : str
+        Profile name or the path of its TOML file.
+    **options
+        code, w, delta: the code and its grid (mm) instead of kits; method, world, max_p_false, max_p_tape, fixed_scale: as
+        `Localizer` takes them. None is what is not given.
+
+    Raises
+    ------
+    SpecError
+        Every value and file that cannot be used, all together.
+    """
+    given = {name: value for name, value in options.items() if value is not None and value is not False}
+    problems: list[Problem] = []
+    bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
+    code = _read_code(bare, bool(kits), problems)
+    problems += _setting_problems(given, "code" in bare)
+    if not frames:
+        problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
+    tapes = tried(lambda: read_tapes(kits), problems)
+    profile = tried(lambda: load_sensor(sensor), problems)
+    files = None if profile is None else tried(lambda: open_frames(frames, profile), problems)
+    if problems:
+        raise SpecError(problems)
+    assert tapes is not None and profile is not None and files is not None
+    return Job(files=files, sensor=profile, tapes=tapes, code=code, settings=given)
+
+
+def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:
+    """The code that is given instead of kits; W and Delta are `make`'s where they are not given."""
+    if kits and bare:
+        said = ", ".join(f"--{name}" for name in bare)
+        problems.append(Problem("code", f"{said} and --tape are given, but a kit says all of it; give either"))
+    elif not kits and "code" not in bare:
+        message = "no tape is given; name the kits that can be touched with --tape, or only their --code, --w and --delta"
+        problems.append(Problem("tape", message))
+    if kits or "code" not in bare:
+        return None
+    table = Fields({"w": DEFAULT_PITCH_MM, **bare}, problems=problems)
+    name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
+    pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
+    displacement_mm = table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / 6
+    return BareCode(name=name, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
+
+
+def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
+    """What is wrong with the settings; the paper's method, and a search without tapes, know nothing of some."""
+    table = Fields({"method": "ml", **given})
+    method = table.text("method", choices=METHODS, default="ml")
+    if method == "paper":
+        options = [name for name in given if name != "method"] + ["code"] * bare
+        lacks = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave out, or use --method ml"
+    else:
+        options = [name for name in ("world", "max_p_tape") if name in given and bare]
+        lacks = "without --tape every place of the code may be touched, with one bound; leave out, or give the kits with --tape"
+    if options:
+        table.problem("method", f"{', '.join('--' + name.replace('_', '-') for name in options)}: {lacks}")
+    for name in ("max_p_false", "max_p_tape"):
+        if name in given:
+            table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
+    if "world" in given:
+        table.text("world", choices=("open", "closed"))
+    return table.problems
+
+
+def make_locator(job: Job, sensor: SensorProfile) -> Locate:
+    """A function that locates a sensor's frames for a job.
+
+    Raises
+    ------
+    SpecError
+    """
+    from tactape_fab.decode.localizer import Localizer
+
+    if job.code is None:
+        return Localizer(job.tapes, sensor, **job.settings).locate
+    settings = {name: value for name, value in job.settings.items() if name != "method"}
+    return Localizer.from_code(job.code.name, job.code.pitch_mm, job.code.displacement_mm, sensor, **settings).locate
+
+
+def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:
+    """Answers for all frames of a job's files, in order.
+
+    Parameters
+    ----------
+    locator : callable
+        As `make_locator`; called once for each scale that the files name.
+
+    Raises
+    ------
+    SpecError, FrameError
+        When a file ends early, or a frame is none.
+    """
+    locators: dict[tuple[float, float], Locate] = {}
+    frame = 0
+    for file in job.files:
+        scale = file.px_per_mm or job.sensor.px_per_mm
+        own = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
+        if scale not in locators:
+            locators[scale] = locator(job, own)
+        for k, depth in enumerate(file.frames()):
+            fix = locators[scale](depth, timestamp=file.time_of(k))
+            yield Located(frame=frame, depth=depth, sensor=own, fix=fix)
+            frame += 1

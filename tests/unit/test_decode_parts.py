@@ -1,0 +1,335 @@
+"""The steps from a depth map to a pose, each against something worked out by hand or by enumeration."""
+
+from __future__ import annotations
+
+from math import cos, log, radians, sin
+
+import numpy as np
+import pytest
+
+from tactape_fab import Tape, TapeSpec, default_origin
+from tactape_fab.decode.detect import detect, trusted
+from tactape_fab.decode.lattice import find_lattices
+from tactape_fab.decode.match import others, score_places, tape_planes, turned
+from tactape_fab.decode.pose import Pose, fit_pose
+from tactape_fab.decode.rivals import Family, build_family, rival_weight
+from tactape_fab.decode.symbols import fit_grid, posteriors
+from tactape_fab.make import examine
+from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+R, PITCH = 16.0, 24.0
+DIRECTION = {"N": (0.0, -1.0), "S": (0.0, 1.0), "W": (-1.0, 0.0), "E": (1.0, 0.0)}
+X_BIT = np.array([0, 1, 0, 1])  # of symbol values N, W, E, S
+Y_BIT = np.array([0, 0, 1, 1])
+
+
+def bumps(at: FloatArray, height: float = 0.06, size: tuple[int, int] = (320, 240), sigma_px: float = 3.0) -> FloatArray:
+    v, u = np.mgrid[: size[1], : size[0]]
+    depth = np.zeros(u.shape)
+    for x, y in at:
+        depth += height * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * sigma_px**2))
+    return depth
+
+
+def found_near(xy: FloatArray, at: FloatArray) -> FloatArray:
+    """Distance of the nearest dot from each true place."""
+    return np.asarray(np.hypot(*(xy[None] - at[:, None]).transpose(2, 0, 1)).min(axis=1))
+
+
+# Detection
+
+
+def test_dots_have_their_sub_pixel_centres() -> None:
+    at = np.array([(60.3, 50.0), (100.0, 80.4), (200.25, 120.75), (250.0, 200.0), (140.6, 180.2), (60.0, 150.9)])
+    dots = detect(bumps(at).astype(np.float32), R)
+    assert len(dots.weights) == len(at)
+    assert found_near(dots.xy_px, at).max() < 0.05
+    assert dots.weights == pytest.approx(np.ones(len(at)), abs=0.05)
+
+
+def test_a_top_between_two_pixels_is_one_dot() -> None:
+    at = np.array([(60.3, 50.0), (100.0, 80.5), (200.25, 120.75), (250.0, 200.0), (140.6, 180.2), (60.0, 150.9)])
+    for bits in (8, 12, None):  # frames of whole numbers have tops of several equal pixels
+        depth = bumps(at)
+        dots = detect((depth if bits is None else np.rint(depth / depth.max() * 2**bits)).astype(np.float32), R)
+        assert found_near(dots.xy_px, at).max() < 0.2
+        assert len(dots.weights) == len(at), bits
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 1e6])
+def test_the_unit_of_depth_and_a_smooth_background_do_not_matter(factor: float) -> None:
+    at = np.array([(x + 0.3, y - 0.2) for x in range(70, 260, 30) for y in range(60, 200, 30)])
+    v, u = np.mgrid[:240, :320]
+    background = 0.3 * (1 - ((u - 160) / 400) ** 2 - ((v - 120) / 400) ** 2) + 0.001 * u + 5.0
+    plain = detect(bumps(at).astype(np.float32), R)
+    dots = detect(((bumps(at) + background) * factor).astype(np.float32), R)
+    assert found_near(dots.xy_px, at).max() < 0.1
+    near = np.hypot(*(dots.xy_px[:, None] - at[None]).transpose(2, 0, 1)).min(axis=1) < 1.0
+    assert near.sum() == len(plain.weights) == len(at)
+
+
+def test_low_dots_weigh_less_and_are_trusted_less() -> None:
+    at = np.array([(60.0 + 36 * k, 60.0 + 40 * row) for row in range(4) for k in range(6)])
+    depth = bumps(at) + bumps(np.array([(230.0, 200.0)]), 0.03)
+    dots = detect(depth.astype(np.float32), R)
+    low = int(np.hypot(*(dots.xy_px - (230.0, 200.0)).T).argmin())
+    assert dots.weights[low] == pytest.approx(0.5, abs=0.05)
+    assert (np.diff(trusted(np.linspace(0.0, 1.2, 50))) >= 0).all()
+    assert trusted(np.array([0.0]))[0] < 0.01 and trusted(np.array([1.0]))[0] > 0.99
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, -7.5, 1e30])
+def test_a_constant_frame_has_no_dots(value: float) -> None:
+    assert len(detect(np.full((240, 320), value, dtype=np.float32), R).weights) == 0
+
+
+# Grid
+
+
+def grid_dots(angle: float, pitch: float, symbols: IntArray | None, origin: tuple[float, float] = (3.3, -1.7)) -> FloatArray:
+    """Dots on a 7 x 6 grid, displaced by a sixth of the pitch where symbols are given: 0 to 3 turn from the first axis on."""
+    k, row = np.meshgrid(np.arange(7), np.arange(6))
+    at = np.stack([k.ravel() - 3, row.ravel() - 2.5], axis=1)
+    if symbols is not None:
+        at = at + np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])[symbols] / 6
+    c, s = cos(angle) * pitch, sin(angle) * pitch
+    return np.asarray(at @ np.array([[c, s], [-s, c]]) + origin)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 3.0, 30.0, 44.9, 45.0, 71.0, 89.5])
+@pytest.mark.parametrize("stretch", [1.0, 0.95, 1.06])
+def test_the_grid_is_found_at_any_angle_and_scale(angle_deg: float, stretch: float) -> None:
+    symbols = np.random.default_rng(1).integers(0, 4, 42)
+    xy = grid_dots(radians(angle_deg), PITCH * stretch, symbols)
+    xy = xy - xy.mean(axis=0)
+    best = find_lattices(xy, np.ones(42), PITCH, 0.07, 3)[0]
+    turn = (np.degrees(best[0]) - angle_deg + 45) % 90 - 45
+    assert abs(turn) < 1.0
+    assert best[1] == pytest.approx(PITCH * stretch, rel=0.015)
+    assert best[4] > 0.5
+
+
+def test_undisplaced_dots_are_all_the_power_of_a_grid() -> None:
+    xy = grid_dots(radians(20), PITCH, None)
+    best = find_lattices(xy - xy.mean(axis=0), np.ones(42), PITCH, 0.0, 1)[0]
+    assert best[4] == pytest.approx(1.0, abs=1e-3)
+    assert np.degrees(best[0]) == pytest.approx(20.0, abs=0.1)
+    noise = np.random.default_rng(2).uniform(-80, 80, (42, 2))
+    assert find_lattices(noise - noise.mean(axis=0), np.ones(42), PITCH, 0.0, 1)[0][4] < 0.4
+
+
+@pytest.mark.parametrize("angle_deg", [10.0, 60.0])
+def test_displaced_dots_give_the_grid_and_their_symbols(angle_deg: float) -> None:
+    symbols = np.random.default_rng(3).integers(0, 4, 42)
+    angle = radians(angle_deg)
+    xy = grid_dots(angle, PITCH * 1.01, symbols)
+    middle = xy.mean(axis=0)
+    ones = np.ones(42)
+    lattice = find_lattices(xy - middle, ones, PITCH, 0.07, 1)[0]
+    grid, nodes, squares, sigma = fit_grid(xy - middle, ones, ones, lattice[0], lattice[1], lattice[2], lattice[3], 1 / 6, True)
+    assert np.hypot(grid[0], grid[1]) == pytest.approx(PITCH * 1.01, rel=1e-6)
+    turn = round((np.degrees(np.arctan2(grid[1], grid[0])) - angle_deg) / 90)
+    assert ((squares.argmin(axis=1) + turn) % 4 == symbols).all()
+    assert squares.min(axis=1).max() < 1e-9
+    assert len(np.unique(nodes, axis=0)) == 42
+    assert sigma == pytest.approx(0.012)
+    q = posteriors(squares, ones, ones, sigma)
+    assert q.sum(axis=1) == pytest.approx(ones)
+    assert q.max(axis=1).min() > 0.99
+
+
+def test_the_pitch_stays_where_the_scale_is_fixed() -> None:
+    symbols = np.random.default_rng(3).integers(0, 4, 42)
+    xy = grid_dots(0.2, PITCH * 1.01, symbols)
+    lattice = find_lattices(xy - xy.mean(axis=0), np.ones(42), PITCH, 0.0, 1)[0]
+    grid, *_ = fit_grid(xy - xy.mean(axis=0), np.ones(42), np.ones(42), lattice[0], PITCH, lattice[2], lattice[3], 1 / 6, False)
+    assert np.hypot(grid[0], grid[1]) == pytest.approx(PITCH, rel=1e-9)
+
+
+def test_dots_that_say_nothing_have_even_posteriors() -> None:
+    squares = np.array([[0.0, 0.05, 0.1, 0.05], [0.2, 0.2, 0.2, 0.2], [0.0, 0.05, 0.1, 0.05]])
+    q = posteriors(squares, np.ones(3), np.array([1.0, 1.0, 0.0]), 0.03)
+    assert q[0, 0] > 0.98
+    assert q[1] == pytest.approx([0.25] * 4)
+    assert q[2] == pytest.approx([0.25] * 4)
+    rim = posteriors(squares[:1], np.array([0.3]), np.ones(1), 0.03)
+    assert 0.25 < rim[0, 0] < q[0, 0]
+
+
+# Places
+
+
+@pytest.fixture(scope="module")
+def small_tape() -> Tape:
+    return examine(TapeSpec(sector=100, size_mm=(30.0, 22.0), holes_mm=[(20.0, 10.0, 1.0)])).layout.tape
+
+
+def random_contact(seed: int, n: int = 14) -> tuple[IntArray, FloatArray]:
+    """Nodes and posteriors of a made-up contact."""
+    rng = np.random.default_rng(seed)
+    nodes = np.stack([rng.permutation(20)[:n] % 5, rng.permutation(20)[:n] // 5], axis=1).astype(np.int64)
+    return nodes, rng.dirichlet(np.full(4, 0.3), n)
+
+
+@pytest.mark.parametrize("turn", [0, 1, 2, 3])
+def test_evidence_is_that_of_the_bits_of_the_turned_symbols(turn: int) -> None:
+    nodes, q = random_contact(turn)
+    cells, evidence = turned(nodes, q, turn)
+    # the texture's x axis is the grid's first axis turned `turn` times from u towards v
+    axes = [(1, 0), (0, 1), (-1, 0), (0, -1)]
+    x_axis, y_axis = np.array(axes[turn]), np.array(axes[(turn + 1) % 4])
+    assert (cells == np.stack([nodes @ x_axis, nodes @ y_axis], axis=1)).all()
+    for i in range(len(q)):
+        p = {"ESWN"[(k - turn) % 4]: q[i, k] for k in range(4)}
+        x = {1: p["W"] + p["S"], 0: p["N"] + p["E"]}
+        y = {1: p["E"] + p["S"], 0: p["N"] + p["W"]}
+        for a in (0, 1):
+            for b in (0, 1):
+                score = evidence[i, 0] + (2 * a - 1) * evidence[i, 1] + (2 * b - 1) * evidence[i, 2]
+                assert score == pytest.approx(log(2 * x[a]) + log(2 * y[b]))
+
+
+def test_scores_are_the_sum_over_the_dots_that_lie_on_parts(small_tape: Tape) -> None:
+    nodes, q = random_contact(5)
+    cells, evidence = turned(nodes, q, 0)
+    pad = 8
+    planes = tape_planes(small_tape, pad)
+    scores = score_places(planes.planes, planes.pad, cells, evidence)
+    assert scores.shape == (small_tape.rows + pad, small_tape.columns + pad)
+    placed = small_tape.placed
+    assert not placed.all()
+    for r in range(scores.shape[0]):
+        for c in range(scores.shape[1]):
+            expected = 0.0
+            for (k, row), (mean, x, y) in zip(cells, evidence, strict=True):
+                column, line = k + c - pad, row + r - pad
+                if 0 <= column < small_tape.columns and 0 <= line < small_tape.rows and placed[line, column]:
+                    symbol = small_tape.symbols[line, column]
+                    expected += mean + (2 * X_BIT[symbol] - 1) * x + (2 * Y_BIT[symbol] - 1) * y
+            assert scores[r, c] == pytest.approx(expected, abs=1e-3)
+
+
+def test_other_places_are_summed_without_the_answer() -> None:
+    scores = np.array([[1.0, 3.0], [2.0, -100.0]], dtype=np.float32)
+    total, largest = others(scores, 3.0, 1)
+    assert total == pytest.approx(np.exp(-2.0) + np.exp(-1.0))
+    assert largest == 2.0
+
+
+# Rivals
+
+
+def small_family(common: tuple[int, tuple[int, int], int, int]) -> Family:
+    family = build_family(get_code("microdots-4x4"), [common], 4)
+    registered = np.ones(256, dtype=np.bool_)
+    registered[[3, 18, 40]] = False
+    return Family(
+        main=family.main,
+        phases=family.phases,
+        origins=family.origins,
+        registered=registered,
+        columns=9,
+        rows=8,
+        common=family.common,
+    )
+
+
+def fit_of(sector: int, cells: IntArray, evidence: FloatArray, column: int, row: int) -> float:
+    """ln L of one place of one sector, by its symbols."""
+    symbols = encode(get_code("microdots-4x4"), sector, (column, row), (cells[:, 1].max() + 1, cells[:, 0].max() + 1))
+    value = symbols[cells[:, 1], cells[:, 0]]
+    return float((evidence[:, 0] + (2 * X_BIT[value] - 1) * evidence[:, 1] + (2 * Y_BIT[value] - 1) * evidence[:, 2]).sum())
+
+
+def test_rivals_are_weighed_as_by_enumeration() -> None:
+    nodes, q = random_contact(8)
+    cells, evidence = turned(nodes - nodes.min(axis=0), q, 0)
+    own = default_origin("microdots-4x4", 7)
+    family = small_family((7, own, 7, 6))
+    wide, high = (int(v) for v in cells.max(axis=0) + 1)
+    found: list[tuple[float, int]] = []
+    for sector in (3, 18, 40):
+        c0, r0 = default_origin("microdots-4x4", sector)
+        found += [
+            (fit_of(sector, cells, evidence, c, r), sector)
+            for c in range(c0, c0 + 9 - wide + 1)
+            for r in range(r0, r0 + 8 - high + 1)
+        ]
+    for sector in range(256):
+        if sector != 7:
+            found += [
+                (fit_of(sector, cells, evidence, c, r), sector)
+                for c in range(own[0], own[0] + 7 - wide + 1)
+                for r in range(own[1], own[1] + 6 - high + 1)
+            ]
+    best = max(found)[0] + 1.0
+    total, largest, sector = rival_weight(
+        cells, evidence, family.main, family.phases, family.origins, family.registered, 9, 8, family.common, best
+    )
+    assert total == pytest.approx(sum(np.exp(value - best) for value, _ in found), rel=1e-3)
+    assert largest == pytest.approx(max(found)[0], abs=1e-3)
+    assert sector == max(found)[1]
+
+
+def test_a_family_knows_which_default_tapes_are_registered() -> None:
+    code = get_code("microdots-4x4")
+    family = build_family(code, [(7, default_origin(code.name, 7), 62, 32), (9, (0, 0), 80, 20)], 24)
+    assert family.registered.nonzero()[0].tolist() == [7]
+    assert (family.columns, family.rows) == (80, 32)
+    assert family.places == 4 * (255 * 80 * 32 + 255 * (62 * 32 + 80 * 20))
+
+
+# Pose
+
+
+def pose_dots(
+    theta: float, position: tuple[float, float], rng: np.random.Generator, n: int = 30
+) -> tuple[FloatArray, FloatArray]:
+    offset = rng.uniform(-80, 80, (n, 2))
+    c, s = cos(theta), sin(theta)
+    return offset, np.asarray(position) + offset / R @ np.array([[c, s], [-s, c]]).T
+
+
+@pytest.mark.parametrize("theta_deg", [0.0, 30.0, 179.9, -120.0])
+def test_exact_dots_give_the_exact_pose(theta_deg: float) -> None:
+    offset, texture = pose_dots(radians(theta_deg), (20.0, 12.0), np.random.default_rng(1))
+    pose = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
+    assert pose.position_mm == pytest.approx([20.0, 12.0], abs=1e-9)
+    assert np.degrees(pose.theta_rad) == pytest.approx(theta_deg, abs=1e-7)
+    assert pose.px_per_mm == pytest.approx(R)
+    assert pose.agree.all()
+
+
+def test_another_scale_is_believed_unless_it_is_fixed() -> None:
+    rng = np.random.default_rng(2)
+    offset, texture = pose_dots(0.3, (20.0, 12.0), rng)
+    offset = offset * 1.05 + rng.normal(0, 0.2, offset.shape)
+    free = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
+    assert free.px_per_mm == pytest.approx(R * 1.05, rel=2e-3)
+    assert free.position_mm == pytest.approx([20.0, 12.0], abs=0.02)
+    assert fit_pose(offset, texture, np.ones(30), R, fixed_scale=True).px_per_mm == pytest.approx(R, rel=1e-12)
+
+
+def test_dots_that_are_far_off_do_not_agree_and_do_not_matter() -> None:
+    rng = np.random.default_rng(3)
+    offset, texture = pose_dots(-2.0, (5.0, 7.0), rng)
+    offset += rng.normal(0, 0.2, offset.shape)
+    offset[:5] += rng.choice([-7.0, 7.0], (5, 2))
+    pose = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
+    assert not pose.agree[:5].any() and pose.agree[5:].sum() >= 24
+    assert np.hypot(*(pose.position_mm - (5.0, 7.0))) < 0.01
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_the_covariance_is_that_of_many_fits(fixed: bool) -> None:
+    rng = np.random.default_rng(4)
+    errors, reported = [], []
+    for _ in range(300):
+        offset, texture = pose_dots(0.8, (20.0, 12.0), rng, 25)
+        pose: Pose = fit_pose(offset + rng.normal(0, 0.4, offset.shape), texture, np.ones(25), R, fixed_scale=fixed)
+        errors.append([*(pose.position_mm - (20.0, 12.0)), pose.theta_rad - 0.8])
+        reported.append(pose.covariance)
+        assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
+    ratio = np.mean(np.square(errors), axis=0) / np.mean(reported, axis=0)[[0, 1, 2], [0, 1, 2]]
+    assert (ratio > 0.75).all() and (ratio < 1.3).all()
