@@ -12,17 +12,19 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.decode.detect import Dots, detect, trusted
+from tactape_fab.decode.door import LARGE, canonical_frame, dot_numbers
 from tactape_fab.decode.lattice import find_lattices
 from tactape_fab.decode.match import tape_planes
 from tactape_fab.decode.plane import CodePlane, PlanePlace
 from tactape_fab.decode.pose import Pose, fit_pose
+from tactape_fab.decode.registry import distinct, families
 from tactape_fab.decode.result import SOLID_DOTS, Localization, status_of
-from tactape_fab.decode.rivals import Family, build_family, rival_weight
+from tactape_fab.decode.rivals import strongest_rival
 from tactape_fab.decode.search import Place, Prior, search
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.errors import FrameError, Problem, SpecError
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import BoolArray, encode, get_code
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
@@ -36,7 +38,8 @@ PAD = 24
 """Cells that a contact may hang over a tape's edge; also the largest contact in cells."""
 UNREGISTERED_SHARE = 0.01
 KAPPA = 30.0
-_LARGE = 1e9
+OVERHANG = 3
+"""Cells by which a rival may hang over its edge where the answer does not."""
 
 
 class Localizer:
@@ -105,9 +108,8 @@ class Localizer:
             )
         if problems:
             raise SpecError(problems)
-        self._mirrored = False
         self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
-        self.tapes = _distinct(tapes)
+        self.tapes = distinct(tapes)
         self.pitch_mm, self.displacement_mm = sizes[0]
         self._max_p_false, self._max_p_tape, self._world = max_p_false, max_p_tape, world
         self._share = unregistered_share if world == "open" else 0.0
@@ -115,7 +117,7 @@ class Localizer:
         self._method = method
         self._plane: CodePlane | None = None
         self._planes = [tape_planes(tape, PAD) for tape in self.tapes]
-        self._families = _families(self.tapes) if world == "open" else {}
+        self._families = families(self.tapes, PAD) if world == "open" else {}
         tape = self.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
@@ -150,7 +152,6 @@ class Localizer:
         ]
         if problems:
             raise SpecError(problems)
-        self._mirrored = False
         self._plane = CodePlane(get_code(code), PAD)
         self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
         self.tapes, self._planes, self._families, self._share = [], [], {}, 0.0
@@ -205,7 +206,7 @@ class Localizer:
             When it is no depth map of this sensor.
         """
         start = perf_counter()
-        image = self._canonical(depth)
+        image = canonical_frame(depth, self.sensor)
         if self._method == "paper":
             return self._by_paper(image, start, timestamp)
         dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
@@ -246,10 +247,10 @@ class Localizer:
             Heights; 1 is an ordinary good dot.
         """
         start = perf_counter()
-        xy = _numbers(xy_px)
+        xy = dot_numbers(xy_px)
         if xy.size == 0:
             xy = xy.reshape(0, 2)
-        w = np.ones(len(xy)) if weights is None else _numbers(weights)
+        w = np.ones(len(xy)) if weights is None else dot_numbers(weights)
         if xy.ndim != 2 or xy.shape[1] != 2 or w.shape != (len(xy),):
             raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} are none; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
@@ -264,48 +265,14 @@ class Localizer:
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w)), prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
-    def _canonical(self, depth: npt.ArrayLike) -> npt.NDArray[np.float32]:
-        """The frame as it should be, holes filled."""
-        try:
-            frame = np.asarray(depth)
-            if frame.dtype.kind not in "fiub":
-                raise ValueError(f"dtype {frame.dtype}")
-            with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes a hole
-                image = frame.astype(np.float32)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise FrameError(f"the frame is no array of numbers: {error}; give a depth map (h, w)") from error
-        expected = (
-            (self.sensor.width_px, self.sensor.height_px)
-            if self.sensor.rotate90 % 2
-            else (self.sensor.height_px, self.sensor.width_px)
-        )
-        if image.shape != expected:
-            raise FrameError(
-                f"a frame of shape {image.shape} is none of sensor '{self.sensor.name}', whose frames are {expected[0]} x "
-                f"{expected[1]} (h, w); give another --sensor"
-            )
-        finite = np.isfinite(image)
-        if not finite.all():
-            image = np.where(finite, image, np.median(image[finite]) if finite.any() else 0.0).astype(np.float32)
-        low, high = float(image.min()), float(image.max())
-        if high == low:
-            image = np.zeros_like(image)
-        elif max(abs(low), abs(high)) > _LARGE or high - low < 1.0 / _LARGE:
-            image = ((image.astype(np.float64) - low) / (high - low)).astype(np.float32)
-        return np.ascontiguousarray(self.sensor.canonical(image))
-
     # From dots to the answer
 
     def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
         found = self._read(dots, prior)
-        if found.located or len(dots.weights) < SOLID_DOTS or self._mirrored:
+        if found.located or len(dots.weights) < SOLID_DOTS:
             return found
-        self._mirrored = True  # a mirrored frame is no answer, but worth a word
         flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._centre_px[0], 0.0)
-        try:
-            mirrored = self._read(replace(dots, xy_px=flipped), None)
-        finally:
-            self._mirrored = False
+        mirrored = self._read(replace(dots, xy_px=flipped), None)  # a mirrored frame is no answer, but worth a word
         if mirrored.located:
             said = f"the frame is mirrored: it shows {mirrored.tape or mirrored.sector} from behind"
             return replace(found, reason=f"{said}; set mirror in the sensor profile")
@@ -316,7 +283,7 @@ class Localizer:
         empty = Localization(status=status_of(n), located=False, n_dots=n)
         if n < LEAST_DOTS:
             return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
-        if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > _LARGE:
+        if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > LARGE:
             return replace(empty, reason="no dot stands out of the noise")
         middle = dots.trust @ dots.xy_px / dots.trust.sum()
         xy = dots.xy_px - middle
@@ -351,8 +318,6 @@ class Localizer:
 
     def _answer(self, empty: Localization, dots: Dots, place: Place | PlanePlace, tried: int) -> Localization:
         p_tape = exp(min(log(max(tried, 1)) - place.weight - place.score, 0.0))
-        p_place, lead, unregistered = self._rivals(place)
-        judged = replace(empty, p_tape=p_tape, p_place=p_place, p_false=min(1.0, p_tape + p_place))
         cells = place.cells
         if isinstance(place, Place):
             tape = self.tapes[place.tape]
@@ -362,6 +327,8 @@ class Localizer:
         else:
             inside = np.ones(len(cells), dtype=bool)
             symbols = (place.x_bits + 2 * place.y_bits).astype(np.uint8)
+        p_place, lead, unregistered = self._rivals(place, inside)
+        judged = replace(empty, p_tape=p_tape, p_place=p_place, p_false=min(1.0, p_tape + p_place))
         if inside.sum() < LEAST_DOTS:
             seen = f"looks like {unregistered}, which is not registered"
             return replace(judged, reason=seen if unregistered is not None else "too few dots lie on a tape")
@@ -378,33 +345,22 @@ class Localizer:
             return replace(judged, reason=reason)
         return self._described(judged, place, on[pose.agree], nominal[pose.agree], offset[pose.agree], dots, pose)
 
-    def _rivals(self, place: Place | PlanePlace) -> tuple[float, float, str | None]:
+    def _rivals(self, place: Place | PlanePlace, used: BoolArray) -> tuple[float, float, str | None]:
         """p_place, the least lead over any rival (ln), and the unregistered tape that fits at least as well."""
         registered = (1.0 - self._share) * exp(place.weight)
         weight = registered * place.other_sum
         lead = place.score - place.other_best
         better = None
-        if isinstance(place, Place):
+        if isinstance(place, Place) and self._families:
             everywhere = sum(family.places for family in self._families.values())
-            for name, family in self._families.items():
-                for cells, evidence in place.turns:
-                    total, largest, sector = rival_weight(
-                        cells,
-                        evidence,
-                        family.main,
-                        family.phases,
-                        family.origins,
-                        family.registered,
-                        family.columns,
-                        family.rows,
-                        family.common,
-                        place.score,
-                    )
-                    weight += self._share / everywhere * total
-                    clear = largest > log(everywhere) - log(self._max_p_false)  # as sure as an answer would have to be
-                    if clear and largest > place.score - log(self._kappa) and place.score - largest < lead:
-                        better = f"sector {sector} of {name}"
-                    lead = min(lead, place.score - largest)
+            clear = log(everywhere) - log(self._max_p_false)  # as sure as an answer would have to be
+            tape = self.tapes[place.tape]
+            for dots in _seen_by_rivals(place.cells, used, tape.columns, tape.rows):
+                total, largest, name = strongest_rival(self._families, place.turns, dots, place.score)
+                weight += self._share / everywhere * total
+                if largest > max(clear, place.score - log(self._kappa)) and place.score - largest < lead:
+                    better = name
+                lead = min(lead, place.score - largest)
         return weight / (registered + weight), lead, better
 
     def _refusal(self, judged: Localization, lead: float, unregistered: str | None, pose: Pose, trust: FloatArray) -> str | None:
@@ -464,43 +420,31 @@ class Localizer:
         )
 
 
-def _numbers(values: npt.ArrayLike) -> FloatArray:
-    """Values as an array of real numbers."""
-    try:
-        array = np.asarray(values)
-        if array.dtype.kind not in "fiub":
-            raise ValueError(f"dtype {array.dtype}")
-        return array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise FrameError(f"dots are no array of numbers: {error}; give xy (n, 2) and weights (n,)") from error
+def _seen_by_rivals(cells: IntArray, used: BoolArray, columns: int, rows: int) -> list[BoolArray]:
+    """Which dots an unregistered tape may be held against.
 
+    All of them; and near an edge of the answer's tape, where a rival at the same origin has its edge as well, also without
+    the outermost lines: a contact over a foreign tape's edge with dirt beside it would else not be recognised as that tape's.
 
-def _distinct(tapes: Sequence[Tape]) -> list[Tape]:
-    """Registered tapes, equal ones once: the union of their grids under the first one's name."""
-    kept: dict[tuple[object, ...], Tape] = {}
-    for tape in tapes:
-        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm)
-        kept[key] = _union(kept[key], tape) if key in kept else tape
-    return list(kept.values())
-
-
-def _union(first: Tape, other: Tape) -> Tape:
-    """The first tape with the grid points of both."""
-    columns, rows = max(first.columns, other.columns), max(first.rows, other.rows)
-    placed = np.zeros((rows, columns), dtype=bool)
-    for tape in (first, other):
-        placed[: tape.rows, : tape.columns] |= tape.placed
-    return replace(
-        first,
-        columns=columns,
-        rows=rows,
-        symbols=encode(get_code(first.code), first.sector, first.origin, (rows, columns)),
-        omitted=np.argwhere(~placed)[:, ::-1].astype(np.int64),
-    )
-
-
-def _families(tapes: Sequence[Tape]) -> dict[str, Family]:
-    of_code: dict[str, list[tuple[int, tuple[int, int], int, int]]] = {}
-    for tape in tapes:
-        of_code.setdefault(tape.code, []).append((tape.sector, tape.origin, tape.columns, tape.rows))
-    return {name: build_family(get_code(name), rows, PAD) for name, rows in of_code.items()}
+    Parameters
+    ----------
+    cells : ndarray of int, shape (n, 2)
+        Column and row of each dot on the answer's tape.
+    used : ndarray of bool, shape (n,)
+        Dots that lie on it.
+    """
+    everything = np.ones(len(cells), dtype=bool)
+    if not used.any():
+        return [everything]
+    chosen = [everything] if used.all() else [everything, used]
+    kept: list[list[BoolArray]] = []
+    for axis, count in ((0, columns), (1, rows)):
+        along = cells[:, axis]
+        ways = [everything]
+        if along[used].min() < OVERHANG:
+            ways += [along >= along[used].min() + m for m in range(OVERHANG + 1)]
+        if along[used].max() >= count - OVERHANG:
+            ways += [along <= along[used].max() - m for m in range(OVERHANG + 1)]
+        kept.append(ways)
+    chosen += [dots & x & y for dots in chosen[-1:] for x in kept[0] for y in kept[1] if not (x.all() and y.all())]
+    return [dots for dots in chosen if dots.sum() >= LEAST_DOTS]

@@ -13,6 +13,8 @@ from tactape_fab.texture.frames import FloatArray
 FIT_STEPS = 5
 AGREE_SIGMAS = 3.5
 LEAST_SIGMA_MM = 0.004
+LEAST_WEIGHT = 0.15
+"""Lighter dots are more likely noise than parts: they take no part in the fit."""
 SCALE_SIGMAS = 2.5
 """The profile's scale is kept where the frame's own estimate lies within so many standard deviations of it."""
 
@@ -111,7 +113,10 @@ def _fitted(
     px: FloatArray, mm: FloatArray, weights: FloatArray, px_per_mm: float, fixed_scale: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, float]:
     n = len(weights)
-    base = np.minimum(np.maximum(weights, 0.2), 1.0)
+    base = np.where(weights > LEAST_WEIGHT, np.minimum(weights, 1.0), 0.0)
+    if (base > 0.0).sum() < 4:
+        base = np.minimum(np.maximum(weights, LEAST_WEIGHT), 1.0)
+    used = base > 0.0
     keep = base.copy()
     agree = np.ones(n, dtype=np.bool_)
     sigma = 1.0
@@ -122,10 +127,10 @@ def _fitted(
             fit[:2] /= np.hypot(fit[0], fit[1]) * px_per_mm
         residual = _residuals(px, mm, fit)
         distance = np.sqrt(residual[:, 0] ** 2 + residual[:, 1] ** 2)
-        sigma = max(np.median(distance) / 1.177, LEAST_SIGMA_MM)
+        sigma = max(np.median(distance[used]) / 1.177, LEAST_SIGMA_MM)
         for i in range(n):
             keep[i] = base[i] / (1.0 + (distance[i] / (2.5 * sigma)) ** 2) ** 2
-            agree[i] = distance[i] <= AGREE_SIGMAS * sigma * max(1.0, 0.6 / base[i])
+            agree[i] = used[i] and distance[i] <= AGREE_SIGMAS * sigma * max(1.0, 0.6 / base[i])
     count = agree.sum()
     if count >= 4:
         for i in range(n):

@@ -6,6 +6,7 @@ evidence is a table per column and phase plus one per row and phase, and all sec
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from tactape_fab.texture.code import Code, default_origin
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 Floats = npt.NDArray[np.float32]
+MOST_SECTORS = 256
 _NEGLIGIBLE = 25.0
 """Rivals are counted at their bound where that lies so far (ln) below the answer."""
 
@@ -49,23 +51,28 @@ class Family:
     @property
     def places(self) -> float:
         """Number of rival places, quarter turns included."""
-        sectors = len(self.origins)
+        sectors = len(self.main) ** 2
         default = float((~self.registered).sum()) * self.columns * self.rows
         return 4.0 * (default + float((sectors - 1) * (self.common[:, 2] * self.common[:, 3]).sum()))
 
 
 def build_family(code: Code, tapes: list[tuple[int, tuple[int, int], int, int]], pad: int) -> Family:
-    """The family of some registered tapes: (sector, origin, columns, rows) each."""
-    origins = np.array([default_origin(code.name, s) for s in range(code.sectors)])
-    at_default = {sector for sector, origin, _, _ in tapes if origin == tuple(origins[sector])}
+    """The family of some registered tapes: (sector, origin, columns, rows) each.
+
+    Of a code with thousands of sectors only those at the registered tapes' origins are looked at: its others are spread
+    over a plane too large to search, and look like chance, which p_tape bounds.
+    """
+    sectors = code.sectors if code.sectors <= MOST_SECTORS else 0
+    origins = np.array([default_origin(code.name, s) for s in range(sectors)], dtype=np.int64).reshape(-1, 2)
+    at_default = {sector for sector, origin, _, _ in tapes if sector < sectors and origin == tuple(origins[sector])}
     columns, rows = max([62, *(t[2] for t in tapes)]), max([32, *(t[3] for t in tapes)])
     common = np.array([(o[0], o[1], c, r, s) for s, o, c, r in tapes], dtype=np.int64).reshape(-1, 5)
-    reach = max(int(origins.max()), int((common[:, :2] + common[:, 2:4]).max())) + max(columns, rows) + pad
+    reach = max(int(origins.max(initial=0)), int((common[:, :2] + common[:, 2:4]).max())) + max(columns, rows) + pad
     return Family(
         main=np.array(code.main.digits, dtype=np.int64),
         phases=np.asarray(code.phase_before(np.arange(reach)), dtype=np.int64),
         origins=origins,
-        registered=np.isin(np.arange(code.sectors), sorted(at_default)),
+        registered=np.isin(np.arange(sectors), sorted(at_default)),
         columns=columns,
         rows=rows,
         common=common,
@@ -186,3 +193,36 @@ def rival_weight(
                             if value > largest:
                                 largest, sector = value, u * length + v
     return total, largest, sector
+
+
+def strongest_rival(
+    families: Mapping[str, Family], turns: Sequence[tuple[IntArray, FloatArray]], dots: npt.NDArray[np.bool_], best: float
+) -> tuple[float, float, str]:
+    """Sum of L / exp(best) over the unregistered places of all families for some of the dots, the largest ln L, and whose.
+
+    Parameters
+    ----------
+    turns : sequence of (cells, evidence)
+        Of the four quarter turns.
+    dots : ndarray of bool
+        Dots that count.
+    """
+    total, largest, name = 0.0, -np.inf, ""
+    for code, family in families.items():
+        for cells, evidence in turns:
+            share, most, sector = rival_weight(
+                cells[dots] - cells[dots].min(axis=0),
+                evidence[dots],
+                family.main,
+                family.phases,
+                family.origins,
+                family.registered,
+                family.columns,
+                family.rows,
+                family.common,
+                best,
+            )
+            total += share
+            if most > largest:
+                largest, name = most, f"sector {sector} of {code}"
+    return total, largest, name

@@ -294,7 +294,7 @@ def test_all_that_is_wrong_with_a_localizer_is_said_at_once() -> None:
 
 def test_tapes_of_two_sizes_need_two_localizers() -> None:
     other = examine(TapeSpec(sector=8, pitch_mm=1.8, displacement_mm=0.3)).layout.tape
-    with pytest.raises(SpecError, match="one Localizer for each"):
+    with pytest.raises(SpecError, match="differ in pitch or displacement"):
         Localizer([TAPE, other])
 
 
