@@ -36,6 +36,13 @@ def small_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
     return make_kit(spec, tmp_path_factory.mktemp("small") / "tactape-s100")
 
 
+@pytest.fixture(scope="session")
+def flat_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+    """The small kit without 3D models, for what does not look at them; not to be changed."""
+    spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)], models=False)
+    return make_kit(spec, tmp_path_factory.mktemp("flat") / "tactape-s100")
+
+
 @pytest.fixture
 def copied(tmp_path: Path) -> Callable[[Kit], Path]:
     """Copy a kit to a folder of the test's own, to be changed."""

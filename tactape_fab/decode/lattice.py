@@ -6,7 +6,7 @@ of the dots at the grid's wave vector shows angle and pitch, and its phase the g
 
 from __future__ import annotations
 
-from math import pi
+from math import factorial, pi
 
 import numpy as np
 from numba import njit
@@ -19,31 +19,86 @@ SCANNED = 28
 """Dots, the strongest ones, with which directions are looked at; refined with all."""
 REFINEMENTS = 3
 _SCALE_STEP = 0.07
+_COS = tuple((-1.0) ** k / factorial(2 * k) for k in range(9))
+_SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _power(xy: FloatArray, weights: FloatArray, angle: float, wave: float) -> float:
-    """Power of the dots at the two wave vectors of a square grid."""
-    c, s = np.cos(angle) * wave, np.sin(angle) * wave
+def _cos_sin(turns: float) -> tuple[float, float]:
+    """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
+    half = pi * (turns - np.rint(turns))
+    z = half * half
+    c = _COS[8]
+    c = c * z + _COS[7]
+    c = c * z + _COS[6]
+    c = c * z + _COS[5]
+    c = c * z + _COS[4]
+    c = c * z + _COS[3]
+    c = c * z + _COS[2]
+    c = c * z + _COS[1]
+    c = c * z + _COS[0]
+    s = _SIN[7]
+    s = s * z + _SIN[6]
+    s = s * z + _SIN[5]
+    s = s * z + _SIN[4]
+    s = s * z + _SIN[3]
+    s = s * z + _SIN[2]
+    s = s * z + _SIN[1]
+    s = (s * z + _SIN[0]) * half
+    return c * c - s * s, 2.0 * c * s
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tuple[float, float, float, float]:
+    """Real and imaginary sums of the dots at both wave vectors of a square grid."""
+    cu, cv = np.cos(angle) / pitch, np.sin(angle) / pitch
     ar = ai = br = bi = 0.0
     for i in range(len(weights)):
-        a = c * xy[i, 0] + s * xy[i, 1]
-        b = c * xy[i, 1] - s * xy[i, 0]
-        w = weights[i]
-        ar += w * np.cos(a)
-        ai += w * np.sin(a)
-        br += w * np.cos(b)
-        bi += w * np.sin(b)
+        c, s = _cos_sin(cu * xy[i, 0] + cv * xy[i, 1])
+        ar += weights[i] * c
+        ai += weights[i] * s
+        c, s = _cos_sin(cu * xy[i, 1] - cv * xy[i, 0])
+        br += weights[i] * c
+        bi += weights[i] * s
+    return ar, ai, br, bi
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _power(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> float:
+    """Power of the dots at the two wave vectors of a square grid."""
+    ar, ai, br, bi = _sums(xy, weights, angle, pitch)
     return ar * ar + ai * ai + br * br + bi * bi
 
 
+@njit(cache=True, fastmath=True, error_model="numpy")
+def scanned_power(xy: FloatArray, weights: FloatArray, pitch: float) -> FloatArray:
+    """`_power` at ANGLES angles over a quarter turn: the second wave vector of each is the first one a quarter turn on."""
+    cu, cv = np.empty(2 * ANGLES), np.empty(2 * ANGLES)
+    for j in range(2 * ANGLES):
+        cu[j], cv[j] = np.cos(j * (pi / 2) / ANGLES) / pitch, np.sin(j * (pi / 2) / ANGLES) / pitch
+    real, imaginary = np.zeros(2 * ANGLES), np.zeros(2 * ANGLES)
+    for i in range(len(weights)):
+        x, y, w = xy[i, 0], xy[i, 1], weights[i]
+        for j in range(2 * ANGLES):
+            c, s = _cos_sin(cu[j] * x + cv[j] * y)
+            real[j] += w * c
+            imaginary[j] += w * s
+    power = np.zeros(ANGLES)
+    for j in range(2 * ANGLES):
+        power[j % ANGLES] += real[j] * real[j] + imaginary[j] * imaginary[j]
+    return power
+
+
 @njit(cache=True, error_model="numpy")
-def _vertex(left: float, middle: float, right: float) -> float:
-    """Place of the top of a parabola through three equally spaced values, from the middle, within half a step."""
-    bend = left - 2.0 * middle + right
+def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step_angle: float, step_pitch: float) -> float:
+    """Top of the parabola through the powers one step before, here and one step on; in steps from here, at most a half."""
+    power = np.empty(3)
+    for k in range(3):
+        power[k] = _power(xy, weights, angle + (k - 1) * step_angle, pitch + (k - 1) * step_pitch)
+    bend = power[0] - 2.0 * power[1] + power[2]
     if bend >= 0.0:
         return 0.0
-    return min(max(0.5 * (left - right) / bend, -0.5), 0.5)
+    return float(min(max(0.5 * (power[0] - power[2]) / bend, -0.5), 0.5))
 
 
 @njit(cache=True, error_model="numpy")
@@ -75,9 +130,7 @@ def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, toleranc
     strong = np.argsort(-weights)[:SCANNED]
     few, few_weights = xy[strong], weights[strong]
     for k in range(scales):
-        wave = 2.0 * pi / (pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)))
-        for j in range(ANGLES):
-            power[k, j] = _power(few, few_weights, j * (pi / 2) / ANGLES, wave)
+        power[k] = scanned_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)))
     best = np.empty(ANGLES)
     which = np.empty(ANGLES, dtype=np.int64)
     for j in range(ANGLES):
@@ -100,31 +153,13 @@ def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, toleranc
         pitch = pitch_px * (1.0 + tolerance * (which[top] - steps) / max(steps, 1))
         step_angle, step_pitch = (pi / 2) / ANGLES, pitch_px * _SCALE_STEP
         for _ in range(REFINEMENTS):
-            middle = _power(xy, weights, angle, 2 * pi / pitch)
-            angle += step_angle * _vertex(
-                _power(xy, weights, angle - step_angle, 2 * pi / pitch),
-                middle,
-                _power(xy, weights, angle + step_angle, 2 * pi / pitch),
-            )
+            angle += step_angle * _climb(xy, weights, angle, pitch, step_angle, 0.0)
             if tolerance > 0.0:
-                pitch += step_pitch * _vertex(
-                    _power(xy, weights, angle, 2 * pi / (pitch - step_pitch)),
-                    _power(xy, weights, angle, 2 * pi / pitch),
-                    _power(xy, weights, angle, 2 * pi / (pitch + step_pitch)),
-                )
+                pitch += step_pitch * _climb(xy, weights, angle, pitch, 0.0, step_pitch)
             step_angle *= 0.4
             step_pitch *= 0.4
         pitch = min(max(pitch, pitch_px * (1 - tolerance)), pitch_px * (1 + tolerance))
-        wave = 2 * pi / pitch
-        c, s = np.cos(angle) * wave, np.sin(angle) * wave
-        ar = ai = br = bi = 0.0
-        for i in range(len(weights)):
-            a = c * xy[i, 0] + s * xy[i, 1]
-            b = c * xy[i, 1] - s * xy[i, 0]
-            ar += weights[i] * np.cos(a)
-            ai += weights[i] * np.sin(a)
-            br += weights[i] * np.cos(b)
-            bi += weights[i] * np.sin(b)
+        ar, ai, br, bi = _sums(xy, weights, angle, pitch)
         found[n, 0], found[n, 1] = angle, pitch
         found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)
         found[n, 4] = (ar * ar + ai * ai + br * br + bi * bi) / (2.0 * total * total)

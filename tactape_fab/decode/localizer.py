@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import exp, log, pi
+from math import pi
 from time import perf_counter
 from typing import Literal
 
@@ -13,33 +13,25 @@ import numpy.typing as npt
 
 from tactape_fab.decode.detect import Dots, detect, trusted
 from tactape_fab.decode.door import LARGE, canonical_frame, dot_numbers
-from tactape_fab.decode.lattice import find_lattices
-from tactape_fab.decode.match import tape_planes
-from tactape_fab.decode.plane import CodePlane, PlanePlace
-from tactape_fab.decode.pose import Pose, fit_pose
-from tactape_fab.decode.registry import distinct, families
+from tactape_fab.decode.elongation import flipped_u, square_pixels
+from tactape_fab.decode.judge import Limits, judge
+from tactape_fab.decode.plane import CodePlane
+from tactape_fab.decode.reading import View, read
+from tactape_fab.decode.registry import Registry, register
 from tactape_fab.decode.result import SOLID_DOTS, Localization, status_of
-from tactape_fab.decode.rivals import strongest_rival
-from tactape_fab.decode.search import Place, Prior, search
-from tactape_fab.decode.symbols import fit_grid, posteriors
+from tactape_fab.decode.rim import chosen, settled
+from tactape_fab.decode.search import LARGEST_CONTACT, LEAST_DOTS, Prior
 from tactape_fab.errors import FrameError, Problem, SpecError
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
-from tactape_fab.texture.code import BoolArray, encode, get_code
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, texture_to_board
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.tape import Tape, TapePart
 
 World = Literal["open", "closed"]
 Method = Literal["ml", "paper"]
 
-LEAST_DOTS = 6
-LATTICES = 3
-LEAST_LATTICE_SHARE = 0.12
-PAD = 24
-"""Cells that a contact may hang over a tape's edge; also the largest contact in cells."""
 UNREGISTERED_SHARE = 0.01
 KAPPA = 30.0
-OVERHANG = 3
-"""Cells by which a rival may hang over its edge where the answer does not."""
 
 
 class Localizer:
@@ -108,17 +100,12 @@ class Localizer:
             )
         if problems:
             raise SpecError(problems)
-        self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
-        self.tapes = distinct(tapes)
-        self.pitch_mm, self.displacement_mm = sizes[0]
-        self._max_p_false, self._max_p_tape, self._world = max_p_false, max_p_tape, world
-        self._share = unregistered_share if world == "open" else 0.0
-        self._kappa, self._fixed_scale = kappa, fixed_scale
+        registry = register(tapes, unregistered_share=unregistered_share if world == "open" else 0.0)
+        parts = {(tape.part.shape, tape.part.body_mm) for tape in registry.tapes}
         self._method = method
-        self._plane: CodePlane | None = None
-        self._planes = [tape_planes(tape, PAD) for tape in self.tapes]
-        self._families = families(self.tapes, PAD) if world == "open" else {}
-        tape = self.tapes[0]
+        self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
+        self._prepare(registry, *sizes[0], registry.tapes[0].part if len(parts) == 1 else None, sensor, fixed_scale)
+        tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
         self._warm(cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols])
@@ -144,7 +131,6 @@ class Localizer:
         SpecError
             When the code is unknown, or its plane too large to search.
         """
-        self = cls.__new__(cls)
         problems = [
             Problem(key, f"{key} = {value!r} mm is not above 0 and at most {most:g} mm; give it in millimetres")
             for key, value, most in (("w", pitch_mm, 100.0), ("delta", displacement_mm, pitch_mm / 2))
@@ -152,41 +138,51 @@ class Localizer:
         ]
         if problems:
             raise SpecError(problems)
-        self._plane = CodePlane(get_code(code), PAD)
-        self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
-        self.tapes, self._planes, self._families, self._share = [], [], {}, 0.0
-        self.pitch_mm, self.displacement_mm, self._method = pitch_mm, displacement_mm, "ml"
-        self._max_p_false, self._max_p_tape = max_p_false, None
-        self._kappa, self._fixed_scale = kappa, fixed_scale
-        symbols = encode(self._plane.code, 0, (0, 0), (8, 8))
+        self = cls.__new__(cls)
+        self._method = "ml"
+        self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)
+        plane = CodePlane(get_code(code), LARGEST_CONTACT)
+        self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
+        symbols = encode(plane.code, 0, (0, 0), (8, 8))
         row, column = np.divmod(np.arange(64), 8)
         self._warm(np.stack([column, row], axis=1) * pitch_mm + displacement_mm * DIRECTIONS_XY[symbols[row, column]])
         return self
 
+    def _prepare(
+        self,
+        world: Registry | CodePlane,
+        pitch_mm: float,
+        displacement_mm: float,
+        part: TapePart | None,
+        sensor: str | SensorProfile,
+        fixed_scale: bool,
+    ) -> None:
+        self._world = world
+        self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
+        self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # what v is stretched by to make pixels square
+        self._view = View(
+            pitch_mm=pitch_mm,
+            displacement_mm=displacement_mm,
+            part=part,
+            px_per_mm=self.sensor.px_per_mm[0],
+            scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
+            centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
+        )
+
+    @property
+    def tapes(self) -> list[Tape]:
+        """The registered tapes, equal ones once; none where only a code is known."""
+        return list(self._world.tapes) if isinstance(self._world, Registry) else []
+
     def _warm(self, texture_mm: FloatArray) -> None:
         """Compile everything now, so that no frame waits."""
-        scale = self._px_per_mm
-        xy = (texture_mm - texture_mm.mean(axis=0)) * scale + self._centre_px
-        self.locate_dots(xy / (1.0, self._aspect), np.ones(len(xy)))
+        scale = self._view.px_per_mm
+        xy = (texture_mm - texture_mm.mean(axis=0)) * scale + self._view.centre_px
+        dots = Dots(xy_px=xy, weights=np.ones(len(xy)), trust=np.ones(len(xy)), elongation=np.zeros((len(xy), 2)))
+        self._locate(dots, None)
         v, u = np.mgrid[: self.sensor.height_px, : self.sensor.width_px]
-        ripple = np.cos(2 * pi * u / (scale * self.pitch_mm)) * np.cos(2 * pi * v / (scale * self.pitch_mm))
-        detect(ripple.astype(np.float32), scale)
-
-    @property
-    def _px_per_mm(self) -> float:
-        """Scale of square pixels: that along u."""
-        return self.sensor.px_per_mm[0]
-
-    @property
-    def _aspect(self) -> float:
-        """What v is stretched by to make pixels square."""
-        return self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]
-
-    @property
-    def _centre_px(self) -> FloatArray:
-        """The image centre p0 in square pixels."""
-        centre: FloatArray = self.sensor.centre_px * np.array([1.0, self._aspect])
-        return centre
+        pitch_px = self._view.pitch_px
+        detect((np.cos(2 * pi * u / pitch_px) * np.cos(2 * pi * v / pitch_px)).astype(np.float32), scale)
 
     def locate(self, depth: npt.ArrayLike, *, prior: Prior | None = None, timestamp: float | None = None) -> Localization:
         """Locate a contact from a depth map.
@@ -204,29 +200,24 @@ class Localizer:
         ------
         FrameError
             When it is no depth map of this sensor.
+        SpecError
+            When there is a prior that nothing here can use.
         """
         start = perf_counter()
+        self._refuse_prior(prior)
         image = canonical_frame(depth, self.sensor)
         if self._method == "paper":
-            return self._by_paper(image, start, timestamp)
-        dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
-        if self.sensor.mask is not None and len(dots.weights):
-            u, v = np.rint(dots.xy_px).astype(np.int64).T
-            h, w = self.sensor.mask.shape
-            valid = self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)]
-            dots = Dots(xy_px=dots.xy_px[valid], weights=dots.weights[valid], trust=dots.trust[valid])
-        dots = replace(dots, xy_px=dots.xy_px * (1.0, self._aspect))
-        found = self._locate(dots, prior)
-        return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
-
-    def _by_paper(self, image: npt.NDArray[np.float32], start: float, timestamp: float | None) -> Localization:
-        import cv2
-
-        from tactape_fab.decode.paper import locate_paper
-
-        if self._aspect != 1.0:
-            image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-        found, _ = locate_paper(image, self.tapes, px_per_mm=self.sensor.px_per_mm[0])
+            found = self._by_paper(image)
+        else:
+            dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
+            if self.sensor.mask is not None and len(dots.weights):
+                u, v = np.rint(dots.xy_px).astype(np.int64).T
+                h, w = self.sensor.mask.shape
+                dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+            if self._aspect != 1.0:
+                elongation = square_pixels(dots.elongation, self._aspect)
+                dots = replace(dots, xy_px=dots.xy_px * (1.0, self._aspect), elongation=elongation)
+            found = self._locate(dots, prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
     def locate_dots(
@@ -245,8 +236,16 @@ class Localizer:
             Canonical image frame.
         weights : array_like, shape (n,), optional
             Heights; 1 is an ordinary good dot.
+
+        Raises
+        ------
+        FrameError
+            When they are no dots.
+        SpecError
+            When there is a prior that nothing here can use.
         """
         start = perf_counter()
+        self._refuse_prior(prior)
         xy = dot_numbers(xy_px)
         if xy.size == 0:
             xy = xy.reshape(0, 2)
@@ -255,24 +254,43 @@ class Localizer:
             raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} are none; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
             raise FrameError("dots hold values that are no numbers, or negative weights; leave those dots out")
+        square = xy * (1.0, self._aspect)
         if self._method == "paper":
             from tactape_fab.decode.paper import locate_paper_dots
 
-            size = (self.sensor.width_px, self.sensor.height_px)
-            found, _ = locate_paper_dots(xy, self.tapes, size, px_per_mm=self.sensor.px_per_mm[0])
+            size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._aspect + 1)
+            found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
         else:
-            square = xy * (1.0, self._aspect)
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w)), prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
-    # From dots to the answer
+    def _refuse_prior(self, prior: Prior | None) -> None:
+        if prior is None or (self._method == "ml" and isinstance(self._world, Registry)):
+            return
+        what = "method 'paper'" if self._method == "paper" else "a code without tapes"
+        raise SpecError(
+            Problem("prior", f"prior = {prior!r} cannot be used with {what}; leave it out, or register tapes with 'ml'")
+        )
+
+    def _by_paper(self, image: npt.NDArray[np.float32]) -> Localization:
+        import cv2
+
+        from tactape_fab.decode.paper import locate_paper
+
+        if self._aspect != 1.0:
+            image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
+        return found
 
     def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
+        if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
+            dots = settled(dots, self._view.pitch_px, self._view.shift)
         found = self._read(dots, prior)
         if found.located or len(dots.weights) < SOLID_DOTS:
             return found
-        flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._centre_px[0], 0.0)
-        mirrored = self._read(replace(dots, xy_px=flipped), None)  # a mirrored frame is no answer, but worth a word
+        flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
+        # a mirrored frame is no answer, but worth a word
+        mirrored = self._read(replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation)), None)
         if mirrored.located:
             said = f"the frame is mirrored: it shows {mirrored.tape or mirrored.sector} from behind"
             return replace(found, reason=f"{said}; set mirror in the sensor profile")
@@ -285,166 +303,7 @@ class Localizer:
             return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
         if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > LARGE:
             return replace(empty, reason="no dot stands out of the noise")
-        middle = dots.trust @ dots.xy_px / dots.trust.sum()
-        xy = dots.xy_px - middle
-        pitch_px, shift = self.pitch_mm * self._px_per_mm, self.displacement_mm / self.pitch_mm
-        tolerance = 0.0 if self._fixed_scale else self.sensor.scale_tolerance
-        best: tuple[Place | PlanePlace, FloatArray] | None = None
-        tried = 0
-        lattice_weights = dots.trust * np.minimum(dots.weights, 1.0)
-        for most in (1, LATTICES):  # the best grid is nearly always the one; the others are for when it is not
-            lattices = find_lattices(xy, lattice_weights, pitch_px, tolerance, most)
-            for angle, pitch, phase_a, phase_b, share in lattices[tried:].tolist():
-                tried += 1
-                if share < LEAST_LATTICE_SHARE:
-                    continue
-                grid, nodes, squares, sigma = fit_grid(
-                    xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, shift, not self._fixed_scale
-                )
-                if not np.isfinite(grid).all():
-                    continue
-                q = posteriors(squares, dots.weights, dots.trust, sigma)
-                if self._plane is not None:
-                    place: Place | PlanePlace | None = self._plane.search(nodes, q)
-                else:
-                    place = search(self.tapes, self._planes, nodes, q, grid, self._centre_px - middle, prior)
-                if place is not None and np.isfinite(place.score) and (best is None or place.score > best[0].score):
-                    best = place, grid
-            if best is not None and log(LATTICES) - best[0].weight - best[0].score < log(self._max_p_false) - 2.0:
-                break
-        if best is None:
-            return replace(empty, reason="the dots stand on no grid of this pitch")
-        return self._answer(empty, dots, best[0], tried)
-
-    def _answer(self, empty: Localization, dots: Dots, place: Place | PlanePlace, tried: int) -> Localization:
-        p_tape = exp(min(log(max(tried, 1)) - place.weight - place.score, 0.0))
-        cells = place.cells
-        if isinstance(place, Place):
-            tape = self.tapes[place.tape]
-            inside = np.asarray(((cells >= 0) & (cells < (tape.columns, tape.rows))).all(axis=1))
-            inside[inside] &= tape.placed[cells[inside, 1], cells[inside, 0]]
-            symbols = tape.symbols[cells[inside, 1], cells[inside, 0]]
-        else:
-            inside = np.ones(len(cells), dtype=bool)
-            symbols = (place.x_bits + 2 * place.y_bits).astype(np.uint8)
-        p_place, lead, unregistered = self._rivals(place, inside)
-        judged = replace(empty, p_tape=p_tape, p_place=p_place, p_false=min(1.0, p_tape + p_place))
-        if inside.sum() < LEAST_DOTS:
-            seen = f"looks like {unregistered}, which is not registered"
-            return replace(judged, reason=seen if unregistered is not None else "too few dots lie on a tape")
-        on = cells[inside]
-        nominal = on * self.pitch_mm + self.displacement_mm * DIRECTIONS_XY[symbols]
-        offset = dots.xy_px[inside] - self._centre_px
-        weights = dots.weights[inside] * dots.trust[inside]
-        pose = fit_pose(offset, nominal, weights, self._px_per_mm, fixed_scale=self._fixed_scale)
-        if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
-            return replace(judged, reason="the dots give no pose")
-        reason = self._refusal(judged, lead, unregistered, pose, dots.trust[inside])
-        judged = replace(judged, n_agree=int(pose.agree.sum()))
-        if reason is not None:
-            return replace(judged, reason=reason)
-        return self._described(judged, place, on[pose.agree], nominal[pose.agree], offset[pose.agree], dots, pose)
-
-    def _rivals(self, place: Place | PlanePlace, used: BoolArray) -> tuple[float, float, str | None]:
-        """p_place, the least lead over any rival (ln), and the unregistered tape that fits at least as well."""
-        registered = (1.0 - self._share) * exp(place.weight)
-        weight = registered * place.other_sum
-        lead = place.score - place.other_best
-        better = None
-        if isinstance(place, Place) and self._families:
-            everywhere = sum(family.places for family in self._families.values())
-            clear = log(everywhere) - log(self._max_p_false)  # as sure as an answer would have to be
-            tape = self.tapes[place.tape]
-            for dots in _seen_by_rivals(place.cells, used, tape.columns, tape.rows):
-                total, largest, name = strongest_rival(self._families, place.turns, dots, place.score)
-                weight += self._share / everywhere * total
-                if largest > max(clear, place.score - log(self._kappa)) and place.score - largest < lead:
-                    better = name
-                lead = min(lead, place.score - largest)
-        return weight / (registered + weight), lead, better
-
-    def _refusal(self, judged: Localization, lead: float, unregistered: str | None, pose: Pose, trust: FloatArray) -> str | None:
-        """Why an answer cannot be trusted; None where it can."""
-        p_tape, p_place, p_false = judged.p_tape or 0.0, judged.p_place or 0.0, judged.p_false or 0.0
-        if unregistered is not None:
-            return f"looks like {unregistered}, which is not registered"
-        if self._max_p_tape is None:
-            trusted_enough = p_false <= self._max_p_false
-        else:
-            trusted_enough = p_tape <= self._max_p_tape and p_place <= self._max_p_false
-        if not trusted_enough:
-            what = "may be no tape of ours" if p_tape > p_place else "several places fit"
-            return f"{what}: p_false {p_false:.1e} exceeds {self._max_p_false:.1e}"
-        if lead < log(self._kappa):
-            return f"another place fits nearly as well: it leads by a factor of {exp(lead):.1f}, less than {self._kappa:g}"
-        good = int((trust > 0.5).sum())
-        if pose.agree.sum() < max(LEAST_DOTS, good // 2):
-            return f"only {int(pose.agree.sum())} of {good} dots agree with the place that their symbols name"
-        return None
-
-    def _described(
-        self,
-        judged: Localization,
-        place: Place | PlanePlace,
-        cells: IntArray,
-        nominal: FloatArray,
-        offset: FloatArray,
-        dots: Dots,
-        pose: Pose,
-    ) -> Localization:
-        centre = dots.trust @ dots.xy_px / dots.trust.sum() - self._centre_px
-        nearest = int(np.hypot(*(offset - centre).T).argmin())
-        column, row = (int(v) for v in cells[nearest])
-        x, y = (float(v) for v in pose.position_mm)
-        theta_deg = float(np.degrees(pose.theta_rad))
-        found = replace(
-            judged,
-            located=True,
-            theta_deg=180.0 if theta_deg <= -180.0 else theta_deg,
-            px_per_mm=float(pose.px_per_mm),
-            covariance=pose.covariance,
-        )
-        if isinstance(place, PlanePlace):
-            return replace(found, sector=place.sector, index=(column, row), plane_mm=(x, y))
-        tape = self.tapes[place.tape]
-        board = None if tape.surface is not None else texture_to_board(pose.position_mm, tape.board.texture_origin_mm)
-        return replace(
-            found,
-            tape=tape.name,
-            sector=tape.sector,
-            position_mm=(x, y),
-            board_mm=None if board is None else (float(board[0]), float(board[1])),
-            contact_mm=(float(nominal[nearest, 0]), float(nominal[nearest, 1])),
-            cell=(column, row),
-            index=(tape.origin[0] + column, tape.origin[1] + row),
-        )
-
-
-def _seen_by_rivals(cells: IntArray, used: BoolArray, columns: int, rows: int) -> list[BoolArray]:
-    """Which dots an unregistered tape may be held against.
-
-    All of them; and near an edge of the answer's tape, where a rival at the same origin has its edge as well, also without
-    the outermost lines: a contact over a foreign tape's edge with dirt beside it would else not be recognised as that tape's.
-
-    Parameters
-    ----------
-    cells : ndarray of int, shape (n, 2)
-        Column and row of each dot on the answer's tape.
-    used : ndarray of bool, shape (n,)
-        Dots that lie on it.
-    """
-    everything = np.ones(len(cells), dtype=bool)
-    if not used.any():
-        return [everything]
-    chosen = [everything] if used.all() else [everything, used]
-    kept: list[list[BoolArray]] = []
-    for axis, count in ((0, columns), (1, rows)):
-        along = cells[:, axis]
-        ways = [everything]
-        if along[used].min() < OVERHANG:
-            ways += [along >= along[used].min() + m for m in range(OVERHANG + 1)]
-        if along[used].max() >= count - OVERHANG:
-            ways += [along <= along[used].max() - m for m in range(OVERHANG + 1)]
-        kept.append(ways)
-    chosen += [dots & x & y for dots in chosen[-1:] for x in kept[0] for y in kept[1] if not (x.all() and y.all())]
-    return [dots for dots in chosen if dots.sum() >= LEAST_DOTS]
+        reading = read(dots, self._view, self._world, prior, self._limits.on_tape)
+        if reading is None:
+            return replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
+        return judge(empty, dots, reading, self._view, self._world, self._limits)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
+from numba import njit
 
-from tactape_fab.decode.match import turned
-from tactape_fab.decode.rivals import along, line_tables
+from tactape_fab.decode.evidence import Floats, add_lines, signs_of, tables_of
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -24,8 +24,8 @@ MOST_RANGE = 100_000
 class PlanePlace:
     """The best place of the code plane.
 
-    ``cells`` are code-plane columns and rows of the dots; ``score`` is ln E; ``other_sum`` the sum of E over all other
-    places as a share of this one's, ``other_best`` ln of the largest.
+    ``cells`` are code-plane columns and rows of the dots; ``score`` is ln E; ``others`` the sum of E over all other places as
+    a multiple of this one's, ``lead`` ln of how much likelier the dots are here than at any of them.
     """
 
     score: float
@@ -35,8 +35,8 @@ class PlanePlace:
     cells: IntArray
     x_bits: IntArray
     y_bits: IntArray
-    other_sum: float
-    other_best: float
+    others: float
+    lead: float
 
 
 class CodePlane:
@@ -54,6 +54,7 @@ class CodePlane:
             raise SpecError(Problem("code", message))
         self.code = code
         self.main = np.array(code.main.digits, dtype=np.int64)
+        self._signs = signs_of(code)
         self.phases = np.asarray(code.phase_before(np.arange(code.range)), dtype=np.int64)
         self.most_cells = most_cells
 
@@ -64,16 +65,15 @@ class CodePlane:
     def search(self, nodes: IntArray, q: FloatArray) -> PlanePlace | None:
         """The best column, row, sector and quarter turn for soft symbols on a grid."""
         length = len(self.main)
+        tables = tables_of(nodes, q, self._signs, self.most_cells)
+        if tables.size.max() > self.most_cells:
+            return None
         found = []
         for turn in range(4):
-            cells, evidence = turned(nodes, q, turn)
-            cells = cells - cells.min(axis=0)
-            if cells.max() >= self.most_cells:
-                return None
-            x_table, y_table = line_tables(cells, evidence, 0, self.main), line_tables(cells, evidence, 1, self.main)
-            x = along(x_table, self.phases, 0, self.code.range - len(x_table) + 1, length)
-            y = along(y_table, self.phases, 0, self.code.range - len(y_table) + 1, length)
-            found.append((cells, x, y))
+            wide, high = (int(v) for v in tables.size[turn])
+            x = _along(tables.lines[turn, 0], high, wide, self.phases, length)
+            y = _along(tables.lines[turn, 1], wide, high, self.phases, length)
+            found.append((tables.cells[turn], x, y))
         best = [float(x.max()) + float(y.max()) for _, x, y in found]
         turn = int(np.argmax(best))
         total, largest = 0.0, -np.inf
@@ -97,6 +97,15 @@ class CodePlane:
             cells=where,
             x_bits=self.main[(where[:, 1] - row + p + self.phases[where[:, 0]]) % length],
             y_bits=self.main[(where[:, 0] - column + r + self.phases[where[:, 1]]) % length],
-            other_sum=max(total - 1.0, 0.0),
-            other_best=largest,
+            others=max(total - 1.0, 0.0),
+            lead=best[turn] - largest,
         )
+
+
+@njit(cache=True, error_model="numpy")
+def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) -> Floats:
+    """Evidence of all lines together for every start in the plane and every phase; shape (starts, L)."""
+    out = np.empty((len(phases) - count + 1, length), dtype=np.float32)
+    for start in range(len(out)):
+        add_lines(out[start], lines, 0, dots, 0, count, phases, start, length)
+    return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import atan2, hypot, inf
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,8 @@ LEAST_WEIGHT = 0.15
 """Lighter dots are more likely noise than parts: they take no part in the fit."""
 SCALE_SIGMAS = 2.5
 """The profile's scale is kept where the frame's own estimate lies within so many standard deviations of it."""
+ONE_PLACE = 1e-9
+"""Share of their squared distances from the image centre that dots in one place have from their own middle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,16 +62,16 @@ def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray,
     fixed_scale : bool
         Never change it.
     """
-    position, linear, covariance, agree, sigma = _fitted(
+    position, cosine, sine, covariance, agree, sigma = _fitted(
         np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm), np.ascontiguousarray(weights), px_per_mm, fixed_scale
     )
     return Pose(
         position_mm=position,
-        theta_rad=float(np.arctan2(linear[1], linear[0])),
-        px_per_mm=float(1.0 / np.hypot(linear[0], linear[1])),
+        theta_rad=atan2(sine, cosine),
+        px_per_mm=1.0 / length if (length := hypot(sine, cosine)) else inf,
         covariance=covariance,
         agree=agree,
-        sigma_mm=float(sigma),
+        sigma_mm=sigma,
     )
 
 
@@ -111,7 +114,7 @@ def _residuals(px: FloatArray, mm: FloatArray, fit: FloatArray) -> FloatArray:
 @njit(cache=True, error_model="numpy")
 def _fitted(
     px: FloatArray, mm: FloatArray, weights: FloatArray, px_per_mm: float, fixed_scale: bool
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, float]:
+) -> tuple[FloatArray, float, float, FloatArray, BoolArray, float]:
     n = len(weights)
     base = np.where(weights > LEAST_WEIGHT, np.minimum(weights, 1.0), 0.0)
     if (base > 0.0).sum() < 4:
@@ -150,29 +153,65 @@ def _fitted(
     if not free:
         fit[:2] *= scale / px_per_mm
     position = np.array([fit[4] - (fit[0] * fit[2] + fit[1] * fit[3]), fit[5] - (fit[0] * fit[3] - fit[1] * fit[2])])
-    return position, fit[:2].copy(), _covariance(px, keep, fit, sigma, free), agree, sigma
+    return position, fit[0], fit[1], _covariance(px, keep, fit, sigma, free), agree, sigma
 
 
 @njit(cache=True, error_model="numpy")
 def _covariance(px: FloatArray, weights: FloatArray, fit: FloatArray, sigma: float, free: bool) -> FloatArray:
     """Covariance of (x, y, theta) for dots of equal error weighted as they were, the scale estimated or given."""
-    size = 4 if free else 3
-    bread, meat = np.zeros((size, size)), np.zeros((size, size))
-    row = np.zeros(size)
+    sums, squares = np.zeros(4), np.zeros(4)
     for i in range(len(weights)):
         u = fit[0] * px[i, 0] + fit[1] * px[i, 1]
         v = fit[0] * px[i, 1] - fit[1] * px[i, 0]
-        for axis in range(2):  # texture = S + A q: derivatives by x, y, theta and ln(1 / R)
-            row[0], row[1] = 1.0 - axis, float(axis)
-            row[2] = v if axis == 0 else -u
-            if free:
-                row[3] = u if axis == 0 else v
-            for a in range(size):
-                for b in range(size):
-                    bread[a, b] += weights[i] * row[a] * row[b]
-                    meat[a, b] += weights[i] ** 2 * row[a] * row[b]
-    if not np.isfinite(bread).all():
+        w = weights[i]
+        for out, share in ((sums, w), (squares, w * w)):
+            out[0] += share
+            out[1] += share * u
+            out[2] += share * v
+            out[3] += share * (u * u + v * v)
+    if not np.isfinite(sums).all():
         return np.full((3, 3), np.nan)
-    inverse = np.linalg.pinv(bread)
-    full = sigma * sigma * (inverse @ meat @ inverse)
-    return full[:3, :3].copy()
+    inverse, meat = _inverse_normal(sums, free), _normal(squares, free)
+    full = np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            for k in range(len(meat)):
+                for j in range(len(meat)):
+                    full[a, b] += sigma * sigma * inverse[a, k] * meat[k, j] * inverse[j, b]
+    return full
+
+
+@njit(cache=True, error_model="numpy")
+def _normal(sums: FloatArray, free: bool) -> FloatArray:
+    """Normal matrix from the sums of w, w u, w v and w (u^2 + v^2).
+
+    texture = S + A q, with A q = (u, v), has the derivatives 1, (v, -u) and (u, v) by S, theta and ln(1 / R).
+    """
+    size = 4 if free else 3
+    out = np.zeros((size, size))
+    total, u, v, square = sums
+    out[0, 0] = out[1, 1] = total
+    out[0, 2] = out[2, 0] = v
+    out[1, 2] = out[2, 1] = -u
+    out[2, 2] = square
+    if free:
+        out[0, 3] = out[3, 0] = u
+        out[1, 3] = out[3, 1] = v
+        out[3, 3] = square
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _inverse_normal(sums: FloatArray, free: bool) -> FloatArray:
+    """Inverse of the normal matrix, by its blocks; the pseudo-inverse where all dots are in one place."""
+    total, u, v, square = sums
+    about_middle = square - (u * u + v * v) / max(total, 1e-300)
+    if not about_middle > ONE_PLACE * square:
+        return np.asarray(np.linalg.pinv(_normal(sums, free)), dtype=np.float64)
+    both = total * about_middle
+    out = _normal(np.array([square / both, -u / both, -v / both, 1.0 / about_middle]), free)
+    if not free:
+        out[0, 0] = 1.0 / total + v * v / (total * both)
+        out[1, 1] = 1.0 / total + u * u / (total * both)
+        out[0, 1] = out[1, 0] = -u * v / (total * both)
+    return out

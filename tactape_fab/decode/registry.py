@@ -1,15 +1,44 @@
-"""Registered tapes: equal ones once, and the family of tapes that nobody registered."""
+"""Registered tapes, equal ones once, and the world that they are in."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactape_fab.decode.rivals import Family, build_family
+from tactape_fab.decode.sites import Family, families
 from tactape_fab.texture.code import encode, get_code
 from tactape_fab.texture.tape import Tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Registry:
+    """Tapes that may be touched.
+
+    Attributes
+    ----------
+    tapes : tuple of Tape
+        Registered ones, no two alike.
+    families : tuple of Family
+        The same by code, and beside them those that nobody registered.
+    unregistered_share : float
+        Prior weight of all unregistered tapes together; 0 in a closed world.
+    """
+
+    tapes: tuple[Tape, ...]
+    families: tuple[Family, ...]
+    unregistered_share: float
+
+
+def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
+    """A registry of tapes, the world closed where unregistered ones have no share."""
+    kept = distinct(tapes)
+    return Registry(
+        tapes=tuple(kept),
+        families=tuple(families(kept, open_world=unregistered_share > 0.0)),
+        unregistered_share=unregistered_share,
+    )
 
 
 def distinct(tapes: Sequence[Tape]) -> list[Tape]:
@@ -34,10 +63,3 @@ def _union(first: Tape, other: Tape) -> Tape:
         symbols=encode(get_code(first.code), first.sector, first.origin, (rows, columns)),
         omitted=np.argwhere(~placed)[:, ::-1].astype(np.int64),
     )
-
-
-def families(tapes: Sequence[Tape], pad: int) -> dict[str, Family]:
-    of_code: dict[str, list[tuple[int, tuple[int, int], int, int]]] = {}
-    for tape in tapes:
-        of_code.setdefault(tape.code, []).append((tape.sector, tape.origin, tape.columns, tape.rows))
-    return {name: build_family(get_code(name), rows, pad) for name, rows in of_code.items()}

@@ -1,4 +1,4 @@
-"""Dots on their grid -> soft symbols: a robust fit of grid and displacements together, and what each dot says of its symbol."""
+"""Dots on their grid -> soft symbols: grid and displacements fitted together, and what each dot says of its symbol."""
 
 from __future__ import annotations
 
@@ -10,13 +10,29 @@ from tactape_fab.texture.frames import FloatArray
 
 Ints = npt.NDArray[np.int64]
 
-FIT_STEPS = 4
-LEAST_SIGMA, MOST_SIGMA = 0.012, 0.06
-"""Bounds of a good dot's error as a share of the pitch: 18 to 90 um at 1.5 mm."""
+FIT_STEPS = 6
+LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
+"""Bounds of a good dot's error as a share of the pitch, 18 to 90 um at 1.5 mm, and what is believed before a frame is seen."""
+USUAL_COUNT = 4.0
+"""Errors that this belief counts as."""
 OUTLIER_SHARE = 0.01
 """Share of good dots whose position says nothing of a symbol all the same."""
-GOOD_WEIGHT, RIM_ERROR = 0.8, 0.15
-"""Dots below the first weight stand at the contact's rim, where its slope moves them: error in pitches per unit of weight."""
+WRONG_SHARE = 0.002
+"""Share of dots that stand in another symbol's very place: a grid that is off, parts that were placed so."""
+GOOD_WEIGHT, LEAST_WEIGHT, RIM_ERROR = 0.8, 0.25, 0.06
+"""Dots from the first weight on show the error; that of noise grows as 1/weight, down to the second; what the rim adds to it
+per unit of missing weight, in pitches."""
+FEW_DOTS = 14.0
+"""So few dots, displaced at random, can show a grid that is off by half a displacement: the fit starts from others as well."""
+STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0) for x in (-1.0, 1.0)]) * (
+    0.03,
+    0.03,
+    0.06,
+    0.06,
+)
+"""Turns (rad), changes of pitch (share) and of both phases (pitches) of those other starts."""
+SMALL_SIGMA = 0.02
+"""Up to this error a fit as likely as it should be is the right one."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -56,10 +72,15 @@ def fit_grid(
 ) -> tuple[FloatArray, Ints, FloatArray, float]:
     """Fit angle, pitch and place of a grid whose every dot is displaced along one of four directions.
 
+    Likelihood of a mixture, its four directions and the outliers weighed anew in every step (expectation maximisation).
+
     Parameters
     ----------
     xy : ndarray, shape (n, 2)
         Dots about their middle, px.
+    weights : ndarray, shape (n,)
+        Heights over that of a whole dot, at most 1.
+    trust : ndarray, shape (n,)
     angle, pitch, phase_a, phase_b : float
         From `lattice.find_lattices`.
     shift : float
@@ -76,73 +97,142 @@ def fit_grid(
     squares : ndarray, shape (n, 4)
         Squared distances from the four places of the dot's grid point (+a axis, +b axis, -a, -b), in pitches squared.
     sigma : float
-        Robust error of a dot along one axis, in pitches.
+        Error of a good dot along one axis, in pitches.
     """
+    turns = 2.0 * np.pi
+    best, sigma, most = _fitted(xy, weights, trust, _grid(angle, pitch, phase_a / turns, phase_b / turns), shift, free_scale)
+    if trust.sum() < FEW_DOTS and not _as_expected(weights, trust, sigma, most):
+        for m in range(len(STARTS)):
+            larger = pitch * (1.0 + STARTS[m, 1]) if free_scale else pitch
+            start = _grid(angle + STARTS[m, 0], larger, phase_a / turns + STARTS[m, 2], phase_b / turns + STARTS[m, 3])
+            other, other_sigma, value = _fitted(xy, weights, trust, start, shift, free_scale)
+            if value > most:
+                best, sigma, most = other, other_sigma, value
     n = len(weights)
-    a, b = pitch * np.cos(angle), pitch * np.sin(angle)
-    pa, pb = phase_a / (2 * np.pi), phase_b / (2 * np.pi)
-    x = pa * a - pb * b
-    y = pa * b + pb * a
     nodes = np.empty((n, 2), dtype=np.int64)
     squares = np.empty((n, 4))
-    best = np.empty(n)
-    ideal = np.empty((n, 2))
-    sigma = MOST_SIGMA
-    for step in range(FIT_STEPS):
-        norm = a * a + b * b
-        for i in range(n):
-            dx, dy = xy[i, 0] - x, xy[i, 1] - y
-            k = (a * dx + b * dy) / norm
-            j = (a * dy - b * dx) / norm
-            nodes[i, 0], nodes[i, 1] = round(k), round(j)
-            ek, el = k - nodes[i, 0], j - nodes[i, 1]
-            squares[i, 0] = (ek - shift) ** 2 + el**2
-            squares[i, 1] = ek**2 + (el - shift) ** 2
-            squares[i, 2] = (ek + shift) ** 2 + el**2
-            squares[i, 3] = ek**2 + (el + shift) ** 2
-            s = np.argmin(squares[i])
-            best[i] = squares[i, s]
-            ideal[i, 0] = nodes[i, 0] + (shift if s == 0 else -shift if s == 2 else 0.0)
-            ideal[i, 1] = nodes[i, 1] + (shift if s == 1 else -shift if s == 3 else 0.0)
-        good = best[(trust > 0.5) & (weights > GOOD_WEIGHT)]
-        if len(good) >= 4:  # the median of a Rayleigh variable is 1.177 sigma
-            sigma = min(max(np.sqrt(np.median(good)) / 1.177, LEAST_SIGMA), MOST_SIGMA)
-        if step == FIT_STEPS - 1:
-            break
-        for i in range(n):
-            rim = RIM_ERROR * max(GOOD_WEIGHT - weights[i], 0.0)
-            square = sigma * sigma + rim * rim
-            best[i] = trust[i] * sigma * sigma / square / (1.0 + best[i] / (4.0 * square)) ** 2
-        a, b, x, y = _similarity(xy, ideal, best)
-        if not free_scale:
-            length = np.sqrt(a * a + b * b)
-            turned_a, turned_b = a * pitch / length, b * pitch / length
-            total = best.sum()
-            mu, mv = (best * ideal[:, 0]).sum() / total, (best * ideal[:, 1]).sum() / total
-            x += (a - turned_a) * mu - (b - turned_b) * mv
-            y += (b - turned_b) * mu + (a - turned_a) * mv
-            a, b = turned_a, turned_b
-    grid = np.array([a, b, x, y])
-    return grid, nodes, squares, sigma
+    for i in range(n):
+        k, j = _on_grid(best, xy[i, 0], xy[i, 1])
+        nodes[i, 0], nodes[i, 1] = round(k), round(j)
+        e, f = k - nodes[i, 0], j - nodes[i, 1]
+        squares[i, 0] = (e - shift) ** 2 + f**2
+        squares[i, 1] = e**2 + (f - shift) ** 2
+        squares[i, 2] = (e + shift) ** 2 + f**2
+        squares[i, 3] = e**2 + (f + shift) ** 2
+    return best, nodes, squares, sigma
 
 
 @njit(cache=True, error_model="numpy")
-def posteriors(squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
+def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> FloatArray:
+    """(a, b, x, y) of a grid whose phases are in pitches."""
+    a, b = pitch * np.cos(angle), pitch * np.sin(angle)
+    return np.array([a, b, phase_a * a - phase_b * b, phase_a * b + phase_b * a])
+
+
+@njit(cache=True, error_model="numpy")
+def _on_grid(grid: FloatArray, u: float, v: float) -> tuple[float, float]:
+    """A point in pitches along both axes of a grid."""
+    a, b = grid[0], grid[1]
+    du, dv = u - grid[2], v - grid[3]
+    norm = a * a + b * b
+    return (a * du + b * dv) / norm, (a * dv - b * du) / norm
+
+
+@njit(cache=True, error_model="numpy")
+def _variance(weight: float, sigma: float) -> float:
+    """Squared error of a dot along one axis: noise moves low dots farther; so does the rim, not as `rim` has it."""
+    noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
+    rim = RIM_ERROR * max(1.0 - weight, 0.0)
+    return noise * noise + rim * rim
+
+
+@njit(cache=True, error_model="numpy")
+def _fitted(
+    xy: FloatArray, weights: FloatArray, trust: FloatArray, start: FloatArray, shift: float, free_scale: bool
+) -> tuple[FloatArray, float, float]:
+    """The best grid from a start, a good dot's error, and the ln of the likelihood."""
+    n = len(weights)
+    grid, sigma, value = start, MOST_SIGMA, 0.0
+    ideal, keep = np.empty((n, 2)), np.empty(n)
+    for step in range(FIT_STEPS):
+        value, square, count = 0.0, USUAL_COUNT * USUAL_SIGMA**2, USUAL_COUNT
+        for i in range(n):
+            k, j = _on_grid(grid, xy[i, 0], xy[i, 1])
+            node_k, node_j = round(k), round(j)
+            e, f = k - node_k, j - node_j
+            variance = _variance(weights[i], sigma)
+            # exp(-d / 2 variance) of the four places share all but exp(+-shift e / variance), exp(+-shift f / variance)
+            east, south = np.exp(shift * e / variance), np.exp(shift * f / variance)
+            west, north = 1.0 / east, 1.0 / south
+            total = east + west + south + north
+            common = e * e + f * f + shift * shift
+            part = trust[i] * (1.0 - OUTLIER_SHARE)
+            density = part * np.exp(-0.5 * common / variance) * total / (8.0 * np.pi * variance)
+            fits = density / (density + 1.0 - part)
+            along, across = shift * (east - west) / total, shift * (south - north) / total
+            ideal[i, 0], ideal[i, 1] = node_k + along, node_j + across
+            keep[i] = fits / variance
+            if step == FIT_STEPS - 1:
+                value += np.log(density + 1.0 - part)
+            if weights[i] >= GOOD_WEIGHT:
+                square += fits * (common - 2.0 * (along * e + across * f))
+                count += 2.0 * fits
+        if step > 0:
+            sigma = min(max(np.sqrt(square / count), LEAST_SIGMA), MOST_SIGMA)
+        if step < FIT_STEPS - 1:
+            grid = _moved(xy, ideal, keep, grid, free_scale)
+    return grid, sigma, value
+
+
+@njit(cache=True, error_model="numpy")
+def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: float) -> bool:
+    """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
+    expected = 0.0
+    for i in range(len(weights)):
+        if trust[i] > 0.5:
+            expected += np.log(trust[i] / (8.0 * np.pi * _variance(weights[i], sigma))) - 1.0
+        else:
+            expected += np.log(1.0 - trust[i])
+    return sigma < SMALL_SIGMA and value > expected - np.sqrt(len(weights))
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(xy: FloatArray, ideal: FloatArray, keep: FloatArray, grid: FloatArray, free_scale: bool) -> FloatArray:
+    """The grid that fits dots to their places, of the old pitch unless that is free."""
+    a, b, x, y = _similarity(xy, ideal, keep)
+    if not free_scale:
+        factor = np.sqrt((grid[0] ** 2 + grid[1] ** 2) / (a * a + b * b))
+        total = keep.sum()
+        mu, mv = (keep * ideal[:, 0]).sum() / total, (keep * ideal[:, 1]).sum() / total
+        x += (1.0 - factor) * (a * mu - b * mv)
+        y += (1.0 - factor) * (b * mu + a * mv)
+        a, b = factor * a, factor * b
+    return np.array([a, b, x, y])
+
+
+@njit(cache=True, error_model="numpy")
+def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
     """What each dot says of its symbol before any tape is looked at; shape (n, 4), rows sum to 1.
 
-    Gaussian error, wider for dots at the rim, and outliers whose place says nothing.
+    Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid point only the
+    one that is most likely its part says anything: the bits of a point are tossed once.
     """
     n = len(weights)
     q = np.empty((n, 4))
     for i in range(n):
-        rim = RIM_ERROR * max(GOOD_WEIGHT - weights[i], 0.0)
-        square = sigma * sigma + rim * rim
+        part = trust[i] * (1.0 - OUTLIER_SHARE)
+        for k in range(n):
+            if k != i and nodes[k, 0] == nodes[i, 0] and nodes[k, 1] == nodes[i, 1]:
+                mine, other = trust[i] * weights[i], trust[k] * weights[k]
+                if other > mine or (other == mine and k < i):
+                    part = 0.0
+        variance = _variance(weights[i], sigma)
         total = 0.0
         for k in range(4):
-            q[i, k] = np.exp(-0.5 * squares[i, k] / square) / (2.0 * np.pi * square) / 4.0
+            q[i, k] = np.exp(-0.5 * squares[i, k] / variance) / (2.0 * np.pi * variance) / 4.0
             total += q[i, k]
         # an outlier lies anywhere in its cell of area 1
-        part = trust[i] * (1.0 - OUTLIER_SHARE)
         for k in range(4):
             q[i, k] = (part * q[i, k] + (1.0 - part) / 4.0) / (part * total + 1.0 - part)
+            q[i, k] = (1.0 - WRONG_SHARE) * q[i, k] + WRONG_SHARE / 4.0
     return q

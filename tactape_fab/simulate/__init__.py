@@ -9,17 +9,21 @@ from tactape_fab.simulate.dots import DotErrors, Dots, dots_of
 from tactape_fab.simulate.frames import Frame, Frames, draw_poses, iterate_frames, simulate, simulate_frames
 from tactape_fab.simulate.impostors import SURFACES, other_surface, plain_grid, random_bumps, random_symbols
 from tactape_fab.simulate.parts import Parts, parts_from_cpl
+from tactape_fab.simulate.recorded import DotFrames, DotRecords, draw_dots, record_dots
 from tactape_fab.simulate.scene import Scene
 
 __all__ = [
     "SURFACES",
     "DotErrors",
+    "DotFrames",
+    "DotRecords",
     "Dots",
     "Frame",
     "Frames",
     "Parts",
     "Scene",
     "dots_of",
+    "draw_dots",
     "draw_poses",
     "iterate_frames",
     "other_surface",
@@ -27,6 +31,7 @@ __all__ = [
     "plain_grid",
     "random_bumps",
     "random_symbols",
+    "record_dots",
     "simulate",
     "simulate_frames",
 ]

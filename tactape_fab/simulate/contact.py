@@ -78,7 +78,8 @@ def pixels_mm(shape: tuple[int, int], px_per_mm: tuple[float, float]) -> FloatAr
 def contact_outline_mm(scene: Scene, half_field_mm: FloatArray) -> FloatArray:
     """Points around the part of the contact that the sensor sees; shape (k, 2), mm from the image centre.
 
-    What of an ellipse lies outside the field is moved to its border; of a strip that is all outside, the centre is left.
+    Of a strip these are its corners. What of an ellipse lies outside the field is moved to its border; of a strip that is
+    all outside, the centre is left.
     """
     corners: FloatArray = half_field_mm * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     if scene.contact == "pad":
@@ -91,10 +92,11 @@ def contact_outline_mm(scene: Scene, half_field_mm: FloatArray) -> FloatArray:
         ellipse = (np.stack([np.cos(turn), np.sin(turn)], axis=-1) * scene.contact_mm / 2) @ to_view + offset
         return np.concatenate([np.clip(ellipse, -half_field_mm, half_field_mm), covered])
     reach = float(np.hypot(*half_field_mm) + np.hypot(*offset))
-    along = np.tile(np.linspace(-reach, reach, 401), 2)
-    side = np.repeat([-scene.strip_half_mm, scene.strip_half_mm], 401)
-    strip = np.stack([along, side], axis=-1) @ to_view + offset
-    outline = np.concatenate([strip[(np.abs(strip) <= half_field_mm + 1e-9).all(axis=1)], covered])
+    outline = covered
+    for side in (-scene.strip_half_mm, scene.strip_half_mm):
+        line = np.stack(np.broadcast_arrays(np.linspace(-reach, reach, 401), side), axis=-1) @ to_view + offset
+        seen = line[(np.abs(line) <= half_field_mm + 1e-9).all(axis=1)]
+        outline = np.concatenate([outline, seen[:1], seen[-1:]])
     return outline if len(outline) else offset[None]
 
 

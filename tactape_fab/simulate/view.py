@@ -58,7 +58,7 @@ class View:
     def from_board(self, xy_mm: FloatArray) -> FloatArray:
         """Board points in view; shape (..., 2), mm."""
         flat: FloatArray = (board_to_texture(xy_mm, self.tape.board.texture_origin_mm) - self.position_mm) @ self.turn
-        return self._bent(flat) if self.scene.contact == "strip" else flat
+        return bent(self.scene, flat) if self.scene.contact == "strip" else flat
 
     def to_board(self, in_view_mm: FloatArray) -> FloatArray:
         """Points in view on the board, as if it lay flat; shape (..., 2), mm."""
@@ -73,16 +73,17 @@ class View:
         near: npt.NDArray[np.bool_] = (offset * offset).sum(axis=1) <= farthest * farthest
         return near
 
-    def _bent(self, flat_mm: FloatArray) -> FloatArray:
-        """Points of the tape wrapped about the cylinder, as seen from straight above; the image centre stays where it is."""
-        radius = self.scene.cylinder_radius_mm
-        turn = radians(self.scene.contact_turn_deg)
-        across = contact_local(self.scene, flat_mm)[..., 1]
-        centre = float(contact_local(self.scene, np.zeros(2))[1])
-        arc = np.arcsin(np.clip(centre / radius, -1.0, 1.0)) * radius + across - centre
-        seen = radius * np.sin(np.clip(arc / radius, -np.pi / 2, np.pi / 2))
-        bent: FloatArray = flat_mm + (seen - across)[..., None] * np.array([sin(turn), cos(turn)])
-        return bent
+
+def bent(scene: Scene, flat_mm: FloatArray) -> FloatArray:
+    """Points of a tape wrapped about a strip's cylinder, as seen from straight above; the image centre stays where it is."""
+    radius = scene.cylinder_radius_mm
+    turn = radians(scene.contact_turn_deg)
+    across = contact_local(scene, flat_mm)[..., 1]
+    centre = float(contact_local(scene, np.zeros(2))[1])
+    arc = np.arcsin(np.clip(centre / radius, -1.0, 1.0)) * radius + across - centre
+    seen = radius * np.sin(np.clip(arc / radius, -np.pi / 2, np.pi / 2))
+    shifted: FloatArray = flat_mm + (seen - across)[..., None] * np.array([sin(turn), cos(turn)])
+    return shifted
 
 
 def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile: SensorProfile, scene: Scene) -> View:

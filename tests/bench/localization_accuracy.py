@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import atexit
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from math import log
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.detect import detect
+from tactape_fab.decode.detect import Dots, detect
+from tactape_fab.decode.elongation import MOST_SHARE, parity_log_ratio
 from tactape_fab.decode.lattice import find_lattices
 from tactape_fab.decode.localizer import Localizer
+from tactape_fab.decode.rim import settled
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.simulate import Frame
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, IntArray
 
 from .localization_measure import error_of, is_right
 from .localization_rows import FELT, Row, frames_of, registered_tape
@@ -128,19 +133,29 @@ class Reliability:
     true: FloatArray
 
 
+def _on_grid(frame: Frame) -> tuple[Dots, FloatArray, IntArray, FloatArray, float]:
+    """Settled dots of a frame, and what `fit_grid` says of them."""
+    tape = registered_tape()
+    pitch_px, shift = tape.pitch_mm * PX_PER_MM, tape.displacement_mm / tape.pitch_mm
+    dots = settled(detect(frame.depth, PX_PER_MM), pitch_px, shift)
+    xy = dots.xy_px - dots.trust @ dots.xy_px / dots.trust.sum()
+    best = find_lattices(xy, dots.trust * dots.weights, pitch_px, 0.07, 1)[0]
+    return dots, *fit_grid(xy, dots.weights, dots.trust, best[0], best[1], best[2], best[3], shift, True)
+
+
+def _turn(frame: Frame, grid: FloatArray) -> int:
+    return round((frame.theta_deg - float(np.degrees(np.arctan2(grid[1], grid[0])))) / 90.0) % 4
+
+
 def reliability_of(row: Row, count: int) -> Reliability:
     """Posteriors of the bits of all dots in a row's frames against the truth."""
     tape = registered_tape()
     said: list[FloatArray] = []
     true: list[FloatArray] = []
     for frame in frames_of(row, count):
-        dots = detect(frame.depth, PX_PER_MM)
-        xy = dots.xy_px - dots.trust @ dots.xy_px / dots.trust.sum()
-        best = find_lattices(xy, dots.trust * np.minimum(dots.weights, 1.0), tape.pitch_mm * PX_PER_MM, 0.07, 1)[0]
-        shift = tape.displacement_mm / tape.pitch_mm
-        grid, _, squares, sigma = fit_grid(xy, dots.weights, dots.trust, best[0], best[1], best[2], best[3], shift, True)
-        q = posteriors(squares, dots.weights, dots.trust, sigma)
-        turn = round((frame.theta_deg - float(np.degrees(np.arctan2(grid[1], grid[0])))) / 90.0) % 4
+        dots, grid, nodes, squares, sigma = _on_grid(frame)
+        q = posteriors(nodes, squares, dots.weights, dots.trust, sigma)
+        turn = _turn(frame, grid)
         e, s, w, _ = np.roll(q, -turn, axis=1).T
         apart = np.hypot(*(dots.xy_px[:, None] - frame.dots_px[None]).transpose(2, 0, 1))
         cells = tape.cells()[frame.dots_part[apart.argmin(axis=1)]]
@@ -160,6 +175,41 @@ def reliability_of(row: Row, count: int) -> Reliability:
     )
 
 
+RATIOS = np.array([0.0, 0.5, 1.0, 2.0, log(MOST_SHARE / (1.0 - MOST_SHARE)), np.inf])
+"""ln ratios of the two pairs of turns, up to the one from which no more is believed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turns:
+    """How often the dots' elongation speaks for the wrong pair of quarter turns, and how often it says so, by `RATIOS`."""
+
+    frames: IntArray
+    wrong: FloatArray
+    said: FloatArray
+
+
+def turns_of(rows: Sequence[Row], count: int) -> Turns:
+    """What the elongation says of the turns in frames whose grid is found."""
+    part = registered_tape().part
+    ratios, rights = [], []
+    for row in rows:
+        for frame in frames_of(row, count):
+            dots, grid, *_ = _on_grid(frame)
+            off_deg = frame.theta_deg - float(np.degrees(np.arctan2(grid[1], grid[0])))
+            if abs((off_deg + 45.0) % 90.0 - 45.0) < 5.0:
+                ratios.append(parity_log_ratio(dots.elongation, dots.weights, dots.trust, grid, part))
+                rights.append(1.0 if _turn(frame, grid) % 2 == 0 else -1.0)
+    ratio = np.array(ratios)
+    which = np.digitize(np.abs(ratio), RATIOS) - 1
+    frames = np.bincount(which, minlength=len(RATIOS) - 1)
+    said = np.maximum(1.0 / (1.0 + np.exp(np.abs(ratio))), 1.0 - MOST_SHARE)
+    return Turns(
+        frames=frames,
+        wrong=np.bincount(which, ratio * np.array(rights) < 0.0, len(RATIOS) - 1) / np.maximum(frames, 1),
+        said=np.bincount(which, said, len(RATIOS) - 1) / np.maximum(frames, 1),
+    )
+
+
 # Time
 
 
@@ -174,6 +224,20 @@ def times_ms(function: Callable[[Any], object], inputs: list[Any], rounds: int) 
             function(value)
             times.append((perf_counter() - start) * 1000.0)
     return np.array(times)
+
+
+@cache
+def tag_detector() -> Any:
+    """A pupil-apriltags detector, full resolution, that lives as long as the process.
+
+    Its destructor frees the tag family before the detector that points to it (pupil-apriltags 1.0.4); without a pointer
+    the destructor does nothing.
+    """
+    from pupil_apriltags import Detector
+
+    detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
+    atexit.register(setattr, detector, "tag_detector_ptr", None)
+    return detector
 
 
 def tag_frames(count: int, size: tuple[int, int] = (320, 240), side_px: int = 150) -> list[npt.NDArray[np.uint8]]:

@@ -13,8 +13,12 @@ import numpy as np
 
 from tactape_fab import Tape
 from tactape_fab.decode.detect import Dots, trusted
+from tactape_fab.decode.elongation import MOST_SHARE
+from tactape_fab.decode.judge import judge
 from tactape_fab.decode.localizer import Localizer, World
 from tactape_fab.decode.paper import locate_paper
+from tactape_fab.decode.reading import Reading
+from tactape_fab.decode.registry import Registry
 from tactape_fab.decode.result import Localization, status_of
 from tactape_fab.decode.search import Prior, search
 from tactape_fab.decode.symbols import fit_grid, posteriors
@@ -77,6 +81,20 @@ def measure(row: Row) -> dict[str, Figures]:
 def localizer_of(tapes: int, world: World, max_p_tape: float | None = None) -> Localizer:
     """A Localizer of the benchmark's registry; made once."""
     return Localizer(tapes_of(Row(name="", tapes=tapes)), world=world, max_p_tape=max_p_tape)
+
+
+def measure_code(row: Row) -> Figures:
+    """Figures of a row where nothing is registered, and only the code is known."""
+    tape = registered_tape()
+    localizer = Localizer.from_code(tape.code, tape.pitch_mm, tape.displacement_mm)
+    gathered = _Gathered()
+    for frame in frames_of(row, max(COUNT // row.fewer, 20)):
+        fix = localizer.locate(frame.depth)
+        if fix.plane_mm is not None:
+            x, y = np.asarray(fix.plane_mm) - np.asarray(tape.origin) * tape.pitch_mm
+            fix = replace(fix, position_mm=(float(x), float(y)))
+        gathered.add(fix, frame)
+    return gathered.figures()
 
 
 def prior_of(frame: Frame, rng: np.random.Generator) -> Prior:
@@ -151,7 +169,7 @@ def is_right(fix: Localization, frame: Frame, tape: Tape | None = None) -> bool:
 def ideal(localizer: Localizer, frame: Frame, tape: Tape, prior: Prior | None = None) -> Localization:
     """What the trust rule says of the dots that are really there, each at its nominal place: symbols without error.
 
-    The grid is given too, so that nothing but the rule and the code is left.
+    The grid and the bodies' direction are given too, so that nothing but the rule and the code is left.
     """
     cells = tape.cells()[frame.dots_part[frame.dots_imprint > FELT]]
     empty = Localization(status=status_of(len(cells)), located=False, n_dots=len(cells))
@@ -170,9 +188,13 @@ def ideal(localizer: Localizer, frame: Frame, tape: Tape, prior: Prior | None = 
     dots = Dots(xy_px=xy, weights=ones, trust=trusted(ones))
     shift = tape.displacement_mm / tape.pitch_mm
     grid, nodes, squares, sigma = fit_grid(xy - middle, ones, dots.trust, angle, pitch_px, phases[0], phases[1], shift, False)
-    q = posteriors(squares, ones, dots.trust, sigma)
-    place = search(localizer.tapes, localizer._planes, nodes, q, grid, centre - middle, prior)
-    return replace(empty, reason="no place") if place is None else localizer._answer(empty, dots, place, 1)
+    q = posteriors(nodes, squares, ones, dots.trust, sigma)
+    world, bodies = localizer._world, np.array([MOST_SHARE, 1.0 - MOST_SHARE] * 2) / 2
+    assert isinstance(world, Registry)
+    place = search(world.tapes, world.families, nodes, q, bodies, grid, centre - middle, prior)
+    if place is None:
+        return replace(empty, reason="no place")
+    return judge(empty, dots, Reading(place=place, grid_weight=0.0), localizer._view, world, localizer._limits)
 
 
 # Chance

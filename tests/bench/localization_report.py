@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import os
 import platform
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .localization_false import Accepts
+from .false_tally import Tally
 from .localization_measure import Figures
 from .localization_rows import COUNT, SEED, Row
 
@@ -47,10 +46,10 @@ class Report:
         self.content["figures"][name] = value
         print(f"\n{name}: {value}", end="", flush=True)
 
-    def accepts(self, name: str, accepts: Accepts) -> None:
+    def tally(self, name: str, tally: Tally) -> None:
         """Keep a count of false accepts and print it."""
-        self.content["figures"][name] = asdict(accepts)
-        print(f"\n{name}: {accepts}", end="", flush=True)
+        self.content["figures"][name] = tally.to_mapping()
+        print(f"\n{name}: {tally}", end="", flush=True)
 
     def write(self) -> None:
         """Write everything, if a path was given."""

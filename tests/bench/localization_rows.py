@@ -96,6 +96,13 @@ ROWS = (
 )
 
 
+CODE_ROWS = (
+    Row(name="code alone, 11x9", target=0.985),
+    Row(name="code alone, 14x12", scenes=(Scene(contact_mm=(14.0, 12.0)),), target=0.995),
+)
+"""Rows where no tape is registered; the targets are what hard decoding of the same contacts reaches."""
+
+
 @cache
 def registered_tape() -> Tape:
     """The tape of the main job, 100 x 50 mm, sector 7."""

@@ -294,9 +294,9 @@ def judge(kit: OpenKit, fails: tuple[str, ...], says: str, *, consistent: bool, 
 @BOTH
 @pytest.mark.parametrize(("edit", "fails", "says"), FILE_CHANGES)
 def test_a_changed_file_is_caught_and_named(
-    edit: Edit, fails: tuple[str, ...], says: str, consistent: bool, small_kit: Kit, copied: Copy
+    edit: Edit, fails: tuple[str, ...], says: str, consistent: bool, flat_kit: Kit, copied: Copy
 ) -> None:
-    kit = OpenKit(copied(small_kit))
+    kit = OpenKit(copied(flat_kit))
     edit(kit)
     judge(kit, fails, says, consistent=consistent)
 
@@ -331,7 +331,7 @@ def test_a_change_in_the_main_job_is_caught(
 @pytest.fixture(scope="module")
 def round_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
     """JLCPCB's columns, wide corners, no strip."""
-    spec = TapeSpec(sector=3, size_mm=(20.0, 20.0), corner_radius_mm=5.0, tag="none", assembly="jlcpcb")
+    spec = TapeSpec(sector=3, size_mm=(20.0, 20.0), corner_radius_mm=5.0, tag="none", assembly="jlcpcb", models=False)
     return make_kit(spec, tmp_path_factory.mktemp("round") / "tactape-s003")
 
 
@@ -364,23 +364,23 @@ def test_a_smaller_outline_is_caught_with_wide_corners_too(consistent: bool, rou
 @pytest.fixture(scope="module")
 def other_legend(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The legend of the small kit with another tag."""
-    spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)], tag_id=5)
+    spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)], tag_id=5, models=False)
     kit = make_kit(spec, tmp_path_factory.mktemp("other") / "tactape-s100", verify=False)
     return (kit.path / kit.files["legend-top"]).read_bytes()
 
 
 @BOTH
 def test_the_legend_of_another_tag_is_caught_by_both_detectors(
-    consistent: bool, other_legend: bytes, small_kit: Kit, copied: Copy
+    consistent: bool, other_legend: bytes, flat_kit: Kit, copied: Copy
 ) -> None:
-    kit = OpenKit(copied(small_kit))
+    kit = OpenKit(copied(flat_kit))
     kit.data["legend-top"] = other_legend
     judge(kit, ("tag by OpenCV", "tag by pupil-apriltags"), "legend shows tag 5", consistent=consistent, quick=False)
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_a_turned_tag_is_caught_by_both_detectors(quarters: int, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_a_turned_tag_is_caught_by_both_detectors(quarters: int, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     turn_tag(quarters)(kit)
     judge(kit, ("tag by pupil-apriltags", "tag by OpenCV"), "turned", consistent=True, quick=False)
 
@@ -444,9 +444,9 @@ MANIFEST_CHANGES = [
 
 @pytest.mark.parametrize(("edit", "fails", "says"), MANIFEST_CHANGES)
 def test_a_changed_manifest_is_caught_and_named(
-    edit: Edit, fails: tuple[str, ...], says: str, small_kit: Kit, copied: Copy
+    edit: Edit, fails: tuple[str, ...], says: str, flat_kit: Kit, copied: Copy
 ) -> None:
-    kit = OpenKit(copied(small_kit))
+    kit = OpenKit(copied(flat_kit))
     edit(kit)
     kit.save(consistent=False)
     lines = failed(verify_kit(kit.folder, quick=True))
@@ -461,8 +461,8 @@ PINNED_KEYS = (
 
 
 @pytest.mark.parametrize("key", PINNED_KEYS)
-def test_a_manifest_without_a_pinned_key_fails(key: str, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_a_manifest_without_a_pinned_key_fails(key: str, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     del kit.manifest[key]
     kit.save(consistent=False)
     assert failed(verify_kit(kit.folder, quick=True)).keys() & {"manifest", "files", "roles"}
@@ -477,8 +477,8 @@ NUMBERS = (
 
 
 @pytest.mark.parametrize("path", NUMBERS)
-def test_no_number_where_the_manifest_needs_one_fails_by_its_key(path: str, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_no_number_where_the_manifest_needs_one_fails_by_its_key(path: str, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     key = [key for key in path.split(".") if not key.isdigit()][-1]
     values: tuple[object, ...] = (float("nan"), float("inf"), "1", None, [], True, 10**400)
     for value in values:
@@ -503,8 +503,8 @@ BAD_MANIFESTS: Mapping[str, Callable[[bytes], bytes]] = {
 
 
 @pytest.mark.parametrize("change", BAD_MANIFESTS.values(), ids=BAD_MANIFESTS.keys())
-def test_an_unreadable_manifest_is_a_failed_line(change: Callable[[bytes], bytes], small_kit: Kit, copied: Copy) -> None:
-    file = copied(small_kit) / "manifest.json"
+def test_an_unreadable_manifest_is_a_failed_line(change: Callable[[bytes], bytes], flat_kit: Kit, copied: Copy) -> None:
+    file = copied(flat_kit) / "manifest.json"
     before = file.read_bytes()
     file.write_bytes(change(before))
     assert file.read_bytes() != before
@@ -521,8 +521,8 @@ def test_an_unreadable_manifest_is_a_failed_line(change: Callable[[bytes], bytes
 @pytest.mark.parametrize(
     "path", ["../tactape-s100.gtl", "gerber/../../tactape-s100.gtl", "{outside}", "~/x", "..\\x", "C:\\x", ""]
 )
-def test_a_path_out_of_the_kit_is_refused(path: str, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_a_path_out_of_the_kit_is_refused(path: str, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     outside = shutil.copy(kit.folder / kit.paths["copper-top"], kit.folder.parent)
     row = next(row for row in kit.manifest["files"] if row["role"] == "copper-top")
     row["path"] = path.format(outside=outside)
@@ -545,8 +545,8 @@ def _link_folder(kit: OpenKit) -> None:
 
 
 @pytest.mark.parametrize("link", [_link_file, _link_folder])
-def test_a_link_out_of_the_kit_is_not_followed(link: Edit, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_a_link_out_of_the_kit_is_not_followed(link: Edit, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     link(kit)
     lines = failed(verify_kit(kit.folder, quick=True))
     assert "gerber/tactape-s100.gtl leads out of the kit's folder" in lines["files"].message
@@ -554,8 +554,8 @@ def test_a_link_out_of_the_kit_is_not_followed(link: Edit, small_kit: Kit, copie
     assert cli("verify", str(kit.folder)).exit_code == 4
 
 
-def test_an_unlisted_file_is_a_warning_only(small_kit: Kit, copied: Copy) -> None:
-    folder = copied(small_kit)
+def test_an_unlisted_file_is_a_warning_only(flat_kit: Kit, copied: Copy) -> None:
+    folder = copied(flat_kit)
     (folder / "gerber" / "notes.txt").write_text("mine")
     verification = verify_kit(folder, quick=True)
     (line,) = [c for c in verification.checks if c.name == "unlisted"]
@@ -589,9 +589,9 @@ def cli(*arguments: str) -> Result:
     ids=["pad", "CPL", "tag", "paste", "zip"],
 )
 def test_the_command_exits_with_4_and_names_the_line(
-    edit: Edit, line: str, consistent: bool, small_kit: Kit, copied: Copy
+    edit: Edit, line: str, consistent: bool, flat_kit: Kit, copied: Copy
 ) -> None:
-    kit = OpenKit(copied(small_kit))
+    kit = OpenKit(copied(flat_kit))
     edit(kit)
     run = cli("verify", str(kit.save(consistent=consistent)))
     assert run.exit_code == 4
@@ -613,8 +613,8 @@ def no_constant(name: str) -> None:
     ],
     ids=["unchanged", "a pad moved", "a CPL without rows"],
 )
-def test_the_json_of_the_command_is_json(edit: Edit, status: int, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_the_json_of_the_command_is_json(edit: Edit, status: int, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     edit(kit)
     run = cli("verify", str(kit.save(consistent=True)), "--json")
     assert run.exit_code == status
@@ -642,8 +642,8 @@ NO_KITS: Mapping[str, tuple[Callable[[Path], Path], str]] = {
 
 
 @pytest.mark.parametrize(("make", "says"), NO_KITS.values(), ids=NO_KITS.keys())
-def test_what_is_no_kit_is_refused_with_2(make: Callable[[Path], Path], says: str, small_kit: Kit, copied: Copy) -> None:
-    path = make(copied(small_kit))
+def test_what_is_no_kit_is_refused_with_2(make: Callable[[Path], Path], says: str, flat_kit: Kit, copied: Copy) -> None:
+    path = make(copied(flat_kit))
     with pytest.raises(SpecError, match=says):
         verify_kit(path, quick=True)
     run = cli("verify", str(path))
@@ -652,6 +652,6 @@ def test_what_is_no_kit_is_refused_with_2(make: Callable[[Path], Path], says: st
     assert run.stdout == ""
 
 
-def test_an_unfinished_folder_is_refused_from_inside(small_kit: Kit, copied: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(_unfinished(copied(small_kit)))
+def test_an_unfinished_folder_is_refused_from_inside(flat_kit: Kit, copied: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(_unfinished(copied(flat_kit)))
     assert cli("verify", ".").exit_code == 2

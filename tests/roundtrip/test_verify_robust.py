@@ -21,7 +21,7 @@ import pytest
 
 from tactape_fab import Kit
 from tactape_fab.verify import Verification, verify_kit
-from tests.roundtrip.kits import ROLES, Edit, OpenKit, aperture, bytes_of, failed, flashes, points, replaced, text_of
+from tests.roundtrip.kits import MODELS, ROLES, Edit, OpenKit, aperture, bytes_of, failed, flashes, points, replaced, text_of
 
 Copy = Callable[[Kit], Path]
 
@@ -69,8 +69,8 @@ DAMAGES = (_flip, _digit, _cut, _remove, _repeat, _insert)
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("role", ROLES)
-def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Kit, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(small_kit if role in MODELS else flat_kit))
     kit.sign = seed % 4 != 3
     kit.data[role] = DAMAGES[seed % len(DAMAGES)](Random(f"{role} {seed}"), kit.data[role])
     verification = verify_kit(kit.save(consistent=True), quick=True)
@@ -141,9 +141,9 @@ DIGITS = {
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("role", DIGITS)
-def test_a_changed_digit_fails_the_line_of_its_file(role: str, seed: int, small_kit: Kit, copied: Copy) -> None:
+def test_a_changed_digit_fails_the_line_of_its_file(role: str, seed: int, flat_kit: Kit, copied: Copy) -> None:
     random = Random(f"digit {role} {seed}")
-    kit = OpenKit(copied(small_kit))
+    kit = OpenKit(copied(flat_kit))
     pattern, least = DIGITS[role]
     text = kit.data[role].decode("ascii")
     place = random.choice(list(re.finditer(pattern, text)))
@@ -155,11 +155,11 @@ def test_a_changed_digit_fails_the_line_of_its_file(role: str, seed: int, small_
 
 
 @pytest.mark.parametrize("seed", range(24))
-def test_a_damaged_zip_fails_unless_its_files_are_whole(seed: int, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_a_damaged_zip_fails_unless_its_files_are_whole(seed: int, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     kit.data["fab-zip"] = _flip(Random(f"zip {seed}"), kit.data["fab-zip"])
     lines = failed(verify_kit(kit.save(consistent=True), quick=True))
-    assert ("fab-zip" in lines) is not _holds_the_same(kit, small_kit)
+    assert ("fab-zip" in lines) is not _holds_the_same(kit, flat_kit)
 
 
 def _holds_the_same(kit: OpenKit, original: Kit) -> bool:
@@ -287,8 +287,8 @@ HOSTILE: list[tuple[str, str, Edit]] = [
 
 
 @pytest.mark.parametrize(("line", "edit"), [pytest.param(line, edit, id=name) for name, line, edit in HOSTILE])
-def test_hostile_content_fails_the_line_of_its_file(line: str, edit: Edit, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_hostile_content_fails_the_line_of_its_file(line: str, edit: Edit, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     before = dict(kit.data)
     edit(kit)
     assert kit.data != before
@@ -297,8 +297,8 @@ def test_hostile_content_fails_the_line_of_its_file(line: str, edit: Edit, small
 
 
 @pytest.mark.parametrize("value", [None, "x", 5, {}, [None], ["x"], [[]], [{}], [5]], ids=_short)
-def test_any_list_of_files_is_answered(value: object, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_any_list_of_files_is_answered(value: object, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     kit.manifest["files"] = value
     (kit.folder / "manifest.json").write_text(json.dumps(kit.manifest))
     assert "files" in failed(verify_kit(kit.folder, quick=True))
@@ -309,8 +309,8 @@ def _own_link(place: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [_own_link, Path.mkdir], ids=["a link to itself", "a folder"])
-def test_what_is_no_file_is_answered(make: Callable[[Path], None], small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_what_is_no_file_is_answered(make: Callable[[Path], None], flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     place = kit.folder / kit.paths["copper-top"]
     place.unlink()
     make(place)
@@ -319,8 +319,8 @@ def test_what_is_no_file_is_answered(make: Callable[[Path], None], small_kit: Ki
 
 
 @pytest.mark.parametrize("path", ["a" * 280, "a/" * 140 + "a", "manifest.json", ".", "gerber", " ", None, 5, [], {}], ids=_short)
-def test_any_path_is_answered(path: object, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
+def test_any_path_is_answered(path: object, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
     kit.manifest["files"][0]["path"] = path
     (kit.folder / "manifest.json").write_text(json.dumps(kit.manifest))
     assert "files" in failed(verify_kit(kit.folder, quick=True))

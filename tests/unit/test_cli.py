@@ -275,10 +275,11 @@ def slowness(tmp_path_factory: pytest.TempPathFactory) -> float:
     ("args", "target_s"),
     [
         (("--help",), 0.25),
-        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite"), 1.5),
-        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-verify"), 0.8),
+        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-3d"), 1.5),
+        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-3d", "--no-verify"), 0.8),
+        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite"), 1.5 + 0.7),
     ],
-    ids=["help", "make", "make without verification"],
+    ids=["help", "make", "make without verification", "make with solids"],
 )
 def test_whole_process_is_done_in_time(args: tuple[str, ...], target_s: float, slowness: float, tmp_path: Path) -> None:
     took_s = fastest_s((*PROGRAM, *args), tmp_path, 5)

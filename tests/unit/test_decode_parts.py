@@ -7,15 +7,13 @@ from math import cos, log, radians, sin
 import numpy as np
 import pytest
 
-from tactape_fab import Tape, TapeSpec, default_origin
+from tactape_fab import Tape, TapeSpec
 from tactape_fab.decode.detect import detect, trusted
+from tactape_fab.decode.evidence import turned
 from tactape_fab.decode.lattice import find_lattices
-from tactape_fab.decode.match import others, score_places, tape_planes, turned
 from tactape_fab.decode.pose import Pose, fit_pose
-from tactape_fab.decode.rivals import Family, build_family, rival_weight
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.make import examine
-from tactape_fab.texture.code import encode, get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 R, PITCH = 16.0, 24.0
@@ -79,9 +77,47 @@ def test_low_dots_weigh_less_and_are_trusted_less() -> None:
     assert trusted(np.array([0.0]))[0] < 0.01 and trusted(np.array([1.0]))[0] > 0.99
 
 
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 90.0, 135.0])
+def test_a_long_dot_says_which_way_it_lies(angle_deg: float) -> None:
+    v, u = np.mgrid[:240, :320]
+    along = (u - 160.2) * cos(radians(angle_deg)) + (v - 120.4) * sin(radians(angle_deg))
+    across = (v - 120.4) * cos(radians(angle_deg)) - (u - 160.2) * sin(radians(angle_deg))
+    dots = detect(np.exp(-0.5 * ((along / 4.0) ** 2 + (across / 3.0) ** 2)).astype(np.float32), R)
+    assert dots.elongation is not None
+    first = dots.elongation[int(dots.weights.argmax())]
+    drawn = np.hypot(*first)
+    assert 0.1 < drawn < 0.5
+    assert -first / drawn == pytest.approx([cos(radians(2 * angle_deg)), sin(radians(2 * angle_deg))], abs=0.1)
+
+
+def test_elongations_are_those_of_the_dots_beside_them() -> None:
+    at = np.array([(60.0 + 36 * k, 60.0 + 40 * row) for row in range(4) for k in range(6)])
+    v, u = np.mgrid[:240, :320]
+    long_along_u = 0.05 * np.exp(-((u - 60) ** 2 / 40 + (v - 60) ** 2 / 18))
+    dots = detect((bumps(at[1:]) + long_along_u).astype(np.float32), R)
+    assert dots.elongation is not None and dots.elongation.shape == dots.xy_px.shape
+    longest = int(np.hypot(*dots.elongation.T).argmax())
+    assert np.hypot(*(dots.xy_px[longest] - at[0])) < 0.5
+    assert dots.elongation[longest, 0] < -0.1
+
+
 @pytest.mark.parametrize("value", [0.0, 1.0, -7.5, 1e30])
 def test_a_constant_frame_has_no_dots(value: float) -> None:
     assert len(detect(np.full((240, 320), value, dtype=np.float32), R).weights) == 0
+
+
+def test_level_ground_of_any_height_has_no_tops_of_rounding() -> None:
+    at = np.array([(x, y) for x in range(70, 260, 30) for y in range(60, 200, 30)], dtype=np.float64)
+    for level in (0.0, 5.1, 700.3):
+        assert len(detect((bumps(at) + level).astype(np.float32), R).weights) == len(at)
+
+
+def test_a_single_wild_pixel_hides_no_dots() -> None:
+    at = np.array([(x + 0.3, y - 0.2) for x in range(70, 260, 30) for y in range(60, 200, 30)])
+    for v, u in ((120, 160), (60, 80), (31, 17)):  # also those that the image's level is taken from
+        depth = bumps(at)
+        depth[v, u] = 1e8
+        assert np.median(found_near(detect(depth.astype(np.float32), R).xy_px, at)) < 0.05
 
 
 # Grid
@@ -119,6 +155,20 @@ def test_undisplaced_dots_are_all_the_power_of_a_grid() -> None:
     assert find_lattices(noise - noise.mean(axis=0), np.ones(42), PITCH, 0.0, 1)[0][4] < 0.4
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_the_grid_that_is_found_has_the_phases_and_the_power_of_plain_sums(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    xy = grid_dots(rng.uniform(0.0, 1.5), PITCH * rng.uniform(0.95, 1.05), rng.integers(0, 4, 42)) + rng.normal(0, 0.5, (42, 2))
+    xy, weights = xy - xy.mean(axis=0), rng.uniform(0.2, 1.0, 42)
+    lattices = find_lattices(xy, weights, PITCH, 0.07, 3)
+    assert len(lattices) >= 1
+    for angle, pitch, phase_a, phase_b, share in lattices:
+        c, s = cos(angle), sin(angle)
+        a, b = (weights @ np.exp(2j * np.pi / pitch * (xy @ axis)) for axis in (np.array([c, s]), np.array([-s, c])))
+        assert np.exp(1j * np.array([phase_a, phase_b])) == pytest.approx(np.array([a / abs(a), b / abs(b)]), abs=1e-8)
+        assert share == pytest.approx((abs(a) ** 2 + abs(b) ** 2) / (2 * weights.sum() ** 2), abs=1e-9)
+
+
 @pytest.mark.parametrize("angle_deg", [10.0, 60.0])
 def test_displaced_dots_give_the_grid_and_their_symbols(angle_deg: float) -> None:
     symbols = np.random.default_rng(3).integers(0, 4, 42)
@@ -134,7 +184,7 @@ def test_displaced_dots_give_the_grid_and_their_symbols(angle_deg: float) -> Non
     assert squares.min(axis=1).max() < 1e-9
     assert len(np.unique(nodes, axis=0)) == 42
     assert sigma == pytest.approx(0.012)
-    q = posteriors(squares, ones, ones, sigma)
+    q = posteriors(nodes, squares, ones, ones, sigma)
     assert q.sum(axis=1) == pytest.approx(ones)
     assert q.max(axis=1).min() > 0.99
 
@@ -149,12 +199,40 @@ def test_the_pitch_stays_where_the_scale_is_fixed() -> None:
 
 def test_dots_that_say_nothing_have_even_posteriors() -> None:
     squares = np.array([[0.0, 0.05, 0.1, 0.05], [0.2, 0.2, 0.2, 0.2], [0.0, 0.05, 0.1, 0.05]])
-    q = posteriors(squares, np.ones(3), np.array([1.0, 1.0, 0.0]), 0.03)
+    nodes = np.array([(0, 0), (1, 0), (2, 0)])
+    q = posteriors(nodes, squares, np.ones(3), np.array([1.0, 1.0, 0.0]), 0.03)
     assert q[0, 0] > 0.98
     assert q[1] == pytest.approx([0.25] * 4)
     assert q[2] == pytest.approx([0.25] * 4)
-    rim = posteriors(squares[:1], np.array([0.3]), np.ones(1), 0.03)
+    rim = posteriors(nodes[:1], squares[:1], np.array([0.3]), np.ones(1), 0.03)
     assert 0.25 < rim[0, 0] < q[0, 0]
+
+
+@pytest.mark.parametrize("second", [0.9, 1.0])
+def test_the_bits_of_a_grid_point_are_tossed_once(second: float) -> None:
+    """Two dots at one grid point: the mean of E over its four symbols is still 1, which the bound rests on."""
+    squares = np.array([[0.0, 0.05, 0.1, 0.05], [0.001, 0.05, 0.1, 0.05], [0.0, 0.05, 0.1, 0.05]])
+    nodes = np.array([(3, 4), (3, 4), (3, 5)])
+    q = posteriors(nodes, squares, np.array([1.0, second, 1.0]), np.ones(3), 0.03)
+    assert np.prod(4 * q[:2], axis=0).mean() == pytest.approx(1.0)
+    assert q[0, 0] > 0.9 and q[2, 0] > 0.9
+
+
+def test_few_dots_find_their_grid_from_a_start_half_a_displacement_off() -> None:
+    """What displacements at random do to the first harmonic of a few dots: the grid seems shifted and turned."""
+    rng = np.random.default_rng(4)
+    right = tried = 0
+    for _ in range(40):
+        symbols = rng.integers(0, 4, 9)
+        points = np.array([(k, m) for k in range(3) for m in range(3)], dtype=np.float64)
+        steps = np.array([DIRECTION[c] for c in "ESWN"])[symbols] / 6
+        xy = PITCH * (points + steps) + rng.normal(0.0, 0.3, (9, 2))
+        middle = xy.mean(axis=0)
+        phases = -2 * np.pi * (middle / PITCH + (0.08, -0.08))
+        _, _, squares, _ = fit_grid(xy - middle, np.ones(9), np.ones(9), 0.04, PITCH, phases[0], phases[1], 1 / 6, True)
+        right += int((squares.argmin(axis=1) == symbols).all())
+        tried += 1
+    assert right >= 0.95 * tried
 
 
 # Places
@@ -175,7 +253,8 @@ def random_contact(seed: int, n: int = 14) -> tuple[IntArray, FloatArray]:
 @pytest.mark.parametrize("turn", [0, 1, 2, 3])
 def test_evidence_is_that_of_the_bits_of_the_turned_symbols(turn: int) -> None:
     nodes, q = random_contact(turn)
-    cells, evidence = turned(nodes, q, turn)
+    cells, evidence = np.empty_like(nodes), np.empty((len(q), 3))
+    turned(nodes, q, turn, cells, evidence)
     # the texture's x axis is the grid's first axis turned `turn` times from u towards v
     axes = [(1, 0), (0, 1), (-1, 0), (0, -1)]
     x_axis, y_axis = np.array(axes[turn]), np.array(axes[(turn + 1) % 4])
@@ -188,96 +267,6 @@ def test_evidence_is_that_of_the_bits_of_the_turned_symbols(turn: int) -> None:
             for b in (0, 1):
                 score = evidence[i, 0] + (2 * a - 1) * evidence[i, 1] + (2 * b - 1) * evidence[i, 2]
                 assert score == pytest.approx(log(2 * x[a]) + log(2 * y[b]))
-
-
-def test_scores_are_the_sum_over_the_dots_that_lie_on_parts(small_tape: Tape) -> None:
-    nodes, q = random_contact(5)
-    cells, evidence = turned(nodes, q, 0)
-    pad = 8
-    planes = tape_planes(small_tape, pad)
-    scores = score_places(planes.planes, planes.pad, cells, evidence)
-    assert scores.shape == (small_tape.rows + pad, small_tape.columns + pad)
-    placed = small_tape.placed
-    assert not placed.all()
-    for r in range(scores.shape[0]):
-        for c in range(scores.shape[1]):
-            expected = 0.0
-            for (k, row), (mean, x, y) in zip(cells, evidence, strict=True):
-                column, line = k + c - pad, row + r - pad
-                if 0 <= column < small_tape.columns and 0 <= line < small_tape.rows and placed[line, column]:
-                    symbol = small_tape.symbols[line, column]
-                    expected += mean + (2 * X_BIT[symbol] - 1) * x + (2 * Y_BIT[symbol] - 1) * y
-            assert scores[r, c] == pytest.approx(expected, abs=1e-3)
-
-
-def test_other_places_are_summed_without_the_answer() -> None:
-    scores = np.array([[1.0, 3.0], [2.0, -100.0]], dtype=np.float32)
-    total, largest = others(scores, 3.0, 1)
-    assert total == pytest.approx(np.exp(-2.0) + np.exp(-1.0))
-    assert largest == 2.0
-
-
-# Rivals
-
-
-def small_family(common: tuple[int, tuple[int, int], int, int]) -> Family:
-    family = build_family(get_code("microdots-4x4"), [common], 4)
-    registered = np.ones(256, dtype=np.bool_)
-    registered[[3, 18, 40]] = False
-    return Family(
-        main=family.main,
-        phases=family.phases,
-        origins=family.origins,
-        registered=registered,
-        columns=9,
-        rows=8,
-        common=family.common,
-    )
-
-
-def fit_of(sector: int, cells: IntArray, evidence: FloatArray, column: int, row: int) -> float:
-    """ln L of one place of one sector, by its symbols."""
-    symbols = encode(get_code("microdots-4x4"), sector, (column, row), (cells[:, 1].max() + 1, cells[:, 0].max() + 1))
-    value = symbols[cells[:, 1], cells[:, 0]]
-    return float((evidence[:, 0] + (2 * X_BIT[value] - 1) * evidence[:, 1] + (2 * Y_BIT[value] - 1) * evidence[:, 2]).sum())
-
-
-def test_rivals_are_weighed_as_by_enumeration() -> None:
-    nodes, q = random_contact(8)
-    cells, evidence = turned(nodes - nodes.min(axis=0), q, 0)
-    own = default_origin("microdots-4x4", 7)
-    family = small_family((7, own, 7, 6))
-    wide, high = (int(v) for v in cells.max(axis=0) + 1)
-    found: list[tuple[float, int]] = []
-    for sector in (3, 18, 40):
-        c0, r0 = default_origin("microdots-4x4", sector)
-        found += [
-            (fit_of(sector, cells, evidence, c, r), sector)
-            for c in range(c0, c0 + 9 - wide + 1)
-            for r in range(r0, r0 + 8 - high + 1)
-        ]
-    for sector in range(256):
-        if sector != 7:
-            found += [
-                (fit_of(sector, cells, evidence, c, r), sector)
-                for c in range(own[0], own[0] + 7 - wide + 1)
-                for r in range(own[1], own[1] + 6 - high + 1)
-            ]
-    best = max(found)[0] + 1.0
-    total, largest, sector = rival_weight(
-        cells, evidence, family.main, family.phases, family.origins, family.registered, 9, 8, family.common, best
-    )
-    assert total == pytest.approx(sum(np.exp(value - best) for value, _ in found), rel=1e-3)
-    assert largest == pytest.approx(max(found)[0], abs=1e-3)
-    assert sector == max(found)[1]
-
-
-def test_a_family_knows_which_default_tapes_are_registered() -> None:
-    code = get_code("microdots-4x4")
-    family = build_family(code, [(7, default_origin(code.name, 7), 62, 32), (9, (0, 0), 80, 20)], 24)
-    assert family.registered.nonzero()[0].tolist() == [7]
-    assert (family.columns, family.rows) == (80, 32)
-    assert family.places == 4 * (255 * 80 * 32 + 255 * (62 * 32 + 80 * 20))
 
 
 # Pose
@@ -319,6 +308,24 @@ def test_dots_that_are_far_off_do_not_agree_and_do_not_matter() -> None:
     pose = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
     assert not pose.agree[:5].any() and pose.agree[5:].sum() >= 24
     assert np.hypot(*(pose.position_mm - (5.0, 7.0))) < 0.01
+
+
+@pytest.mark.parametrize(("spread_px", "stretch"), [(80.0, 1.0), (80.0, 1.2), (1.0, 1.0), (1.0, 1.2), (0.0, 1.0)])
+def test_the_covariance_is_that_of_the_derivatives(spread_px: float, stretch: float) -> None:
+    rng = np.random.default_rng(7)
+    offset = rng.uniform(-1.0, 1.0, (20, 2)) * spread_px + (12.0, -31.0)
+    texture, weights = offset / (R * stretch), rng.uniform(0.2, 1.0, 20)
+    pose = fit_pose(offset, texture, weights, R, fixed_scale=False)
+    assert pose.agree.all()
+    u, v = offset.T / pose.px_per_mm
+    one, none = np.ones(20), np.zeros(20)
+    rows = np.concatenate([np.stack([one, none, v, u], axis=1), np.stack([none, one, -u, v], axis=1)])
+    if pose.px_per_mm == pytest.approx(R, rel=1e-9):
+        rows = rows[:, :3]
+    w = np.concatenate([weights, weights])[:, None]
+    inverse = np.linalg.pinv(rows.T @ (w * rows), rcond=1e-12)
+    expected = pose.sigma_mm**2 * inverse @ (rows.T @ (w**2 * rows)) @ inverse
+    assert pose.covariance == pytest.approx(expected[:3, :3], rel=1e-6, abs=1e-12)
 
 
 @pytest.mark.parametrize("fixed", [True, False])

@@ -73,7 +73,7 @@ def grid_px(pitch_mm: float, displacement_mm: float, px_per_mm: float) -> tuple[
 
 
 def sensor_position_mm(
-    contact_mm: tuple[float, float], dot_px: npt.ArrayLike, image_size: tuple[int, int], px_per_mm: float, theta_rad: float
+    contact_mm: tuple[float, float], dot_px: npt.ArrayLike, image_size: tuple[float, float], px_per_mm: float, theta_rad: float
 ) -> tuple[float, float]:
     """S, the texture point under the image centre, mm (Eq. 11 and 12).
 
@@ -145,7 +145,7 @@ def locate_paper(
 def locate_paper_dots(
     xy_px: npt.ArrayLike,
     tapes: Sequence[Tape],
-    image_size: tuple[int, int],
+    image_size: tuple[float, float],
     *,
     px_per_mm: float | None,
     rule: Rule = "vote+bounds",
@@ -203,7 +203,7 @@ def _best(answers: list[tuple[Localization, PaperTrace]], start: float) -> tuple
 
 
 def _locate(
-    dots: FloatArray, tapes: Sequence[Tape], image_size: tuple[int, int], px_per_mm: float | None, rule: Rule
+    dots: FloatArray, tapes: Sequence[Tape], image_size: tuple[float, float], px_per_mm: float | None, rule: Rule
 ) -> tuple[Localization, PaperTrace]:
     """The pipeline behind the dots, for tapes of one code, W and Delta."""
     tape = tapes[0]
@@ -246,7 +246,9 @@ def _lost(trace: PaperTrace, lost_at: LostAt, tape: Tape, scale: float | None) -
     return fix, replace(trace, lost_at=lost_at)
 
 
-def _answer(trace: PaperTrace, chosen: Reading, tapes: Sequence[Tape], image_size: tuple[int, int], scale: float) -> Localization:
+def _answer(
+    trace: PaperTrace, chosen: Reading, tapes: Sequence[Tape], image_size: tuple[float, float], scale: float
+) -> Localization:
     """The paper's output of a decoded frame: S_ID, S, theta, C and the status (section III-B.2)."""
     assert trace.contact_dot is not None and trace.slope_rad is not None and trace.symbols is not None
     code = get_code(tapes[0].code)

@@ -1,0 +1,203 @@
+"""Bounds of what the dots can say on many tapes at once, from how the phases of neighbouring lines differ."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from tactape_fab.decode.evidence import Floats
+from tactape_fab.decode.sites import START
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+NEVER = -1e30
+"""Stands for a bound or evidence of what was counted already, or does not exist."""
+DEEP = 6.0
+"""Bounds are followed so far (ln) below what matters."""
+
+
+class Bounds(NamedTuple):
+    """Bounds of neighbouring lines for each range of the dots along them, made when first asked for.
+
+    Attributes
+    ----------
+    slot : ndarray of int, shape (4, 2, m + 1, m + 1)
+        Where those of a turn, axis and range are; -1 before.
+    used : ndarray of int, shape (1,)
+        How many there are.
+    pairs : ndarray of float32, shape (k, (m + 1) // 2, L)
+        Most that lines 2 j and 2 j + 1 can say together, by how much their phases differ.
+    pair_most, line_most : ndarray, shapes (k, (m + 1) // 2) and (k, m)
+        Most of them, and of each line.
+    """
+
+    slot: IntArray
+    used: IntArray
+    pairs: Floats
+    pair_most: FloatArray
+    line_most: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def no_bounds(m: int, length: int) -> Bounds:
+    """Bounds for dots of at most `m` columns and rows, none made yet."""
+    most, pairs = 16 * m, (m + 1) // 2
+    return Bounds(
+        np.full((4, 2, m + 1, m + 1), -1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.empty((most, pairs, length), dtype=np.float32),
+        np.empty((most, pairs)),
+        np.empty((most, m)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int, count: int) -> int:
+    """Where the bounds of the dots from `low` to `high` - 1 along the lines are."""
+    slot = of.slot[turn, axis, low, high]
+    if slot < 0:
+        if of.used[0] == len(of.pairs):  # begin again
+            of.slot[:] = -1
+            of.used[0] = 0
+        slot = of.used[0]
+        of.used[0] += 1
+        of.slot[turn, axis, low, high] = slot
+        bound_pairs(of.pairs[slot], of.pair_most[slot], of.line_most[slot], lines, low, high, count)
+    return int(slot)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def bound_pairs(
+    pairs: Floats, pair_most: FloatArray, line_most: FloatArray, lines: Floats, low: int, high: int, count: int
+) -> None:
+    """Fill `Bounds` for `count` lines (`evidence.add_lines` has the parameters)."""
+    length = pairs.shape[1]
+    one, two = np.empty(length, dtype=np.float32), np.empty(2 * length, dtype=np.float32)
+    for k in range(0, count, 2):
+        for p in range(length):
+            one[p] = lines[high, k, p] - lines[low, k, p]
+        line_most[k] = one.max()
+        if k + 1 == count:
+            pairs[k // 2, :] = one.max()
+            pair_most[k // 2] = line_most[k]
+            continue
+        for p in range(2 * length):
+            two[p] = lines[high, k + 1, p] - lines[low, k + 1, p]
+        line_most[k + 1] = two[:length].max()
+        for step in range(length):
+            most = one[0] + two[step]
+            for p in range(1, length):
+                most = max(most, one[p] + two[p + step])
+            pairs[k // 2, step] = most
+        pair_most[k // 2] = pairs[k // 2].max()
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def bound_starts(out: Floats, pairs: Floats, steps: IntArray, lines: int) -> None:
+    """Bound of all lines together for every start in the plane; starts without so many lines after them have none."""
+    count = len(out) - lines + 1
+    out[:] = np.float32(NEVER)
+    out[:count] = pairs[0][steps[:count]]
+    for k in range(1, (lines + 1) // 2):
+        table = pairs[k]
+        for start in range(count):
+            out[start] += table[steps[start + 2 * k]]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, count: int, first: int, last: int) -> None:
+    """Largest of some values over the places of each site."""
+    for site in range(first, last):
+        at = table[site, START, axis]
+        most = values[at]
+        for k in range(at + 1, at + count):
+            most = max(most, values[k])
+        out[site] = most
+
+
+@njit(cache=True, error_model="numpy")
+def bound_lines(
+    out: FloatArray,
+    bounds: Bounds,
+    slot: int,
+    steps: IntArray,
+    table: IntArray,
+    axis: int,
+    place: int,
+    lines: tuple[int, int, int],
+    sites: tuple[int, int],
+    least: float,
+) -> None:
+    """Bound of some lines together at one place of each site, followed no farther than `DEEP` below `least`.
+
+    Parameters
+    ----------
+    place : int
+        Column or row on the tape where the dots' line 0 lies.
+    lines : tuple of int
+        First line, last + 1, and how many the dots have.
+    """
+    first, last, count = lines
+    alone = bounds.line_most[slot, first] if first % 2 == 1 else 0.0
+    if last % 2 == 1 and last < count:
+        alone += bounds.line_most[slot, last - 1]
+    low, high = (first + 1) // 2, (last + 1) // 2 if last == count else last // 2
+    _follow(out, bounds.pairs[slot], bounds.pair_most[slot], alone, steps, table, axis, place, low, high, sites, least - DEEP)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _follow(
+    out: FloatArray,
+    pairs: Floats,
+    pair_most: FloatArray,
+    alone: float,
+    steps: IntArray,
+    table: IntArray,
+    axis: int,
+    place: int,
+    low: int,
+    high: int,
+    sites: tuple[int, int],
+    least: float,
+) -> None:
+    whole = alone
+    for k in range(low, high):
+        whole += pair_most[k]
+    for site in range(sites[0], sites[1]):
+        at, bound = table[site, START, axis] + place, whole
+        for k in range(low, high):
+            bound += pairs[k, steps[at + 2 * k]] - pair_most[k]
+            if bound < least:
+                break
+        out[site] = bound
+
+
+@njit(cache=True, error_model="numpy")
+def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: float) -> tuple[int, float, float]:
+    """Sites whose bound is not below `least`: how many; the others' weight in sites at `least`; and the largest bound of them."""
+    count, shallow, deep, most = 0, 0, 0, NEVER
+    for site in range(first, last):
+        bound = bounds[site]
+        if bound >= least:
+            out[count] = site
+            count += 1
+            continue
+        most = max(most, bound)
+        if bound >= least - DEEP:
+            shallow += 1
+        else:
+            deep += 1
+    return count, shallow + deep * np.exp(-DEEP), most
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def bound_between(pairs: Floats, lines: int, steps: IntArray, first: int, last: int) -> float:
+    """Most that all of some lines can say together at any of some starts in the plane."""
+    most = np.float32(NEVER)
+    for start in range(first, last):
+        bound = pairs[0, steps[start]]
+        for k in range(1, (lines + 1) // 2):
+            bound += pairs[k, steps[start + 2 * k]]
+        most = max(most, bound)
+    return float(most)

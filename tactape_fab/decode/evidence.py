@@ -1,0 +1,186 @@
+"""Soft symbols -> evidence per line and phase: what the dots say of every column and row, wherever on a code plane they lie.
+
+Evidence is ln E with E = product of 2 q(b) over the x and y bits of the dots: against any texture whose bits are fair coins
+to the code. Along a column of the code plane the x bits are the main sequence from some phase, along a row the y bits are;
+so the evidence of a contact at any place of any sector is one entry of a table for each of its columns and rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from tactape_fab.texture.code import Code
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+Floats = npt.NDArray[np.float32]
+
+
+class Tables(NamedTuple):
+    """Evidence of the dots of one grid in the four quarter turns.
+
+    Columns and rows count from the dots' own corner. Tables of the dots in rows below r (columns below c) are kept for all
+    r (c), so that dots which hang over a tape's edge can be left out.
+
+    Attributes
+    ----------
+    cells : ndarray of int, shape (4, n, 2)
+        Column and row of each dot.
+    evidence : ndarray, shape (4, n, 3)
+        From `turned`.
+    corner : ndarray of int, shape (4, 2)
+        The dots' corner in columns and rows of the grid after the turn.
+    size : ndarray of int, shape (4, 2)
+        Columns and rows of the dots.
+    lines : ndarray of float32, shape (4, 2, m + 1, m, 2 L)
+        [turn, 0, rows below, column, phase] evidence of the x bits of a column; [turn, 1, columns below, row, phase] of the
+        y bits of a row. Phases twice over.
+    dots : ndarray of int, shape (4, m + 1, m + 1)
+        Dots in columns below c and rows below r.
+    most : ndarray, shape (4, 2, m + 1, m + 1)
+        Most that the x bits and the y bits of those dots can say.
+    """
+
+    cells: IntArray
+    evidence: FloatArray
+    corner: IntArray
+    size: IntArray
+    lines: Floats
+    dots: IntArray
+    most: FloatArray
+
+
+def signs_of(code: Code) -> Floats:
+    """Bits of the main sequence as -1 and 1, three times over."""
+    return np.tile(2.0 * np.array(code.main.digits, dtype=np.float32) - 1.0, 3).astype(np.float32)
+
+
+@njit(cache=True, error_model="numpy")
+def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence: FloatArray) -> None:
+    """Columns and rows of dots, and (mean, x, y) evidence of each, for a quarter turn of the grid's axes, written in place.
+
+    For turn t the texture's x axis is the grid's first axis turned t times by 90 degrees (from u towards v). A dot's ln E is
+    mean + x (x bit) + y (y bit), bits as -1 and 1. The directions E, S, W, N have the bits (0, 1), (1, 1), (1, 0), (0, 0).
+    """
+    for i in range(len(q)):
+        k, j = nodes[i, 0], nodes[i, 1]
+        if turn == 0:
+            cells[i, 0], cells[i, 1] = k, j
+        elif turn == 1:
+            cells[i, 0], cells[i, 1] = j, -k
+        elif turn == 2:
+            cells[i, 0], cells[i, 1] = -k, -j
+        else:
+            cells[i, 0], cells[i, 1] = -j, k
+        e, s, w, m = q[i, turn % 4], q[i, (turn + 1) % 4], q[i, (turn + 2) % 4], q[i, (turn + 3) % 4]
+        x1, x0 = np.log(2.0 * (w + s)), np.log(2.0 * (e + m))
+        y1, y0 = np.log(2.0 * (e + s)), np.log(2.0 * (m + w))
+        evidence[i, 0] = 0.5 * (x0 + x1 + y0 + y1)
+        evidence[i, 1] = 0.5 * (x1 - x0)
+        evidence[i, 2] = 0.5 * (y1 - y0)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Tables:
+    """Tables of soft symbols.
+
+    Parameters
+    ----------
+    nodes : ndarray of int, shape (n, 2)
+        From `symbols.fit_grid`.
+    q : ndarray, shape (n, 4)
+        From `symbols.posteriors`.
+    signs : ndarray of float32, shape (3 L,)
+        From `signs_of`.
+    most : int
+        Largest contact, in cells; beyond it all tables but `size` are empty.
+    """
+    n, length = len(q), len(signs) // 3
+    cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3))
+    corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
+    for turn in range(4):
+        turned(nodes, q, turn, cells[turn], evidence[turn])
+        for axis in range(2):
+            corner[turn, axis] = cells[turn, :, axis].min()
+            cells[turn, :, axis] -= corner[turn, axis]
+            size[turn, axis] = cells[turn, :, axis].max() + 1
+    m = size.max() if size.max() <= most else 0
+    lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
+    dots, most_said = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
+    if m > 0:
+        for turn in range(4):
+            for i in range(n):
+                column, row = cells[turn, i, 0], cells[turn, i, 1]
+                mean, x, y = 0.5 * evidence[turn, i, 0], evidence[turn, i, 1], evidence[turn, i, 2]
+                _add_line(lines[turn, 0, row + 1, column], signs[row % length :], np.float32(mean), np.float32(x))
+                _add_line(lines[turn, 1, column + 1, row], signs[column % length :], np.float32(mean), np.float32(y))
+                dots[turn, column + 1, row + 1] += 1
+                most_said[turn, 0, column + 1, row + 1] += mean + abs(x)
+                most_said[turn, 1, column + 1, row + 1] += mean + abs(y)
+            for k in range(1, m):
+                lines[turn, 0, k + 1] += lines[turn, 0, k]
+                lines[turn, 1, k + 1] += lines[turn, 1, k]
+            _sum_below(dots[turn])
+            _sum_below(most_said[turn, 0])
+            _sum_below(most_said[turn, 1])
+    return Tables(cells, evidence, corner, size, lines, dots, most_said)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _add_line(line: Floats, signs: Floats, mean: np.float32, half: np.float32) -> None:
+    for p in range(len(line)):
+        line[p] += mean + half * signs[p]
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_below(table: npt.NDArray[np.generic]) -> None:
+    """Counts per cell to counts in all cells before, both ways, in place."""
+    m = len(table)
+    for c in range(1, m):
+        for r in range(1, m):
+            table[c, r] += table[c - 1, r] + table[c, r - 1] - table[c - 1, r - 1]
+
+
+@njit(cache=True, error_model="numpy")
+def within(table: npt.NDArray[np.generic], c0: int, c1: int, r0: int, r1: int) -> float:
+    """Sum over columns c0 ... c1 - 1 and rows r0 ... r1 - 1, from sums below."""
+    return float(table[c1, r1] - table[c0, r1] - table[c1, r0] + table[c0, r0])
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def add_lines(
+    out: Floats, lines: Floats, low: int, high: int, first: int, last: int, phases: IntArray, start: int, length: int
+) -> float:
+    """Evidence of lines first ... last - 1 together for every phase, and the largest of it.
+
+    Parameters
+    ----------
+    out : ndarray of float32, shape (L,)
+        Overwritten.
+    lines : ndarray of float32, shape (m + 1, m, 2 L)
+        One turn and axis of `Tables.lines`.
+    low, high : int
+        Dots that count: those from `low` to `high` - 1 along the lines.
+    phases : ndarray of int
+        Phase of each line of the plane.
+    start : int
+        Where the dots' line 0 lies in `phases`.
+    """
+    out[:] = 0.0
+    for k in range(first, last):
+        shift = phases[start + k]
+        above = lines[high, k, shift : shift + length]
+        if low > 0:
+            below = lines[low, k, shift : shift + length]
+            for p in range(length):
+                out[p] += above[p] - below[p]
+        else:
+            for p in range(length):
+                out[p] += above[p]
+    most = out[0]
+    for p in range(1, length):
+        most = max(most, out[p])
+    return float(most)

@@ -1,0 +1,164 @@
+"""A place -> an answer, or the reason why there is none: bounds on being wrong, the pose, and what is said of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, log
+
+import numpy as np
+
+from tactape_fab.decode.detect import Dots
+from tactape_fab.decode.plane import CodePlane, PlanePlace
+from tactape_fab.decode.pose import Pose, fit_pose
+from tactape_fab.decode.reading import Reading, View
+from tactape_fab.decode.registry import Registry
+from tactape_fab.decode.result import Localization
+from tactape_fab.decode.search import LEAST_DOTS, Place, rivals
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, SymbolArray, texture_to_board
+
+_PLACES = 1e6
+"""Rivals are named where they are as sure as an answer would have to be among so many places."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What an answer has to keep.
+
+    Attributes
+    ----------
+    max_p_false : float
+        Largest bound on being wrong.
+    max_p_tape : float or None
+        Largest bound on the texture being none of ours; part of `max_p_false` where None.
+    kappa : float
+        Least lead, as a factor, over any single other place.
+    """
+
+    max_p_false: float
+    max_p_tape: float | None
+    kappa: float
+
+    @property
+    def on_tape(self) -> float:
+        """Largest p_tape that may do."""
+        return self.max_p_false if self.max_p_tape is None else self.max_p_tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Doubt:
+    """p_place, the lead (ln) over the next place, and the unregistered tape that fits at least as well."""
+
+    p_place: float
+    lead: float
+    unregistered: str | None
+
+
+def judge(
+    empty: Localization, dots: Dots, reading: Reading, view: View, world: Registry | CodePlane, limits: Limits
+) -> Localization:
+    """The answer that a reading gives.
+
+    Parameters
+    ----------
+    empty : Localization
+        What is known of the contact without it.
+    """
+    place = reading.place
+    inside, symbols = _on_tape(place, world)
+    doubt = _doubt(place, world, limits)
+    p_tape = exp(min(-reading.grid_weight - place.weight - place.score, 0.0))
+    judged = replace(empty, p_tape=p_tape, p_place=doubt.p_place, p_false=min(1.0, p_tape + doubt.p_place))
+    if inside.sum() < LEAST_DOTS:
+        seen = "too few dots lie on a tape" if doubt.unregistered is None else _stranger(doubt.unregistered)
+        return replace(judged, reason=seen)
+    cells = place.cells[inside]
+    nominal = cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[symbols]
+    offset = dots.xy_px[inside] - view.centre_px
+    weights = dots.weights[inside] * dots.trust[inside]
+    pose = fit_pose(offset, nominal, weights, view.px_per_mm, fixed_scale=view.scale_tolerance == 0.0)
+    if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
+        return replace(judged, reason="the dots give no pose")
+    reason = _refusal(judged, doubt, limits, pose, int((dots.trust[inside] > 0.5).sum()))
+    if reason is not None:
+        return replace(judged, reason=reason, n_agree=int(pose.agree.sum()))
+    middle = dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px
+    nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
+    return _described(judged, place, world, cells[nearest], nominal[nearest], pose)
+
+
+def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[BoolArray, SymbolArray]:
+    """Which dots lie on a part of the answer's tape (n,), and the symbols there (k,)."""
+    cells = place.cells
+    if isinstance(place, PlanePlace) or isinstance(world, CodePlane):
+        assert isinstance(place, PlanePlace)
+        return np.ones(len(cells), dtype=bool), (place.x_bits + 2 * place.y_bits).astype(np.uint8)
+    tape = world.tapes[place.tape]
+    inside = np.asarray(((cells >= 0) & (cells < (tape.columns, tape.rows))).all(axis=1))
+    inside[inside] = tape.placed[cells[inside, 1], cells[inside, 0]]
+    return inside, tape.symbols[cells[inside, 1], cells[inside, 0]]
+
+
+def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits) -> _Doubt:
+    """The answer held against all other places, those of tapes that nobody registered among them."""
+    if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
+        return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
+    found = rivals(world.families, place, world.unregistered_share)
+    weight = place.others + found.weight
+    sure = found.score > log(_PLACES) - log(limits.max_p_false) and found.lead < log(limits.kappa)
+    return _Doubt(p_place=weight / (1.0 + weight), lead=min(place.lead, found.lead), unregistered=found.name if sure else None)
+
+
+def _stranger(name: str) -> str:
+    return f"looks like {name}, which is not registered"
+
+
+def _refusal(judged: Localization, doubt: _Doubt, limits: Limits, pose: Pose, good: int) -> str | None:
+    """Why an answer cannot be trusted; None where it can."""
+    p_tape, p_place, p_false = judged.p_tape or 0.0, judged.p_place or 0.0, judged.p_false or 0.0
+    if doubt.unregistered is not None:
+        return _stranger(doubt.unregistered)
+    if limits.max_p_tape is None and p_false > limits.max_p_false:
+        what = "may be no tape of ours" if p_tape > p_place else "several places fit"
+        return f"{what}: p_false {p_false:.1e} exceeds {limits.max_p_false:.1e}"
+    if limits.max_p_tape is not None and p_tape > limits.max_p_tape:
+        return f"may be no tape of ours: p_tape {p_tape:.1e} exceeds {limits.max_p_tape:.1e}"
+    if p_place > limits.max_p_false:
+        return f"several places fit: p_place {p_place:.1e} exceeds {limits.max_p_false:.1e}"
+    if doubt.lead < log(limits.kappa):
+        return f"another place fits nearly as well: it leads by a factor of {exp(doubt.lead):.1f}, less than {limits.kappa:g}"
+    if pose.agree.sum() < max(LEAST_DOTS, good // 2):
+        return f"only {int(pose.agree.sum())} of {good} dots agree with the place that their symbols name"
+    return None
+
+
+def _described(
+    judged: Localization, place: Place | PlanePlace, world: Registry | CodePlane, cell: IntArray, contact: FloatArray, pose: Pose
+) -> Localization:
+    """The answer in words of the tape; `cell` and `contact` of the dot nearest the contact's middle."""
+    column, row = (int(v) for v in cell)
+    x, y = (float(v) for v in pose.position_mm)
+    theta_deg = float(np.degrees(pose.theta_rad))
+    found = replace(
+        judged,
+        located=True,
+        n_agree=int(pose.agree.sum()),
+        theta_deg=180.0 if theta_deg <= -180.0 else theta_deg,
+        px_per_mm=float(pose.px_per_mm),
+        covariance=pose.covariance,
+    )
+    if isinstance(place, PlanePlace) or isinstance(world, CodePlane):
+        assert isinstance(place, PlanePlace)
+        return replace(found, sector=place.sector, index=(column, row), plane_mm=(x, y))
+    tape = world.tapes[place.tape]
+    board = None if tape.surface is not None else texture_to_board(pose.position_mm, tape.board.texture_origin_mm)
+    return replace(
+        found,
+        tape=tape.name,
+        sector=tape.sector,
+        position_mm=(x, y),
+        board_mm=None if board is None else (float(board[0]), float(board[1])),
+        contact_mm=(float(contact[0]), float(contact[1])),
+        cell=(column, row),
+        index=(tape.origin[0] + column, tape.origin[1] + row),
+    )

@@ -1,0 +1,184 @@
+"""Where tapes lie in their code's plane: registered ones, and those of the family that nobody registered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from tactape_fab.decode.evidence import Floats, signs_of
+from tactape_fab.texture.code import Code, default_origin, get_code
+from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.tape import Tape
+
+LEAST_COLUMNS, LEAST_ROWS = 62, 32
+"""Size of an unregistered tape, if no registered one is larger."""
+
+
+START, ORIGIN, SECTOR = range(3)
+
+
+class Sites(NamedTuple):
+    """Tapes of one code as places in its plane, those of equal size together.
+
+    Attributes
+    ----------
+    signs : ndarray of float32, shape (3 L,)
+    phases : ndarray of int, shape (2, m)
+        Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
+    steps : ndarray of int, shape (2, m)
+        Their differences modulo L, from each to the next.
+    table : ndarray of int, shape (n, 3, 2)
+        Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the plane modulo
+        L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
+    barred : ndarray of int, shape (k, 3)
+        Site, u and v of sectors that may not lie where all others may.
+    holes : ndarray of int, shape (k, 3)
+        Site, column and row of grid points without a part.
+    sizes : ndarray of int, shape (j, 2)
+        Columns and rows that occur in the family.
+    size_of : ndarray of int, shape (n,)
+        Which of them each site has.
+    classes : ndarray of int, shape (k, 5)
+        First site, last site + 1, size, tapes a site, and 1 where dots may hang over the tapes' edges.
+    """
+
+    signs: Floats
+    phases: IntArray
+    steps: IntArray
+    table: IntArray
+    barred: IntArray
+    holes: IntArray
+    sizes: IntArray
+    size_of: IntArray
+    classes: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Family:
+    """Tapes of one code.
+
+    Attributes
+    ----------
+    code : str
+    tapes : tuple of int
+        Registered tape of each site of `registered`.
+    registered : Sites
+    unregistered : Sites or None
+        All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed world.
+    """
+
+    code: str
+    tapes: tuple[int, ...]
+    registered: Sites
+    unregistered: Sites | None
+
+
+def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
+    """The registered tapes by code, and the tapes beside them that may be touched in an open world."""
+    found = []
+    for name in dict.fromkeys(tape.code for tape in tapes):
+        code = get_code(name)
+        order = [k for k, tape in enumerate(tapes) if tape.code == name]
+        order.sort(key=lambda k: (tapes[k].columns, tapes[k].rows))
+        members = [tapes[k] for k in order]
+        holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
+        largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
+        sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
+        registered = _sites(
+            code,
+            sizes,
+            origins=np.array([tape.origin for tape in members]),
+            size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
+            sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
+            holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
+        )
+        unregistered = _unregistered(code, sizes, members) if open_world else None
+        found.append(Family(code=name, tapes=tuple(order), registered=registered, unregistered=unregistered))
+    return found
+
+
+def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> Sites:
+    """Every other sector at its default origin, and all but the registered ones at each origin of a registered tape.
+
+    Only at the latter may dots hang over an edge: there another sector is a shift of ours, and a contact over its edge looks
+    like one over ours. Elsewhere in the plane a tape looks like chance, which p_tape bounds.
+    """
+    length = code.main.length
+    largest = sizes.index((max(columns for columns, _ in sizes), max(rows for _, rows in sizes)))
+    at_default = {tape.sector for tape in tapes if tape.origin == default_origin(code.name, tape.sector)}
+    others = [sector for sector in range(code.sectors) if sector not in at_default]
+    common: dict[tuple[int, int], list[Tape]] = {}
+    for tape in tapes:
+        common.setdefault(tape.origin, []).append(tape)
+    there = [found for found in common.values() if len(found) < code.sectors]
+    size_of = [_least_size(sizes, found) for found in there]
+    order = sorted(range(len(there)), key=size_of.__getitem__)
+    barred = [(site, *divmod(t.sector, length)) for site, k in enumerate(order, len(others)) for t in there[k]]
+    return _sites(
+        code,
+        sizes,
+        origins=np.array([*(default_origin(code.name, sector) for sector in others), *(there[k][0].origin for k in order)]),
+        size_of=np.array([*([largest] * len(others)), *(size_of[k] for k in order)]),
+        sectors=np.array([*(divmod(sector, length) for sector in others), *([(-1, -1)] * len(there))]),
+        barred=np.array(barred, dtype=np.int64).reshape(-1, 3),
+        overhang=False,
+    )
+
+
+def _least_size(sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> int:
+    """The smallest of some sizes that holds all of some tapes."""
+    columns, rows = max(tape.columns for tape in tapes), max(tape.rows for tape in tapes)
+    fitting = [k for k, size in enumerate(sizes) if size[0] >= columns and size[1] >= rows]
+    return min(fitting, key=lambda k: sizes[k][0] * sizes[k][1])
+
+
+def _sites(
+    code: Code,
+    sizes: list[tuple[int, int]],
+    *,
+    origins: IntArray,
+    size_of: IntArray,
+    sectors: IntArray,
+    barred: IntArray | None = None,
+    holes: IntArray | None = None,
+    overhang: bool = True,
+) -> Sites:
+    length, table = code.main.length, np.array(sizes, dtype=np.int64)
+    pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
+    phases = np.zeros((2, max(len(found) for found, _ in pairs)), dtype=np.int64)
+    for axis, (found, _) in enumerate(pairs):
+        phases[axis, : len(found)] = found
+    everyone = sectors[:, 0] < 0
+    bounds = [0, *(np.flatnonzero((np.diff(size_of) != 0) | np.diff(everyone)) + 1).tolist(), len(size_of)]
+    classes = [
+        (a, b, size_of[a], length * length - 1 if everyone[a] else 1, overhang or everyone[a]) for a, b in pairwise(bounds)
+    ]
+    return Sites(
+        signs=signs_of(code),
+        phases=phases,
+        steps=np.diff(phases, append=0) % length,
+        table=np.stack([np.column_stack([start for _, start in pairs]), origins % length, sectors], axis=1).astype(np.int64),
+        barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
+        holes=np.empty((0, 3), dtype=np.int64) if holes is None else holes,
+        sizes=table,
+        size_of=np.asarray(size_of, dtype=np.int64),
+        classes=np.array(classes, dtype=np.int64),
+    )
+
+
+def _phases(code: Code, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+    """Phases of all plane indices in some intervals, and where each interval starts among them."""
+    order = np.argsort(firsts, kind="stable")
+    low, high = firsts[order], np.maximum.accumulate((firsts + counts)[order])
+    opens = np.concatenate([[True], low[1:] > high[:-1]])
+    piece = np.cumsum(opens) - 1
+    piece_low, piece_high = low[opens], high[np.concatenate([opens[1:], [True]])]
+    before = np.concatenate([[0], np.cumsum(piece_high - piece_low)])
+    index = np.concatenate([np.arange(a, b) for a, b in zip(piece_low, piece_high, strict=True)])
+    start = np.empty(len(firsts), dtype=np.int64)
+    start[order] = before[piece] + low - piece_low[piece]
+    return np.asarray(code.phase_before(index), dtype=np.int64), start
