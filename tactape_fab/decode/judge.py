@@ -66,8 +66,8 @@ def judge(
     """
     place = reading.place
     inside, symbols = _on_tape(place, world)
-    doubt = _doubt(place, world, limits)
-    p_tape = exp(min(-reading.grid_weight - place.weight - place.score, 0.0))
+    p_tape = exp(min(-reading.ln_bound, 0.0))
+    doubt = _doubt(place, world, limits, p_tape)
     judged = replace(empty, p_tape=p_tape, p_place=doubt.p_place, p_false=min(1.0, p_tape + doubt.p_place))
     if inside.sum() < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _stranger(doubt.unregistered)
@@ -99,13 +99,19 @@ def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[Bo
     return inside, tape.symbols[cells[inside, 1], cells[inside, 0]]
 
 
-def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits) -> _Doubt:
-    """The answer held against all other places, those of tapes that nobody registered among them."""
+def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits, p_tape: float) -> _Doubt:
+    """The answer held against all other places, those of tapes that nobody registered among them.
+
+    Where p_tape refuses the answer already, these are looked at only if one of them might be named.
+    """
+    clear = log(_PLACES) - log(limits.max_p_false)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
+        return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
+    if p_tape > limits.on_tape and place.most_said < clear:
         return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
     found = rivals(world.families, place, world.unregistered_share)
     weight = place.others + found.weight
-    sure = found.score > log(_PLACES) - log(limits.max_p_false) and found.lead < log(limits.kappa)
+    sure = found.score > clear and found.lead < log(limits.kappa)
     return _Doubt(p_place=weight / (1.0 + weight), lead=min(place.lead, found.lead), unregistered=found.name if sure else None)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import pi
+from math import log, pi
 from time import perf_counter
 from typing import Literal
 
@@ -285,18 +285,6 @@ class Localizer:
     def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
         if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
-        found = self._read(dots, prior)
-        if found.located or len(dots.weights) < SOLID_DOTS:
-            return found
-        flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
-        # a mirrored frame is no answer, but worth a word
-        mirrored = self._read(replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation)), None)
-        if mirrored.located:
-            said = f"the frame is mirrored: it shows {mirrored.tape or mirrored.sector} from behind"
-            return replace(found, reason=f"{said}; set mirror in the sensor profile")
-        return found
-
-    def _read(self, dots: Dots, prior: Prior | None) -> Localization:
         n = len(dots.weights)
         empty = Localization(status=status_of(n), located=False, n_dots=n)
         if n < LEAST_DOTS:
@@ -305,5 +293,22 @@ class Localizer:
             return replace(empty, reason="no dot stands out of the noise")
         reading = read(dots, self._view, self._world, prior, self._limits.on_tape)
         if reading is None:
-            return replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
-        return judge(empty, dots, reading, self._view, self._world, self._limits)
+            found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
+        else:
+            found = judge(empty, dots, reading, self._view, self._world, self._limits)
+        if found.located or n < SOLID_DOTS:
+            return found
+        behind = self._from_behind(empty, dots)
+        if behind is None:
+            return found
+        return replace(found, reason=f"the frame is mirrored: it shows {behind} from behind; set mirror in the sensor profile")
+
+    def _from_behind(self, empty: Localization, dots: Dots) -> str | int | None:
+        """Tape or sector that the dots show mirrored: no answer, but worth a word."""
+        flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
+        dots = replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation))
+        reading = read(dots, self._view, self._world, None, self._limits.on_tape)
+        if reading is None or -reading.ln_bound > log(self._limits.on_tape):
+            return None
+        found = judge(empty, dots, reading, self._view, self._world, self._limits)
+        return (found.tape or found.sector) if found.located else None

@@ -65,6 +65,11 @@ class Reading:
     place: Place | PlanePlace
     grid_weight: float
 
+    @property
+    def ln_bound(self) -> float:
+        """Ln of 1 / p_tape."""
+        return self.place.score + self.place.weight + self.grid_weight
+
 
 def read(dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | None, max_p_tape: float) -> Reading | None:
     """Find the place that some dots name, if there is any.
@@ -91,16 +96,11 @@ def read(dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | Non
                 place = _place(dots, xy, (angle, pitch, phase_a, phase_b), view, world, view.centre_px - middle, prior)
             if place is None or not isfinite(place.score):
                 continue
-            if best is None or place.score + place.weight + grid_weight > _ln_bound(best):
+            if best is None or place.score + place.weight + grid_weight > best.ln_bound:
                 best = Reading(place=place, grid_weight=grid_weight)
-        if best is not None and -_ln_bound(best) < log(max_p_tape) - _CLEAR:
+        if best is not None and -best.ln_bound < log(max_p_tape) - _CLEAR:
             break
     return best
-
-
-def _ln_bound(reading: Reading) -> float:
-    """Ln of 1 / p_tape."""
-    return reading.place.score + reading.place.weight + reading.grid_weight
 
 
 def _place(

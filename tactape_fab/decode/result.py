@@ -50,7 +50,7 @@ class Localization:
         Dots found, and those that fit the answer.
     p_tape, p_place, p_false : float or None
         Bound on the chance that a texture which is none of ours looks like this; chance that another place or tape is
-        the true one; their sum.
+        the true one (of a registered one alone, where p_tape refuses the answer already); their sum.
     elapsed_ms : float
     timestamp : float or None
         As it came with the frame.

@@ -66,6 +66,8 @@ class Place:
         Weighted evidence of all other registered places together, as a multiple of this one's.
     lead : float
         ln of how much likelier the dots are here than at any other registered place, whatever the weights.
+    most_said : float
+        ln of the most evidence that the dots could give anywhere.
     tables, groups : tuple
         Of each family, for `rivals`.
     turn_weights : ndarray, shape (4,)
@@ -78,6 +80,7 @@ class Place:
     cells: IntArray
     others: float
     lead: float
+    most_said: float
     tables: tuple[Tables, ...]
     groups: tuple[tuple[IntArray, IntArray, FloatArray], ...]
     turn_weights: FloatArray
@@ -167,6 +170,7 @@ def search(
         cells=tables[of].cells[turn] + np.array([column, row]),
         others=max(total - 1.0, 0.0),
         lead=score + float(cue[turn]) - _next_best(tallies, answer),
+        most_said=float(tables[of].most[turn, :, -1, -1].sum()),
         tables=tables,
         groups=groups,
         turn_weights=turn_weights,

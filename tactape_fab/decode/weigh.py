@@ -93,8 +93,8 @@ def weigh_sites(
     room = Room(np.empty((2, sites.sizes.max(), length), dtype=np.float32), np.empty((2, sites.sizes.max())))
     bounds, chosen, known = np.empty(count), np.arange(count), no_bounds(pad - 1, length)
     columns = _column_bounds(tables, sites, known, count >= MANY)
-    if count >= MANY and np.isinf(sums[0]):
-        sums[0] = first_guess(tables, sites, groups, spans, limits, known, columns, base, room)
+    if count >= MANY and sums[0] < base.max() + 0.5 * limits[:, :2].sum(axis=1).max():  # nothing good is known yet
+        sums[0] = max(sums[0], first_guess(tables, sites, groups, spans, limits, known, columns, base, room))
     for over, k, turn in np.ndindex(2, len(classes), 4):
         first, last, size, overhang = classes[k, 0], classes[k, 1], classes[k, 2], classes[k, 4]
         bounded, terms, added = whole and last - first >= MANY, (float(base[turn, over]), float(cue[turn])), base[turn, over]
@@ -226,7 +226,7 @@ def first_guess(
                 first, last = sites.classes[k, 0], sites.classes[k, 1]
                 for g in range(spans[turn, sites.classes[k, 2], 0], spans[turn, sites.classes[k, 2], 1]):
                     bound = limits[g, 0] + limits[g, 1]
-                    if groups[g, OVER] != over or bound + base[turn, over] < max(guess.sums[0], 0.7 * most_known):
+                    if groups[g, OVER] != over or bound < 0.7 * most_known or bound + base[turn, over] < guess.sums[0]:
                         continue
                     if over == 0:
                         most_of_sites(of_columns, columns[turn], sites.table, 0, groups[g, COLUMNS], first, last)
