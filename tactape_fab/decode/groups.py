@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from tactape_fab.decode.evidence import Floats, Tables, within
-from tactape_fab.decode.sites import ORIGIN, SECTOR, START, Sites
+from tactape_fab.decode.sites import ORIGIN, OVERHANG, SECTOR, START, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 X, COLUMNS, FIRST_COLUMN, LAST_COLUMN, Y, ROWS, FIRST_ROW, LAST_ROW, OVER = range(9)
@@ -79,7 +79,7 @@ def count_places(groups: IntArray, spans: IntArray, limits: FloatArray, classes:
         for k in range(len(classes)):
             tapes = (classes[k, 1] - classes[k, 0]) * classes[k, 3]
             for g in range(spans[turn, classes[k, 2], 0], spans[turn, classes[k, 2], 1]):
-                if groups[g, OVER] > classes[k, 4]:
+                if groups[g, OVER] > classes[k, OVERHANG]:
                     break
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
     return counts

@@ -8,11 +8,12 @@ from math import degrees, exp, inf, log
 
 import numpy as np
 
+from tactape_fab.decode.counting import Tally, new_tally
 from tactape_fab.decode.evidence import Tables, tables_of
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.near import evidence_at, places_near
 from tactape_fab.decode.sites import Family
-from tactape_fab.decode.weigh import Tally, new_tally, weigh_sites
+from tactape_fab.decode.weigh import weigh_sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
@@ -145,7 +146,7 @@ def search(
     tallies = []
     for t, g, family in zip(tables, groups, families, strict=True):
         tallies.append(new_tally())
-        weigh_sites(t, family.registered, *g, base, cue, tallies[-1])
+        weigh_sites(t, family.registered, g, base, cue, tallies[-1])
     of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
     if tallies[of].best[0] < 0:
         return None
@@ -192,7 +193,7 @@ def rivals(families: Sequence[Family], place: Place, share: float) -> Rivals:
     found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
     for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
         tally = new_tally(place.score + place.weight)
-        weigh_sites(t, sites, *g, base, cue, tally)
+        weigh_sites(t, sites, g, base, cue, tally)
         strongest = max(float(tally.sums[2]), float(tally.sums[4]))
         weight = found.weight + float(tally.sums[1]) * exp(min(tally.sums[0] - place.score - place.weight, 700.0))
         lead = min(found.lead, place.score + float(cue[place.turn]) - strongest)

@@ -19,6 +19,8 @@ LEAST_COLUMNS, LEAST_ROWS = 62, 32
 
 
 START, ORIGIN, SECTOR = range(3)
+FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
+_WORTH_BOUNDS = 6
 
 
 class Sites(NamedTuple):
@@ -42,8 +44,9 @@ class Sites(NamedTuple):
         Columns and rows that occur in the family.
     size_of : ndarray of int, shape (n,)
         Which of them each site has.
-    classes : ndarray of int, shape (k, 5)
-        First site, last site + 1, size, tapes a site, and 1 where dots may hang over the tapes' edges.
+    classes : ndarray of int, shape (k, 6)
+        Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1 where
+        there are so many that bounds are worth their making (`FIRST` ... `MANY`).
     """
 
     signs: Floats
@@ -83,7 +86,7 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
     for name in dict.fromkeys(tape.code for tape in tapes):
         code = get_code(name)
         order = [k for k, tape in enumerate(tapes) if tape.code == name]
-        order.sort(key=lambda k: (tapes[k].columns, tapes[k].rows))
+        order.sort(key=lambda k: (not tapes[k].placed.all(), tapes[k].columns, tapes[k].rows))
         members = [tapes[k] for k in order]
         holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
         largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
@@ -153,9 +156,20 @@ def _sites(
     for axis, (found, _) in enumerate(pairs):
         phases[axis, : len(found)] = found
     everyone = sectors[:, 0] < 0
-    bounds = [0, *(np.flatnonzero((np.diff(size_of) != 0) | np.diff(everyone)) + 1).tolist(), len(size_of)]
+    holed = np.zeros(len(size_of), dtype=bool)
+    holed[[] if holes is None else holes[:, 0]] = True
+    alike = np.stack([np.asarray(size_of), everyone, holed])
+    bounds = [0, *(np.flatnonzero((np.diff(alike.astype(np.int64)) != 0).any(axis=0)) + 1).tolist(), len(size_of)]
     classes = [
-        (a, b, size_of[a], length * length - 1 if everyone[a] else 1, overhang or everyone[a]) for a, b in pairwise(bounds)
+        (
+            first,
+            last,
+            size_of[first],
+            length * length - 1 if everyone[first] else 1,
+            overhang or everyone[first],
+            last - first >= _WORTH_BOUNDS and not holed[first],
+        )
+        for first, last in pairwise(bounds)
     ]
     return Sites(
         signs=signs_of(code),
