@@ -14,7 +14,7 @@ from tactape_fab.decode.sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 NEGLIGIBLE = -19.0
-"""ln of the share of the answer's weight below which places are counted at their bound."""
+"""ln of the share of the answer's weight below which a group of places is counted at its bound, if not said otherwise."""
 FAR_BELOW = 32.0
 """Single places that far (ln) below the answer are left out."""
 
@@ -24,9 +24,9 @@ class Tally(NamedTuple):
 
     Attributes
     ----------
-    sums : ndarray, shape (5,)
+    sums : ndarray, shape (6,)
         ln of the best weight, the weight of all together as a multiple of it, ln L of the strongest place and of the next,
-        and the bound of ln L of all that were not looked at.
+        the bound of ln L of all that were not looked at, and what is negligible.
     best, strongest : ndarray of int, shape (6,)
         Turn, site, column, row, u and v of the place of most weight, and of that of largest L.
     """
@@ -36,9 +36,9 @@ class Tally(NamedTuple):
     strongest: IntArray
 
 
-def new_tally(floor: float = -np.inf) -> Tally:
+def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE) -> Tally:
     """A tally with nothing in it; weights are held against `floor` from the start."""
-    sums = np.array([floor, 0.0, -np.inf, -np.inf, -np.inf])
+    sums = np.array([floor, 0.0, -np.inf, -np.inf, -np.inf, negligible])
     return Tally(sums, np.full(6, -1, dtype=np.int64), np.full(6, -1, dtype=np.int64))
 
 
@@ -60,7 +60,7 @@ def drop(bound: float, places: float, terms: tuple[float, float], sums: FloatArr
     terms : tuple of float
         ln of the weight of each, and ln of what speaks for its turn besides the bits.
     """
-    if bound + terms[0] + np.log(places) >= sums[0] + NEGLIGIBLE:
+    if bound + terms[0] + np.log(places) >= sums[0] + sums[5]:
         return False
     sums[1] += places * np.exp(bound + terms[0] - sums[0])
     sums[4] = max(sums[4], bound + terms[1])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, log
+from math import degrees, exp, log
+from typing import Any
 
 import numpy as np
 
@@ -68,23 +69,24 @@ def judge(
     inside, symbols = _on_tape(place, world)
     p_tape = exp(min(-reading.ln_bound, 0.0))
     doubt = _doubt(place, world, limits, p_tape)
-    judged = replace(empty, p_tape=p_tape, p_place=doubt.p_place, p_false=min(1.0, p_tape + doubt.p_place))
+    said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
     if inside.sum() < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _stranger(doubt.unregistered)
-        return replace(judged, reason=seen)
+        return replace(empty, reason=seen, **said)
     cells = place.cells[inside]
     nominal = cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[symbols]
     offset = dots.xy_px[inside] - view.centre_px
     weights = dots.weights[inside] * dots.trust[inside]
     pose = fit_pose(offset, nominal, weights, view.px_per_mm, fixed_scale=view.scale_tolerance == 0.0)
     if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
-        return replace(judged, reason="the dots give no pose")
-    reason = _refusal(judged, doubt, limits, pose, int((dots.trust[inside] > 0.5).sum()))
+        return replace(empty, reason="the dots give no pose", **said)
+    said["n_agree"] = agree = int(pose.agree.sum())
+    reason = _refusal(p_tape, doubt, limits, agree, int((dots.trust[inside] > 0.5).sum()))
     if reason is not None:
-        return replace(judged, reason=reason, n_agree=int(pose.agree.sum()))
+        return replace(empty, reason=reason, **said)
     middle = dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px
     nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
-    return _described(judged, place, world, cells[nearest], nominal[nearest], pose)
+    return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose))
 
 
 def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[BoolArray, SymbolArray]:
@@ -94,8 +96,10 @@ def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[Bo
         assert isinstance(place, PlanePlace)
         return np.ones(len(cells), dtype=bool), (place.x_bits + 2 * place.y_bits).astype(np.uint8)
     tape = world.tapes[place.tape]
-    inside = np.asarray(((cells >= 0) & (cells < (tape.columns, tape.rows))).all(axis=1))
-    inside[inside] = tape.placed[cells[inside, 1], cells[inside, 0]]
+    column, row = cells.T
+    inside: BoolArray = (column >= 0) & (column < tape.columns) & (row >= 0) & (row < tape.rows)
+    if len(tape.omitted):
+        inside[inside] = tape.placed[cells[inside, 1], cells[inside, 0]]
     return inside, tape.symbols[cells[inside, 1], cells[inside, 0]]
 
 
@@ -119,9 +123,9 @@ def _stranger(name: str) -> str:
     return f"looks like {name}, which is not registered"
 
 
-def _refusal(judged: Localization, doubt: _Doubt, limits: Limits, pose: Pose, good: int) -> str | None:
-    """Why an answer cannot be trusted; None where it can."""
-    p_tape, p_place, p_false = judged.p_tape or 0.0, judged.p_place or 0.0, judged.p_false or 0.0
+def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:
+    """Why an answer cannot be trusted; None where it can. Of the good dots so many agree."""
+    p_place, p_false = doubt.p_place, p_tape + doubt.p_place
     if doubt.unregistered is not None:
         return _stranger(doubt.unregistered)
     if limits.max_p_tape is None and p_false > limits.max_p_false:
@@ -133,38 +137,35 @@ def _refusal(judged: Localization, doubt: _Doubt, limits: Limits, pose: Pose, go
         return f"several places fit: p_place {p_place:.1e} exceeds {limits.max_p_false:.1e}"
     if doubt.lead < log(limits.kappa):
         return f"another place fits nearly as well: it leads by a factor of {exp(doubt.lead):.1f}, less than {limits.kappa:g}"
-    if pose.agree.sum() < max(LEAST_DOTS, good // 2):
-        return f"only {int(pose.agree.sum())} of {good} dots agree with the place that their symbols name"
+    if agree < max(LEAST_DOTS, good // 2):
+        return f"only {agree} of {good} dots agree with the place that their symbols name"
     return None
 
 
 def _described(
-    judged: Localization, place: Place | PlanePlace, world: Registry | CodePlane, cell: IntArray, contact: FloatArray, pose: Pose
-) -> Localization:
+    place: Place | PlanePlace, world: Registry | CodePlane, cell: IntArray, contact: FloatArray, pose: Pose
+) -> dict[str, Any]:
     """The answer in words of the tape; `cell` and `contact` of the dot nearest the contact's middle."""
     column, row = (int(v) for v in cell)
-    x, y = (float(v) for v in pose.position_mm)
-    theta_deg = float(np.degrees(pose.theta_rad))
-    found = replace(
-        judged,
-        located=True,
-        n_agree=int(pose.agree.sum()),
-        theta_deg=180.0 if theta_deg <= -180.0 else theta_deg,
-        px_per_mm=float(pose.px_per_mm),
-        covariance=pose.covariance,
-    )
+    position_mm = (float(pose.position_mm[0]), float(pose.position_mm[1]))
+    theta_deg = degrees(pose.theta_rad)
+    found = {
+        "theta_deg": 180.0 if theta_deg <= -180.0 else theta_deg,
+        "px_per_mm": float(pose.px_per_mm),
+        "covariance": pose.covariance,
+    }
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane):
         assert isinstance(place, PlanePlace)
-        return replace(found, sector=place.sector, index=(column, row), plane_mm=(x, y))
+        return {**found, "sector": place.sector, "index": (column, row), "plane_mm": position_mm}
     tape = world.tapes[place.tape]
     board = None if tape.surface is not None else texture_to_board(pose.position_mm, tape.board.texture_origin_mm)
-    return replace(
-        found,
-        tape=tape.name,
-        sector=tape.sector,
-        position_mm=(x, y),
-        board_mm=None if board is None else (float(board[0]), float(board[1])),
-        contact_mm=(float(contact[0]), float(contact[1])),
-        cell=(column, row),
-        index=(tape.origin[0] + column, tape.origin[1] + row),
-    )
+    return {
+        **found,
+        "tape": tape.name,
+        "sector": tape.sector,
+        "position_mm": position_mm,
+        "board_mm": None if board is None else (float(board[0]), float(board[1])),
+        "contact_mm": (float(contact[0]), float(contact[1])),
+        "cell": (column, row),
+        "index": (tape.origin[0] + column, tape.origin[1] + row),
+    }

@@ -15,7 +15,7 @@ from tactape_fab.decode.bounds import (
     slot_of,
     survivors,
 )
-from tactape_fab.decode.counting import NEGLIGIBLE, Room, Tally, drop, weigh_site
+from tactape_fab.decode.counting import Room, Tally, drop, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import COLUMNS, OVER, ROWS
 from tactape_fab.decode.sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, TAPES, Sites
@@ -62,16 +62,16 @@ def weigh_many(
                     if groups[g, OVER] != over:
                         continue
                     bound, group_added = limits[g, 0] + limits[g, 1], limits[g, 2] + added
-                    if bound + group_added < sums[0] + NEGLIGIBLE:
+                    if bound + group_added < sums[0] + sums[5]:
                         sums[1] += np.exp(bound + group_added - sums[0])
                         sums[4] = max(sums[4], bound + terms[1])
                         continue
                     axis = 1 if over == 1 and groups[g, COLUMNS] > 1 else 0
                     rest = limits[g, 1 - axis]
-                    least = sums[0] + NEGLIGIBLE - group_added - rest
+                    least = sums[0] + sums[5] - group_added - rest
                     _bound_group(bounds, known, tables, sites, groups[g], turn, axis, (first, last), least, columns[turn])
                     left, dropped, most = survivors(chosen, bounds, first, last, least)
-                    sums[1] += dropped / count * np.exp(NEGLIGIBLE)
+                    sums[1] += dropped / count * np.exp(sums[5])
                     sums[4] = max(sums[4], most + rest + terms[1])
                     for c in range(left):
                         site = chosen[c]
@@ -159,7 +159,7 @@ def _first_guess(
     most_said: float,
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
-    guess = Tally(np.empty(5), np.empty(6, dtype=np.int64), np.empty(6, dtype=np.int64))
+    guess = Tally(np.empty(6), np.empty(6, dtype=np.int64), np.empty(6, dtype=np.int64))
     guess.best[0] = -1
     for k in range(5):
         guess.sums[k] = NEVER

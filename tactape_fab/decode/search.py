@@ -22,6 +22,8 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
+_RIVALS_NEGLIGIBLE = -15.0
+"""Unregistered tapes weigh little, and only few groups of their places are looked at (ln)."""
 PRIOR_SHARE = 0.5
 """Weight of the places near a prior; the rest is spread over all places, so that a wrong prior cannot deceive."""
 
@@ -141,7 +143,7 @@ def search(
     groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
     counts = sum(count_places(*g, family.registered.classes) for g, family in zip(groups, families, strict=True))
     near = [] if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
-    base = _weights(np.asarray(counts), turn_weights) + (log(1.0 - PRIOR_SHARE) if near else 0.0)
+    base = _weights(np.asarray(counts), turn_weights, 1.0 - PRIOR_SHARE if near else 1.0)
     cue = np.log(turn_weights)
     tallies = []
     for t, g, family in zip(tables, groups, families, strict=True):
@@ -189,10 +191,10 @@ def rivals(families: Sequence[Family], place: Place, share: float) -> Rivals:
     cue = np.log(place.turn_weights)
     others = [family.unregistered for family in families if family.unregistered is not None]
     counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
-    base = _weights(np.asarray(counts), place.turn_weights) + log(share / (1.0 - share))
+    base = _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
     found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
     for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
-        tally = new_tally(place.score + place.weight)
+        tally = new_tally(place.score + place.weight, _RIVALS_NEGLIGIBLE)
         weigh_sites(t, sites, g, base, cue, tally)
         strongest = max(float(tally.sums[2]), float(tally.sums[4]))
         weight = found.weight + float(tally.sums[1]) * exp(min(tally.sums[0] - place.score - place.weight, 700.0))
@@ -206,12 +208,16 @@ def rivals(families: Sequence[Family], place: Place, share: float) -> Rivals:
     return found
 
 
-def _weights(counts: FloatArray, turn_weights: FloatArray) -> FloatArray:
-    """Ln of the weight of one place by turn, all dots on the tape or not; shape (4, 2)."""
-    shares = np.array([1.0 - OVERHANG_SHARE, OVERHANG_SHARE])
-    each = np.where((counts > 0).all(axis=1, keepdims=True), shares, 1.0) * turn_weights[:, None]
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.where(counts > 0, np.log(each) - np.log(counts), -inf))
+def _weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1.0) -> FloatArray:
+    """Ln of the weight of one place by turn, all dots on the tape or not; shape (4, 2). All of them have a share together."""
+    out = np.full((4, 2), -inf)
+    for turn, (inside, over) in enumerate(counts.tolist()):
+        both = inside > 0.0 and over > 0.0
+        if inside > 0.0:
+            out[turn, 0] = log(share * float(turn_weights[turn]) * (1.0 - OVERHANG_SHARE if both else 1.0) / inside)
+        if over > 0.0:
+            out[turn, 1] = log(share * float(turn_weights[turn]) * (OVERHANG_SHARE if both else 1.0) / over)
+    return out
 
 
 def _next_best(tallies: Sequence[Tally], answer: tuple[int, ...]) -> float:

@@ -10,12 +10,14 @@ import numpy as np
 from numba import njit
 
 from tactape_fab.decode.bounds import no_bounds
-from tactape_fab.decode.counting import NEGLIGIBLE, Room, Tally, weigh_site
+from tactape_fab.decode.counting import Room, Tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import OVER, X, Y, hole_evidence
 from tactape_fab.decode.many import weigh_many
 from tactape_fab.decode.sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
+
+_NOTHING = np.empty((4, 0), dtype=np.float32)
 
 
 def weigh_sites(
@@ -42,7 +44,7 @@ def weigh_sites(
     if (sites.classes[:, MANY] == 1).any():
         weigh_many(tables, sites, *groups, base, cue, tally, room, no_bounds(tables.dots.shape[1] - 1, length))
     if (sites.classes[:, MANY] == 0).any():
-        starts, said = hole_evidence(tables, sites)
+        starts, said = hole_evidence(tables, sites) if len(sites.holes) else (np.full(len(sites.table), -1), _NOTHING)
         weigh_few(tables, sites, *groups, base, cue, tally, room, starts, said)
 
 
@@ -75,7 +77,7 @@ def weigh_few(
                         continue
                     bound = limits[g, 0] + limits[g, 1]
                     added = limits[g, 2] + np.log(float(kind[TAPES] * (last - first))) + terms[0]
-                    if hole_starts[first] < 0 and bound + added < sums[0] + NEGLIGIBLE:
+                    if hole_starts[first] < 0 and bound + added < sums[0] + sums[5]:
                         sums[1] += np.exp(bound + added - sums[0])
                         sums[4] = max(sums[4], bound + terms[1])
                         continue
