@@ -13,7 +13,7 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 NEVER = -1e30
 """Stands for a bound or evidence of what was counted already, or does not exist."""
-DEEP = 6.0
+DEEP = 7.0
 """Bounds are followed so far (ln) below what matters."""
 
 
@@ -176,7 +176,7 @@ def _follow(
 @njit(cache=True, error_model="numpy")
 def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: float) -> tuple[int, float, float]:
     """Sites whose bound is not below `least`: how many; the others' weight in sites at `least`; and the largest bound of them."""
-    count, shallow, deep, most = 0, 0, 0, NEVER
+    count, deep, shallow, most = 0, 0, 0.0, NEVER
     for site in range(first, last):
         bound = bounds[site]
         if bound >= least:
@@ -184,10 +184,10 @@ def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: f
             count += 1
             continue
         most = max(most, bound)
-        if bound >= least - DEEP:
-            shallow += 1
-        else:
+        if bound < least - DEEP:
             deep += 1
+        else:
+            shallow += np.exp(bound - least)
     return count, shallow + deep * np.exp(-DEEP), most
 
 

@@ -22,8 +22,8 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
-_RIVALS_NEGLIGIBLE = -15.0
-"""Unregistered tapes weigh little, and only few groups of their places are looked at (ln)."""
+_RIVALS_NEGLIGIBLE = -16.5
+"""As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
 PRIOR_SHARE = 0.5
 """Weight of the places near a prior; the rest is spread over all places, so that a wrong prior cannot deceive."""
 
