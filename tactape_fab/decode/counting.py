@@ -50,17 +50,19 @@ class Room(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def drop(bound: float, places: float, terms: tuple[float, float], sums: FloatArray) -> bool:
+def drop(bound: float, places: float, of: float, terms: tuple[float, float], sums: FloatArray) -> bool:
     """Whether some places cannot matter; they are counted then as if each were as good as their bound.
 
     Parameters
     ----------
     bound : float
         ln E that none of them exceeds.
+    places, of : float
+        How many there are, and ln of how many in their group on all sites: all of these together may be negligible.
     terms : tuple of float
         ln of the weight of each, and ln of what speaks for its turn besides the bits.
     """
-    if bound + terms[0] + np.log(places) >= sums[0] + sums[5]:
+    if bound + terms[0] + of >= sums[0] + sums[5]:
         return False
     sums[1] += places * np.exp(bound + terms[0] - sums[0])
     sums[4] = max(sums[4], bound + terms[1])
@@ -77,6 +79,7 @@ def weigh_site(
     at: tuple[int, int],
     group: IntArray,
     limit: tuple[float, float],
+    of: float,
     terms: tuple[float, float],
     tally: Tally,
     room: Room,
@@ -93,6 +96,8 @@ def weigh_site(
         The site's entry in `Sites.table`; `at` is turn and site.
     limit : tuple of float
         Bounds of what the x and the y bits say.
+    of : float
+        ln of the number of places of the group on all sites.
     hole, stride : ndarray, int
         `groups.hole_evidence` from the group's first place on, and its width; 0 without holes.
     """
@@ -105,7 +110,7 @@ def weigh_site(
         most = NEVER
         for k in range(group[own + 1]):
             room.most[axis, k] = NEVER
-            if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], places / group[COLUMNS], terms, tally.sums):
+            if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], places / group[COLUMNS], of, terms, tally.sums):
                 continue
             value = add_lines(
                 room.lines[axis, k],
@@ -121,13 +126,13 @@ def weigh_site(
             room.most[axis, k] = value
             most = max(most, value)
         bound += most - limit[axis]
-        if most == NEVER or (stride == 0 and drop(bound, places, terms, tally.sums)):
+        if most == NEVER or (stride == 0 and drop(bound, places, of, terms, tally.sums)):
             return
         axis = 1 - axis
     row, column = place[ORIGIN, 1] + group[Y], place[ORIGIN, 0] + group[X]
     where = (at[0], at[1], group[X], group[Y])
     if every:
-        _count_every_sector(where, group[COLUMNS], group[ROWS], row, column, barred, terms, tally, room)
+        _count_every_sector(where, group[COLUMNS], group[ROWS], row, column, barred, of, terms, tally, room)
     else:
         phase = (row + place[SECTOR, 0], column + place[SECTOR, 1])
         _count_sector(where, group[COLUMNS], group[ROWS], phase, place[SECTOR], terms, tally, room, hole, stride)
@@ -196,6 +201,7 @@ def _count_every_sector(
     row: int,
     column: int,
     barred: IntArray,
+    of: float,
     terms: tuple[float, float],
     tally: Tally,
     room: Room,
@@ -207,7 +213,7 @@ def _count_every_sector(
             continue
         for j in range(rows):
             most = room.most[0, i] + room.most[1, j]
-            if drop(most, float(length * length), terms, tally.sums):
+            if drop(most, float(length * length), of, terms, tally.sums):
                 continue
             x_sum, p_best = _sum_and_best(room.lines[0, i], room.most[0, i])
             y_sum, r_best = _sum_and_best(room.lines[1, j], room.most[1, j])

@@ -57,18 +57,18 @@ def weigh_many(
             if kind[MANY] == 0 or over > kind[OVERHANG]:
                 continue
             for turn in range(4):
-                terms, added = (base[turn, over], cue[turn]), np.log(kind[TAPES] * count) + base[turn, over]
+                terms, tapes = (base[turn, over], cue[turn]), np.log(kind[TAPES] * count)
                 for g in range(spans[turn, size, 0], spans[turn, size, 1]):
                     if groups[g, OVER] != over:
                         continue
-                    bound, group_added = limits[g, 0] + limits[g, 1], limits[g, 2] + added
-                    if bound + group_added < sums[0] + sums[5]:
-                        sums[1] += np.exp(bound + group_added - sums[0])
+                    bound, of = limits[g, 0] + limits[g, 1], limits[g, 2] + tapes
+                    if bound + of + terms[0] < sums[0] + sums[5]:
+                        sums[1] += np.exp(bound + of + terms[0] - sums[0])
                         sums[4] = max(sums[4], bound + terms[1])
                         continue
                     axis = 1 if over == 1 and groups[g, COLUMNS] > 1 else 0
                     rest = limits[g, 1 - axis]
-                    least = sums[0] + sums[5] - group_added - rest
+                    least = sums[0] + sums[5] - of - terms[0] - rest
                     _bound_group(bounds, known, tables, sites, groups[g], turn, axis, (first, last), least, columns[turn])
                     left, dropped, most = survivors(chosen, bounds, first, last, least)
                     sums[1] += dropped / count * np.exp(sums[5])
@@ -80,7 +80,7 @@ def weigh_many(
                         if over == 0:
                             width = groups[g, COLUMNS]
                             limit = (limits[g, 0], _row_bound(known, tables, sites, site, turn, groups[g, ROWS]))
-                            if drop(bounds[site] + limit[1], kind[TAPES] * float(width * groups[g, ROWS]), terms, sums):
+                            if drop(bounds[site] + limit[1], kind[TAPES] * float(width * groups[g, ROWS]), of, terms, sums):
                                 continue
                         weigh_site(
                             columns[turn, start : start + width],
@@ -91,6 +91,7 @@ def weigh_many(
                             (turn, site),
                             groups[g],
                             limit,
+                            of,
                             terms,
                             tally,
                             room,
@@ -194,6 +195,7 @@ def _first_guess(
                         (turn, site),
                         groups[g],
                         (_ANYTHING, _ANYTHING),
+                        0.0,
                         (base[turn, over], 0.0),
                         guess,
                         room,

@@ -22,7 +22,7 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
-_RIVALS_NEGLIGIBLE = -16.5
+_RIVALS_NEGLIGIBLE = -15.5
 """As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
 PRIOR_SHARE = 0.5
 """Weight of the places near a prior; the rest is spread over all places, so that a wrong prior cannot deceive."""

@@ -76,9 +76,9 @@ def weigh_few(
                     if groups[g, OVER] != over:
                         continue
                     bound = limits[g, 0] + limits[g, 1]
-                    added = limits[g, 2] + np.log(float(kind[TAPES] * (last - first))) + terms[0]
-                    if hole_starts[first] < 0 and bound + added < sums[0] + sums[5]:
-                        sums[1] += np.exp(bound + added - sums[0])
+                    of = limits[g, 2] + np.log(float(kind[TAPES] * (last - first)))
+                    if hole_starts[first] < 0 and bound + of + terms[0] < sums[0] + sums[5]:
+                        sums[1] += np.exp(bound + of + terms[0] - sums[0])
                         sums[4] = max(sums[4], bound + terms[1])
                         continue
                     for site in range(first, last):
@@ -95,6 +95,7 @@ def weigh_few(
                             (turn, site),
                             groups[g],
                             (limits[g, 0], limits[g, 1]),
+                            of,
                             terms,
                             tally,
                             room,
