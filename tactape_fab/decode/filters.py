@@ -107,7 +107,9 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     for t in range(pad):
         before[t], after[t] = _inside(t - pad, w), _inside(w + t, w)
     share = 1.0 / (2.0 * half_box + 1.0) ** 2
-    sums = np.zeros(w)
+    sums = np.empty(w)
+    for u in range(w):
+        sums[u] = 0.0
     for t in range(-half_box, half_box + 1):
         for u in range(w):
             sums[u] += depth[_inside(t, h), u]
@@ -161,7 +163,9 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     """
     h, w = image.shape
     wide = np.empty((h, w), dtype=np.float32)
-    line = np.full(w + 2 * reach, LOWEST, dtype=np.float32)
+    line = np.empty(w + 2 * reach, dtype=np.float32)
+    for u in range(len(line)):
+        line[u] = LOWEST
     middle = line[reach : reach + w]
     for v in range(h):
         row = wide[v]
@@ -174,8 +178,10 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     found = np.empty((MOST_TOPS, 2), dtype=np.int64)
     n = 0
     highest = np.empty(w, dtype=np.float32)
-    is_top = np.zeros(-(-w // 8) * 8, dtype=np.uint8)
-    eights = is_top.view(np.uint64)
+    eights = np.empty((w + 7) // 8, dtype=np.uint64)
+    is_top = eights.view(np.uint8)
+    for u in range(len(is_top)):
+        is_top[u] = 0
     for v in range(1, h - 1):
         for u in range(w):
             highest[u] = wide[v, u]
@@ -195,7 +201,6 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     return found[:n]
 
 
-@njit(cache=True, error_model="numpy")
 def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
@@ -204,11 +209,16 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
     small = averaged(depth, coarse)
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
-    n = len(pixels)
-    xy = np.empty((n, 2))
-    height = np.empty(n)
-    elongation = np.zeros((n, 2))
-    for i in range(n):
+    xy, height, elongation = np.empty((len(pixels), 2)), np.empty(len(pixels)), np.empty((len(pixels), 2))
+    _centres(high, pixels, coarse, xy, height, elongation)
+    return xy, height, elongation
+
+
+@njit(cache=True, error_model="numpy")
+def _centres(
+    high: Image, pixels: npt.NDArray[np.int64], coarse: int, xy: FloatArray, height: FloatArray, elongation: FloatArray
+) -> None:
+    for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
         c = high[v, u]
         gx = 0.5 * (high[v, u + 1] - high[v, u - 1])
@@ -217,7 +227,7 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
         hyy = high[v + 1, u] - 2.0 * c + high[v - 1, u]
         hxy = 0.25 * (high[v + 1, u + 1] - high[v + 1, u - 1] - high[v - 1, u + 1] + high[v - 1, u - 1])
         det = hxx * hyy - hxy * hxy
-        dx = dy = 0.0
+        dx = dy = elongation[i, 0] = elongation[i, 1] = 0.0
         if det > 0.0:
             dx = (hxy * gy - hyy * gx) / det
             dy = (hxy * gx - hxx * gy) / det
@@ -228,4 +238,3 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
-    return xy, height, elongation
