@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from tactape_fab.decode.kernels import inner, kernel
 from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -58,7 +58,7 @@ def signs_of(code: Code) -> Floats:
     return np.tile(2.0 * np.array(code.main.digits, dtype=np.float32) - 1.0, 3).astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence: FloatArray) -> None:
     """Columns and rows of dots, and (mean, x, y) evidence of each, for a quarter turn of the grid's axes, written in place.
 
@@ -110,7 +110,7 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     return Tables(cells, evidence, corner, size, lines, dots, most_said)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _fill_cells(nodes: IntArray, q: FloatArray, cells: IntArray, evidence: FloatArray, corner: IntArray, size: IntArray) -> int:
     """Fill those fields of `Tables`; the largest size of all."""
     most = 0
@@ -127,7 +127,7 @@ def _fill_cells(nodes: IntArray, q: FloatArray, cells: IntArray, evidence: Float
     return most
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def _fill_lines(cells: IntArray, evidence: FloatArray, signs: Floats, lines: Floats) -> None:
     """Fill `Tables.lines`, zero before."""
     m, twice, length = lines.shape[3], lines.shape[4], lines.shape[4] // 2
@@ -146,7 +146,7 @@ def _fill_lines(cells: IntArray, evidence: FloatArray, signs: Floats, lines: Flo
                         out[p] += below[p]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: FloatArray) -> None:
     """Fill `Tables.dots` and `Tables.most`, zero before: counts per cell, then in all cells before, both ways."""
     m = dots.shape[1]
@@ -164,7 +164,7 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
                     of[c, r] += of[c - 1, r] + of[c, r - 1] - of[c - 1, r - 1]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@inner(fastmath=True)
 def add_lines(
     out: Floats, lines: Floats, low: int, high: int, first: int, last: int, phases: IntArray, start: int, length: int
 ) -> float:

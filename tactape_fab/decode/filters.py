@@ -11,8 +11,8 @@ from math import exp
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from tactape_fab.decode.kernels import inner, kernel
 from tactape_fab.texture.frames import FloatArray
 
 Image = npt.NDArray[np.float32]
@@ -35,7 +35,7 @@ def gaussian_taps(sigma_px: float) -> Image:
     return taps
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def ordinary_value(image: Image) -> float:
     """Median of nine pixels: of the image's level, whatever a single pixel says."""
     h, w = image.shape
@@ -50,7 +50,7 @@ def ordinary_value(image: Image) -> float:
     return float(values[4])
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def averaged(depth: Image, factor: int) -> Image:
     """Means over blocks of factor x factor whole pixels, less an ordinary value, so that few digits are lost later."""
     h, w = depth.shape[0] // factor, depth.shape[1] // factor
@@ -84,7 +84,7 @@ def averaged(depth: Image, factor: int) -> Image:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@inner()
 def _inside(index: int, n: int) -> int:
     """The index that a border shows which mirrors the image at its outermost pixels."""
     if n == 1:
@@ -94,7 +94,7 @@ def _inside(index: int, n: int) -> int:
     return index
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def banded(depth: Image, taps: Image, half_box: int) -> Image:
     """An image smoothed by a symmetric kernel, less its mean over (2 half_box + 1) squared pixels."""
     h, w = depth.shape
@@ -143,7 +143,7 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@inner()
 def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
     for i in range(len(found) - 1, -1, -1):
@@ -154,7 +154,7 @@ def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     return False
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]:
     """Positive pixels (v, u) off the border that none within (2 reach + 1) squared pixels exceeds, row by row.
 
@@ -214,7 +214,7 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
     return xy, height, elongation
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _centres(
     high: Image, pixels: npt.NDArray[np.int64], coarse: int, xy: FloatArray, height: FloatArray, elongation: FloatArray
 ) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.evidence import Floats, Tables
+from tactape_fab.decode.kernels import inner, kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -40,7 +40,7 @@ def groups_of(tables: Tables, sizes: IntArray, least: int) -> tuple[IntArray, In
     return groups[:n], spans, limits[:n]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _fill_groups(
     size: IntArray,
     dots: IntArray,
@@ -75,7 +75,7 @@ def _fill_groups(
     return n
 
 
-@njit(cache=True, error_model="numpy")
+@inner()
 def _cuts(out: IntArray, size: int, dots: int) -> int:
     """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
     n = 0
@@ -96,7 +96,7 @@ def count_places(groups: IntArray, spans: IntArray, limits: FloatArray, classes:
     return counts
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: FloatArray) -> None:
     for turn in range(4):
         for k in range(len(classes)):
@@ -107,7 +107,7 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
 
 
-@njit(cache=True, error_model="numpy")
+@inner()
 def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
     """What the dots on grid points without a part would say: where each site's part begins, -1 without holes, and all of it.
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.evidence import Floats, Tables
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -38,7 +38,7 @@ def _evidence(tables: Tables, sites: Sites, turn: int, site: int, places: IntArr
     return values, dots
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _add_evidence(
     cells: IntArray,
     evidence: FloatArray,

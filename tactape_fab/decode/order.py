@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from tactape_fab.decode.kernels import inner
 from tactape_fab.texture.frames import FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@inner()
 def select(values: FloatArray, k: int) -> float:
     """The k-th smallest (from 0) of some values; they are reordered, none before it is larger, none behind it smaller."""
     low, high = 0, len(values) - 1

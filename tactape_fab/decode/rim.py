@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.detect import Dots
+from tactape_fab.decode.kernels import inner, kernel
 from tactape_fab.decode.order import select
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
@@ -78,7 +78,7 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@inner()
 def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple[float, float]:
     """Weight of a wholly imprinted dot, and relative scatter of such weights: from the upper half, which no rim lowers."""
     n = 0
@@ -98,7 +98,7 @@ def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple
     return level, min(max(scatter, LEAST_SCATTER), MOST_SCATTER)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def _settle(
     xy: FloatArray,
     weights: FloatArray,
