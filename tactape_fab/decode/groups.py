@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.decode.evidence import Floats, Tables
-from tactape_fab.decode.kernels import inner, kernel
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -75,7 +75,7 @@ def _fill_groups(
     return n
 
 
-@inner()
+@kernel()
 def _cuts(out: IntArray, size: int, dots: int) -> int:
     """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
     n = 0
@@ -107,7 +107,7 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
 
 
-@inner()
+@kernel()
 def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
     """What the dots on grid points without a part would say: where each site's part begins, -1 without holes, and all of it.
 
