@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.evidence import Floats
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.sites import START
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -39,7 +39,6 @@ class Bounds(NamedTuple):
     line_most: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
 def no_bounds(m: int, length: int) -> Bounds:
     """Bounds for dots of at most `m` columns and rows, none made yet."""
     most, pairs = 16 * m, (m + 1) // 2
@@ -52,14 +51,18 @@ def no_bounds(m: int, length: int) -> Bounds:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int, count: int) -> int:
     """Where the bounds of the dots from `low` to `high` - 1 along the lines are."""
     slot = of.slot[turn, axis, low, high]
     if slot < 0:
         if of.used[0] == len(of.pairs):  # begin again
-            of.slot[:] = -1
             of.used[0] = 0
+            for t in range(4):
+                for a in range(2):
+                    for i in range(of.slot.shape[2]):
+                        for j in range(of.slot.shape[3]):
+                            of.slot[t, a, i, j] = -1
         slot = of.used[0]
         of.used[0] += 1
         of.slot[turn, axis, low, high] = slot
@@ -67,7 +70,7 @@ def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int
     return int(slot)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def bound_pairs(
     pairs: Floats, pair_most: FloatArray, line_most: FloatArray, lines: Floats, low: int, high: int, count: int
 ) -> None:
@@ -77,35 +80,44 @@ def bound_pairs(
     for k in range(0, count, 2):
         for p in range(length):
             one[p] = lines[high, k, p] - lines[low, k, p]
-        line_most[k] = one.max()
+        line_most[k] = _most(one, length)
         if k + 1 == count:
-            pairs[k // 2, :] = one.max()
+            for p in range(length):
+                pairs[k // 2, p] = line_most[k]
             pair_most[k // 2] = line_most[k]
             continue
         for p in range(2 * length):
             two[p] = lines[high, k + 1, p] - lines[low, k + 1, p]
-        line_most[k + 1] = two[:length].max()
+        line_most[k + 1] = _most(two, length)
         for step in range(length):
             most = one[0] + two[step]
             for p in range(1, length):
                 most = max(most, one[p] + two[p + step])
             pairs[k // 2, step] = most
-        pair_most[k // 2] = pairs[k // 2].max()
+        pair_most[k // 2] = _most(pairs[k // 2], length)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
+def _most(values: Floats, count: int) -> float:
+    most = values[0]
+    for k in range(1, count):
+        most = max(most, values[k])
+    return float(most)
+
+
+@kernel(fastmath=True)
 def bound_starts(out: Floats, pairs: Floats, steps: IntArray, lines: int) -> None:
     """Bound of all lines together for every start in the plane; starts without so many lines after them have none."""
     count = len(out) - lines + 1
-    out[:] = np.float32(NEVER)
-    out[:count] = pairs[0][steps[:count]]
+    for start in range(len(out)):
+        out[start] = pairs[0, steps[start]] if start < count else np.float32(NEVER)
     for k in range(1, (lines + 1) // 2):
         table = pairs[k]
         for start in range(count):
             out[start] += table[steps[start + 2 * k]]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, count: int, first: int, last: int) -> None:
     """Largest of some values over the places of each site."""
     for site in range(first, last):
@@ -116,7 +128,7 @@ def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, c
         out[site] = most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def bound_lines(
     out: FloatArray,
     bounds: Bounds,
@@ -146,7 +158,7 @@ def bound_lines(
     _follow(out, bounds.pairs[slot], bounds.pair_most[slot], alone, steps, table, axis, place, low, high, sites, least - DEEP)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def _follow(
     out: FloatArray,
     pairs: Floats,
@@ -173,7 +185,7 @@ def _follow(
         out[site] = bound
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: float) -> tuple[int, float, float]:
     """Sites whose bound is not below `least`: how many; the others' weight in sites at `least`; and the largest bound of them."""
     count, deep, shallow, most = 0, 0, 0.0, NEVER
@@ -191,7 +203,7 @@ def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: f
     return count, shallow + deep * np.exp(-DEEP), most
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def bound_between(pairs: Floats, lines: int, steps: IntArray, first: int, last: int) -> float:
     """Most that all of some lines can say together at any of some starts in the plane."""
     most = np.float32(NEVER)

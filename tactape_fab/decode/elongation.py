@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import erfc, log, radians, sqrt
 
 import numpy as np
-from numba import njit
 
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
 
@@ -82,7 +82,7 @@ def parity_log_ratio(
     return float(np.copysign(log(likely) - log(max(erfc(abs(z) / sqrt(2.0)), 1e-300)), z))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArray, twice_rad: float) -> float:
     """Mean of the good dots' elongations along a double angle over its standard error; 0 for too few of them."""
     c, s = -np.cos(twice_rad), -np.sin(twice_rad)

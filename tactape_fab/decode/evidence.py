@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -58,7 +58,7 @@ def signs_of(code: Code) -> Floats:
     return np.tile(2.0 * np.array(code.main.digits, dtype=np.float32) - 1.0, 3).astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence: FloatArray) -> None:
     """Columns and rows of dots, and (mean, x, y) evidence of each, for a quarter turn of the grid's axes, written in place.
 
@@ -83,7 +83,6 @@ def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence:
         evidence[i, 2] = 0.5 * (y1 - y0)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
 def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Tables:
     """Tables of soft symbols.
 
@@ -101,56 +100,71 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     n, length = len(q), len(signs) // 3
     cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3))
     corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
-    for turn in range(4):
-        turned(nodes, q, turn, cells[turn], evidence[turn])
-        for axis in range(2):
-            corner[turn, axis] = cells[turn, :, axis].min()
-            cells[turn, :, axis] -= corner[turn, axis]
-            size[turn, axis] = cells[turn, :, axis].max() + 1
-    m = size.max() if size.max() <= most else 0
+    m = _fill_cells(nodes, q, cells, evidence, corner, size)
+    if m > most:
+        m = 0
     lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
     dots, most_said = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
-    if m > 0:
-        for turn in range(4):
-            for i in range(n):
-                column, row = cells[turn, i, 0], cells[turn, i, 1]
-                mean, x, y = 0.5 * evidence[turn, i, 0], evidence[turn, i, 1], evidence[turn, i, 2]
-                _add_line(lines[turn, 0, row + 1, column], signs[row % length :], np.float32(mean), np.float32(x))
-                _add_line(lines[turn, 1, column + 1, row], signs[column % length :], np.float32(mean), np.float32(y))
-                dots[turn, column + 1, row + 1] += 1
-                most_said[turn, 0, column + 1, row + 1] += mean + abs(x)
-                most_said[turn, 1, column + 1, row + 1] += mean + abs(y)
-            for k in range(1, m):
-                lines[turn, 0, k + 1] += lines[turn, 0, k]
-                lines[turn, 1, k + 1] += lines[turn, 1, k]
-            _sum_below(dots[turn])
-            _sum_below(most_said[turn, 0])
-            _sum_below(most_said[turn, 1])
+    _fill_lines(cells, evidence, signs, lines)
+    _fill_below(cells, evidence, dots, most_said)
     return Tables(cells, evidence, corner, size, lines, dots, most_said)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _add_line(line: Floats, signs: Floats, mean: np.float32, half: np.float32) -> None:
-    for p in range(len(line)):
-        line[p] += mean + half * signs[p]
+@kernel()
+def _fill_cells(nodes: IntArray, q: FloatArray, cells: IntArray, evidence: FloatArray, corner: IntArray, size: IntArray) -> int:
+    """Fill those fields of `Tables`; the largest size of all."""
+    most = 0
+    for turn in range(4):
+        turned(nodes, q, turn, cells[turn], evidence[turn])
+        for axis in range(2):
+            low = high = cells[turn, 0, axis]
+            for i in range(len(q)):
+                low, high = min(low, cells[turn, i, axis]), max(high, cells[turn, i, axis])
+            for i in range(len(q)):
+                cells[turn, i, axis] -= low
+            corner[turn, axis], size[turn, axis] = low, high - low + 1
+            most = max(most, high - low + 1)
+    return most
 
 
-@njit(cache=True, error_model="numpy")
-def _sum_below(table: npt.NDArray[np.generic]) -> None:
-    """Counts per cell to counts in all cells before, both ways, in place."""
-    m = len(table)
-    for c in range(1, m):
-        for r in range(1, m):
-            table[c, r] += table[c - 1, r] + table[c, r - 1] - table[c - 1, r - 1]
+@kernel(fastmath=True)
+def _fill_lines(cells: IntArray, evidence: FloatArray, signs: Floats, lines: Floats) -> None:
+    """Fill `Tables.lines`, zero before."""
+    m, twice, length = lines.shape[3], lines.shape[4], lines.shape[4] // 2
+    for turn in range(4):
+        for axis in range(2):
+            for i in range(cells.shape[1] if m > 0 else 0):
+                line, along = cells[turn, i, axis], cells[turn, i, 1 - axis]
+                mean, half = np.float32(0.5 * evidence[turn, i, 0]), np.float32(evidence[turn, i, 1 + axis])
+                out, bits = lines[turn, axis, along + 1, line], signs[along % length :]
+                for p in range(twice):
+                    out[p] += mean + half * bits[p]
+            for k in range(1, m):
+                for line in range(m):
+                    out, below = lines[turn, axis, k + 1, line], lines[turn, axis, k, line]
+                    for p in range(twice):
+                        out[p] += below[p]
 
 
-@njit(cache=True, error_model="numpy")
-def within(table: npt.NDArray[np.generic], c0: int, c1: int, r0: int, r1: int) -> float:
-    """Sum over columns c0 ... c1 - 1 and rows r0 ... r1 - 1, from sums below."""
-    return float(table[c1, r1] - table[c0, r1] - table[c1, r0] + table[c0, r0])
+@kernel()
+def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: FloatArray) -> None:
+    """Fill `Tables.dots` and `Tables.most`, zero before: counts per cell, then in all cells before, both ways."""
+    m = dots.shape[1]
+    for turn in range(4):
+        for i in range(cells.shape[1] if m > 1 else 0):
+            c, r = cells[turn, i, 0] + 1, cells[turn, i, 1] + 1
+            dots[turn, c, r] += 1
+            for axis in range(2):
+                most[turn, axis, c, r] += 0.5 * evidence[turn, i, 0] + abs(evidence[turn, i, 1 + axis])
+        for c in range(1, m):
+            for r in range(1, m):
+                dots[turn, c, r] += dots[turn, c - 1, r] + dots[turn, c, r - 1] - dots[turn, c - 1, r - 1]
+                for axis in range(2):
+                    of = most[turn, axis]
+                    of[c, r] += of[c - 1, r] + of[c, r - 1] - of[c - 1, r - 1]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def add_lines(
     out: Floats, lines: Floats, low: int, high: int, first: int, last: int, phases: IntArray, start: int, length: int
 ) -> float:
@@ -169,7 +183,8 @@ def add_lines(
     start : int
         Where the dots' line 0 lies in `phases`.
     """
-    out[:] = 0.0
+    for p in range(length):
+        out[p] = 0.0
     for k in range(first, last):
         shift = phases[start + k]
         above = lines[high, k, shift : shift + length]

@@ -11,8 +11,8 @@ from math import exp
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.texture.frames import FloatArray
 
 Image = npt.NDArray[np.float32]
@@ -35,7 +35,7 @@ def gaussian_taps(sigma_px: float) -> Image:
     return taps
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def ordinary_value(image: Image) -> float:
     """Median of nine pixels: of the image's level, whatever a single pixel says."""
     h, w = image.shape
@@ -50,7 +50,7 @@ def ordinary_value(image: Image) -> float:
     return float(values[4])
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def averaged(depth: Image, factor: int) -> Image:
     """Means over blocks of factor x factor whole pixels, less an ordinary value, so that few digits are lost later."""
     h, w = depth.shape[0] // factor, depth.shape[1] // factor
@@ -84,7 +84,7 @@ def averaged(depth: Image, factor: int) -> Image:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _inside(index: int, n: int) -> int:
     """The index that a border shows which mirrors the image at its outermost pixels."""
     if n == 1:
@@ -94,7 +94,7 @@ def _inside(index: int, n: int) -> int:
     return index
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def banded(depth: Image, taps: Image, half_box: int) -> Image:
     """An image smoothed by a symmetric kernel, less its mean over (2 half_box + 1) squared pixels."""
     h, w = depth.shape
@@ -107,7 +107,9 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     for t in range(pad):
         before[t], after[t] = _inside(t - pad, w), _inside(w + t, w)
     share = 1.0 / (2.0 * half_box + 1.0) ** 2
-    sums = np.zeros(w)
+    sums = np.empty(w)
+    for u in range(w):
+        sums[u] = 0.0
     for t in range(-half_box, half_box + 1):
         for u in range(w):
             sums[u] += depth[_inside(t, h), u]
@@ -141,7 +143,7 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
     for i in range(len(found) - 1, -1, -1):
@@ -152,7 +154,7 @@ def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     return False
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]:
     """Positive pixels (v, u) off the border that none within (2 reach + 1) squared pixels exceeds, row by row.
 
@@ -161,7 +163,9 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     """
     h, w = image.shape
     wide = np.empty((h, w), dtype=np.float32)
-    line = np.full(w + 2 * reach, LOWEST, dtype=np.float32)
+    line = np.empty(w + 2 * reach, dtype=np.float32)
+    for u in range(len(line)):
+        line[u] = LOWEST
     middle = line[reach : reach + w]
     for v in range(h):
         row = wide[v]
@@ -174,8 +178,10 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     found = np.empty((MOST_TOPS, 2), dtype=np.int64)
     n = 0
     highest = np.empty(w, dtype=np.float32)
-    is_top = np.zeros(-(-w // 8) * 8, dtype=np.uint8)
-    eights = is_top.view(np.uint64)
+    eights = np.empty((w + 7) // 8, dtype=np.uint64)
+    is_top = eights.view(np.uint8)
+    for u in range(len(is_top)):
+        is_top[u] = 0
     for v in range(1, h - 1):
         for u in range(w):
             highest[u] = wide[v, u]
@@ -195,7 +201,6 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     return found[:n]
 
 
-@njit(cache=True, error_model="numpy")
 def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
@@ -204,11 +209,16 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
     small = averaged(depth, coarse)
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
-    n = len(pixels)
-    xy = np.empty((n, 2))
-    height = np.empty(n)
-    elongation = np.zeros((n, 2))
-    for i in range(n):
+    xy, height, elongation = np.empty((len(pixels), 2)), np.empty(len(pixels)), np.empty((len(pixels), 2))
+    _centres(high, pixels, coarse, xy, height, elongation)
+    return xy, height, elongation
+
+
+@kernel()
+def _centres(
+    high: Image, pixels: npt.NDArray[np.int64], coarse: int, xy: FloatArray, height: FloatArray, elongation: FloatArray
+) -> None:
+    for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
         c = high[v, u]
         gx = 0.5 * (high[v, u + 1] - high[v, u - 1])
@@ -217,7 +227,7 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
         hyy = high[v + 1, u] - 2.0 * c + high[v - 1, u]
         hxy = 0.25 * (high[v + 1, u + 1] - high[v + 1, u - 1] - high[v - 1, u + 1] + high[v - 1, u - 1])
         det = hxx * hyy - hxy * hxy
-        dx = dy = 0.0
+        dx = dy = elongation[i, 0] = elongation[i, 1] = 0.0
         if det > 0.0:
             dx = (hxy * gy - hyy * gx) / det
             dy = (hxy * gx - hxx * gy) / det
@@ -228,4 +238,3 @@ def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> t
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
-    return xy, height, elongation

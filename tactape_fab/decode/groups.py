@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from tactape_fab.decode.evidence import Floats, Tables, within
+from tactape_fab.decode.evidence import Floats, Tables
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.sites import ORIGIN, OVERHANG, SECTOR, START, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -13,7 +13,6 @@ X, COLUMNS, FIRST_COLUMN, LAST_COLUMN, Y, ROWS, FIRST_ROW, LAST_ROW, OVER = rang
 """Fields of a group: first place on each axis, how many, which of the dots' lines are on the tape; 1 where not all are."""
 
 
-@njit(cache=True, error_model="numpy")
 def groups_of(tables: Tables, sizes: IntArray, least: int) -> tuple[IntArray, IntArray, FloatArray]:
     """Groups of places with enough dots on a tape.
 
@@ -33,48 +32,72 @@ def groups_of(tables: Tables, sizes: IntArray, least: int) -> tuple[IntArray, In
     limits : ndarray, shape (n, 3)
         Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
     """
-    spans = np.empty((4, len(sizes), 2), dtype=np.int64)
-    largest = 4 * len(sizes) * 4 * (tables.dots.shape[1] + 1) ** 2
+    m = tables.dots.shape[1]
+    spans, largest = np.empty((4, len(sizes), 2), dtype=np.int64), 16 * len(sizes) * (m + 1) ** 2
     groups, limits = np.empty((largest, 9), dtype=np.int64), np.empty((largest, 3))
-    columns, rows = np.empty((largest, 4), dtype=np.int64), np.empty((largest, 4), dtype=np.int64)
-    n = 0
-    for turn in range(4):
-        wide, high = tables.size[turn]
-        for k in range(len(sizes)):
-            spans[turn, k, 0] = n
-            wide_n, high_n = _cuts(columns, sizes[k, 0], wide), _cuts(rows, sizes[k, 1], high)
-            for i in range(wide_n):
-                for j in range(high_n):
-                    c0, c1, r0, r1 = columns[i, 2], columns[i, 3], rows[j, 2], rows[j, 3]
-                    if within(tables.dots[turn], c0, c1, r0, r1) >= least:
-                        groups[n, :4], groups[n, 4:8] = columns[i], rows[j]
-                        groups[n, OVER] = 0 if c1 - c0 == wide and r1 - r0 == high else 1
-                        limits[n, 0] = within(tables.most[turn, 0], c0, c1, r0, r1)
-                        limits[n, 1] = within(tables.most[turn, 1], c0, c1, r0, r1)
-                        limits[n, 2] = np.log(float(columns[i, 1] * rows[j, 1]))
-                        n += 1
-            spans[turn, k, 1] = n
+    cuts = np.empty((2, 2 * m, 4), dtype=np.int64)
+    n = _fill_groups(tables.size, tables.dots, tables.most, sizes, least, groups, spans, limits, cuts)
     return groups[:n], spans, limits[:n]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
+def _fill_groups(
+    size: IntArray,
+    dots: IntArray,
+    most: FloatArray,
+    sizes: IntArray,
+    least: int,
+    groups: IntArray,
+    spans: IntArray,
+    limits: FloatArray,
+    cuts: IntArray,
+) -> int:
+    """Fill what `groups_of` returns; how many groups there are. `cuts` is room to work in."""
+    n = 0
+    for turn in range(4):
+        for k in range(len(sizes)):
+            spans[turn, k, 0] = n
+            wide_n, high_n = _cuts(cuts[0], sizes[k, 0], size[turn, 0]), _cuts(cuts[1], sizes[k, 1], size[turn, 1])
+            for i in range(wide_n):
+                for j in range(high_n):
+                    c0, c1, r0, r1 = cuts[0, i, 2], cuts[0, i, 3], cuts[1, j, 2], cuts[1, j, 3]
+                    if dots[turn, c1, r1] - dots[turn, c0, r1] - dots[turn, c1, r0] + dots[turn, c0, r0] < least:
+                        continue
+                    for field in range(4):
+                        groups[n, field], groups[n, 4 + field] = cuts[0, i, field], cuts[1, j, field]
+                    groups[n, OVER] = 0 if c1 - c0 == size[turn, 0] and r1 - r0 == size[turn, 1] else 1
+                    for axis in range(2):
+                        of = most[turn, axis]
+                        limits[n, axis] = of[c1, r1] - of[c0, r1] - of[c1, r0] + of[c0, r0]
+                    limits[n, 2] = np.log(float(groups[n, COLUMNS] * groups[n, ROWS]))
+                    n += 1
+            spans[turn, k, 1] = n
+    return n
+
+
+@kernel()
 def _cuts(out: IntArray, size: int, dots: int) -> int:
     """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
     n = 0
     if size >= dots:
-        out[n] = (0, size - dots + 1, 0, dots)
-        n += 1
+        out[0, 0], out[0, 1], out[0, 2], out[0, 3] = 0, size - dots + 1, 0, dots
+        n = 1
     for place in range(1 - dots, size):
-        if not 0 <= place <= size - dots:
-            out[n] = (place, 1, max(0, -place), min(dots, size - place))
+        if place < 0 or place > size - dots:
+            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = place, 1, max(0, -place), min(dots, size - place)
             n += 1
     return n
 
 
-@njit(cache=True, error_model="numpy")
 def count_places(groups: IntArray, spans: IntArray, limits: FloatArray, classes: IntArray) -> FloatArray:
     """Places of all tapes by turn: with all dots on the tape, and with some beyond its edge; shape (4, 2)."""
     counts = np.zeros((4, 2))
+    _add_places(groups, spans, classes, counts)
+    return counts
+
+
+@kernel()
+def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: FloatArray) -> None:
     for turn in range(4):
         for k in range(len(classes)):
             tapes = (classes[k, 1] - classes[k, 0]) * classes[k, 3]
@@ -82,27 +105,31 @@ def count_places(groups: IntArray, spans: IntArray, limits: FloatArray, classes:
                 if groups[g, OVER] > classes[k, OVERHANG]:
                     break
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
-    return counts
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
     """What the dots on grid points without a part would say: where each site's part begins, -1 without holes, and all of it.
 
     Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
     """
     pad, length = tables.dots.shape[1], len(sites.signs) // 3
-    starts = np.full(len(sites.table), -1, dtype=np.int64)
+    starts = np.empty(len(sites.table), dtype=np.int64)
+    for site in range(len(starts)):
+        starts[site] = -1
     total = 0
     for k in range(len(sites.holes)):
         site = sites.holes[k, 0]
         if starts[site] < 0:
-            columns, rows = sites.sizes[sites.size_of[site]]
+            size = sites.sizes[sites.size_of[site]]
             starts[site] = total
-            total += (columns + 2 * pad) * (rows + 2 * pad)
-    said = np.zeros((4, total), dtype=np.float32)
+            total += (size[0] + 2 * pad) * (size[1] + 2 * pad)
+    said = np.empty((4, total), dtype=np.float32)
+    for turn in range(4):
+        for k in range(total):
+            said[turn, k] = 0.0
     for k in range(len(sites.holes)):
-        site, column, row = sites.holes[k]
+        site, column, row = sites.holes[k, 0], sites.holes[k, 1], sites.holes[k, 2]
         place = sites.table[site]
         x_phase = sites.phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
         y_phase = sites.phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
@@ -110,7 +137,7 @@ def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
         stride = sites.sizes[sites.size_of[site], 0] + 2 * pad
         for turn in range(4):
             for i in range(tables.cells.shape[1]):
-                mean, x, y = tables.evidence[turn, i]
+                said_by = tables.evidence[turn, i]
                 at = (row - tables.cells[turn, i, 1] + pad) * stride + column - tables.cells[turn, i, 0] + pad
-                said[turn, starts[site] + at] += mean + x * x_sign + y * y_sign
+                said[turn, starts[site] + at] += said_by[0] + said_by[1] * x_sign + said_by[2] * y_sign
     return starts, said

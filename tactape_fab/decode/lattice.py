@@ -9,8 +9,9 @@ from __future__ import annotations
 from math import factorial, pi
 
 import numpy as np
-from numba import njit
 
+from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.order import select
 from tactape_fab.texture.frames import FloatArray
 
 ANGLES = 36
@@ -23,7 +24,7 @@ _COS = tuple((-1.0) ** k / factorial(2 * k) for k in range(9))
 _SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def _cos_sin(turns: float) -> tuple[float, float]:
     """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
     half = pi * (turns - np.rint(turns))
@@ -48,7 +49,7 @@ def _cos_sin(turns: float) -> tuple[float, float]:
     return c * c - s * s, 2.0 * c * s
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tuple[float, float, float, float]:
     """Real and imaginary sums of the dots at both wave vectors of a square grid."""
     cu, cv = np.cos(angle) / pitch, np.sin(angle) / pitch
@@ -63,45 +64,68 @@ def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tu
     return ar, ai, br, bi
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _power(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> float:
-    """Power of the dots at the two wave vectors of a square grid."""
-    ar, ai, br, bi = _sums(xy, weights, angle, pitch)
-    return ar * ar + ai * ai + br * br + bi * bi
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def scanned_power(xy: FloatArray, weights: FloatArray, pitch: float) -> FloatArray:
-    """`_power` at ANGLES angles over a quarter turn: the second wave vector of each is the first one a quarter turn on."""
+    """Power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
+
+    The second wave vector of each is the first one a quarter turn on.
+    """
     cu, cv = np.empty(2 * ANGLES), np.empty(2 * ANGLES)
     for j in range(2 * ANGLES):
         cu[j], cv[j] = np.cos(j * (pi / 2) / ANGLES) / pitch, np.sin(j * (pi / 2) / ANGLES) / pitch
-    real, imaginary = np.zeros(2 * ANGLES), np.zeros(2 * ANGLES)
+    real, imaginary, power = np.empty(2 * ANGLES), np.empty(2 * ANGLES), np.empty(ANGLES)
+    for j in range(2 * ANGLES):
+        real[j] = imaginary[j] = 0.0
     for i in range(len(weights)):
         x, y, w = xy[i, 0], xy[i, 1], weights[i]
         for j in range(2 * ANGLES):
             c, s = _cos_sin(cu[j] * x + cv[j] * y)
             real[j] += w * c
             imaginary[j] += w * s
-    power = np.zeros(ANGLES)
-    for j in range(2 * ANGLES):
-        power[j % ANGLES] += real[j] * real[j] + imaginary[j] * imaginary[j]
+    for j in range(ANGLES):
+        k = j + ANGLES
+        power[j] = real[j] * real[j] + imaginary[j] * imaginary[j] + (real[k] * real[k] + imaginary[k] * imaginary[k])
     return power
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step_angle: float, step_pitch: float) -> float:
     """Top of the parabola through the powers one step before, here and one step on; in steps from here, at most a half."""
-    power = np.empty(3)
-    for k in range(3):
-        power[k] = _power(xy, weights, angle + (k - 1) * step_angle, pitch + (k - 1) * step_pitch)
-    bend = power[0] - 2.0 * power[1] + power[2]
-    if bend >= 0.0:
-        return 0.0
-    return float(min(max(0.5 * (power[0] - power[2]) / bend, -0.5), 0.5))
+    slope = bend = 0.0
+    for k in range(-1, 2):
+        ar, ai, br, bi = _sums(xy, weights, angle + k * step_angle, pitch + k * step_pitch)
+        power = ar * ar + ai * ai + br * br + bi * bi
+        slope -= k * power
+        bend += power if k != 0 else -2.0 * power
+    return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
+def _strongest(xy: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places and weights of the SCANNED strongest dots, or of all where there are fewer."""
+    n, least = len(weights), 0.0
+    count, equal = min(n, SCANNED), min(n, SCANNED)
+    few, few_weights = np.empty((count, 2)), np.empty(count)
+    if count < n:
+        ordered = np.empty(n)
+        for i in range(n):
+            ordered[i] = weights[i]
+        least = select(ordered, n - count)
+        for i in range(n - count, n):
+            equal -= 1 if ordered[i] > least else 0
+    k = 0
+    for i in range(n):
+        if count == n or weights[i] >= least:
+            if count < n and weights[i] == least:
+                if equal == 0:
+                    continue
+                equal -= 1
+            few[k, 0], few[k, 1], few_weights[k] = xy[i, 0], xy[i, 1], weights[i]
+            k += 1
+    return few, few_weights
+
+
+@kernel()
 def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, tolerance: float, most: int) -> FloatArray:
     """The best grids for some dots.
 
@@ -123,32 +147,29 @@ def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, toleranc
         Angle of the first axis in [0, pi/2), pitch px, phases of both axes (rad), share of the power that a perfect
         grid would have; best first.
     """
-    total = weights.sum()
     steps = int(np.ceil(tolerance / _SCALE_STEP))
-    scales = 2 * steps + 1
-    power = np.empty((scales, ANGLES))
-    strong = np.argsort(-weights)[:SCANNED]
-    few, few_weights = xy[strong], weights[strong]
-    for k in range(scales):
-        power[k] = scanned_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)))
-    best = np.empty(ANGLES)
-    which = np.empty(ANGLES, dtype=np.int64)
-    for j in range(ANGLES):
-        which[j] = np.argmax(power[:, j])
-        best[j] = power[which[j], j]
+    few, few_weights = _strongest(xy, weights)
+    best, which, taken = np.empty(ANGLES), np.empty(ANGLES, dtype=np.int64), np.empty(ANGLES, dtype=np.int64)
+    for k in range(2 * steps + 1):
+        power = scanned_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)))
+        for j in range(ANGLES):
+            if k == 0 or power[j] > best[j]:
+                best[j], which[j], taken[j] = power[j], k, 0
+    total = 0.0
+    for i in range(len(weights)):
+        total += weights[i]
     found = np.empty((most, 5))
     n = 0
-    taken = np.zeros(ANGLES, dtype=np.bool_)
     for _ in range(most):
         top = -1
         for j in range(ANGLES):
-            if taken[j] or best[j] < best[(j + 1) % ANGLES] or best[j] < best[j - 1]:
+            if taken[j] == 1 or best[j] < best[(j + 1) % ANGLES] or best[j] < best[(j - 1) % ANGLES]:
                 continue
             if top < 0 or best[j] > best[top]:
                 top = j
         if top < 0:
             break
-        taken[top] = True
+        taken[top] = 1
         angle = top * (pi / 2) / ANGLES
         pitch = pitch_px * (1.0 + tolerance * (which[top] - steps) / max(steps, 1))
         step_angle, step_pitch = (pi / 2) / ANGLES, pitch_px * _SCALE_STEP

@@ -3,46 +3,66 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from tactape_fab.decode.evidence import Tables
+from tactape_fab.decode.evidence import Floats, Tables
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START, Sites
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, IntArray
 
 
-@njit(cache=True, error_model="numpy")
 def evidence_at(tables: Tables, sites: Sites, turn: int, site: int, x: int, y: int) -> tuple[float, int]:
     """Ln E of the dots' corner on column x, row y of a site of one sector, and how many of them lie on it."""
-    length, (columns, rows) = len(sites.signs) // 3, sites.sizes[sites.size_of[site]]
-    place = sites.table[site]
-    total, dots = 0.0, 0
-    for i in range(tables.cells.shape[1]):
-        column, row = x + tables.cells[turn, i, 0], y + tables.cells[turn, i, 1]
-        on = 0 <= column < columns and 0 <= row < rows
-        for k in range(len(sites.holes)):
-            on = on and not (sites.holes[k, 0] == site and sites.holes[k, 1] == column and sites.holes[k, 2] == row)
-        if on:
-            mean, x_said, y_said = tables.evidence[turn, i]
-            p = sites.phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
-            r = sites.phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
-            total += mean + x_said * sites.signs[p % length] + y_said * sites.signs[r % length]
-            dots += 1
-    return total, dots
+    values, dots = _evidence(tables, sites, turn, site, np.array([[x, y]]))
+    return float(values[0]), int(dots[0])
 
 
-@njit(cache=True, error_model="numpy")
 def places_near(
     tables: Tables, sites: Sites, turn: int, site: int, at: FloatArray, reach: float, least: int
 ) -> list[tuple[int, int, float]]:
     """Columns, rows and ln E of the places of a site within a reach (cells) of a point, with enough dots on it."""
-    found = [(0, 0, 0.0)]  # typed for the compiler
-    found.pop()
-    columns, rows = sites.sizes[sites.size_of[site]]
-    first, last = np.maximum(np.ceil(at - reach), 1.0 - tables.size[turn]), np.floor(at + reach)
-    for row in range(int(first[1]), int(min(last[1], rows - 1.0)) + 1):
-        for column in range(int(first[0]), int(min(last[0], columns - 1.0)) + 1):
-            if (column - at[0]) ** 2 + (row - at[1]) ** 2 <= reach * reach:
-                value, dots = evidence_at(tables, sites, turn, site, column, row)
-                if dots >= least:
-                    found.append((column, row, value))
-    return found
+    last = np.minimum(np.floor(at + reach), sites.sizes[sites.size_of[site]] - 1.0)
+    first = np.minimum(np.maximum(np.ceil(at - reach), 1.0 - tables.size[turn]), last + 1.0)
+    columns, rows = (np.arange(int(first[axis]), int(last[axis]) + 1) for axis in range(2))
+    places = np.stack([np.tile(columns, len(rows)), np.repeat(rows, len(columns))], axis=1)
+    places = places[((places - at) ** 2).sum(axis=1) <= reach * reach]
+    values, dots = _evidence(tables, sites, turn, site, places)
+    enough = dots >= least
+    return list(zip(*places[enough].T.tolist(), values[enough].tolist(), strict=True))
+
+
+def _evidence(tables: Tables, sites: Sites, turn: int, site: int, places: IntArray) -> tuple[FloatArray, IntArray]:
+    """Ln E of the dots' corner on some columns and rows (n, 2) of a site, and how many dots lie on it."""
+    values, dots = np.empty(len(places)), np.empty(len(places), dtype=np.int64)
+    place, size, of = sites.table[site], sites.sizes[sites.size_of[site]], tables.evidence[turn]
+    _add_evidence(tables.cells[turn], of, sites.signs, sites.phases, place, size, sites.holes, site, places, values, dots)
+    return values, dots
+
+
+@kernel()
+def _add_evidence(
+    cells: IntArray,
+    evidence: FloatArray,
+    signs: Floats,
+    phases: IntArray,
+    place: IntArray,
+    size: IntArray,
+    holes: IntArray,
+    site: int,
+    places: IntArray,
+    values: FloatArray,
+    dots: IntArray,
+) -> None:
+    length = len(signs) // 3
+    for n in range(len(places)):
+        total, count = 0.0, 0
+        for i in range(len(cells)):
+            column, row = places[n, 0] + cells[i, 0], places[n, 1] + cells[i, 1]
+            on = 0 <= column < size[0] and 0 <= row < size[1]
+            for k in range(len(holes)):
+                on = on and not (holes[k, 0] == site and holes[k, 1] == column and holes[k, 2] == row)
+            if on:
+                p = phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
+                r = phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
+                total += evidence[i, 0] + evidence[i, 1] * signs[p % length] + evidence[i, 2] * signs[r % length]
+                count += 1
+        values[n], dots[n] = total, count

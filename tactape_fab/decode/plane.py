@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.evidence import Floats, add_lines, signs_of, tables_of
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -102,7 +102,7 @@ class CodePlane:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) -> Floats:
     """Evidence of all lines together for every start in the plane and every phase; shape (starts, L)."""
     out = np.empty((len(phases) - count + 1, length), dtype=np.float32)

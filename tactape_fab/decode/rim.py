@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.detect import Dots
+from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.order import select
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
 
@@ -61,7 +62,9 @@ def settled(dots: Dots, pitch_px: float, shift: float) -> Dots:
     """
     if len(dots.weights) == 0:
         return dots
-    xy, share, trust = _settled(dots.xy_px, dots.weights, dots.trust, pitch_px, NEAREST * (1.0 - 2.0 * shift))
+    n = len(dots.weights)
+    xy, share, trust, room = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty((4, n))
+    _settle(dots.xy_px, dots.weights, dots.trust, pitch_px, NEAREST * (1.0 - 2.0 * shift), room, xy, share, trust)
     return chosen(Dots(xy_px=xy, weights=share, trust=trust, elongation=dots.elongation), trust >= LEAST_TRUST)
 
 
@@ -75,38 +78,54 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _level(weights: FloatArray, trust: FloatArray) -> tuple[float, float]:
+@kernel()
+def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple[float, float]:
     """Weight of a wholly imprinted dot, and relative scatter of such weights: from the upper half, which no rim lowers."""
-    heights = np.sort(weights[(weights > LEVEL_FROM) & (trust > 0.5)])
-    half = len(heights) // 2
+    n = 0
+    for i in range(len(weights)):
+        if weights[i] > LEVEL_FROM and trust[i] > 0.5:
+            heights[n] = weights[i]
+            n += 1
+    half = n // 2
     if half < 2:
         return 1.0, LEAST_SCATTER
-    level = min(heights[half], 1.0)
+    level = min(select(heights[:n], half), 1.0)
     upper = 0.0
-    for k in range(half, len(heights)):
+    for k in range(half, n):
         upper += heights[k]
     # the mean of a normal variable above its median is 0.8 standard deviations from it
-    scatter = 1.25 * (upper / (len(heights) - half) / level - 1.0)
+    scatter = 1.25 * (upper / (n - half) / level - 1.0)
     return level, min(max(scatter, LEAST_SCATTER), MOST_SCATTER)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def _settled(
-    xy: FloatArray, weights: FloatArray, trust: FloatArray, pitch_px: float, nearest: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Places, weights over that of a whole dot (at most 1), and trust."""
+@kernel(fastmath=True)
+def _settle(
+    xy: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    pitch_px: float,
+    nearest: float,
+    room: FloatArray,
+    moved: FloatArray,
+    share: FloatArray,
+    believed: FloatArray,
+) -> None:
+    """Fill in places, weights over that of a whole dot (at most 1), and trust; `room` is room to work in."""
     n = len(weights)
-    level, scatter = _level(weights, trust)
-    share = np.minimum(weights / level, 1.0)
-    strong = np.flatnonzero(weights >= STRONG)
-    xs, ys, heights = xy[strong, 0] / pitch_px, xy[strong, 1] / pitch_px, weights[strong]
-    amounts = trust[strong] * share[strong]
-    moved, believed = xy.copy(), trust.copy()
+    xs, ys, heights, amounts = room[0], room[1], room[2], room[3]
+    level, scatter = _level(weights, trust, heights)
+    strong = 0
+    for i in range(n):
+        share[i] = min(weights[i] / level, 1.0)
+        moved[i, 0], moved[i, 1] = xy[i, 0], xy[i, 1]
+        if weights[i] >= STRONG:
+            xs[strong], ys[strong] = xy[i, 0] / pitch_px, xy[i, 1] / pitch_px
+            heights[strong], amounts[strong] = weights[i], trust[i] * share[i]
+            strong += 1
     for i in range(n):
         x, y = xy[i, 0] / pitch_px, xy[i, 1] / pitch_px
         u = v = support = crowd = 0.0
-        for k in range(len(strong)):
+        for k in range(strong):
             du, dv = xs[k] - x, ys[k] - y
             square = du * du + dv * dv + _SAME
             crowd += 1.0 if square < nearest * nearest and heights[k] > weights[i] else 0.0
@@ -130,4 +149,3 @@ def _settled(
             pull = PULL * pitch_px * low / max(mean, ONE_SIDED) / (support + 1e-9)
             moved[i, 0] -= pull * u
             moved[i, 1] -= pull * v
-    return moved, share, believed

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.texture.frames import FloatArray
 
 Ints = npt.NDArray[np.int64]
+Grid = tuple[float, float, float, float]
+"""(a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l)."""
 
 FIT_STEPS = 6
 LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
@@ -35,30 +37,6 @@ SMALL_SIGMA = 0.02
 """Up to this error a fit as likely as it should be is the right one."""
 
 
-@njit(cache=True, error_model="numpy")
-def _similarity(xy: FloatArray, ideal: FloatArray, weights: FloatArray) -> tuple[float, float, float, float]:
-    """(a, b, x, y) that carry ideal grid coordinates (k, j) to (x + a k - b j, y + b k + a j), by weighted least squares."""
-    sw = su = sv = sx = sy = 0.0
-    for i in range(len(weights)):
-        w = weights[i]
-        sw += w
-        su += w * ideal[i, 0]
-        sv += w * ideal[i, 1]
-        sx += w * xy[i, 0]
-        sy += w * xy[i, 1]
-    mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
-    num_a = num_b = den = 0.0
-    for i in range(len(weights)):
-        u, v = ideal[i, 0] - mu, ideal[i, 1] - mv
-        px, py = xy[i, 0] - mx, xy[i, 1] - my
-        num_a += weights[i] * (u * px + v * py)
-        num_b += weights[i] * (u * py - v * px)
-        den += weights[i] * (u * u + v * v)
-    a, b = num_a / max(den, 1e-12), num_b / max(den, 1e-12)
-    return a, b, mx - (a * mu - b * mv), my - (b * mu + a * mv)
-
-
-@njit(cache=True, error_model="numpy")
 def fit_grid(
     xy: FloatArray,
     weights: FloatArray,
@@ -99,38 +77,68 @@ def fit_grid(
     sigma : float
         Error of a good dot along one axis, in pitches.
     """
-    turns = 2.0 * np.pi
-    best, sigma, most = _fitted(xy, weights, trust, _grid(angle, pitch, phase_a / turns, phase_b / turns), shift, free_scale)
-    if trust.sum() < FEW_DOTS and not _as_expected(weights, trust, sigma, most):
-        for m in range(len(STARTS)):
-            larger = pitch * (1.0 + STARTS[m, 1]) if free_scale else pitch
-            start = _grid(angle + STARTS[m, 0], larger, phase_a / turns + STARTS[m, 2], phase_b / turns + STARTS[m, 3])
-            other, other_sigma, value = _fitted(xy, weights, trust, start, shift, free_scale)
-            if value > most:
-                best, sigma, most = other, other_sigma, value
     n = len(weights)
-    nodes = np.empty((n, 2), dtype=np.int64)
-    squares = np.empty((n, 4))
-    for i in range(n):
-        k, j = _on_grid(best, xy[i, 0], xy[i, 1])
+    nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, 4)), np.empty(4)
+    turns, room = 2.0 * np.pi, np.empty((n, 3))
+    start = (angle, pitch, phase_a / turns, phase_b / turns)
+    sigma = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, room, grid)
+    _nearest(xy, grid, shift, nodes, squares)
+    return grid, nodes, squares, sigma
+
+
+@kernel()
+def _best_fit(
+    xy: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    start: Grid,
+    shift: float,
+    free_scale: bool,
+    starts: FloatArray,
+    room: FloatArray,
+    out: FloatArray,
+) -> float:
+    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be; the error."""
+    dots = best_sigma = most = 0.0
+    for i in range(len(trust)):
+        dots += trust[i]
+    for m in range(-1, len(starts)):
+        angle, pitch, phase_a, phase_b = start
+        if m >= 0:
+            angle, phase_a, phase_b = angle + starts[m, 0], phase_a + starts[m, 2], phase_b + starts[m, 3]
+            if free_scale:
+                pitch *= 1.0 + starts[m, 1]
+        grid, sigma, value = _fitted(xy, weights, trust, _grid(angle, pitch, phase_a, phase_b), shift, free_scale, room)
+        if m < 0 or value > most:
+            out[0], out[1], out[2], out[3] = grid
+            best_sigma, most = sigma, value
+        if m < 0 and not (dots < FEW_DOTS and not _as_expected(weights, trust, sigma, value)):
+            break
+    return best_sigma
+
+
+@kernel()
+def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, squares: FloatArray) -> None:
+    """Fill in the grid point of each dot and the squared distances from its four places."""
+    for i in range(len(xy)):
+        k, j = _on_grid((grid[0], grid[1], grid[2], grid[3]), xy[i, 0], xy[i, 1])
         nodes[i, 0], nodes[i, 1] = round(k), round(j)
         e, f = k - nodes[i, 0], j - nodes[i, 1]
         squares[i, 0] = (e - shift) ** 2 + f**2
         squares[i, 1] = e**2 + (f - shift) ** 2
         squares[i, 2] = (e + shift) ** 2 + f**2
         squares[i, 3] = e**2 + (f + shift) ** 2
-    return best, nodes, squares, sigma
 
 
-@njit(cache=True, error_model="numpy")
-def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> FloatArray:
+@kernel()
+def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> Grid:
     """(a, b, x, y) of a grid whose phases are in pitches."""
     a, b = pitch * np.cos(angle), pitch * np.sin(angle)
-    return np.array([a, b, phase_a * a - phase_b * b, phase_a * b + phase_b * a])
+    return a, b, phase_a * a - phase_b * b, phase_a * b + phase_b * a
 
 
-@njit(cache=True, error_model="numpy")
-def _on_grid(grid: FloatArray, u: float, v: float) -> tuple[float, float]:
+@kernel()
+def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
     """A point in pitches along both axes of a grid."""
     a, b = grid[0], grid[1]
     du, dv = u - grid[2], v - grid[3]
@@ -138,7 +146,7 @@ def _on_grid(grid: FloatArray, u: float, v: float) -> tuple[float, float]:
     return (a * du + b * dv) / norm, (a * dv - b * du) / norm
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _variance(weight: float, sigma: float) -> float:
     """Squared error of a dot along one axis: noise moves low dots farther; so does the rim, not as `rim` has it."""
     noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
@@ -146,14 +154,19 @@ def _variance(weight: float, sigma: float) -> float:
     return noise * noise + rim * rim
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _fitted(
-    xy: FloatArray, weights: FloatArray, trust: FloatArray, start: FloatArray, shift: float, free_scale: bool
-) -> tuple[FloatArray, float, float]:
-    """The best grid from a start, a good dot's error, and the ln of the likelihood."""
+    xy: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    start: Grid,
+    shift: float,
+    free_scale: bool,
+    room: FloatArray,
+) -> tuple[Grid, float, float]:
+    """The best grid from a start, a good dot's error, and the ln of the likelihood; `room` is room to work in."""
     n = len(weights)
     grid, sigma, value = start, MOST_SIGMA, 0.0
-    ideal, keep = np.empty((n, 2)), np.empty(n)
     for step in range(FIT_STEPS):
         value, square, count = 0.0, USUAL_COUNT * USUAL_SIGMA**2, USUAL_COUNT
         for i in range(n):
@@ -170,8 +183,7 @@ def _fitted(
             density = part * np.exp(-0.5 * common / variance) * total / (8.0 * np.pi * variance)
             fits = density / (density + 1.0 - part)
             along, across = shift * (east - west) / total, shift * (south - north) / total
-            ideal[i, 0], ideal[i, 1] = node_k + along, node_j + across
-            keep[i] = fits / variance
+            room[i, 0], room[i, 1], room[i, 2] = node_k + along, node_j + across, fits / variance
             if step == FIT_STEPS - 1:
                 value += np.log(density + 1.0 - part)
             if weights[i] >= GOOD_WEIGHT:
@@ -180,11 +192,11 @@ def _fitted(
         if step > 0:
             sigma = min(max(np.sqrt(square / count), LEAST_SIGMA), MOST_SIGMA)
         if step < FIT_STEPS - 1:
-            grid = _moved(xy, ideal, keep, grid, free_scale)
+            grid = _moved(xy, room, grid, free_scale)
     return grid, sigma, value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: float) -> bool:
     """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
     expected = 0.0
@@ -196,21 +208,36 @@ def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: fl
     return sigma < SMALL_SIGMA and value > expected - np.sqrt(len(weights))
 
 
-@njit(cache=True, error_model="numpy")
-def _moved(xy: FloatArray, ideal: FloatArray, keep: FloatArray, grid: FloatArray, free_scale: bool) -> FloatArray:
-    """The grid that fits dots to their places, of the old pitch unless that is free."""
-    a, b, x, y = _similarity(xy, ideal, keep)
+@kernel()
+def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> Grid:
+    """The grid that fits dots to their places by weighted least squares, of the old pitch unless that is free.
+
+    `ideal` has k, j and the weight of each dot.
+    """
+    sw = su = sv = sx = sy = 0.0
+    for i in range(len(xy)):
+        w = ideal[i, 2]
+        sw += w
+        su += w * ideal[i, 0]
+        sv += w * ideal[i, 1]
+        sx += w * xy[i, 0]
+        sy += w * xy[i, 1]
+    mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
+    num_a = num_b = den = 0.0
+    for i in range(len(xy)):
+        u, v, w = ideal[i, 0] - mu, ideal[i, 1] - mv, ideal[i, 2]
+        px, py = xy[i, 0] - mx, xy[i, 1] - my
+        num_a += w * (u * px + v * py)
+        num_b += w * (u * py - v * px)
+        den += w * (u * u + v * v)
+    a, b = num_a / max(den, 1e-12), num_b / max(den, 1e-12)
     if not free_scale:
         factor = np.sqrt((grid[0] ** 2 + grid[1] ** 2) / (a * a + b * b))
-        total = keep.sum()
-        mu, mv = (keep * ideal[:, 0]).sum() / total, (keep * ideal[:, 1]).sum() / total
-        x += (1.0 - factor) * (a * mu - b * mv)
-        y += (1.0 - factor) * (b * mu + a * mv)
         a, b = factor * a, factor * b
-    return np.array([a, b, x, y])
+    return a, b, mx - (a * mu - b * mv), my - (b * mu + a * mv)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
     """What each dot says of its symbol before any tape is looked at; shape (n, 4), rows sum to 1.
 

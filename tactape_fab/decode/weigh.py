@@ -7,12 +7,12 @@ hangs over an edge. A group that cannot matter is counted at its bound; all othe
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tactape_fab.decode.bounds import no_bounds
 from tactape_fab.decode.counting import Room, Tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import OVER, X, Y, hole_evidence
+from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.many import weigh_many
 from tactape_fab.decode.sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -48,7 +48,7 @@ def weigh_sites(
         weigh_few(tables, sites, *groups, base, cue, tally, room, starts, said)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def weigh_few(
     tables: Tables,
     sites: Sites,
