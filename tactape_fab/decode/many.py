@@ -162,13 +162,14 @@ def _first_guess(
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
     guess = Tally(np.empty(6), np.empty(6, dtype=np.int64), np.empty(6, dtype=np.int64))
     guess.best[0] = -1
-    for k in range(5):
+    for k in range(6):  # nothing is negligible here
         guess.sums[k] = NEVER
-    bounds = np.empty(len(sites.table))
+    bounds, likely = np.empty(len(sites.table)), 0 if base[0, 0] >= base[1, 0] else 1
     for over in range(2):
-        if guess.sums[0] > base[0, 0] + _FOUND * most_said:
-            break
-        for turn in range(4):
+        for turn_k in range(4):
+            turn = (2 * turn_k + (turn_k // 2 + likely) % 2) % 4  # the likelier two come first
+            if guess.sums[0] > base[likely, 0] + _FOUND * most_said:
+                break
             for k in range(len(sites.classes)):
                 kind = sites.classes[k]
                 if kind[MANY] == 0 or over > kind[OVERHANG]:
@@ -180,12 +181,14 @@ def _first_guess(
                     axis = 1 if over == 1 and groups[g, COLUMNS] > 1 else 0
                     span = (kind[FIRST], kind[LAST])
                     _bound_group(bounds, known, tables, sites, groups[g], turn, axis, span, NEVER, columns[turn])
-                    site = kind[FIRST]
+                    site, most = kind[FIRST], NEVER
                     for other in range(kind[FIRST], kind[LAST]):
-                        if over == 0:
+                        if over == 0 and bounds[other] + limits[g, 1] > most:
                             bounds[other] += _row_bound(known, tables, sites, other, turn, groups[g, ROWS])
-                        if bounds[other] > bounds[site]:
-                            site = other
+                            if bounds[other] > most:
+                                site, most = other, bounds[other]
+                        elif over == 1 and bounds[other] > most:
+                            site, most = other, bounds[other]
                     weigh_site(
                         columns[turn, :0],
                         tables.lines[turn],
