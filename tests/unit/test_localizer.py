@@ -14,8 +14,10 @@ import pytest
 from tactape_fab import TapeSpec
 from tactape_fab.decode.localizer import Localizer
 from tactape_fab.decode.result import Localization
+from tactape_fab.decode.search import Prior
 from tactape_fab.errors import SpecError
 from tactape_fab.make import examine
+from tactape_fab.profiles import load_sensor
 from tactape_fab.simulate import plain_grid, random_symbols, simulate
 
 from ..contacts import CENTRE, DELTA, POSE, SHIFT, TAPE, R, W, dots, is_near, seen, tape_of, texture_of
@@ -240,6 +242,27 @@ def test_mirrored_dots_are_not_located(localizer: Localizer) -> None:
 
 def test_mirrored_frames_are_named(localizer: Localizer, depth: npt.NDArray[np.float32]) -> None:
     assert "mirror" in (localizer.locate(depth[:, ::-1]).reason or "")
+
+
+def test_a_prior_is_refused_where_nothing_uses_it(localizer: Localizer) -> None:
+    prior = Prior(position_mm=POSE[0], theta_deg=POSE[1])
+    assert localizer.locate_dots(dots(), prior=prior).located
+    for other in (Localizer([TAPE], method="paper"), Localizer.from_code(TAPE.code, W, DELTA)):
+        with pytest.raises(SpecError, match="prior"):
+            other.locate_dots(dots(), prior=prior)
+        with pytest.raises(SpecError, match="prior"):
+            other.locate(np.zeros((240, 320)), prior=prior)
+
+
+@pytest.mark.parametrize("method", ["ml", "paper"])
+def test_oblong_pixels_are_the_same_contact(method: str) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), px_per_mm=(16.0, 12.0), height_px=180)
+    square = dots((50.0, 25.0), 40.0, (6.0, 6.0))
+    oblong = (square - CENTRE) * (1.0, 0.75) + sensor.centre_px
+    fix = Localizer([TAPE], sensor, method=method).locate_dots(oblong)  # type: ignore[arg-type]
+    assert fix.located and fix.position_mm is not None and fix.theta_deg is not None
+    assert np.hypot(*np.subtract(fix.position_mm, (50.0, 25.0))) < 0.05
+    assert abs(fix.theta_deg - 40.0) < 1.0
 
 
 # Registry
