@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from dataclasses import replace
 from math import log, pi
@@ -176,13 +177,18 @@ class Localizer:
 
     def _warm(self, texture_mm: FloatArray) -> None:
         """Compile everything now, so that no frame waits."""
-        scale = self._view.px_per_mm
-        xy = (texture_mm - texture_mm.mean(axis=0)) * scale + self._view.centre_px
+        xy = (texture_mm - texture_mm.mean(axis=0)) * self._view.px_per_mm + self._view.centre_px
         dots = Dots(xy_px=xy, weights=np.ones(len(xy)), trust=np.ones(len(xy)), elongation=np.zeros((len(xy), 2)))
-        self._locate(dots, None)
         v, u = np.mgrid[: self.sensor.height_px, : self.sensor.width_px]
-        pitch_px = self._view.pitch_px
-        detect((np.cos(2 * pi * u / pitch_px) * np.cos(2 * pi * v / pitch_px)).astype(np.float32), scale)
+        ripple = np.cos(2 * pi * u / self._view.pitch_px) * np.cos(2 * pi * v / self._view.pitch_px)
+        collecting = gc.isenabled()
+        gc.disable()  # a compiler makes millions of objects that live: looking through them takes a sixth of its time
+        try:
+            self._locate(dots, None)
+            detect(ripple.astype(np.float32), self._view.px_per_mm)
+        finally:
+            if collecting:
+                gc.enable()
 
     def locate(self, depth: npt.ArrayLike, *, prior: Prior | None = None, timestamp: float | None = None) -> Localization:
         """Locate a contact from a depth map.
