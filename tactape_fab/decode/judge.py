@@ -41,6 +41,11 @@ class Limits:
     kappa: float
 
     @property
+    def precision(self) -> float:
+        """What p_place may be too large by where that matters."""
+        return self.max_p_false / 10.0
+
+    @property
     def on_tape(self) -> float:
         """Largest p_tape that may do."""
         return self.max_p_false if self.max_p_tape is None else self.max_p_tape
@@ -113,7 +118,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
         return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
     if p_tape > limits.on_tape and place.most_said < clear:
         return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
-    found = rivals(world.families, place, world.unregistered_share)
+    found = rivals(world.families, place, world.unregistered_share, limits.precision)
     weight = place.others + found.weight
     sure = found.score > clear and found.lead < log(limits.kappa)
     return _Doubt(p_place=weight / (1.0 + weight), lead=min(place.lead, found.lead), unregistered=found.name if sure else None)
@@ -128,14 +133,14 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
     p_place, p_false = doubt.p_place, p_tape + doubt.p_place
     if doubt.unregistered is not None:
         return _stranger(doubt.unregistered)
-    if limits.max_p_tape is None and p_false > limits.max_p_false:
+    if limits.max_p_tape is None and not p_false <= limits.max_p_false:
         what = "may be no tape of ours" if p_tape > p_place else "several places fit"
         return f"{what}: p_false {p_false:.1e} exceeds {limits.max_p_false:.1e}"
     if limits.max_p_tape is not None and p_tape > limits.max_p_tape:
         return f"may be no tape of ours: p_tape {p_tape:.1e} exceeds {limits.max_p_tape:.1e}"
-    if p_place > limits.max_p_false:
+    if not p_place <= limits.max_p_false:
         return f"several places fit: p_place {p_place:.1e} exceeds {limits.max_p_false:.1e}"
-    if doubt.lead < log(limits.kappa):
+    if not doubt.lead >= log(limits.kappa):
         return f"another place fits nearly as well: it leads by a factor of {exp(doubt.lead):.1f}, less than {limits.kappa:g}"
     if agree < max(LEAST_DOTS, good // 2):
         return f"only {agree} of {good} dots agree with the place that their symbols name"

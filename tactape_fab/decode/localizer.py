@@ -297,7 +297,7 @@ class Localizer:
             return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
         if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > LARGE:
             return replace(empty, reason="no dot stands out of the noise")
-        reading = read(dots, self._view, self._world, prior, self._limits.on_tape)
+        reading = read(dots, self._view, self._world, prior, self._limits.on_tape, self._limits.precision)
         if reading is None:
             found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
@@ -313,7 +313,7 @@ class Localizer:
         """Tape or sector that the dots show mirrored: no answer, but worth a word."""
         flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
         dots = replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation))
-        reading = read(dots, self._view, self._world, None, self._limits.on_tape)
+        reading = read(dots, self._view, self._world, None, self._limits.on_tape, self._limits.precision)
         if reading is None or -reading.ln_bound > log(self._limits.on_tape):
             return None
         found = judge(empty, dots, reading, self._view, self._world, self._limits)

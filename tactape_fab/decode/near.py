@@ -18,8 +18,8 @@ def evidence_at(tables: Tables, sites: Sites, turn: int, site: int, x: int, y: i
 
 def places_near(
     tables: Tables, sites: Sites, turn: int, site: int, at: FloatArray, reach: float, least: int
-) -> list[tuple[int, int, float]]:
-    """Columns, rows and ln E of the places of a site within a reach (cells) of a point, with enough dots on it."""
+) -> tuple[IntArray, FloatArray]:
+    """Columns and rows (n, 2) and ln E (n,) of the places of a site within a reach (cells) of a point, with enough dots on it."""
     last = np.minimum(np.floor(at + reach), sites.sizes[sites.size_of[site]] - 1.0)
     first = np.minimum(np.maximum(np.ceil(at - reach), 1.0 - tables.size[turn]), last + 1.0)
     columns, rows = (np.arange(int(first[axis]), int(last[axis]) + 1) for axis in range(2))
@@ -27,7 +27,7 @@ def places_near(
     places = places[((places - at) ** 2).sum(axis=1) <= reach * reach]
     values, dots = _evidence(tables, sites, turn, site, places)
     enough = dots >= least
-    return list(zip(*places[enough].T.tolist(), values[enough].tolist(), strict=True))
+    return places[enough], values[enough]
 
 
 def _evidence(tables: Tables, sites: Sites, turn: int, site: int, places: IntArray) -> tuple[FloatArray, IntArray]:

@@ -71,7 +71,9 @@ class Reading:
         return self.place.score + self.place.weight + self.grid_weight
 
 
-def read(dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | None, max_p_tape: float) -> Reading | None:
+def read(
+    dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | None, max_p_tape: float, precision: float
+) -> Reading | None:
     """Find the place that some dots name, if there is any.
 
     Parameters
@@ -80,6 +82,8 @@ def read(dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | Non
         At least one of them trusted.
     max_p_tape : float
         Other grids are tried unless the first one's place is clearly better than this asks for.
+    precision : float
+        What the weight of other places may be too large by.
     """
     middle = dots.trust @ dots.xy_px / dots.trust.sum()
     xy = dots.xy_px - middle
@@ -93,7 +97,7 @@ def read(dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | Non
             tried += 1
             place = None
             if power >= LEAST_GRID_POWER:
-                place = _place(dots, xy, (angle, pitch, phase_a, phase_b), view, world, view.centre_px - middle, prior)
+                place = _place(dots, xy, (angle, pitch, phase_a, phase_b), view, world, view.centre_px - middle, prior, precision)
             if place is None or not isfinite(place.score):
                 continue
             if best is None or place.score + place.weight + grid_weight > best.ln_bound:
@@ -111,6 +115,7 @@ def _place(
     world: Registry | CodePlane,
     centre_px: FloatArray,
     prior: Prior | None,
+    precision: float,
 ) -> Place | PlanePlace | None:
     free = view.scale_tolerance > 0.0
     grid, nodes, squares, sigma = fit_grid(xy, dots.weights, dots.trust, *lattice, view.shift, free)
@@ -121,4 +126,4 @@ def _place(
         return world.search(nodes, q)
     part = view.part
     turns = EVEN_TURNS if part is None else turn_weights(dots.elongation, dots.weights, dots.trust, grid, part)
-    return search(world.tapes, world.families, nodes, q, turns, grid, centre_px, prior)
+    return search(world.tapes, world.families, nodes, q, turns, grid, centre_px, prior, precision)

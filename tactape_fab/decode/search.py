@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, exp, inf, log
+from math import degrees, exp, inf, isfinite, log
 
 import numpy as np
 
-from tactape_fab.decode.counting import Tally, new_tally
+from tactape_fab.decode.counting import NEGLIGIBLE, Tally, new_tally
 from tactape_fab.decode.evidence import Tables, tables_of
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.near import evidence_at, places_near
 from tactape_fab.decode.sites import Family
 from tactape_fab.decode.weigh import weigh_sites
+from tactape_fab.errors import Problem, SpecError
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
@@ -22,8 +23,10 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
+MOST_RADIUS_MM = 50.0
 _RIVALS_NEGLIGIBLE = -15.5
 """As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
+PRECISION = 1e-5
 PRIOR_SHARE = 0.5
 """Weight of the places near a prior; the rest is spread over all places, so that a wrong prior cannot deceive."""
 
@@ -42,6 +45,11 @@ class Prior:
         Largest difference of theta.
     tape : str or None
         Name of the tape; None for any.
+
+    Raises
+    ------
+    SpecError
+        When a value is out of range.
     """
 
     position_mm: tuple[float, float]
@@ -49,6 +57,21 @@ class Prior:
     radius_mm: float = 2.0
     angle_deg: float = 10.0
     tape: str | None = None
+
+    def __post_init__(self) -> None:
+        problems = []
+        if len(self.position_mm) != 2 or not all(isfinite(v) for v in self.position_mm):
+            problems.append(Problem("position_mm", f"position_mm = {self.position_mm!r} is no place; give (x, y) in mm"))
+        if not isfinite(self.theta_deg):
+            problems.append(Problem("theta_deg", f"theta_deg = {self.theta_deg!r} is no angle; give degrees"))
+        if not 0.0 <= self.radius_mm <= MOST_RADIUS_MM:
+            message = f"radius_mm = {self.radius_mm!r} is not from 0 to {MOST_RADIUS_MM:g} mm; give how far off it may be"
+            problems.append(Problem("radius_mm", message))
+        if not 0.0 <= self.angle_deg <= 180.0:
+            message = f"angle_deg = {self.angle_deg!r} is not from 0 to 180 degrees; give how far off it may be"
+            problems.append(Problem("angle_deg", message))
+        if problems:
+            raise SpecError(problems)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,6 +143,7 @@ def search(
     grid: FloatArray,
     centre_px: FloatArray,
     prior: Prior | None,
+    precision: float = PRECISION,
 ) -> Place | None:
     """Hold soft symbols against every origin and quarter turn on every registered tape.
 
@@ -131,6 +155,8 @@ def search(
         How likely each quarter turn is by anything but the symbols; sums to 1.
     centre_px : ndarray, shape (2,)
         The image centre from the origin of the dots' coordinates.
+    precision : float
+        What `Place.others` may be too large by where it matters.
 
     Returns
     -------
@@ -142,26 +168,27 @@ def search(
         return None
     groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
     counts = sum(count_places(*g, family.registered.classes) for g, family in zip(groups, families, strict=True))
-    near = [] if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
-    base = _weights(np.asarray(counts), turn_weights, 1.0 - PRIOR_SHARE if near else 1.0)
+    near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
+    base = _weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
     cue = np.log(turn_weights)
-    tallies = []
-    for t, g, family in zip(tables, groups, families, strict=True):
-        tallies.append(new_tally())
-        weigh_sites(t, family.registered, g, base, cue, tallies[-1])
-    of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
+    for negligible in (NEGLIGIBLE, _strict(groups, precision)):
+        tallies = [new_tally(negligible=negligible) for _ in families]
+        for t, g, family, tally in zip(tables, groups, families, tallies, strict=True):
+            weigh_sites(t, family.registered, g, base, cue, tally)
+        of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
+        best = float(tallies[of].sums[0])
+        total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
+        if total - 1.0 <= precision:  # else what was left out may count
+            break
     if tallies[of].best[0] < 0:
         return None
-    best, total = float(tallies[of].sums[0]), sum(float(t.sums[1]) * exp(t.sums[0] - tallies[of].sums[0]) for t in tallies)
     answer = (of, *(int(v) for v in tallies[of].best[:4]))
-    for found, (without, raised) in zip(near, _raised(near, turn_weights, base), strict=True):
-        if raised > best:
-            answer, total, best = (
-                (found.family, found.turn, found.site, found.column, found.row),
-                total * exp(best - raised),
-                raised,
-            )
-        total += exp(raised - best) - exp(without - best)
+    if near is not None:
+        without, raised = _raised(near, turn_weights, base)
+        top = int(raised.argmax())
+        if raised[top] > best:
+            answer, total, best = tuple(near.places[top].tolist()), total * exp(best - float(raised[top])), float(raised[top])
+        total += float((np.exp(raised - best) - np.exp(without - best)).sum())
     of, turn, site, column, row = answer
     family = families[of]
     score, _ = evidence_at(tables[of], family.registered, turn, site, column, row)
@@ -180,32 +207,46 @@ def search(
     )
 
 
-def rivals(families: Sequence[Family], place: Place, share: float) -> Rivals:
+def rivals(families: Sequence[Family], place: Place, share: float, precision: float = PRECISION) -> Rivals:
     """Hold the dots of an answer against every place of the tapes that nobody registered.
 
     Parameters
     ----------
     share : float
         Weight of all of them together; the registered ones have the rest.
+    precision : float
+        What `Rivals.weight` may be too large by where it matters.
     """
     cue = np.log(place.turn_weights)
     others = [family.unregistered for family in families if family.unregistered is not None]
     counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
     base = _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
-    found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
-    for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
-        tally = new_tally(place.score + place.weight, _RIVALS_NEGLIGIBLE)
-        weigh_sites(t, sites, g, base, cue, tally)
-        strongest = max(float(tally.sums[2]), float(tally.sums[4]))
-        weight = found.weight + float(tally.sums[1]) * exp(min(tally.sums[0] - place.score - place.weight, 700.0))
-        lead = min(found.lead, place.score + float(cue[place.turn]) - strongest)
-        if tally.strongest[0] >= 0 and tally.sums[2] - cue[tally.strongest[0]] > found.score:
-            turn, _, _, _, u, v = tally.strongest.tolist()
-            score, sector = float(tally.sums[2] - cue[turn]), u * (len(sites.signs) // 3) + v
-            found = Rivals(weight=weight, lead=lead, score=score, name=f"sector {sector} of {family.code}")
-        else:
-            found = Rivals(weight=weight, lead=lead, score=found.score, name=found.name)
+    for negligible in (_RIVALS_NEGLIGIBLE, _strict(place.groups, precision)):
+        found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
+        for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
+            tally = new_tally(place.score + place.weight, negligible)
+            weigh_sites(t, sites, g, base, cue, tally)
+            found = _strongest(found, tally, family, place, cue)
+        if found.weight <= precision or found.weight > 1.0:
+            break
     return found
+
+
+def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:
+    """What was found of other families, and what a tally says of this one."""
+    weight = found.weight + float(tally.sums[1]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
+    lead = min(found.lead, place.score + float(cue[place.turn]) - max(float(tally.sums[2]), float(tally.sums[4])))
+    score, name = found.score, found.name
+    turn, _, _, _, u, v = tally.strongest.tolist()
+    if turn >= 0 and tally.sums[2] - cue[turn] > score:
+        length = len(family.registered.signs) // 3
+        score, name = float(tally.sums[2] - cue[turn]), f"sector {u * length + v} of {family.code}"
+    return Rivals(weight=weight, lead=lead, score=score, name=name)
+
+
+def _strict(groups: Sequence[tuple[IntArray, IntArray, FloatArray]], precision: float) -> float:
+    """What is negligible (ln) so that all groups together add no more than a share of `precision`."""
+    return log(precision) - log(10.0 * sum(len(of_family) for of_family, _, _ in groups) + 1.0)
 
 
 def _weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1.0) -> FloatArray:
@@ -229,17 +270,17 @@ def _next_best(tallies: Sequence[Tally], answer: tuple[int, ...]) -> float:
     return max(values)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Near:
-    """A place near a prior: ln E there, and whether all dots lie on the tape."""
+    """Places near a prior.
 
-    family: int
-    turn: int
-    site: int
-    column: int
-    row: int
-    evidence: float
-    inside: bool
+    ``places`` (n, 5) holds family, turn, site, column and row; ``evidence`` (n,) ln E there; ``over`` (n,) 1 where some dots lie
+    beyond the tape's edge.
+    """
+
+    places: IntArray
+    evidence: FloatArray
+    over: IntArray
 
 
 def _near(
@@ -249,8 +290,8 @@ def _near(
     grid: FloatArray,
     centre_px: FloatArray,
     prior: Prior,
-) -> list[_Near]:
-    """The places near a prior with enough dots on a tape."""
+) -> _Near | None:
+    """The places near a prior with enough dots on a tape, if there are any."""
     found = []
     for of, (family, t) in enumerate(zip(families, tables, strict=True)):
         for turn in range(4):
@@ -262,24 +303,25 @@ def _near(
                 tape = tapes[index]
                 if prior.tape not in (None, tape.name):
                     continue
-                at = np.asarray(prior.position_mm) / tape.pitch_mm - centre
-                size, reach = (tape.columns, tape.rows), prior.radius_mm / tape.pitch_mm
-                for column, row, evidence in places_near(t, family.registered, turn, site, at, reach, LEAST_DOTS):
-                    wide, high = t.size[turn]
-                    inside = 0 <= column <= size[0] - wide and 0 <= row <= size[1] - high
-                    found.append(_Near(of, turn, site, int(column), int(row), evidence, inside))
-    return found
+                at, reach = np.asarray(prior.position_mm) / tape.pitch_mm - centre, prior.radius_mm / tape.pitch_mm
+                cells, evidence = places_near(t, family.registered, turn, site, at, reach, LEAST_DOTS)
+                inside = ((cells >= 0) & (cells <= np.array([tape.columns, tape.rows]) - t.size[turn])).all(axis=1)
+                places = np.column_stack([np.broadcast_to([of, turn, site], (len(cells), 3)), cells])
+                found.append(_Near(places=places, evidence=evidence, over=(~inside).astype(np.int64)))
+    if sum(len(near.evidence) for near in found) == 0:
+        return None
+    return _Near(
+        places=np.concatenate([near.places for near in found]),
+        evidence=np.concatenate([near.evidence for near in found]),
+        over=np.concatenate([near.over for near in found]),
+    )
 
 
-def _raised(near: Sequence[_Near], turn_weights: FloatArray, base: FloatArray) -> list[tuple[float, float]]:
+def _raised(near: _Near, turn_weights: FloatArray, base: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ln of the weighted evidence of places near a prior, as it is without the prior and with it."""
-    total = sum(float(turn_weights[place.turn]) for place in near)
-    raised = []
-    for place in near:
-        without = float(base[place.turn, 0 if place.inside else 1])
-        share = PRIOR_SHARE * float(turn_weights[place.turn]) / total
-        raised.append((place.evidence + without, place.evidence + log(exp(without) + share)))
-    return raised
+    turn = near.places[:, 1]
+    without, share = base[turn, near.over], PRIOR_SHARE * turn_weights[turn] / turn_weights[turn].sum()
+    return near.evidence + without, near.evidence + np.log(np.exp(without) + share)
 
 
 def _turned_point(grid: FloatArray, point_px: FloatArray, turn: int) -> FloatArray:

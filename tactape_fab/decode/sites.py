@@ -119,7 +119,7 @@ def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape
         common.setdefault(tape.origin, []).append(tape)
     there = [found for found in common.values() if len(found) < code.sectors]
     size_of = [_least_size(sizes, found) for found in there]
-    order = sorted(range(len(there)), key=size_of.__getitem__)
+    order = sorted(range(len(there)), key=lambda k: (size_of[k], len(there[k])))
     barred = [(site, *divmod(t.sector, length)) for site, k in enumerate(order, len(others)) for t in there[k]]
     return _sites(
         code,
@@ -158,14 +158,15 @@ def _sites(
     everyone = sectors[:, 0] < 0
     holed = np.zeros(len(size_of), dtype=bool)
     holed[[] if holes is None else holes[:, 0]] = True
-    alike = np.stack([np.asarray(size_of), everyone, holed])
+    shut = np.bincount(np.empty(0, dtype=np.int64) if barred is None else barred[:, 0], minlength=len(size_of))
+    alike = np.stack([np.asarray(size_of), everyone, holed, shut])
     bounds = [0, *(np.flatnonzero((np.diff(alike.astype(np.int64)) != 0).any(axis=0)) + 1).tolist(), len(size_of)]
     classes = [
         (
             first,
             last,
             size_of[first],
-            length * length - 1 if everyone[first] else 1,
+            length * length - shut[first] if everyone[first] else 1,
             overhang or everyone[first],
             last - first >= _WORTH_BOUNDS and not holed[first],
         )

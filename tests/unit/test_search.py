@@ -13,6 +13,7 @@ import pytest
 from tactape_fab import Tape, TapeSpec, default_origin
 from tactape_fab.decode.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, Prior, rivals, search
 from tactape_fab.decode.sites import families
+from tactape_fab.errors import SpecError
 from tactape_fab.make import examine
 from tactape_fab.texture.code import BoolArray, encode, get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -200,9 +201,7 @@ def test_rivals_are_a_plain_enumeration(name: str, sector: int, corner: tuple[in
     found, of = joined(each), np.repeat(sectors, [len(here.turn) for here in each])
     score = found.value + np.log(weights_of(found, TURNS)) + np.log(SHARE / (1 - SHARE))
     weight = np.exp(score - place.score - place.weight).sum()
-    assert (
-        weight * (1 - 0.01) - 1e-6 <= shown.weight <= weight * (1 + 0.01) + 3e-5
-    )  # barred sectors are shared out by the average
+    assert weight * (1 - 0.01) - 1e-6 <= shown.weight <= weight * (1 + 0.01) + 3e-5
     likelihood = found.value + np.log(TURNS[found.turn])
     lead = place.score + np.log(TURNS[place.turn]) - likelihood.max()
     assert shown.lead <= lead + 1e-4
@@ -243,6 +242,42 @@ def test_two_tapes_at_one_origin_are_no_strangers_to_each_other() -> None:
     assert place is not None and place.tape == 1
     shown = rivals(world, place, SHARE)
     assert shown.lead > 5.0 and shown.weight < 1e-3
+
+
+@pytest.mark.parametrize("count", [200, 255])
+def test_the_last_strangers_at_an_origin_weigh_what_they_are(count: int) -> None:
+    tapes = [tape_of(sector, origin=(0, 0)) for sector in range(count)]
+    world = families(tapes, open_world=True)
+    nodes, q = seen(tape_of(255, origin=(0, 0)), (10, 7), 1, np.random.default_rng(0), dots=26, doubt=0.05)
+    place = search(tapes, world, nodes, q, TURNS, GRID, CENTRE, None)
+    assert place is not None
+    shown = rivals(world, place, SHARE)
+    here = [enumerate_places(tape_of(7, origin=(0, 0)), sector, nodes, q) for sector in range(count, 256)]
+    default = set(range(256)) - {0}
+    there = [enumerate_places(tape_of(sector), sector, nodes, q, overhang=False) for sector in default]
+    found = joined([*here, *there])
+    score = found.value + np.log(weights_of(found, TURNS)) + np.log(SHARE / (1 - SHARE))
+    assert shown.weight == pytest.approx(np.exp(score - place.score - place.weight).sum(), rel=1e-3)
+
+
+def test_what_is_left_out_does_not_refuse_what_is_clear() -> None:
+    tapes = [tape_of(sector, (20 + sector % 25, 12 + sector // 25)) for sector in range(120)]
+    world = families(tapes, open_world=True)
+    nodes, q = seen(tapes[40], (2, 2), 1, np.random.default_rng(0), dots=30, doubt=0.002)
+    place = search(tapes, world, nodes, q, TURNS, GRID, CENTRE, None, 1e-7)
+    assert place is not None and place.tape == 40
+    assert place.others <= 1e-7
+    assert rivals(world, place, SHARE, 1e-7).weight <= 1e-7
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("position_mm", (np.nan, 3.0)), ("position_mm", (1.0,)), ("theta_deg", np.nan), ("radius_mm", -1.0), ("angle_deg", np.nan)],
+)
+def test_a_prior_that_says_nothing_is_refused(key: str, value: object) -> None:
+    good = {"position_mm": (1.0, 2.0), "theta_deg": 0.0}
+    with pytest.raises(SpecError, match=key):
+        Prior(**{**good, key: value})  # type: ignore[arg-type]
 
 
 def test_all_sectors_registered_at_one_origin_leave_no_rival_there() -> None:
