@@ -67,8 +67,8 @@ class Prior:
         if not 0.0 <= self.radius_mm <= MOST_RADIUS_MM:
             message = f"radius_mm = {self.radius_mm!r} is not from 0 to {MOST_RADIUS_MM:g} mm; give how far off it may be"
             problems.append(Problem("radius_mm", message))
-        if not 0.0 <= self.angle_deg <= 180.0:
-            message = f"angle_deg = {self.angle_deg!r} is not from 0 to 180 degrees; give how far off it may be"
+        if not 0.0 <= self.angle_deg <= 360.0:
+            message = f"angle_deg = {self.angle_deg!r} is not from 0 to 360 degrees; give how far off it may be"
             problems.append(Problem("angle_deg", message))
         if problems:
             raise SpecError(problems)
