@@ -13,7 +13,7 @@ from tactape_fab.decode.kernels import kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import FloatArray, IntArray
 
-NEGLIGIBLE = -16.0
+NEGLIGIBLE = -14.5
 """ln of the share of the answer's weight below which a group of places is counted at its bound, if not said otherwise."""
 FAR_BELOW = 32.0
 """Single places that far (ln) below the answer are left out."""

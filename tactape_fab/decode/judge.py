@@ -118,7 +118,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
         return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
     if p_tape > limits.on_tape and place.most_said < clear:
         return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
-    found = rivals(world.families, place, world.unregistered_share, limits.precision)
+    found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa))
     weight = place.others + found.weight
     sure = found.score > clear and found.lead < log(limits.kappa)
     return _Doubt(p_place=weight / (1.0 + weight), lead=min(place.lead, found.lead), unregistered=found.name if sure else None)

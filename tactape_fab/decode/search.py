@@ -23,8 +23,10 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
+_SURELY_SEEN = 30.0
+"""More than the weight of an answer and that of a rival can differ by (ln)."""
 MOST_RADIUS_MM = 50.0
-_RIVALS_NEGLIGIBLE = -15.5
+_RIVALS_NEGLIGIBLE = -14.5
 """As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
 PRECISION = 1e-5
 PRIOR_SHARE = 0.5
@@ -207,7 +209,9 @@ def search(
     )
 
 
-def rivals(families: Sequence[Family], place: Place, share: float, precision: float = PRECISION) -> Rivals:
+def rivals(
+    families: Sequence[Family], place: Place, share: float, precision: float = PRECISION, least_lead: float = 0.0
+) -> Rivals:
     """Hold the dots of an answer against every place of the tapes that nobody registered.
 
     Parameters
@@ -216,18 +220,22 @@ def rivals(families: Sequence[Family], place: Place, share: float, precision: fl
         Weight of all of them together; the registered ones have the rest.
     precision : float
         What `Rivals.weight` may be too large by where it matters.
+    least_lead : float
+        A lead (ln) that is smaller is not told from bounds.
     """
     cue = np.log(place.turn_weights)
     others = [family.unregistered for family in families if family.unregistered is not None]
     counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
     base = _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
-    for negligible in (_RIVALS_NEGLIGIBLE, _strict(place.groups, precision)):
-        found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
+    strict = _strict(place.groups, precision)
+    for negligible in (_RIVALS_NEGLIGIBLE, strict, strict - least_lead - _SURELY_SEEN):
+        found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), False
         for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
             tally = new_tally(place.score + place.weight, negligible)
             weigh_sites(t, sites, g, base, cue, tally)
             found = _strongest(found, tally, family, place, cue)
-        if found.weight <= precision or found.weight > 1.0:
+            bounded = bounded or bool(tally.sums[4] > tally.sums[2])
+        if (found.weight <= precision or found.weight > 1.0) and not (bounded and found.lead < least_lead):
             break
     return found
 

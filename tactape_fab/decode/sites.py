@@ -47,6 +47,8 @@ class Sites(NamedTuple):
     classes : ndarray of int, shape (k, 6)
         Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1 where
         there are so many that bounds are worth their making (`FIRST` ... `MANY`).
+    kinds : ndarray of int, shape (3,)
+        Most columns or rows, and whether there are classes of few and of many sites.
     """
 
     signs: Floats
@@ -58,6 +60,7 @@ class Sites(NamedTuple):
     sizes: IntArray
     size_of: IntArray
     classes: IntArray
+    kinds: IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,6 +185,9 @@ def _sites(
         sizes=table,
         size_of=np.asarray(size_of, dtype=np.int64),
         classes=np.array(classes, dtype=np.int64),
+        kinds=np.array(
+            [table.max(), any(not found[MANY] for found in classes), any(found[MANY] for found in classes)], dtype=np.int64
+        ),
     )
 
 

@@ -39,11 +39,11 @@ def weigh_sites(
     cue : ndarray, shape (4,)
         ln of what speaks for each turn besides the bits; L = E times it.
     """
-    length, widest = len(sites.signs) // 3, int(sites.sizes.max())
+    length, (widest, few, many) = len(sites.signs) // 3, sites.kinds.tolist()
     room = Room(np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest)))
-    if (sites.classes[:, MANY] == 1).any():
+    if many:
         weigh_many(tables, sites, *groups, base, cue, tally, room, no_bounds(tables.dots.shape[1] - 1, length))
-    if (sites.classes[:, MANY] == 0).any():
+    if few:
         starts, said = hole_evidence(tables, sites) if len(sites.holes) else (np.full(len(sites.table), -1), _NOTHING)
         weigh_few(tables, sites, *groups, base, cue, tally, room, starts, said)
 
