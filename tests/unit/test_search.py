@@ -273,11 +273,11 @@ def test_what_is_left_out_does_not_refuse_what_is_clear() -> None:
 def test_a_prior_does_not_hide_how_near_the_strangers_are() -> None:
     tapes = REGISTRIES["one"]
     world = families(tapes, open_world=True)
-    nodes, q = seen(tapes[0], (4, 4), 0, np.random.default_rng(1), dots=18, doubt=0.02)
+    nodes, q = seen(tapes[0], (28, 9), 0, np.random.default_rng(3), dots=14, doubt=0.02)
     place = search(tapes, world, nodes, q, TURNS, GRID, CENTRE, None)
     assert place is not None
     plain = rivals(world, place, SHARE, 1e-12, np.log(30.0))
-    sure = rivals(world, replace(place, weight=place.weight + 9.0), SHARE, least_lead=np.log(30.0))
+    sure = rivals(world, replace(place, weight=place.weight + 7.0), SHARE, least_lead=np.log(30.0))
     assert plain.lead > np.log(30.0)
     assert sure.lead > np.log(30.0)
 
