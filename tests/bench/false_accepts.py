@@ -34,7 +34,7 @@ SECTORS_DOTS = "other sectors, dots"
 SECTORS_DEPTH = "other sectors, depth maps"
 WORST_DEPTH = "worst sector, depth maps"
 COMMON_DOTS = "other sectors at a common origin, dots"
-_SOURCES = Path(tactape_fab.__file__).parent
+_ROOMS = ("texture", "profiles", "simulate", "decode")
 _FRAMES = ("localization_false.py", "localization_rows.py", "dot_records.py")
 
 Done = dict[Job, Tally]
@@ -170,8 +170,9 @@ def _line(item: tuple[Job, Tally]) -> str:
 
 def about() -> Mapping[str, Any]:
     """Seed, and a digest of everything that decides an answer."""
-    digest = hashlib.sha256()
-    for path in sorted([*_SOURCES.rglob("*.py"), *(Path(__file__).parent / name for name in _FRAMES)]):
+    digest, package = hashlib.sha256(), Path(tactape_fab.__file__).parent
+    sources = [path for room in _ROOMS for path in (package / room).rglob("*.py")]
+    for path in sorted([*sources, *(Path(__file__).parent / name for name in _FRAMES)]):
         digest.update(path.name.encode() + path.read_bytes())
     return {"seed": SEED, "sources": digest.hexdigest()[:16]}
 
