@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactape_fab.decode.evidence import Floats
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel
 from tactape_fab.decode.sites import START
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -51,7 +51,7 @@ def no_bounds(m: int, length: int) -> Bounds:
     )
 
 
-@kernel()
+@inner_kernel()
 def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int, count: int) -> int:
     """Where the bounds of the dots from `low` to `high` - 1 along the lines are."""
     slot = of.slot[turn, axis, low, high]
@@ -70,7 +70,7 @@ def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int
     return int(slot)
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def bound_pairs(
     pairs: Floats, pair_most: FloatArray, line_most: FloatArray, lines: Floats, low: int, high: int, count: int
 ) -> None:
@@ -97,7 +97,7 @@ def bound_pairs(
         pair_most[k // 2] = _most(pairs[k // 2], length)
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def _most(values: Floats, count: int) -> float:
     most = values[0]
     for k in range(1, count):
@@ -105,7 +105,7 @@ def _most(values: Floats, count: int) -> float:
     return float(most)
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def bound_starts(out: Floats, pairs: Floats, steps: IntArray, lines: int) -> None:
     """Bound of all lines together for every start in the plane; starts without so many lines after them have none."""
     count = len(out) - lines + 1
@@ -117,7 +117,7 @@ def bound_starts(out: Floats, pairs: Floats, steps: IntArray, lines: int) -> Non
             out[start] += table[steps[start + 2 * k]]
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, count: int, first: int, last: int) -> None:
     """Largest of some values over the places of each site."""
     for site in range(first, last):
@@ -128,7 +128,7 @@ def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, c
         out[site] = most
 
 
-@kernel()
+@inner_kernel()
 def bound_lines(
     out: FloatArray,
     bounds: Bounds,
@@ -158,7 +158,7 @@ def bound_lines(
     _follow(out, bounds.pairs[slot], bounds.pair_most[slot], alone, steps, table, axis, place, low, high, sites, least - DEEP)
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def _follow(
     out: FloatArray,
     pairs: Floats,
@@ -185,7 +185,7 @@ def _follow(
         out[site] = bound
 
 
-@kernel()
+@inner_kernel()
 def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: float) -> tuple[int, float, float]:
     """Sites whose bound is not below `least`: how many; the others' weight in sites at `least`; and the largest bound of them."""
     count, deep, shallow, most = 0, 0, 0.0, NEVER
@@ -203,7 +203,7 @@ def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: f
     return count, shallow + deep * np.exp(-DEEP), most
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def bound_between(pairs: Floats, lines: int, steps: IntArray, first: int, last: int) -> float:
     """Most that all of some lines can say together at any of some starts in the plane."""
     most = np.float32(NEVER)

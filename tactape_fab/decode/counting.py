@@ -9,7 +9,7 @@ import numpy as np
 from tactape_fab.decode.bounds import NEVER
 from tactape_fab.decode.evidence import Floats, add_lines
 from tactape_fab.decode.groups import COLUMNS, ROWS, X, Y
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -49,7 +49,7 @@ class Room(NamedTuple):
     most: FloatArray
 
 
-@kernel()
+@inner_kernel()
 def drop(bound: float, places: float, of: float, terms: tuple[float, float], sums: FloatArray) -> bool:
     """Whether some places cannot matter; they are counted then as if each were as good as their bound.
 
@@ -69,7 +69,7 @@ def drop(bound: float, places: float, of: float, terms: tuple[float, float], sum
     return True
 
 
-@kernel()
+@inner_kernel()
 def weigh_site(
     known: Floats,
     lines: Floats,
@@ -138,7 +138,7 @@ def weigh_site(
         _count_sector(where, group[COLUMNS], group[ROWS], phase, place[SECTOR], terms, tally, room, hole, stride)
 
 
-@kernel()
+@inner_kernel()
 def _count_sector(
     at: tuple[int, int, int, int],
     columns: int,
@@ -171,7 +171,7 @@ def _count_sector(
                 count_at(tally, value, 1.0, terms, (at[0], at[1], at[2] + i, at[3] + j, sector[0], sector[1]))
 
 
-@kernel()
+@inner_kernel()
 def count_at(
     tally: Tally, value: float, weight: float, terms: tuple[float, float], at: tuple[int, int, int, int, int, int]
 ) -> None:
@@ -193,7 +193,7 @@ def count_at(
         sums[3] = likelihood
 
 
-@kernel()
+@inner_kernel()
 def _count_every_sector(
     at: tuple[int, int, int, int],
     columns: int,
@@ -231,7 +231,7 @@ def _count_every_sector(
                 count_at(tally, most, total, terms, (at[0], at[1], at[2] + i, at[3] + j, u, v))
 
 
-@kernel()
+@inner_kernel()
 def _sum_and_best(line: Floats, most: float) -> tuple[float, int]:
     """Sum of exp(evidence - most) over all phases, and the phase of the largest."""
     total, best = 0.0, 0
@@ -242,7 +242,7 @@ def _sum_and_best(line: Floats, most: float) -> tuple[float, int]:
     return total, best
 
 
-@kernel()
+@inner_kernel()
 def _without(x: Floats, y: Floats, row: int, column: int, barred: IntArray, site: int) -> tuple[float, float, int, int]:
     """The best of the sectors that are not barred, the weight of all of them as a multiple of it, and which it is."""
     length = len(x)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -164,7 +164,7 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
                     of[c, r] += of[c - 1, r] + of[c, r - 1] - of[c - 1, r - 1]
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def add_lines(
     out: Floats, lines: Floats, low: int, high: int, first: int, last: int, phases: IntArray, start: int, length: int
 ) -> float:

@@ -12,7 +12,7 @@ from math import exp
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.texture.frames import FloatArray
 
 Image = npt.NDArray[np.float32]
@@ -84,7 +84,7 @@ def averaged(depth: Image, factor: int) -> Image:
     return out
 
 
-@kernel()
+@inner_kernel()
 def _inside(index: int, n: int) -> int:
     """The index that a border shows which mirrors the image at its outermost pixels."""
     if n == 1:
@@ -143,7 +143,7 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     return out
 
 
-@kernel()
+@inner_kernel()
 def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
     for i in range(len(found) - 1, -1, -1):

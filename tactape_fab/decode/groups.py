@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.decode.evidence import Floats, Tables
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.decode.sites import ORIGIN, OVERHANG, SECTOR, START, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -75,7 +75,7 @@ def _fill_groups(
     return n
 
 
-@kernel()
+@inner_kernel()
 def _cuts(out: IntArray, size: int, dots: int) -> int:
     """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
     n = 0

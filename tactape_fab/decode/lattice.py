@@ -10,7 +10,7 @@ from math import factorial, pi
 
 import numpy as np
 
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.decode.order import select
 from tactape_fab.texture.frames import FloatArray
 
@@ -24,7 +24,7 @@ _COS = tuple((-1.0) ** k / factorial(2 * k) for k in range(9))
 _SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def _cos_sin(turns: float) -> tuple[float, float]:
     """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
     half = pi * (turns - np.rint(turns))
@@ -49,7 +49,7 @@ def _cos_sin(turns: float) -> tuple[float, float]:
     return c * c - s * s, 2.0 * c * s
 
 
-@kernel(fastmath=True)
+@inner_kernel(fastmath=True)
 def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tuple[float, float, float, float]:
     """Real and imaginary sums of the dots at both wave vectors of a square grid."""
     cu, cv = np.cos(angle) / pitch, np.sin(angle) / pitch
@@ -88,7 +88,7 @@ def scanned_power(xy: FloatArray, weights: FloatArray, pitch: float) -> FloatArr
     return power
 
 
-@kernel()
+@inner_kernel()
 def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step_angle: float, step_pitch: float) -> float:
     """Top of the parabola through the powers one step before, here and one step on; in steps from here, at most a half."""
     slope = bend = 0.0
@@ -100,7 +100,7 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
     return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
 
 
-@kernel()
+@inner_kernel()
 def _strongest(xy: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places and weights of the SCANNED strongest dots, or of all where there are fewer."""
     n, least = len(weights), 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from math import log, pi
 from time import perf_counter
@@ -12,6 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.decode.ahead import rehearse, search_compiled
 from tactape_fab.decode.detect import Dots, detect, trusted
 from tactape_fab.decode.door import LARGE, canonical_frame, dot_numbers
 from tactape_fab.decode.elongation import flipped_u, square_pixels
@@ -184,8 +186,9 @@ class Localizer:
         collecting = gc.isenabled()
         gc.disable()  # a compiler makes millions of objects that live: looking through them takes a sixth of its time
         try:
+            with search_compiled() if isinstance(self._world, Registry) else nullcontext():
+                rehearse(dots, ripple, self._view)
             self._locate(dots, None)
-            detect(ripple.astype(np.float32), self._view.px_per_mm)
         finally:
             if collecting:
                 gc.enable()

@@ -17,7 +17,7 @@ from tactape_fab.decode.bounds import (
 from tactape_fab.decode.counting import Room, Tally, drop, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import COLUMNS, OVER, ROWS
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.decode.sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, TAPES, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -100,7 +100,7 @@ def weigh_many(
                         )
 
 
-@kernel()
+@inner_kernel()
 def _column_bounds(tables: Tables, sites: Sites, known: Bounds) -> Floats:
     """Bound of what the x bits say where the dots' column 0 lies on each column of the plane; shape (4, columns)."""
     out = np.empty((4, sites.phases.shape[1]), dtype=np.float32)
@@ -112,7 +112,7 @@ def _column_bounds(tables: Tables, sites: Sites, known: Bounds) -> Floats:
     return out
 
 
-@kernel()
+@inner_kernel()
 def _row_bound(known: Bounds, tables: Tables, sites: Sites, site: int, turn: int, rows: int) -> float:
     """Bound of what the y bits say with all dots on a site."""
     wide, high = tables.size[turn, 0], tables.size[turn, 1]
@@ -122,7 +122,7 @@ def _row_bound(known: Bounds, tables: Tables, sites: Sites, site: int, turn: int
     return bound_between(known.pairs[slot], high, sites.steps[axis], row, row + rows)
 
 
-@kernel()
+@inner_kernel()
 def _bound_group(
     out: FloatArray,
     known: Bounds,
@@ -146,7 +146,7 @@ def _bound_group(
     bound_lines(out, known, slot, sites.steps[axis], sites.table, axis, group[own], lines, span, least)
 
 
-@kernel()
+@inner_kernel()
 def _first_guess(
     tables: Tables,
     sites: Sites,

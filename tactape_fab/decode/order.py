@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel
 from tactape_fab.texture.frames import FloatArray
 
 
-@kernel()
+@inner_kernel()
 def select(values: FloatArray, k: int) -> float:
     """The k-th smallest (from 0) of some values; they are reordered, none before it is larger, none behind it smaller."""
     low, high = 0, len(values) - 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.decode.detect import Dots
-from tactape_fab.decode.kernels import kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.decode.order import select
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
@@ -78,7 +78,7 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
     )
 
 
-@kernel()
+@inner_kernel()
 def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple[float, float]:
     """Weight of a wholly imprinted dot, and relative scatter of such weights: from the upper half, which no rim lowers."""
     n = 0

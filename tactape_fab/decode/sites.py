@@ -94,7 +94,7 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
         holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
         largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
         sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
-        registered = _sites(
+        registered = sites_of(
             code,
             sizes,
             origins=np.array([tape.origin for tape in members]),
@@ -124,7 +124,7 @@ def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape
     size_of = [_least_size(sizes, found) for found in there]
     order = sorted(range(len(there)), key=lambda k: (size_of[k], len(there[k])))
     barred = [(site, *divmod(t.sector, length)) for site, k in enumerate(order, len(others)) for t in there[k]]
-    return _sites(
+    return sites_of(
         code,
         sizes,
         origins=np.array([*(default_origin(code.name, sector) for sector in others), *(there[k][0].origin for k in order)]),
@@ -142,7 +142,7 @@ def _least_size(sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> int:
     return min(fitting, key=lambda k: sizes[k][0] * sizes[k][1])
 
 
-def _sites(
+def sites_of(
     code: Code,
     sizes: list[tuple[int, int]],
     *,
@@ -153,6 +153,10 @@ def _sites(
     holes: IntArray | None = None,
     overhang: bool = True,
 ) -> Sites:
+    """Sites from the plane origins (n, 2) of their tapes, which of some sizes each has, and u and v of their sectors (n, 2).
+
+    `barred` and `holes` as in `Sites`; `overhang` says whether dots may hang over the tapes' edges.
+    """
     length, table = code.main.length, np.array(sizes, dtype=np.int64)
     pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
     phases = np.zeros((2, max(len(found) for found, _ in pairs)), dtype=np.int64)

@@ -7,9 +7,10 @@ hangs over an edge. A group that cannot matter is counted at its bound; all othe
 from __future__ import annotations
 
 import numpy as np
+from numba import typeof
 
 from tactape_fab.decode.bounds import no_bounds
-from tactape_fab.decode.counting import Room, Tally, weigh_site
+from tactape_fab.decode.counting import Room, Tally, new_tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import OVER, X, Y, hole_evidence
 from tactape_fab.decode.kernels import kernel
@@ -39,13 +40,26 @@ def weigh_sites(
     cue : ndarray, shape (4,)
         ln of what speaks for each turn besides the bits; L = E times it.
     """
-    length, (widest, few, many) = len(sites.signs) // 3, sites.kinds.tolist()
-    room = Room(np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest)))
+    _, few, many = sites.kinds.tolist()
+    room = _room(sites)
     if many:
-        weigh_many(tables, sites, *groups, base, cue, tally, room, no_bounds(tables.dots.shape[1] - 1, length))
+        bounds = no_bounds(tables.dots.shape[1] - 1, len(sites.signs) // 3)
+        weigh_many(tables, sites, *groups, base, cue, tally, room, bounds)
     if few:
         starts, said = hole_evidence(tables, sites) if len(sites.holes) else (np.full(len(sites.table), -1), _NOTHING)
         weigh_few(tables, sites, *groups, base, cue, tally, room, starts, said)
+
+
+def compile_weighing(tables: Tables, sites: Sites, groups: tuple[IntArray, IntArray, FloatArray]) -> None:
+    """Compile what `weigh_sites` calls, for arguments of these types; their values do not matter."""
+    given = (tables, sites, *groups, np.empty((4, 2)), np.empty(4), new_tally(), _room(sites))
+    for function, more in ((weigh_few, (np.empty(0, dtype=np.int64), _NOTHING)), (weigh_many, (no_bounds(1, 1),))):
+        function.compile(tuple(typeof(value) for value in (*given, *more)))  # type: ignore[no-untyped-call]
+
+
+def _room(sites: Sites) -> Room:
+    length, widest = len(sites.signs) // 3, int(sites.kinds[0])
+    return Room(np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest)))
 
 
 @kernel()

@@ -1,0 +1,115 @@
+"""The first time ever: another process compiles the search while this one compiles the rest, each half of the whole."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from tactape_fab.decode.detect import Dots, detect
+from tactape_fab.decode.elongation import turn_weights
+from tactape_fab.decode.evidence import Tables, tables_of, turned
+from tactape_fab.decode.groups import count_places, groups_of
+from tactape_fab.decode.lattice import find_lattices
+from tactape_fab.decode.near import evidence_at
+from tactape_fab.decode.pose import fit_pose
+from tactape_fab.decode.reading import View
+from tactape_fab.decode.rim import settled
+from tactape_fab.decode.search import LARGEST_CONTACT, LEAST_DOTS
+from tactape_fab.decode.sites import Sites, sites_of
+from tactape_fab.decode.symbols import fit_grid, posteriors
+from tactape_fab.decode.weigh import compile_weighing
+from tactape_fab.texture.code import get_code
+from tactape_fab.texture.frames import FloatArray
+
+_LONGEST_S = 60.0
+"""A process that takes longer is not waited for: what it would have compiled is compiled here then."""
+
+_log = logging.getLogger("tactape_fab")
+
+
+@contextmanager
+def search_compiled() -> Iterator[None]:
+    """While the block runs, another process compiles the search, where compiled functions are not on the disk yet.
+
+    Where no other process can be started, or there is one core, the search is compiled when it is first called.
+    """
+    misses = _misses()
+    turned(np.empty((0, 2), dtype=np.int64), np.empty((0, 4)), 0, np.empty((0, 2), dtype=np.int64), np.empty((0, 3)))
+    if _misses() == misses:
+        yield
+        return
+    _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some ten seconds")
+    process = _started()
+    try:
+        yield
+        if process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_LONGEST_S)
+    finally:
+        if process is not None and process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+def _misses() -> int:
+    return sum(turned.stats.cache_misses.values())
+
+
+def _started() -> subprocess.Popen[bytes] | None:
+    """A process that compiles the search; None where this one is no Python to be started again, or has but one core."""
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    if cores == 1 or getattr(sys, "frozen", False) or not Path(sys.executable or "").name.startswith("python"):
+        return None
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    command = [sys.executable, "-c", f"from {__name__} import compile_search; compile_search()"]
+    quiet = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=environment)
+    except OSError:
+        return None
+
+
+def compile_search() -> None:
+    """Compile what makes groups of places and holds dots against them, for one dot and one tape that nobody made."""
+    gc.disable()
+    m, sites = 1, _one_site()
+    tables = Tables(
+        cells=np.zeros((4, m, 2), dtype=np.int64),
+        evidence=np.zeros((4, m, 3)),
+        corner=np.zeros((4, 2), dtype=np.int64),
+        size=np.ones((4, 2), dtype=np.int64),
+        lines=np.zeros((4, 2, m + 1, m, 2 * len(sites.signs) // 3), dtype=np.float32),
+        dots=np.zeros((4, m + 1, m + 1), dtype=np.int64),
+        most=np.zeros((4, 2, m + 1, m + 1)),
+    )
+    groups = groups_of(tables, sites.sizes, LEAST_DOTS)
+    compile_weighing(tables, sites, groups)
+    count_places(*groups, sites.classes)
+    evidence_at(tables, sites, 0, 0, 0, 0)
+
+
+def rehearse(dots: Dots, ripple: FloatArray, view: View) -> None:
+    """Call all the rest once, on made-up dots and a made-up depth map."""
+    detect(ripple.astype(np.float32), view.px_per_mm)
+    dots = settled(dots, view.pitch_px, view.shift)
+    xy = dots.xy_px - dots.xy_px.mean(axis=0)
+    angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()
+    grid, nodes, squares, sigma = fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, view.shift, True)
+    q = posteriors(nodes, squares, dots.weights, dots.trust, sigma)
+    if view.part is not None:
+        turn_weights(dots.elongation, dots.weights, dots.trust, grid, view.part)
+    tables_of(nodes, q, _one_site().signs, LARGEST_CONTACT)
+    fit_pose(xy, nodes * np.float64(view.pitch_mm), dots.weights, view.px_per_mm, fixed_scale=False)
+
+
+def _one_site() -> Sites:
+    one = np.zeros((1, 2), dtype=np.int64)
+    return sites_of(get_code("microdots-4x4"), [(8, 8)], origins=one, size_of=one[:, 0], sectors=one)

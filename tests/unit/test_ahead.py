@@ -1,0 +1,77 @@
+"""The first time ever: half of the decoder is compiled by another process."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from tactape_fab.decode import ahead
+from tactape_fab.decode.localizer import Localizer
+from tactape_fab.decode.many import weigh_many
+from tactape_fab.decode.weigh import weigh_few
+
+from ..contacts import tape_of
+
+
+class Process:
+    """One that compiles for ever, unless it is told how long."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def wait(self, timeout: float | None = None) -> None:
+        self.told.append("wait")
+
+    def poll(self) -> int | None:
+        return 0 if "wait" in self.told else None
+
+    def kill(self) -> None:
+        self.told.append("kill")
+
+
+@pytest.fixture
+def process(monkeypatch: pytest.MonkeyPatch) -> Process:
+    """Nothing is on the disk, and another process is at work."""
+    found, misses = Process(), iter(range(9))
+    monkeypatch.setattr(ahead, "_misses", lambda: next(misses))
+    monkeypatch.setattr(ahead, "_started", lambda: found)
+    return found
+
+
+def test_what_is_compiled_ahead_is_what_is_called() -> None:
+    ahead.compile_search()
+    Localizer([tape_of(7)])
+    assert len(weigh_few.signatures) == len(weigh_many.signatures) == 1
+
+
+def test_it_is_said_and_waited_for(process: Process, caplog: pytest.LogCaptureFixture) -> None:
+    with ahead.search_compiled():
+        assert "compiles its decoder" in caplog.text
+        assert process.told == []
+    assert process.told == ["wait"]
+
+
+def test_no_process_is_left_behind(process: Process) -> None:
+    with pytest.raises(KeyboardInterrupt), ahead.search_compiled():
+        raise KeyboardInterrupt
+    assert process.told[0] == "kill"
+
+
+def test_what_is_on_the_disk_is_not_compiled_again(
+    process: Process, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(ahead, "_misses", lambda: 0)
+    with caplog.at_level(logging.DEBUG), ahead.search_compiled():
+        pass
+    assert caplog.text == "" and process.told == []
+
+
+@pytest.mark.parametrize(("name", "value"), [("frozen", True), ("executable", "/opt/blender/blender"), ("executable", None)])
+def test_a_program_that_is_no_python_is_not_started_again(monkeypatch: pytest.MonkeyPatch, name: str, value: Any) -> None:
+    monkeypatch.setattr(sys, name, value, raising=False)
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("it was started"))
+    assert ahead._started() is None
