@@ -200,7 +200,8 @@ def test_a_localizer_is_ready_within_a_second(benchmark: BenchmarkFixture, repor
 def test_it_is_ready_within_ten_seconds_the_first_time_ever(benchmark: BenchmarkFixture, report: Report, tmp_path: Path) -> None:
     program = (
         "import time; from tests.bench.localization_rows import registered_tape; tape = registered_tape();"
-        "start = time.perf_counter(); from tactape_fab.decode import Localizer; Localizer([tape]); print(time.perf_counter() - start)"
+        "start = time.perf_counter(); from tactape_fab.decode import Localizer; Localizer([tape]);"
+        "print(time.perf_counter() - start)"
     )
 
     def ready() -> tuple[float, str]:
