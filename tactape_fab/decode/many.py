@@ -7,14 +7,13 @@ import numpy as np
 from tactape_fab.decode.bounds import (
     NEVER,
     Bounds,
-    bound_between,
     bound_lines,
     bound_starts,
     most_of_sites,
     slot_of,
     survivors,
 )
-from tactape_fab.decode.counting import Room, Tally, drop, weigh_site
+from tactape_fab.decode.counting import Room, Tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import COLUMNS, OVER, ROWS
 from tactape_fab.decode.kernels import inner_kernel, kernel
@@ -46,10 +45,11 @@ def weigh_many(
     sums, most_said = tally.sums, NEVER
     for g in range(len(limits)):
         most_said = max(most_said, limits[g, 0] + limits[g, 1])
-    columns = _column_bounds(tables, sites, known)
-    bounds, chosen = np.empty(len(sites.table)), np.empty(len(sites.table), dtype=np.int64)
+    starts = _bounds_of_starts(tables, sites, known)
+    bounds, of_rows = np.empty(len(sites.table)), np.empty(len(sites.table))
+    chosen = np.empty(len(sites.table), dtype=np.int64)
     if sums[0] < base[0, 0] + _FOUND * most_said:  # nothing that fits is known yet
-        sums[0] = max(sums[0], _first_guess(tables, sites, groups, spans, limits, known, columns, base, room, most_said))
+        sums[0] = max(sums[0], _first_guess(tables, sites, groups, spans, limits, known, starts, base, room, most_said))
     for over in range(2):
         for k in range(len(sites.classes)):
             kind = sites.classes[k]
@@ -66,84 +66,82 @@ def weigh_many(
                         sums[1] += np.exp(bound + of + terms[0] - sums[0])
                         sums[4] = max(sums[4], bound + terms[1])
                         continue
-                    axis = 1 if over == 1 and groups[g, COLUMNS] > 1 else 0
-                    rest = limits[g, 1 - axis]
-                    least = sums[0] + sums[5] - of - terms[0] - rest
-                    _bound_group(bounds, known, tables, sites, groups[g], turn, axis, (first, last), least, columns[turn])
-                    left, dropped, most = survivors(chosen, bounds, first, last, least)
+                    least = sums[0] + sums[5] - of - terms[0]
+                    span, group = (first, last), groups[g]
+                    rest = _bound_sites(bounds, of_rows, known, tables, sites, group, limits[g], turn, span, least, starts)
+                    left, dropped, most = survivors(chosen, bounds, first, last, least - rest)
                     sums[1] += dropped / count * np.exp(sums[5])
                     sums[4] = max(sums[4], most + rest + terms[1])
                     for c in range(left):
                         site = chosen[c]
-                        limit = (limits[g, 0], limits[g, 1])
-                        start, width = sites.table[site, START, 0], 0
+                        start, width, limit = sites.table[site, START, 0], 0, (limits[g, 0], limits[g, 1])
                         if over == 0:
-                            width = groups[g, COLUMNS]
-                            limit = (limits[g, 0], _row_bound(known, tables, sites, site, turn, groups[g, ROWS]))
-                            if drop(bounds[site] + limit[1], kind[TAPES] * float(width * groups[g, ROWS]), of, terms, sums):
-                                continue
+                            width, limit = groups[g, COLUMNS], (limits[g, 0], of_rows[site])
                         weigh_site(
-                            columns[turn, start : start + width],
+                            starts[turn, 0, start : start + width],
                             tables.lines[turn],
                             sites.phases,
                             sites.table[site],
                             sites.barred,
                             (turn, site),
-                            groups[g],
+                            group,
                             limit,
                             of,
                             terms,
                             tally,
                             room,
-                            columns[turn, :0],
+                            starts[turn, 0, :0],
                             width - width,
                         )
 
 
 @inner_kernel()
-def _column_bounds(tables: Tables, sites: Sites, known: Bounds) -> Floats:
-    """Bound of what the x bits say where the dots' column 0 lies on each column of the plane; shape (4, columns)."""
-    out = np.empty((4, sites.phases.shape[1]), dtype=np.float32)
+def _bounds_of_starts(tables: Tables, sites: Sites, known: Bounds) -> Floats:
+    """Bounds of what the x bits say where the dots' column 0 lies on each column of the plane, and the y bits of rows.
+
+    Shape (4, 2, columns or rows).
+    """
+    out = np.empty((4, 2, sites.phases.shape[1]), dtype=np.float32)
     for turn in range(4):
-        wide, high = tables.size[turn, 0], tables.size[turn, 1]
-        axis = turn - turn
-        slot = slot_of(known, tables.lines[turn, axis], turn, axis, axis, high, wide)
-        bound_starts(out[turn], known.pairs[slot], sites.steps[axis], wide)
+        for axis in range(2):
+            count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
+            slot = slot_of(known, tables.lines[turn, axis], turn, axis, axis - axis, across, count)
+            bound_starts(out[turn, axis], known.pairs[slot], sites.steps[axis], count)
     return out
 
 
 @inner_kernel()
-def _row_bound(known: Bounds, tables: Tables, sites: Sites, site: int, turn: int, rows: int) -> float:
-    """Bound of what the y bits say with all dots on a site."""
-    wide, high = tables.size[turn, 0], tables.size[turn, 1]
-    axis = turn - turn + 1
-    slot = slot_of(known, tables.lines[turn, axis], turn, axis, axis - axis, wide, high)
-    row = sites.table[site, START, axis]
-    return bound_between(known.pairs[slot], high, sites.steps[axis], row, row + rows)
-
-
-@inner_kernel()
-def _bound_group(
+def _bound_sites(
     out: FloatArray,
+    of_rows: FloatArray,
     known: Bounds,
     tables: Tables,
     sites: Sites,
     group: IntArray,
+    limit: FloatArray,
     turn: int,
-    axis: int,
     span: tuple[int, int],
     least: float,
-    columns: Floats,
-) -> None:
-    """Most that the bits of one axis can say for a group of places on each of some sites."""
+    starts: Floats,
+) -> float:
+    """Most that the bits can say for a group of places on each of some sites; what is to be added for those of the other axis.
+
+    With all dots on the tape it is the most of both axes, and `of_rows` has that of the y bits.
+    """
     if group[OVER] == 0:
-        most_of_sites(out, columns, sites.table, axis, group[COLUMNS], span[0], span[1])
-        return
+        for axis in range(2):
+            to, count = (out, group[COLUMNS]) if axis == 0 else (of_rows, group[ROWS])
+            most_of_sites(to, starts[turn, axis], sites.table, axis, count, span[0], span[1])
+        for site in range(span[0], span[1]):
+            out[site] += of_rows[site]
+        return 0.0
+    axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
-    count = tables.size[turn, axis]
+    count, rest = tables.size[turn, axis], limit[1 - axis]
     slot = slot_of(known, tables.lines[turn, axis], turn, axis, group[other + 2], group[other + 3], count)
     lines = (group[own + 2], group[own + 3], count)
-    bound_lines(out, known, slot, sites.steps[axis], sites.table, axis, group[own], lines, span, least)
+    bound_lines(out, known, slot, sites.steps[axis], sites.table, axis, group[own], lines, span, least - rest)
+    return float(rest)
 
 
 @inner_kernel()
@@ -154,7 +152,7 @@ def _first_guess(
     spans: IntArray,
     limits: FloatArray,
     known: Bounds,
-    columns: Floats,
+    starts: Floats,
     base: FloatArray,
     room: Room,
     most_said: float,
@@ -164,7 +162,7 @@ def _first_guess(
     guess.best[0] = -1
     for k in range(6):  # nothing is negligible here
         guess.sums[k] = NEVER
-    bounds, likely = np.empty(len(sites.table)), 0 if base[0, 0] >= base[1, 0] else 1
+    bounds, of_rows, likely = np.empty(len(sites.table)), np.empty(len(sites.table)), 0 if base[0, 0] >= base[1, 0] else 1
     for over in range(2):
         for turn_k in range(4):
             turn = (2 * turn_k + (turn_k // 2 + likely) % 2) % 4  # the likelier two come first
@@ -178,19 +176,12 @@ def _first_guess(
                     bound = limits[g, 0] + limits[g, 1]
                     if groups[g, OVER] != over or bound < _PROMISING * most_said or bound + base[turn, over] < guess.sums[0]:
                         continue
-                    axis = 1 if over == 1 and groups[g, COLUMNS] > 1 else 0
-                    span = (kind[FIRST], kind[LAST])
-                    _bound_group(bounds, known, tables, sites, groups[g], turn, axis, span, NEVER, columns[turn])
-                    site, most = kind[FIRST], NEVER
+                    span, site = (kind[FIRST], kind[LAST]), kind[FIRST]
+                    _bound_sites(bounds, of_rows, known, tables, sites, groups[g], limits[g], turn, span, NEVER, starts)
                     for other in range(kind[FIRST], kind[LAST]):
-                        if over == 0 and bounds[other] + limits[g, 1] > most:
-                            bounds[other] += _row_bound(known, tables, sites, other, turn, groups[g, ROWS])
-                            if bounds[other] > most:
-                                site, most = other, bounds[other]
-                        elif over == 1 and bounds[other] > most:
-                            site, most = other, bounds[other]
+                        site = other if bounds[other] > bounds[site] else site
                     weigh_site(
-                        columns[turn, :0],
+                        starts[turn, 0, :0],
                         tables.lines[turn],
                         sites.phases,
                         sites.table[site],
@@ -202,7 +193,7 @@ def _first_guess(
                         (base[turn, over], 0.0),
                         guess,
                         room,
-                        columns[turn, :0],
+                        starts[turn, 0, :0],
                         site - site,
                     )
     return float(guess.sums[0])

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.decode.evidence import Floats, signs_of
 from tactape_fab.texture.code import Code, default_origin, get_code
@@ -22,6 +23,8 @@ START, ORIGIN, SECTOR = range(3)
 FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
 _WORTH_BOUNDS = 6
 
+Steps = npt.NDArray[np.uint8]
+
 
 class Sites(NamedTuple):
     """Tapes of one code as places in its plane, those of equal size together.
@@ -31,8 +34,8 @@ class Sites(NamedTuple):
     signs : ndarray of float32, shape (3 L,)
     phases : ndarray of int, shape (2, m)
         Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
-    steps : ndarray of int, shape (2, m)
-        Their differences modulo L, from each to the next.
+    steps : ndarray of uint8, shape (2, m)
+        Their differences modulo L, from each to the next; small and without a sign, which looking up by them is quickest with.
     table : ndarray of int, shape (n, 3, 2)
         Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the plane modulo
         L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
@@ -53,7 +56,7 @@ class Sites(NamedTuple):
 
     signs: Floats
     phases: IntArray
-    steps: IntArray
+    steps: Steps
     table: IntArray
     barred: IntArray
     holes: IntArray
@@ -182,7 +185,7 @@ def sites_of(
     return Sites(
         signs=signs_of(code),
         phases=phases,
-        steps=np.diff(phases, append=0) % length,
+        steps=(np.diff(phases, append=0) % length).astype(np.uint8),
         table=np.stack([np.column_stack([start for _, start in pairs]), origins % length, sectors], axis=1).astype(np.int64),
         barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
         holes=np.empty((0, 3), dtype=np.int64) if holes is None else holes,
