@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode
 from tactape_fab.profiles.fabs import (
     ASSEMBLY_FORMATS,
+    BACKING_ROLES,
     GERBER_ROLES,
     LIMIT_IDS,
     X2_MODES,
@@ -30,11 +32,15 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 
 __all__ = [
     "ASSEMBLY_FORMATS",
+    "BACKING_ROLES",
+    "COVERLAY_MODES",
     "GERBER_ROLES",
     "LARGEST_BODY_MM",
     "LIMIT_IDS",
     "PROCESS_LIMIT_IDS",
     "X2_MODES",
+    "AnchorRules",
+    "CoverlayMode",
     "ElementProfile",
     "FabProfile",
     "LandPattern",
