@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode
+from tactape_fab.profiles.explain import explain_fab
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, material_words
 from tactape_fab.profiles.fabs import (
     ASSEMBLY_FORMATS,
     BACKING_ROLES,
@@ -53,10 +54,12 @@ __all__ = [
     "SizeLimit",
     "X2Mode",
     "element_problem",
+    "explain_fab",
     "load_fab",
     "load_part",
     "load_process",
     "load_sensor",
+    "material_words",
     "profile_names",
     "read_land",
     "read_part",
