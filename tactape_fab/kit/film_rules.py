@@ -10,7 +10,6 @@ from tactape_fab.kit.anchors import anchor_modes, foreign_openings_mm
 from tactape_fab.kit.coverlay import Mode, coverlay_modes, first_legal
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.rules import finding
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, PartProfile
 from tactape_fab.texture.shapes import area_mm2, reach_mm
@@ -124,12 +123,7 @@ def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Fin
 
 
 def _drawn(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
-    """Expansion, corner, legend and stencil."""
-    wider = (fab.coverlay_expansion_mm, None)
-    yield finding(fab, "opening-expansion", wider, f"expansion of the {fab.mask_name}", "ask the fab")
-    if fab.limits["corner-radius"].value_mm > 0.0:
-        radius = (layout.tape.board.corner_radius_mm, None)
-        yield finding(fab, "corner-radius", radius, "corner radius of the outline", "use a larger --corner-radius")
+    """Legend and stencil."""
     if layout.tape.tag is not None:
         ink_mm, origin = layout.tape.tag.cell_mm - 2 * fab.legend.bleed_mm, fab.legend.origin
         passed = ink_mm >= fab.legend.line_mm - TOLERANCE_MM
