@@ -68,7 +68,7 @@ def _of_mode(mode: Mode, what: str, pitch_mm: float) -> Finding:
         passed=mode.legal,
         value=pitch_mm if mode.least_pitch_mm else None,
         limit=mode.least_pitch_mm or None,
-        message=f"{what} {mode.name} is {verdict} at W {pitch_mm:g} mm: {mode.reason}",
+        message=f"{verdict} at W {pitch_mm:g} mm: {mode.reason}",
     )
 
 
@@ -95,11 +95,20 @@ def _anchors(
     message = f"{held / pads:.0%} of {pads} pads are anchored under the {fab.mask_name}"
     yield Finding(rule="anchor", level="info", passed=True, value=held / pads, unit="", message=message)
     if spec.anchor != "none" and layout.anchors is None:
-        film = next(mode for mode in modes if mode.name == fab.coverlay_modes[0])
-        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it, and {film.name} is not legal: {film.reason}"
+        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it, and {_what_would(spec, modes, layout, fab)}"
         yield Finding(rule="anchor-opening", level="block", passed=False, unit="", message=said)
     if layout.anchors is not None:
         yield _anchor_gap(anchors, layout, fab)
+
+
+def _what_would(spec: TapeSpec, modes: Sequence[Mode], layout: Layout, fab: FabProfile) -> str:
+    """The pitch from which on both the other way to open the coverlay and the anchors under it are legal."""
+    film = next(mode for mode in modes if mode.name == fab.coverlay_modes[0])
+    held = anchor_modes(fab.in_mode(fab.coverlay_modes[0]), layout.outlines, layout.part.pads, layout.tape)
+    anchor = next(mode for mode in held if mode.name == spec.anchor)
+    if not film.least_pitch_mm or not anchor.least_pitch_mm:
+        return f"{film.name} is not legal: {film.reason}"
+    return f"{film.name} with it is legal from W {max(film.least_pitch_mm, anchor.least_pitch_mm):.3f} mm on; use that --w"
 
 
 def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Finding:
