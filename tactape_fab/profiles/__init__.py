@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from tactape_fab.profiles.explain import explain_fab
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, material_words
 from tactape_fab.profiles.fabs import (
     ASSEMBLY_FORMATS,
+    BACKING_ROLES,
     GERBER_ROLES,
     LIMIT_IDS,
     X2_MODES,
@@ -30,11 +33,15 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 
 __all__ = [
     "ASSEMBLY_FORMATS",
+    "BACKING_ROLES",
+    "COVERLAY_MODES",
     "GERBER_ROLES",
     "LARGEST_BODY_MM",
     "LIMIT_IDS",
     "PROCESS_LIMIT_IDS",
     "X2_MODES",
+    "AnchorRules",
+    "CoverlayMode",
     "ElementProfile",
     "FabProfile",
     "LandPattern",
@@ -47,10 +54,12 @@ __all__ = [
     "SizeLimit",
     "X2Mode",
     "element_problem",
+    "explain_fab",
     "load_fab",
     "load_part",
     "load_process",
     "load_sensor",
+    "material_words",
     "profile_names",
     "read_land",
     "read_part",

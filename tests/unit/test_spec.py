@@ -54,6 +54,12 @@ def test_defaults() -> None:
         "cylinder_mm": None,
         "around": None,
         "shell": None,
+        "coverlay": None,
+        "anchor": "none",
+        "stiffener": None,
+        "adhesive": None,
+        "bend_axis": None,
+        "bend_radius_mm": None,
     }
 
 
@@ -116,7 +122,12 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"rotation_deg": -400.0}, "rotation_deg", "rotation_deg = -400 deg is below -360 deg"),
     ({"part": "r9999"}, "part", "part = 'r9999' is none of: block, cone, dome, r0201, nor the path of a .toml file"),
     ({"part": 201}, "part", "part = 201 is not a text"),
-    ({"fab": "acme"}, "fab", "fab = 'acme' is none of: generic-fpc, nor the path of a .toml file"),
+    (
+        {"fab": "acme"},
+        "fab",
+        "fab = 'acme' is none of: generic-fpc, generic-fr4, generic-lpi, "
+        "jlcpcb-fpc, jlcpcb-fr4, pcbway-fpc, pcbway-fr4, nor the path of a .toml file",
+    ),
     ({"assembly": "yes"}, "assembly", "assembly = 'yes' is none of: generic, jlcpcb"),
     ({"x2": "on"}, "x2", "x2 = 'on' is none of: full, comments, off"),
     ({"corner_radius_mm": 25.1}, "corner_radius_mm", "corner_radius_mm = 25.1 mm exceeds 25 mm; half the shorter side at most"),
@@ -156,7 +167,7 @@ def test_only_a_lack_of_reach_is_a_capacity_error() -> None:
 
 def test_broken_design_rules_are_listed_beside_refused_values() -> None:
     with pytest.raises(SpecError) as caught:
-        examine_values({"sector": 7, "displacement_mm": 0.5, "tag": "both"})
+        examine_values({"sector": 7, "displacement_mm": 0.5, "coverlay": "per-part", "tag": "both"})
     assert [p.key for p in caught.value.problems] == ["tag"]
     assert "opening-bridge" in {f.rule for f in caught.value.findings}
     assert all(f.blocks for f in caught.value.findings)
