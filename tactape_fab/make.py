@@ -27,6 +27,7 @@ from tactape_fab.profiles import (
     X2Mode,
     load_fab,
     load_process,
+    part_number_problem,
     read_part,
 )
 from tactape_fab.solids.checks import form_problems
@@ -46,6 +47,7 @@ _RESTS_ON = {
     "part": _ELEMENT,
     "body_mm": {"part", "dome_top_mm"},
     "dome_top_mm": {"part", "body_mm"},
+    "part_number": {"assembly", "fab", "part"},
     "cylinder_mm": {"size_mm", "base_mm", "around", *_ELEMENT},
     "around": {"cylinder_mm"},
     "shell": {"cylinder_mm", "size_mm", "around"},
@@ -124,7 +126,7 @@ def examine(spec: TapeSpec) -> Examined:
         raise SpecError(problems)
     if isinstance(part, PartProfile) and fab is not None:
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
-        return _examine_film(spec, fab, part, process)
+        return _examine_film(spec, fab, _with_number(part, spec.part_number, fab.assembly), process)
     if isinstance(part, ElementProfile) and process is not None:
         return _examine_texture(spec, part, process)
     raise SpecError(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
@@ -137,6 +139,15 @@ def _loaded(load: Callable[[str], T], name: str | None, problems: list[Problem])
     except SpecError as error:
         problems += error.problems
         return None
+
+
+def _with_number(part: PartProfile, number: str | None, house: str) -> PartProfile:
+    """The part with the number that was asked for, as its assembly house takes it."""
+    if number is None:
+        return part
+    if (problem := part_number_problem(number, house)) is not None:
+        raise SpecError(Problem("part_number", problem))
+    return replace(part, part_numbers={**part.part_numbers, house: number})
 
 
 def _examine_film(spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None) -> Examined:

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
-from tactape_fab.profiles.fabs import (
+from tactape_fab.profiles.assembly import (
     ASSEMBLY_FORMATS,
+    FORMATS,
+    PART_NUMBER_PATTERN,
+    PART_NUMBER_REMEDY,
+    BomTable,
+    PlacementTable,
+    part_number_problem,
+)
+from tactape_fab.profiles.fabs import (
     GERBER_ROLES,
     LIMIT_IDS,
     X2_MODES,
@@ -30,11 +38,15 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 
 __all__ = [
     "ASSEMBLY_FORMATS",
+    "FORMATS",
     "GERBER_ROLES",
     "LARGEST_BODY_MM",
     "LIMIT_IDS",
+    "PART_NUMBER_PATTERN",
+    "PART_NUMBER_REMEDY",
     "PROCESS_LIMIT_IDS",
     "X2_MODES",
+    "BomTable",
     "ElementProfile",
     "FabProfile",
     "LandPattern",
@@ -42,6 +54,7 @@ __all__ = [
     "Limit",
     "Material",
     "PartProfile",
+    "PlacementTable",
     "ProcessProfile",
     "SensorProfile",
     "SizeLimit",
@@ -51,6 +64,7 @@ __all__ = [
     "load_part",
     "load_process",
     "load_sensor",
+    "part_number_problem",
     "profile_names",
     "read_land",
     "read_part",

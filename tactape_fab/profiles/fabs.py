@@ -8,10 +8,10 @@ from typing import Any, Literal, cast
 
 from tactape_fab.errors import Level
 from tactape_fab.fields import shown
+from tactape_fab.profiles.assembly import ASSEMBLY_FORMATS
 from tactape_fab.profiles.lookup import SOURCE_KEYS, Limit, profile_table, read_level, read_limit, refuse_problems
 
 X2_MODES = ("full", "comments", "off")
-ASSEMBLY_FORMATS = ("generic", "jlcpcb")
 LIMIT_IDS = (
     "pad-pad",
     "body-body",
