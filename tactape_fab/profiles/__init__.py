@@ -11,7 +11,9 @@ from tactape_fab.profiles.assembly import (
     PlacementTable,
     part_number_problem,
 )
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode
 from tactape_fab.profiles.fabs import (
+    BACKING_ROLES,
     GERBER_ROLES,
     LIMIT_IDS,
     X2_MODES,
@@ -38,6 +40,8 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 
 __all__ = [
     "ASSEMBLY_FORMATS",
+    "BACKING_ROLES",
+    "COVERLAY_MODES",
     "FORMATS",
     "GERBER_ROLES",
     "LARGEST_BODY_MM",
@@ -46,7 +50,9 @@ __all__ = [
     "PART_NUMBER_REMEDY",
     "PROCESS_LIMIT_IDS",
     "X2_MODES",
+    "AnchorRules",
     "BomTable",
+    "CoverlayMode",
     "ElementProfile",
     "FabProfile",
     "LandPattern",

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 from tactape_fab.errors import Level
-from tactape_fab.fields import shown
+from tactape_fab.fields import Fields, shown
 from tactape_fab.profiles.assembly import ASSEMBLY_FORMATS
+from tactape_fab.profiles.fab_tables import (
+    AnchorRules,
+    Backing,
+    BendRules,
+    CoverlayMode,
+    PanelRules,
+    PartsLimit,
+    StencilRules,
+    read_anchor,
+    read_backing,
+    read_bend,
+    read_modes,
+    read_panel,
+    read_parts_limit,
+    read_stencil,
+)
 from tactape_fab.profiles.lookup import SOURCE_KEYS, Limit, profile_table, read_level, read_limit, refuse_problems
 
 X2_MODES = ("full", "comments", "off")
@@ -19,6 +35,7 @@ LIMIT_IDS = (
     "body-edge",
     "opening-size",
     "opening-bridge",
+    "opening-expansion",
     "opening-edge",
     "opening-legend",
     "hole-edge",
@@ -28,11 +45,30 @@ LIMIT_IDS = (
     "hole-legend",
     "hole-size",
     "courtyard",
+    "corner-radius",
 )
-GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "components-top", "job")
+GERBER_ROLES = (
+    "copper-top",
+    "coverlay-top",
+    "paste-top",
+    "legend-top",
+    "profile",
+    "drill-npth",
+    "stiffener-bottom",
+    "adhesive-bottom",
+    "components-top",
+    "job",
+)
+BACKING_ROLES = ("stiffener-bottom", "adhesive-bottom")
+"""What is laminated to the underside; its file names say the material."""
+_TABLES = (
+    *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
+    *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel"),
+)
 _LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
 _COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
 _FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9._-]{1,99}"
+_BACKING_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\{material\}[A-Za-z0-9._-]{0,99}"
 
 X2Mode = Literal["full", "comments", "off"]
 
@@ -75,6 +111,7 @@ class FabProfile:
     """What a fab can make and how it wants its files.
 
     ``limits`` holds one `Limit` for each of LIMIT_IDS; ``file_names`` one name pattern per Gerber role.
+    ``coverlay_modes`` are the ways in which the fab opens the coverlay or mask, ``coverlay_mode`` the one in use.
     """
 
     name: str
@@ -83,16 +120,37 @@ class FabProfile:
     coverlay_colour: str
     legend_colour: str
     x2: X2Mode
+    job_in_zip: bool
     assembly: str
     file_names: Mapping[str, str]
     coverlay_expansion_mm: float
+    coverlay_modes: tuple[CoverlayMode, ...]
+    coverlay_mode: CoverlayMode
+    anchor: AnchorRules
+    stiffener: Backing
+    adhesive: Backing
+    stencil: StencilRules
+    bend: BendRules | None
+    parts: PartsLimit
+    panel: PanelRules
     legend: LegendRules
     limits: Mapping[str, Limit]
     size: SizeLimit
 
-    def file_path(self, role: str, tape_name: str) -> str:
-        """Path of a fabrication file relative to the kit's folder."""
-        return f"gerber/{self.file_names[role].replace('{name}', tape_name)}"
+    def file_path(self, role: str, tape_name: str, material: str = "") -> str:
+        """Path of a fabrication file relative to the kit's folder; `material` is a backing's, in words."""
+        return f"gerber/{self.file_names[role].replace('{name}', tape_name).replace('{material}', material)}"
+
+    def in_mode(self, mode: CoverlayMode) -> FabProfile:
+        """The profile with the coverlay opened in another way.
+
+        In one opening for all parts the coverlay that is left is a frame, which is held to the limit of a bridge.
+        """
+        limits = dict(self.limits)
+        bridge = limits["opening-bridge"]
+        if mode == "gang" and bridge.value_mm > limits["opening-edge"].value_mm:
+            limits["opening-edge"] = bridge
+        return replace(self, coverlay_mode=mode, limits=limits)
 
     def thresholds(self) -> dict[str, Any]:
         """The thresholds and colours as the manifest records them."""
@@ -100,6 +158,8 @@ class FabProfile:
             "coverlay_colour": self.coverlay_colour,
             "legend_colour": self.legend_colour,
             "coverlay_expansion_mm": self.coverlay_expansion_mm,
+            "coverlay_mode": self.coverlay_mode,
+            "job_in_zip": self.job_in_zip,
             "legend_bleed_mm": self.legend.bleed_mm,
             "legend_gap_mm": self.legend.gap_mm,
             "largest_board_mm": list(self.size.largest_mm),
@@ -116,17 +176,16 @@ def load_fab(name: str) -> FabProfile:
         Every problem found in it.
     """
     table = profile_table("fabs", "fab", name)
-    table.refuse_unknown(
-        ("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size")
-    )
+    table.refuse_unknown(_TABLES)
     material = table.table("material", ("base", "thickness_mm", "copper_um", "layers", "finish"))
     colours = table.table("colours", ("coverlay", "legend"))
-    gerber = table.table("gerber", ("x2",))
+    gerber = table.table("gerber", ("x2", "job_in_zip"))
     assembly = table.table("assembly", ("format",))
-    coverlay = table.table("coverlay", ("expansion_mm",))
+    coverlay = table.table("coverlay", ("expansion_mm", "modes"))
     legend = table.table("legend", _LEGEND_KEYS)
     files = table.table("files", GERBER_ROLES)
     limits = table.table("limits", LIMIT_IDS)
+    modes = read_modes(coverlay)
     size = table.table("size", ("largest_mm", *SOURCE_KEYS))
     largest = size.numbers("largest_mm", 2, above=0.0)
     names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
@@ -148,14 +207,21 @@ def load_fab(name: str) -> FabProfile:
         coverlay_colour=colours.text("coverlay", choices=("amber", "black", "white", "yellow", "green")),
         legend_colour=colours.text("legend", choices=("white", "black")),
         x2=cast(X2Mode, gerber.text("x2", choices=X2_MODES)),
+        job_in_zip=gerber.flag("job_in_zip"),
         assembly=assembly.text("format", choices=ASSEMBLY_FORMATS),
-        file_names={
-            role: files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")
-            for role in GERBER_ROLES
-        },
+        file_names={role: _file_name(files, role) for role in GERBER_ROLES},
         coverlay_expansion_mm=coverlay.number("expansion_mm", low=0.0, high=1.0),
+        coverlay_modes=modes,
+        coverlay_mode=modes[0],
+        anchor=read_anchor(table),
+        stiffener=read_backing(table, "stiffener"),
+        adhesive=read_backing(table, "adhesive"),
+        stencil=read_stencil(table),
+        bend=read_bend(table),
+        parts=read_parts_limit(table),
+        panel=read_panel(table),
         legend=LegendRules(**{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
-        limits={name: read_limit(limits.table(name, ("value_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
+        limits={name: read_limit(limits.table(name, ("value_mm", "warn_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
         size=SizeLimit(
             largest_mm=(max(largest), min(largest)),
             level=read_level(size),
@@ -166,3 +232,10 @@ def load_fab(name: str) -> FabProfile:
     )
     refuse_problems(table)
     return profile
+
+
+def _file_name(files: Fields, role: str) -> str:
+    if role in BACKING_ROLES:
+        remedy = "give a file name in words, with {name} for the tape's and {material} for material and thickness"
+        return files.text(role, pattern=_BACKING_NAME, remedy=remedy)
+    return files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,13 +17,17 @@ _PROFILE_BYTES = 1024 * 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """One threshold of a fab, where it comes from, and whether the fab confirmed it."""
+    """One threshold of a fab, where it comes from, and whether the fab confirmed it.
+
+    A value below ``warn_mm``, where there is one, is worth a question.
+    """
 
     value_mm: float
     level: Level
     source: str
     date: str
     confirmed: bool
+    warn_mm: float | None = None
 
 
 def templates_folder() -> Path:
@@ -75,13 +80,20 @@ def profile_table(kind: str, key: str, name: str) -> Fields:
 
 
 def read_limit(table: Fields) -> Limit:
+    value_mm = table.number("value_mm", low=0.0, high=100.0)
     return Limit(
-        value_mm=table.number("value_mm", low=0.0, high=100.0),
+        value_mm=value_mm,
         level=read_level(table),
         source=table.text("source"),
         date=table.text("date"),
         confirmed=table.flag("confirmed"),
+        warn_mm=_warn_mm(table, value_mm) if "warn_mm" in table.values else None,
     )
+
+
+def _warn_mm(table: Fields, value_mm: float) -> float:
+    remedy = f"give more than value_mm = {value_mm:g} mm, or leave it out"
+    return table.number("warn_mm", above=0.0 if isnan(value_mm) else value_mm, high=100.0, remedy=remedy)
 
 
 def read_level(table: Fields) -> Level:

@@ -429,7 +429,7 @@ PROFILES = [
     ("fabs", "value_mm = 0.10\n", "value_mm = '0.1'\n", "limits.pad-pad.value_mm = '0.1'", "a number in mm", REMEDY),
     ("fabs", "value_mm = 0.10\n", "", "limits.pad-pad.value_mm", "is missing", "give a number in mm"),
     ("fabs", "value_mm = 0.10\n", "value_mm = 0.10\nvalue_um = 3\n", "limits.pad-pad.value_um", "known key", "did you mean"),
-    ("fabs", "confirmed = false", "confirmed = 'no'", "limits.pad-pad.confirmed = 'no'", "true nor false", REMEDY),
+    ("fabs", "confirmed = false", "confirmed = 'no'", "anchor.confirmed = 'no'", "true nor false", REMEDY),
     ("fabs", 'level = "block"', 'level = "stop"', "limits.pad-pad.level = 'stop'", "none of", "block, warn, info"),
     ("fabs", r"\[limits.pad-pad\]", "[limits.pad-pads]", "limits.pad-pads", "known key", "did you mean 'pad-pad'?"),
     ("fabs", 'title = "', 'titel = "', "titel", "known key", "did you mean 'title'?"),
