@@ -14,8 +14,10 @@ from tactape_fab.fields import shown
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.layout import Layout, build_layout
+from tactape_fab.kit.order import order_facts
 from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.kit.process_rules import check_models, check_texture
+from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.rules import check
 from tactape_fab.kit.spec import KEYS, TapeSpec
 from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, texture_record, write_kit
@@ -329,6 +331,8 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     """Every file of the kit, and the content of its manifest."""
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
     artifacts = [] if film is None else render_all(film.layout, film.fab)
+    if film is not None:
+        artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
     if spec.form is not None:
         artifacts += render_models(tape, spec.form, None if film is None else film.fab)
     if film is not None:

@@ -11,7 +11,7 @@ from tactape_fab.profiles.assembly import (
     PlacementTable,
     part_number_problem,
 )
-from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, Origin
 from tactape_fab.profiles.fabs import (
     BACKING_ROLES,
     GERBER_ROLES,
@@ -25,6 +25,7 @@ from tactape_fab.profiles.fabs import (
     load_fab,
 )
 from tactape_fab.profiles.lookup import Limit, profile_names, read_toml, templates_folder
+from tactape_fab.profiles.ordering import COSTS, Ordering
 from tactape_fab.profiles.parts import (
     LARGEST_BODY_MM,
     ElementProfile,
@@ -41,6 +42,7 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 __all__ = [
     "ASSEMBLY_FORMATS",
     "BACKING_ROLES",
+    "COSTS",
     "COVERLAY_MODES",
     "FORMATS",
     "GERBER_ROLES",
@@ -59,6 +61,8 @@ __all__ = [
     "LegendRules",
     "Limit",
     "Material",
+    "Ordering",
+    "Origin",
     "PartProfile",
     "PlacementTable",
     "ProcessProfile",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,12 +14,16 @@ from tactape_fab.fields import Fields, shown
 from tactape_fab.kit.readback import CplContent, ReadbackError, read_bom
 from tactape_fab.profiles import ASSEMBLY_FORMATS, FORMATS, LandPattern
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import named
+from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
 
 DESIGNATORS_PER_ROW = 200
 """As many as JLCPCB takes in one row of a BOM."""
+UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
+_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos|gbr)(?!\w)")
+_NUMBER = r"(-?\d+\.\d)"
+_PRINT_AREA = re.compile(rf"only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,6 +161,31 @@ def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
         problems += _row_problems(number, row, {**same, "item": str(number), "quantity": str(len(group))})
     message = "; ".join(problems[:_MOST_SAID]) or f"{len(found)} designators in {len(groups)} rows, each once"
     return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
+
+
+def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape) -> Check:
+    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free."""
+    try:
+        text = files["order-notes"].data.decode("ascii")
+    except UnicodeDecodeError as error:
+        return Check(name="order-notes", passed=False, message=f"they are no plain text: {error.reason} at byte {error.start}")
+    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in tape.board.size_mm)
+    facts = [f"{tape.name} at ", f"{width} x {height} mm", f"{tape.part_count} parts"]
+    problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
+    paths = {file.path for file in files.values()}
+    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(text) if path not in paths]
+    found = _PRINT_AREA.findall(text)
+    if not found and "no room for one" not in text:
+        problems.append("they do not say where the fab may print")
+    for area in found:
+        x0, x1, y0, y1 = map(float, area)
+        centres = tape.part_xy_mm()
+        half_mm = max(tape.part.body_mm[:2]) / 2
+        near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
+        if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
+            problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")
+    message = "; ".join(problems[:_MOST_SAID]) or "tape, size, parts and files as the kit has them"
+    return Check(name="order-notes", passed=not problems, message=message)
 
 
 def _row_problems(number: int, row: Mapping[str, str], expected: Mapping[str, str]) -> list[str]:

@@ -15,7 +15,7 @@ from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.readmesh import MeshError, read_stl
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
-from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, read_assembly
+from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
 from tactape_fab.verify.embossed import check_embossed
 from tactape_fab.verify.expected import expected_of_embossed, expected_of_kit
@@ -184,7 +184,7 @@ def _check_assembly(
 ) -> list[Check]:
     """What an assembly line gets."""
     lists = [] if cpl is None else check_cpl(cpl, tape, assembly, recorded.pads)
-    return [*lists, check_bom(files["bom"].data, tape, assembly)]
+    return [*lists, check_bom(files["bom"].data, tape, assembly), check_order_notes(files, tape)]
 
 
 def _check_content(
