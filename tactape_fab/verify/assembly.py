@@ -166,9 +166,9 @@ def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
 def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape) -> Check:
     """The notes name this tape, its size, every part and the files to upload; what they call free for print is free."""
     try:
-        text = files["order-notes"].data.decode("ascii")
+        text = files["order-notes"].data.decode("utf-8")
     except UnicodeDecodeError as error:
-        return Check(name="order-notes", passed=False, message=f"they are no plain text: {error.reason} at byte {error.start}")
+        return Check(name="order-notes", passed=False, message=f"they are no UTF-8: {error.reason} at byte {error.start}")
     width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in tape.board.size_mm)
     facts = [f"{tape.name} at ", f"{width} x {height} mm", f"{tape.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]

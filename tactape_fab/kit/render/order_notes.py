@@ -9,6 +9,17 @@ from tactape_fab.profiles import COSTS, FORMATS, templates_folder
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
 
 
+class _Row(str):
+    """A line that is laid out already."""
+
+    __slots__ = ()
+
+
+def _one_line(value: object) -> str:
+    """A text of a profile, which is the user's, as it can stand in a line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(value)).split())
+
+
 def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
     """The notes of one order; for people, and never in the fab's zip."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -20,8 +31,9 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
+        finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
     )
-    environment.globals["row"] = lambda label, value: f"   {label:<34} {value}"
+    environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
     environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
     environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
     template = environment.get_template(f"{facts.fab.order.template}.j2")
@@ -37,4 +49,4 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
         cost_words=COSTS,
     )
     path = f"{facts.tape.name}-order-notes.txt"
-    return (Artifact(role="order-notes", path=path, data=text.encode("ascii")),)
+    return (Artifact(role="order-notes", path=path, data=text.encode("utf-8")),)
