@@ -25,6 +25,9 @@ from tactape_fab.console import (
     fix_json,
     kit_json,
     kit_lines,
+    profile_lines,
+    profiles_lines,
+    remark_lines,
     rule_lines,
     simulated_line,
     summary_line,
@@ -147,6 +150,20 @@ _TAPE_OPTIONS = (
     _TapeOption(
         ["--corner-radius"], "corner_radius_mm", _length, metavar="MM", help="Corner radius of the outline.  [default: 1]"
     ),
+    _TapeOption(
+        ["--coverlay"],
+        "coverlay",
+        _same,
+        metavar="per-part|lpi|gang",
+        help="How the coverlay is opened.  [default: the profile's first way that is legal]",
+    ),
+    _TapeOption(
+        ["--anchor"], "anchor", _same, metavar="none|spur|mesh", help="Copper that holds pads under it.  [default: none]"
+    ),
+    _TapeOption(["--stiffener"], "stiffener", _same, metavar="MATERIAL:MM", help="Laminate a stiffener, such as FR4:0.2."),
+    _TapeOption(["--adhesive"], "adhesive", _same, metavar="MATERIAL:MM", help="Laminate an adhesive tape, such as 3M468:0.13."),
+    _TapeOption(["--bend-axis"], "bend_axis", _same, metavar="x|y", help="Board axis that goes round where the tape is bent."),
+    _TapeOption(["--bend-radius"], "bend_radius_mm", _length, metavar="MM", help="Radius that the tape is bent to."),
     _TapeOption(["--hole"], "holes_mm", _holes, metavar="X,Y,D", multiple=True, help="Unplated hole, mm; may be repeated."),
     _TapeOption(
         ["--name"], "name", _same, metavar="NAME", help="Name of the tape and its files.  [default: tactape-s007 for sector 7]"
@@ -227,6 +244,11 @@ def _echo_lines(lines: Iterable[str]) -> None:
         click.echo(line)
 
 
+def _echo_lines_err(lines: Iterable[str]) -> None:
+    for line in lines:
+        click.echo(line, err=True)
+
+
 # Commands
 
 
@@ -251,8 +273,11 @@ def main() -> None:
 @click.option("-o", "--output", metavar="DIR", help="Folder of the kit.  [default: the tape's name]")
 @click.option("--overwrite", is_flag=True, help="Replace an older kit of this tool.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
+@click.option("--force", is_flag=True, help="Write the kit in spite of broken design rules; the manifest records them.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def make(spec_file: str | None, output: str | None, overwrite: bool, no_verify: bool, as_json: bool, **options: Any) -> None:
+def make(
+    spec_file: str | None, output: str | None, overwrite: bool, no_verify: bool, force: bool, as_json: bool, **options: Any
+) -> None:
     """Write a tape's kit: everything that fab and assembly line need, or printer and mill, verified from the written files.
 
     \b
@@ -265,11 +290,14 @@ def make(spec_file: str | None, output: str | None, overwrite: bool, no_verify: 
 
         examined = _examined(spec_file, options, output=output, overwrite=overwrite)
         _warn(examined.findings)
+        if force:
+            _echo_lines_err(f"forced: {line}" for line in rule_lines(examined.findings))
         kit = make_examined(
             examined,
             output,
             overwrite=overwrite,
             verify=not no_verify,
+            force=force,
             progress=lambda text: click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None,
         )
         _echo_json(kit_json(kit)) if as_json else _echo_lines(kit_lines(kit))
@@ -285,10 +313,25 @@ def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
         if as_json:
             _echo_json([asdict(f) for f in findings])
         else:
-            _echo_lines(finding_lines(findings))
+            _echo_lines([*finding_lines(findings), "", *remark_lines(findings)])
             _warn(findings)
         if any(f.blocks for f in findings):
             raise DesignRuleError(findings)
+
+
+@main.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def profiles(name: str | None, as_json: bool) -> None:
+    """List the fab profiles, or explain one: its thresholds, and where each comes from. NAME may be a .toml file of yours."""
+    with _answers():
+        from tactape_fab.profiles import explain_fab, load_fab, profile_names
+
+        fabs = [load_fab(known) for known in (profile_names("fabs") if name is None else [name])]
+        if as_json:
+            _echo_json([explain_fab(fab) for fab in fabs] if name is None else explain_fab(fabs[0]))
+        else:
+            _echo_lines(profiles_lines(fabs) if name is None else profile_lines(explain_fab(fabs[0])))
 
 
 @main.command()

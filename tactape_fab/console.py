@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tactape_fab.decode.result import Localization
     from tactape_fab.emboss import Embossed
     from tactape_fab.make import Kit
+    from tactape_fab.profiles import FabProfile
     from tactape_fab.texture.tape import Tape
 
 PURPOSES = (
@@ -36,7 +37,14 @@ def _at(finding: Finding) -> str:
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
     """Every rule as a row of a table."""
-    return _table(("rule", "verdict", "measured mm", "limit mm", "at x, y mm"), [_finding_row(f) for f in findings])
+    header = ("rule", "verdict", "measured", "limit", "unit", "at x, y mm", "limit from")
+    return _table(header, [_finding_row(f) for f in findings])
+
+
+def remark_lines(findings: Sequence[Finding]) -> list[str]:
+    """What is worth knowing of rules of level info: what is in use, and what would be possible from where on."""
+    said = [f for f in findings if f.level == "info" and (not f.passed or f.rule.startswith(("coverlay", "anchor", "bend")))]
+    return [f"{f.rule}: {f.message}" for f in said]
 
 
 def _finding_row(finding: Finding) -> tuple[str, ...]:
@@ -44,12 +52,58 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
     value = "" if finding.value is None else f"{finding.value:.3f}"
     limit = "" if finding.limit is None else f"{finding.limit:.3f}"
     at = "" if finding.at_mm is None else f"{finding.at_mm[0]:.2f}, {finding.at_mm[1]:.2f}"
-    return finding.rule, verdict, value, limit, at
+    source = f"{finding.source}{' (confirmed)' * finding.confirmed}"
+    return finding.rule, verdict, value, limit, finding.unit if value else "", at, source
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
+
+
+def profiles_lines(fabs: Sequence[FabProfile]) -> list[str]:
+    """Fab profiles as rows of a table."""
+    rows = [
+        (
+            fab.name,
+            f"{fab.material.base} {fab.material.thickness_mm:g} mm",
+            ", ".join(fab.coverlay_modes),
+            f"{fab.limits['opening-bridge'].value_mm:g} mm",
+            f"{fab.size.largest_mm[0]:g} x {fab.size.largest_mm[1]:g} mm",
+            fab.title,
+        )
+        for fab in fabs
+    ]
+    return _table(("name", "material", "coverlay", "bridge", "largest", "title"), rows)
+
+
+def profile_lines(profile: Mapping[str, Any]) -> list[str]:
+    """One fab profile explained, from what `explain_fab` gives."""
+    material, files = profile["material"], profile["files"]
+    head = [
+        f"{profile['name']}: {profile['title']}",
+        f"{material['base']} {material['thickness_mm']:g} mm, {material['layers']} copper layer of {material['copper_um']:g} um, "
+        f"{material['finish']}; {profile['colours']['coverlay']} with {profile['colours']['legend']} legend",
+        f"coverlay: {', '.join(profile['coverlay'])}",
+        *(f"{key}: {', '.join(profile[key]) or 'none'}" for key in ("stiffener", "adhesive")),
+        f"Gerber attributes {profile['gerber']['x2']}, job file {'in' if profile['gerber']['job_in_zip'] else 'not in'} the zip, "
+        f"part list as {profile['assembly']}",
+        f"files: {', '.join(files.values())}",
+        "",
+    ]
+    rows = [
+        (
+            row["id"],
+            row["level"],
+            " x ".join(f"{v:g}" for v in row["value"]) if isinstance(row["value"], list) else f"{row['value']:g}",
+            row["unit"],
+            "yes" if row["confirmed"] else "no",
+            row["date"],
+            row["source"],
+        )
+        for row in profile["thresholds"]
+    ]
+    return [*head, *_table(("threshold", "level", "value", "unit", "confirmed", "date", "source"), rows)]
 
 
 def check_lines(checks: Sequence[Check]) -> list[str]:
@@ -84,6 +138,7 @@ def kit_lines(kit: Kit) -> list[str]:
         f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
         f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm",
         f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified",
+        *(f"{f.rule}: {f.message}" for f in kit.findings if f.rule == "coverlay" and f.level == "info"),
         *_purpose_lines(kit),
     ]
 

@@ -32,6 +32,8 @@ class Finding:
         Value, limit and remedy in words.
     source : str
         Where the threshold comes from.
+    confirmed : bool
+        Whether the fab confirmed it.
     """
 
     rule: str
@@ -43,6 +45,7 @@ class Finding:
     unit: str = "mm"
     at_mm: tuple[float, float] | None = None
     source: str = ""
+    confirmed: bool = False
 
     def __post_init__(self) -> None:
         _plain_numbers(self, "value", "limit")

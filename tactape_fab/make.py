@@ -13,6 +13,7 @@ from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecErr
 from tactape_fab.fields import shown
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.order import order_facts
 from tactape_fab.kit.plan import plan, plan_texture
@@ -53,8 +54,18 @@ _RESTS_ON = {
     "cylinder_mm": {"size_mm", "base_mm", "around", *_ELEMENT},
     "around": {"cylinder_mm"},
     "shell": {"cylinder_mm", "size_mm", "around"},
+    "coverlay": {"fab", "part"},
+    "anchor": {"coverlay", "rotation_deg", "part"},
+    "stiffener": {"fab", "part"},
+    "adhesive": {"fab", "part"},
+    "bend_radius_mm": {"fab", "part", "bend_axis"},
+    "bend_axis": {"part", "bend_radius_mm"},
 }
 """What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
+
+
+_NEVER_FORCED = ("models",)
+"""Rules without which a file cannot be drawn at all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +139,10 @@ def examine(spec: TapeSpec) -> Examined:
         raise SpecError(problems)
     if isinstance(part, PartProfile) and fab is not None:
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
-        return _examine_film(spec, fab, _with_number(part, spec.part_number, fab.assembly), process)
+        if refused := film_problems(spec, fab):
+            raise SpecError(refused)
+        part = _with_number(part, spec.part_number, fab.assembly)
+        return _examine_film(spec, fab_for(spec, fab, part), part, process)
     if isinstance(part, ElementProfile) and process is not None:
         return _examine_texture(spec, part, process)
     raise SpecError(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
@@ -155,7 +169,7 @@ def _with_number(part: PartProfile, number: str | None, house: str) -> PartProfi
 def _examine_film(spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None) -> Examined:
     layout = build_layout(plan(spec, fab, part), spec, fab, part)
     tape, form = layout.tape, spec.form
-    findings = check(layout, fab)
+    findings = check(layout, fab) + film_findings(layout, spec, fab)
     if form is not None:
         problems = form_problems(tape, form)
         findings += [_cell_finding(p) for p in problems if p.key == "part" and not _broken(findings, "body-body")]
@@ -249,6 +263,7 @@ def make_kit(
     *,
     overwrite: bool = False,
     verify: bool = True,
+    force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Kit:
     """Make a kit: all files of a tape, verified from what was written.
@@ -262,6 +277,8 @@ def make_kit(
         Replace an older kit of this tool at `path`. Anything else that stands there is refused.
     verify : bool
         Verify the written files before the kit gets its name.
+    force : bool
+        Write it in spite of broken design rules; the manifest records them under ``forced``.
     progress : callable
         Told in words what is being done.
 
@@ -278,7 +295,7 @@ def make_kit(
     VerifyError
         When the written files are not what they should be; nothing stands at `path` then.
     """
-    return make_examined(examine(spec), path, overwrite=overwrite, verify=verify, progress=progress)
+    return make_examined(examine(spec), path, overwrite=overwrite, verify=verify, force=force, progress=progress)
 
 
 def make_examined(
@@ -287,6 +304,7 @@ def make_examined(
     *,
     overwrite: bool = False,
     verify: bool = True,
+    force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
@@ -296,10 +314,12 @@ def make_examined(
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    if blocking:
+    if blocking and not (force and all(finding.rule not in _NEVER_FORCED for finding in blocking)):
         raise DesignRuleError(examined.findings)
     progress("rendering")
     artifacts, content = _rendered(examined)
+    if blocking:
+        content["forced"] = [_forced(finding) for finding in blocking]
     checks: tuple[Check, ...] = ()
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
@@ -341,3 +361,8 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
         assert process is not None
         record = texture_record(spec, process)
     return artifacts, manifest(tape, record, artifacts)
+
+
+def _forced(finding: Finding) -> dict[str, Any]:
+    """A broken rule as the manifest of a kit that was made in spite of it records it."""
+    return {"rule": finding.rule, "value": finding.value, "limit": finding.limit, "message": finding.message}

@@ -7,6 +7,8 @@ from math import sqrt
 
 import numpy as np
 
+from tactape_fab.kit.anchors import Anchors, anchor_plan, build_anchors
+from tactape_fab.kit.coverlay import gang_window
 from tactape_fab.kit.label import Label, compose_label
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
@@ -66,6 +68,12 @@ class Layout:
         n flashes in designator order.
     outline_mm : ndarray, shape (k, 2)
         The board's outline with its rounded corners as polylines.
+    window_mm : ndarray, shape (m, 2), or None
+        The one coverlay opening in place of `openings`, in mode gang.
+    anchors : Anchors or None
+        Copper that runs on from the pads under the coverlay.
+    stiffener, adhesive : str or None
+        What is laminated to the whole underside: material and thickness in mm.
     """
 
     tape: Tape
@@ -78,12 +86,20 @@ class Layout:
     bodies: Flashes
     outline_mm: FloatArray
     legend: Legend
+    window_mm: FloatArray | None = None
+    anchors: Anchors | None = None
+    stiffener: str | None = None
+    adhesive: str | None = None
 
 
 def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Layout:
     """Draw a tape: placements, lands, openings, outline, tag and label."""
     outlines = part_outlines(part, fab, tape.part.rotation_deg)
     xy_mm = tape.part_xy_mm()
+    gang = fab.coverlay_mode == "gang"
+    anchors = None
+    if spec.anchor != "none" and not gang:
+        anchors = build_anchors(anchor_plan(spec.anchor, fab, outlines), tape, part.pads)
 
     def lands(centres_mm: FloatArray) -> FloatArray:
         return snap_mm(xy_mm[:, None] + centres_mm).reshape(-1, 2)
@@ -99,6 +115,10 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
         bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
         outline_mm=_board_outline(tape),
         legend=_legend(tape, spec, fab),
+        window_mm=gang_window(tape.board, xy_mm, outlines.opening) if gang else None,
+        anchors=anchors,
+        stiffener=spec.stiffener,
+        adhesive=spec.adhesive,
     )
 
 

@@ -68,7 +68,7 @@ class OrderFacts:
     fits_panel : bool
         Whether the board alone is within what the assembly line takes.
     questions, broken, warnings : tuples
-        Unconfirmed thresholds in play, rules broken that block (the tape was forced), and rules that warn.
+        Unconfirmed thresholds in play, rules broken that block (the tape was forced), and warnings that rest on no threshold.
     stiffener, adhesive : str or None
         What is laminated to the underside: material and thickness in mm.
     anchors : str
@@ -120,14 +120,19 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         opening_mm=layout.outlines.opening_size_mm,
         questions=_questions(fab, findings),
         broken=tuple(f"{f.rule}: {f.message}" for f in findings if f.blocks),
-        warnings=tuple(f"{f.rule}: {f.message}" for f in findings if f.level == "warn" and not f.passed),
+        warnings=tuple(f"{f.rule}: {f.message}" for f in findings if f.level == "warn" and not f.passed and not f.source),
         estimate=_estimate(tape.part_count, fab),
+        stiffener=layout.stiffener,
+        adhesive=layout.adhesive,
+        anchors="none" if layout.anchors is None else layout.anchors.mode,
     )
 
 
 def _field(layout: Layout) -> Box:
     xy, reach = layout.openings.xy_mm, reach_mm(layout.openings.outline_mm)
     low, high = xy.min(axis=0) - reach, xy.max(axis=0) + reach
+    if layout.window_mm is not None:
+        low, high = np.minimum(low, layout.window_mm.min(axis=0)), np.maximum(high, layout.window_mm.max(axis=0))
     low, high = np.floor(low * _TENTHS) / _TENTHS, np.ceil(high * _TENTHS) / _TENTHS
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
@@ -155,13 +160,13 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
 
 def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
     """A question for each unconfirmed threshold that something was held against."""
-    tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend)
+    tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
     origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, *(t.origin for t in tables if t is not None)]
-    known = {origin.source: origin for origin in origins}
+    dates = {origin.source: origin.date for origin in origins}
     return tuple(
-        Question(rule=f.rule, message=f.message, source=f.source, date=known[f.source].date)
+        Question(rule=f.rule, message=f.message, source=f.source, date=dates.get(f.source, "no date"))
         for f in findings
-        if f.source in known and not known[f.source].confirmed
+        if f.source and not f.confirmed
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import cos, pi
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from tactape_fab.profiles import FabProfile, LandPattern, PartProfile
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import placed_outline, rotate
 
+_END_POINTS = 32
 FOOT_POINTS = 128
 """Vertices of a dome's foot: within 0.1 um of a circle of 0.6 mm."""
 
@@ -51,8 +52,7 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
     def centres(pattern: LandPattern) -> FloatArray:
         return snap_mm(rotate([(-pattern.offset_mm, 0.0), (pattern.offset_mm, 0.0)], rotation_deg))
 
-    pair_mm = (2 * part.pads.offset_mm + part.pads.size_mm[0], part.pads.size_mm[1])
-    wider_mm = 2 * fab.coverlay_expansion_mm
+    opening = opening_size_mm(part, fab)
     return PartOutlines(
         body=box(part.body_mm[:2]),
         largest_body=box(part.body_mm[:2], part.body_tolerance_mm),
@@ -61,9 +61,33 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
         pad_xy=centres(part.pads),
         paste=land(part.paste),
         paste_xy=centres(part.paste),
-        opening=box(pair_mm, wider_mm),
-        opening_size_mm=(pair_mm[0] + wider_mm, pair_mm[1] + wider_mm),
+        opening=box(opening),
+        opening_size_mm=opening,
     )
+
+
+def opening_size_mm(part: PartProfile, fab: FabProfile) -> tuple[float, float]:
+    """Length and width of a part's coverlay opening: both pads, and the expansion on each side."""
+    wider_mm = 2 * fab.coverlay_expansion_mm
+    return 2 * part.pads.offset_mm + part.pads.size_mm[0] + wider_mm, part.pads.size_mm[1] + wider_mm
+
+
+def spur_tips(opening_size: tuple[float, float], fab: FabProfile, rotation_deg: float) -> FloatArray:
+    """Middles of the round ends of a part's two spurs about its centre, so far out that the copper runs on for the
+    profile's overlap; shape (2, 2).
+    """
+    tip_mm = opening_size[0] / 2 + fab.anchor.overlap_mm - fab.anchor.web_mm / 2
+    return snap_mm(rotate([(-tip_mm, 0.0), (tip_mm, 0.0)], rotation_deg))
+
+
+def copper_outline(outlines: PartOutlines, fab: FabProfile, rotation_deg: float, *, anchored: bool) -> FloatArray:
+    """Points whose hull is a part's copper about its centre: its pads, and its spurs where it has them; shape (k, 2)."""
+    if not anchored:
+        return outlines.pads
+    angle = np.arange(_END_POINTS) * (2 * pi / _END_POINTS)
+    round_end = fab.anchor.web_mm / 2 / cos(pi / _END_POINTS) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    tips = spur_tips(outlines.opening_size_mm, fab, rotation_deg)
+    return np.concatenate([outlines.pads, (tips[:, None] + round_end).reshape(-1, 2)])
 
 
 def element_outline(shape: str, body_mm: tuple[float, float, float], rotation_deg: float) -> FloatArray:

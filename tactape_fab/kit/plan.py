@@ -12,7 +12,7 @@ from math import ceil, floor
 import numpy as np
 
 from tactape_fab.errors import CapacityError, Problem, SpecError
-from tactape_fab.kit.outlines import element_outline, part_outlines
+from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tag import SIDE_CELLS
 from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
@@ -58,18 +58,19 @@ class Claim:
         return max(reach_mm(self.widest)) + max(limit for _, limit in self.edge)
 
 
-def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Claim:
+def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, anchored: bool = False) -> Claim:
     """What a part with lands claims by a fab's rules for copper, body and opening."""
     outlines = part_outlines(part, fab, rotation_deg)
+    copper = copper_outline(outlines, fab, rotation_deg, anchored=anchored)
     limit = {rule: fab.limits[rule].value_mm for rule in ("pad-edge", "body-edge", "opening-edge", "hole-copper", "hole-part")}
     return Claim(
         edge=(
-            (outlines.pads, limit["pad-edge"]),
+            (copper, limit["pad-edge"]),
             (outlines.body, limit["body-edge"]),
             (outlines.opening, limit["opening-edge"]),
         ),
         hole=(
-            (outlines.pads, limit["hole-copper"]),
+            (copper, limit["hole-copper"]),
             (outlines.body, limit["hole-part"]),
             (outlines.opening, limit["hole-copper"]),
         ),
@@ -130,7 +131,8 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
         When the grid runs past the code's range.
     """
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
-    return _plan(spec, film_claim(part, fab, spec.rotation_deg), tape_part, fab.material.thickness_mm)
+    claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
+    return _plan(spec, claim, tape_part, fab.material.thickness_mm)
 
 
 def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> Tape:

@@ -39,17 +39,22 @@ def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured,
     """Hold a measured value against the profile's limit of that rule."""
     value, at_mm = measured
     limit = profile.limits[rule]
-    passed = value >= limit.value_mm - TOLERANCE_MM
+    level, least_mm = limit.level, limit.value_mm
+    passed = value >= least_mm - TOLERANCE_MM
+    if passed and limit.warn_mm is not None and value < limit.warn_mm - TOLERANCE_MM:
+        level, least_mm, passed = "warn", limit.warn_mm, False
     relation = "meets" if passed else "is below"
-    message = f"{what} {value:.3f} mm {relation} the limit {limit.value_mm:.3f} mm of {profile.name}"
+    kind = "limit" if least_mm == limit.value_mm else "limit without asking"
+    message = f"{what} {value:.3f} mm {relation} the {kind} {least_mm:.3f} mm of {profile.name}"
     return Finding(
         rule=rule,
-        level=limit.level,
+        level=level,
         passed=passed,
         value=value,
-        limit=limit.value_mm,
+        limit=least_mm,
         at_mm=at_mm,
         source=limit.source,
+        confirmed=limit.confirmed,
         message=message if passed else f"{message}; {remedy}",
     )
 
@@ -128,6 +133,8 @@ def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     yield replace(pair, rule="pad-pair")
     yield finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
     yield finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
+    if layout.window_mm is not None:
+        return
     yield finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
     yield finding(
         fab,
@@ -149,7 +156,17 @@ def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         ("body-edge", layout.outlines.body, "body to outline"),
         ("opening-edge", layout.outlines.opening, "coverlay opening to outline"),
     ):
-        yield finding(fab, rule, to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm), what, remedy)
+        measured = to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm)
+        if rule == "pad-edge" and layout.anchors is not None:
+            lines = layout.anchors.lines_mm.reshape(-1, 2)
+            measured = min(measured, worst_at(_inside(lines, board) - layout.anchors.web_mm / 2, lines))
+        if rule == "opening-edge" and layout.window_mm is not None:
+            measured = worst_at(_inside(layout.window_mm, board), layout.window_mm)
+        yield finding(fab, rule, measured, what, remedy)
+
+
+def _inside(points_mm: FloatArray, board: Board) -> FloatArray:
+    return inset_mm(points_mm, board.size_mm, board.corner_radius_mm)
 
 
 def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, limit_mm: float) -> Measured:
@@ -185,7 +202,11 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     ink = _legend_shapes(layout)
     right_end = ink.bounds[2] + _NEAR_LEGEND_MM
     near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
-    gaps = shapely.distance(ink, shapely.polygons(near[:, None] + layout.openings.outline_mm))
+    if layout.window_mm is not None:
+        near = layout.window_mm.mean(axis=0)[None]
+        gaps = np.array([shapely.distance(ink, shapely.Polygon(layout.window_mm))])
+    else:
+        gaps = shapely.distance(ink, shapely.polygons(near[:, None] + layout.openings.outline_mm))
     yield finding(
         fab, "opening-legend", worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none"
     )
@@ -215,6 +236,11 @@ def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         ("hole-part", layout.outlines.body[None], "hole to body"),
     ):
         yield from hole_to_parts(layout.tape.board, fab, rule, layout.parts_xy_mm, outline, what)
+    if layout.anchors is not None:
+        holes, lines = np.array(layout.tape.board.holes), shapely.linestrings(layout.anchors.lines_mm)
+        gaps = shapely.distance(lines[:, None], shapely.points(holes[:, :2])).min(axis=0)
+        measured = worst_at(gaps - (holes[:, 2] + layout.anchors.web_mm) / 2, holes)
+        yield finding(fab, "hole-copper", measured, "hole to anchor", "move the hole, or use --anchor none")
 
 
 def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str) -> Iterator[Finding]:
@@ -267,5 +293,6 @@ def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
         value=over if not passed else longer,
         limit=most[1] if not passed and longer <= most[0] else most[0],
         source=fab.size.source,
+        confirmed=fab.size.confirmed,
         message=message if passed else f"{message}; ask the fab, or use a smaller --size",
     )

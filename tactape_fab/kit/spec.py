@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from tactape_fab.errors import CapacityError, Problem, SpecError
 from tactape_fab.fields import Fields, shown, unknown_key
+from tactape_fab.kit.film_options import read_film_options
 from tactape_fab.kit.solid_options import DEFAULT_PROCESS, Part, read_solid_options
 from tactape_fab.kit.tag import LEAST_CELL_MM
 from tactape_fab.profiles import (
@@ -97,6 +98,15 @@ class TapeSpec:
     around : {"x", "y"} or None
     shell : {"segment", "whole"} or None
         See `tactape_fab.solids.forms`.
+    coverlay : {"per-part", "lpi", "gang"} or None
+        How the coverlay is opened; the first way of the fab profile that its limits allow where None is given.
+    anchor : {"none", "spur", "mesh"}
+        Copper that runs on from the pads under the coverlay and holds them.
+    stiffener, adhesive : str or None
+        What is laminated to the underside, material and thickness in mm, such as ``"FR4 0.2"``.
+    bend_axis : {"x", "y"} or None
+        Board axis that goes round where the tape is bent.
+    bend_radius_mm : float or None
 
     Raises
     ------
@@ -132,6 +142,12 @@ class TapeSpec:
     cylinder_mm: float | None = None
     around: str | None = None
     shell: str | None = None
+    coverlay: str | None = None
+    anchor: str = "none"
+    stiffener: str | None = None
+    adhesive: str | None = None
+    bend_axis: str | None = None
+    bend_radius_mm: float | None = None
 
     def __post_init__(self) -> None:
         values, problems = _checked(asdict(self))
@@ -236,6 +252,7 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     part = _part(table, values["part"])
     values |= read_solid_options(table, part)
     values |= _of_the_film(table, isinstance(part, ElementProfile))
+    values |= read_film_options(table, solid=isinstance(part, ElementProfile))
     values["process"] = _process(table, part)
     values["tag_id"] = _tag_id(table, values["tag"], sector)
     values["corner_radius_mm"] = _corner_radius(table, part, values)

@@ -7,13 +7,16 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tactape_fab import __version__
+from tactape_fab.kit.anchors import anchor_plan
 from tactape_fab.kit.artifact import Artifact, zip_date
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.render.assembly import render_bom, render_cpl
+from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
 from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
@@ -33,6 +36,8 @@ RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
     "legend-top": render_legend,
     "profile": render_profile,
     "drill-npth": render_drill,
+    "stiffener-bottom": render_stiffener,
+    "adhesive-bottom": render_adhesive,
     "components-top": render_components,
     "job": render_job,
     "cpl": render_cpl,
@@ -40,15 +45,18 @@ RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
 }
 """Renderer of each role; one that a tape has no use for gives no file."""
 
-FAB_ZIP_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job")
-"""What is uploaded to the fab; never the component layer."""
+FAB_ZIP_ROLES = (
+    *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth"),
+    *("stiffener-bottom", "adhesive-bottom", "job"),
+)
+"""What is uploaded to the fab, the job file only where the profile wants it; never the component layer."""
 
 
 def render_all(layout: Layout, fab: FabProfile) -> list[Artifact]:
     """Every file of a film but models and manifest: fabrication, assembly, previews drawn from those, and the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(layout, fab)]
     artifacts += render_preview(artifacts, fab)
-    artifacts.append(_fab_zip(layout, artifacts))
+    artifacts.append(_fab_zip(layout, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
     return artifacts
 
 
@@ -106,9 +114,21 @@ def film_record(layout: Layout, spec: TapeSpec, fab: FabProfile, process: Proces
             "description": layout.part.description,
             "part_number": layout.part.part_numbers.get(fab.assembly),
         },
+        **_film_extras(layout, fab),
         **_models_record(spec.form, process),
-        "spec": {**spec.to_mapping(), "assembly": fab.assembly, "x2": fab.x2},
+        "spec": {**spec.to_mapping(), "assembly": fab.assembly, "x2": fab.x2, "coverlay": fab.coverlay_mode},
     }
+
+
+def _film_extras(layout: Layout, fab: FabProfile) -> dict[str, Any]:
+    """What `verify` needs to know of anchors and of what is laminated to the film, where there is any."""
+    extras: dict[str, Any] = {}
+    if layout.anchors is not None:
+        extras["anchor"] = asdict(anchor_plan(layout.anchors.mode, fab, layout.outlines))
+    for key, backing in (("stiffener", layout.stiffener), ("adhesive", layout.adhesive)):
+        if backing is not None:
+            extras[key] = backing
+    return extras
 
 
 def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from tactape_fab.profiles.assembly import (
     PlacementTable,
     part_number_problem,
 )
-from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, Origin
+from tactape_fab.profiles.explain import explain_fab
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, Origin, material_words
 from tactape_fab.profiles.fabs import (
     BACKING_ROLES,
     GERBER_ROLES,
@@ -70,10 +71,12 @@ __all__ = [
     "SizeLimit",
     "X2Mode",
     "element_problem",
+    "explain_fab",
     "load_fab",
     "load_part",
     "load_process",
     "load_sensor",
+    "material_words",
     "part_number_problem",
     "profile_names",
     "read_land",

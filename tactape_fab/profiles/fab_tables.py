@@ -12,7 +12,7 @@ from tactape_fab.profiles.lookup import read_level
 
 CoverlayMode = Literal["per-part", "lpi", "gang"]
 COVERLAY_MODES: tuple[CoverlayMode, ...] = ("per-part", "lpi", "gang")
-_ORIGIN_KEYS = ("source", "date", "confirmed")
+ORIGIN_KEYS = ("source", "date", "confirmed")
 _BACKING = r"[A-Za-z0-9]{1,20} \d{1,2}(\.\d{1,3})?"
 
 
@@ -86,7 +86,13 @@ class PanelRules:
     origin: Origin
 
 
-def _origin(table: Fields) -> Origin:
+def material_words(backing: str) -> str:
+    """A backing as a file name says it: ``FR4_0.2mm`` for ``FR4 0.2``."""
+    return f"{backing.replace(' ', '_')}mm"
+
+
+def read_origin(table: Fields) -> Origin:
+    """Source, date and whether it was confirmed, of any table that holds thresholds."""
     return Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed"))
 
 
@@ -107,30 +113,30 @@ def read_modes(coverlay: Fields) -> tuple[CoverlayMode, ...]:
 
 
 def read_anchor(profile: Fields) -> AnchorRules:
-    table = profile.table("anchor", ("web_mm", "opening_mm", "overlap_mm", *_ORIGIN_KEYS))
+    table = profile.table("anchor", ("web_mm", "opening_mm", "overlap_mm", *ORIGIN_KEYS))
     return AnchorRules(
         web_mm=table.number("web_mm", above=0.0, high=10.0),
         opening_mm=table.number("opening_mm", low=0.0, high=10.0),
         overlap_mm=table.number("overlap_mm", above=0.0, high=10.0),
-        origin=_origin(table),
+        origin=read_origin(table),
     )
 
 
 def read_backing(profile: Fields, key: str) -> Backing:
-    table = profile.table(key, ("choices", *_ORIGIN_KEYS))
+    table = profile.table(key, ("choices", *ORIGIN_KEYS))
     choices = table.rows("choices", longest=100)
     for choice in choices:
         if not isinstance(choice, str) or not re.fullmatch(_BACKING, choice) or float(choice.split()[1]) == 0.0:
             table.problem("choices", f"choices holds {shown(choice)}; give material and thickness in mm, such as 'FR4 0.2'")
-    return Backing(choices=tuple(map(str, choices)), origin=_origin(table))
+    return Backing(choices=tuple(map(str, choices)), origin=read_origin(table))
 
 
 def read_stencil(profile: Fields) -> StencilRules:
-    table = profile.table("stencil", ("thickness_mm", "least_ratio", *_ORIGIN_KEYS))
+    table = profile.table("stencil", ("thickness_mm", "least_ratio", *ORIGIN_KEYS))
     return StencilRules(
         thickness_mm=table.number("thickness_mm", above=0.0, high=1.0, default=0.1),
         least_ratio=table.number("least_ratio", low=0.0, high=10.0, unit=""),
-        origin=_origin(table),
+        origin=read_origin(table),
     )
 
 
@@ -138,19 +144,21 @@ def read_bend(profile: Fields) -> BendRules | None:
     """None for a rigid board, whose profile has no such table."""
     if "bend" not in profile.values:
         return None
-    table = profile.table("bend", ("least_thicknesses", *_ORIGIN_KEYS))
-    return BendRules(least_thicknesses=table.number("least_thicknesses", above=0.0, high=1000.0, unit=""), origin=_origin(table))
+    table = profile.table("bend", ("least_thicknesses", *ORIGIN_KEYS))
+    return BendRules(
+        least_thicknesses=table.number("least_thicknesses", above=0.0, high=1000.0, unit=""), origin=read_origin(table)
+    )
 
 
 def read_parts_limit(profile: Fields) -> PartsLimit:
-    table = profile.table("parts", ("most", "level", *_ORIGIN_KEYS))
-    return PartsLimit(most=table.integer("most", low=1, high=10_000_000), level=read_level(table), origin=_origin(table))
+    table = profile.table("parts", ("most", "level", *ORIGIN_KEYS))
+    return PartsLimit(most=table.integer("most", low=1, high=10_000_000), level=read_level(table), origin=read_origin(table))
 
 
 def read_panel(profile: Fields) -> PanelRules:
     lengths = ("rail_mm", "gap_mm", "fiducial_mm", "fiducial_opening_mm", "fiducial_shift_mm", "tooling_hole_mm")
     counts = ("fiducials", "tooling_holes")
-    table = profile.table("panel", ("smallest_mm", "largest_mm", *lengths, *counts, *_ORIGIN_KEYS))
+    table = profile.table("panel", ("smallest_mm", "largest_mm", *lengths, *counts, *ORIGIN_KEYS))
     smallest, largest = (table.numbers(key, 2, above=0.0) for key in ("smallest_mm", "largest_mm"))
     if min(largest) < min(smallest) or max(largest) < max(smallest):
         table.problem(
@@ -162,5 +170,5 @@ def read_panel(profile: Fields) -> PanelRules:
         largest_mm=(max(largest), min(largest)),
         **{key: table.number(key, low=0.0, high=100.0) for key in lengths},  # type: ignore[arg-type]
         **{key: table.integer(key, low=0, high=100) for key in counts},
-        origin=_origin(table),
+        origin=read_origin(table),
     )

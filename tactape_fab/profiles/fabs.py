@@ -10,10 +10,12 @@ from tactape_fab.errors import Level
 from tactape_fab.fields import Fields, shown
 from tactape_fab.profiles.assembly import ASSEMBLY_FORMATS
 from tactape_fab.profiles.fab_tables import (
+    ORIGIN_KEYS,
     AnchorRules,
     Backing,
     BendRules,
     CoverlayMode,
+    Origin,
     PanelRules,
     PartsLimit,
     StencilRules,
@@ -21,6 +23,7 @@ from tactape_fab.profiles.fab_tables import (
     read_backing,
     read_bend,
     read_modes,
+    read_origin,
     read_panel,
     read_parts_limit,
     read_stencil,
@@ -100,6 +103,7 @@ class LegendRules:
     ``bleed_mm`` how far ink runs over an edge, ``edge_mm`` ink to outline.
     """
 
+    origin: Origin
     line_mm: float
     text_mm: float
     gap_mm: float
@@ -143,6 +147,11 @@ class FabProfile:
         """Path of a fabrication file relative to the kit's folder; `material` is a backing's, in words."""
         return f"gerber/{self.file_names[role].replace('{name}', tape_name).replace('{material}', material)}"
 
+    @property
+    def mask_name(self) -> str:
+        """What covers the copper: a film with openings cut in it, or a mask that light hardens."""
+        return "solder mask" if "lpi" in self.coverlay_modes else "coverlay"
+
     def in_mode(self, mode: CoverlayMode) -> FabProfile:
         """The profile with the coverlay opened in another way.
 
@@ -184,7 +193,7 @@ def load_fab(name: str) -> FabProfile:
     gerber = table.table("gerber", ("x2", "job_in_zip"))
     assembly = table.table("assembly", ("format",))
     coverlay = table.table("coverlay", ("expansion_mm", "modes"))
-    legend = table.table("legend", _LEGEND_KEYS)
+    legend = table.table("legend", (*_LEGEND_KEYS, *ORIGIN_KEYS))
     files = table.table("files", GERBER_ROLES)
     limits = table.table("limits", LIMIT_IDS)
     modes = read_modes(coverlay)
@@ -223,7 +232,7 @@ def load_fab(name: str) -> FabProfile:
         parts=read_parts_limit(table),
         panel=read_panel(table),
         order=read_ordering(table),
-        legend=LegendRules(**{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
+        legend=LegendRules(origin=read_origin(legend), **{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
         limits={name: read_limit(limits.table(name, ("value_mm", "warn_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
         size=SizeLimit(
             largest_mm=(max(largest), min(largest)),

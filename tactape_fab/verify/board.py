@@ -91,6 +91,7 @@ def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded:
         for xy, outline in zip(coverlay.flash_xy_mm, outlines, strict=True)
         if bounds[0] <= xy[0] <= bounds[2] and bounds[1] <= xy[1] <= bounds[3]
     ]
+    near += [shapely.make_valid(shapely.Polygon(area)) for area in coverlay.areas_mm]
     value = float(shapely.distance(ink, near).min()) if near else float("inf")
     passed = value >= recorded.opening_legend_mm - EDGE_TOLERANCE_MM
     message = f"{value:.3f} mm from the nearest opening" if near else "far from every opening"

@@ -50,7 +50,7 @@ def kind_of(manifest: Mapping[str, Any]) -> Kind:
     return "film" if made_by_fab else "texture"
 
 
-def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True) -> tuple[str, ...]:
+def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: Sequence[str] = ()) -> tuple[str, ...]:
     """Roles that a kit must have, each once; of an embossed one those that it has in any case."""
     if kind == "embossed":
         return EMBOSSED
@@ -59,7 +59,7 @@ def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True) -> tuple[s
     legend = ("legend-top",) if tape.tag is not None else ()
     drill = ("drill-npth",) if tape.board.holes else ()
     solids = ("step-assembly", *MODELS) if models else ()
-    return (*ALWAYS, *legend, *drill, *solids, *PICTURES, "fab-zip")
+    return (*ALWAYS, *legend, *drill, *backings, *solids, *PICTURES, "fab-zip")
 
 
 def safe_path(text: object) -> PurePosixPath | None:
@@ -126,9 +126,10 @@ def check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]],
     return Check(name="roles", passed=not wrong, message=message)
 
 
-def check_zip(files: Mapping[str, WrittenFile]) -> Check:
+def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Check:
     """The zip holds exactly the fabrication files, byte for byte."""
-    expected = {files[role].path.rsplit("/", 1)[-1]: files[role].data for role in FAB_ZIP_ROLES if role in files}
+    roles = [role for role in FAB_ZIP_ROLES if role in files and (with_job or role != "job")]
+    expected = {files[role].path.rsplit("/", 1)[-1]: files[role].data for role in roles}
     problems: list[str] = []
     try:
         with zipfile.ZipFile(io.BytesIO(files["fab-zip"].data)) as archive:

@@ -31,12 +31,22 @@ from tactape_fab.verify.files import (
     read_files,
     roles_of,
 )
+from tactape_fab.verify.film import (
+    FilmRecord,
+    check_anchors,
+    check_backing,
+    check_window,
+    file_function,
+    pardoned,
+    read_film_record,
+)
 from tactape_fab.verify.kernels import check_with_others
 from tactape_fab.verify.lands import (
     LandPairs,
     Recorded,
     check_lands,
     check_openings,
+    opening_outline,
     pair_lands,
     point_tree,
     read_recorded,
@@ -114,6 +124,7 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         table = Fields(manifest)
         recorded = read_recorded(table) if kind == "film" else None
         assembly = read_assembly(table) if kind == "film" else None
+        film = read_film_record(table) if kind == "film" else None
         form = read_form(table.table("solid")) if kind == "texture" or (kind == "film" and "solid" in manifest) else None
         table.table("tool")
         table.table("spec")
@@ -125,7 +136,7 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         )
     checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols as code '{tape.code}' has them")]
     files, file_checks = read_files(folder, manifest)
-    expected = roles_of(tape, kind, models=form is not None)
+    expected = roles_of(tape, kind, models=form is not None, backings=tuple(film.backings) if film is not None else ())
     checks += [*file_checks, check_roles(expected, files, ("step-solid",) if kind == "embossed" else ())]
     single = {role: rows[0] for role, rows in files.items() if rows}
     missing = [role for role in expected if role not in single]
@@ -136,10 +147,10 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         checks += _check_part(manifest, tape, single, quick=quick)
         return Verification(name=tape.name, checks=tuple(checks))
     cpl = None
-    if recorded is not None and assembly is not None:
+    if recorded is not None and assembly is not None and film is not None:
         cpl = _read("cpl", read_cpl, single, checks)
         checks += _check_assembly(tape, recorded, assembly, single, cpl)
-        checks += _check_content(manifest, tape, recorded, single, cpl, quick=quick)
+        checks += pardoned(_check_content(manifest, tape, recorded, film, single, cpl, quick=quick), film)
     checks.append(check_picture(single))
     if form is not None:
         checks += _check_solids(tape, form, single, cpl, quick=quick)
@@ -191,6 +202,7 @@ def _check_content(
     manifest: dict[str, Any],
     tape: Tape,
     recorded: Recorded,
+    film: FilmRecord,
     files: dict[str, WrittenFile],
     cpl: CplContent | None,
     *,
@@ -199,15 +211,18 @@ def _check_content(
     """Everything that a fab gets, and that the CPL says the same."""
     checks: list[Check] = []
     layers: dict[str, GerberContent] = {}
-    for role in GERBER_ROLES:
+    for role in (*GERBER_ROLES, *film.backings):
         if role in files and (content := _read(role, read_gerber, files, checks)) is not None:
             layers[role] = content
     holes = _read("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
-    checks.append(_check_attributes(layers, files, manifest["spec"].get("x2")))
+    checks.append(_check_attributes(layers, files, manifest["spec"].get("x2"), film))
     if "profile" in layers:
         checks.append(check_outline(layers["profile"], tape))
     if holes is not None:
         checks.append(check_drill(holes, tape))
+    for role, backing in film.backings.items():
+        if role in layers and "profile" in layers:
+            checks.append(check_backing(role, layers[role], files[role].path, backing, layers["profile"]))
     lands = {"copper-top": recorded.pads, "paste-top": recorded.paste}
     pairs = {
         role: pair_lands(layers[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
@@ -215,25 +230,36 @@ def _check_content(
         if role in layers
     }
     if cpl is not None:
-        checks += _check_layers_with_cpl(layers, pairs, recorded, tape, cpl)
+        checks += _check_layers_with_cpl(layers, pairs, recorded, film, tape, cpl)
+    if film.anchor is not None and "copper-top" in layers and "coverlay-top" in layers:
+        checks += check_anchors(layers["copper-top"], layers["coverlay-top"], film.anchor, recorded.pads, tape)
+    if cpl is not None:
         checks += check_symbols(tape, cpl.xy_mm, "CPL")
     if "copper-top" in pairs:
         checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
-    return [*checks, check_job(tape, files), check_zip(files)]
+    return [*checks, check_job(tape, files), check_zip(files, with_job=film.job_in_zip)]
 
 
 def _check_layers_with_cpl(
-    layers: dict[str, GerberContent], pairs: dict[str, LandPairs], recorded: Recorded, tape: Tape, cpl: CplContent
+    layers: dict[str, GerberContent],
+    pairs: dict[str, LandPairs],
+    recorded: Recorded,
+    film: FilmRecord,
+    tape: Tape,
+    cpl: CplContent,
 ) -> list[Check]:
     checks: list[Check] = []
     rows = point_tree(cpl.xy_mm)
     for role, land in (("copper-top", recorded.pads), ("paste-top", recorded.paste)):
         if role in layers:
-            checks += check_lands(role, layers[role], pairs[role], land, tape, cpl, rows)
-    if "coverlay-top" in layers:
+            lines = role == "copper-top" and film.anchor is not None
+            checks += check_lands(role, layers[role], pairs[role], land, tape, cpl, rows, lines=lines)
+    if "coverlay-top" in layers and film.mode == "gang":
+        checks += check_window(layers["coverlay-top"], opening_outline(recorded, tape), film, tape, cpl)
+    elif "coverlay-top" in layers:
         checks += check_openings(layers["coverlay-top"], recorded, tape, cpl, rows)
     if "components-top" in layers:
         checks.append(check_components(layers["components-top"], tape, cpl))
@@ -244,9 +270,10 @@ def _check_layers_with_cpl(
     return checks
 
 
-def _check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile], x2: object) -> Check:
+def _check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile], x2: object, film: FilmRecord) -> Check:
     """Attributes are there as the manifest's ``spec.x2`` says; functions are the roles', one origin, signatures fit."""
     problems = [problem for role in layers if (problem := check_signature(role, files[role].data)) is not None]
+    functions = {**FILE_FUNCTIONS, **{role: (file_function(role, b), "Positive") for role, b in film.backings.items()}}
     origins = set()
     for role, content in layers.items():
         mode = "full" if role == "components-top" else x2
@@ -257,7 +284,7 @@ def _check_attributes(layers: dict[str, GerberContent], files: dict[str, Written
             origins.add(re.search(rb"TF\.SameCoordinates,([^*]*)\*", files[role].data))
         if mode == "full" and role == "copper-top" and not all(content.flash_component):
             problems.append("copper-top has pads without .P")
-        for attribute, expected in zip(("FileFunction", "FilePolarity"), FILE_FUNCTIONS[role], strict=True):
+        for attribute, expected in zip(("FileFunction", "FilePolarity"), functions[role], strict=True):
             found = content.file_attributes.get(attribute)
             if found is not None and ",".join(found) != expected:
                 problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")

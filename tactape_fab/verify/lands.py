@@ -126,9 +126,20 @@ def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def check_lands(
-    name: str, content: GerberContent, pairs: LandPairs, land: LandPattern, tape: Tape, cpl: CplContent, rows: shapely.STRtree
+    name: str,
+    content: GerberContent,
+    pairs: LandPairs,
+    land: LandPattern,
+    tape: Tape,
+    cpl: CplContent,
+    rows: shapely.STRtree,
+    *,
+    lines: bool = False,
 ) -> list[Check]:
-    """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation."""
+    """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation.
+
+    ``lines`` says whether the layer may hold lines, which are checked elsewhere.
+    """
     count = len(content.flash_xy_mm)
     expected = 2 * tape.part_count
     centre, axis, alone, rotation = pairs.centre_mm, pairs.axis_mm, pairs.alone, tape.part.rotation_deg
@@ -140,7 +151,7 @@ def check_lands(
         problems.append(f"{len(alone)} flashes have no partner, first at ({x:.3f}, {y:.3f}) mm")
     if len(content.aperture_outlines_mm) > 1:
         problems.append(f"{len(content.aperture_outlines_mm)} different apertures instead of one")
-    if len(content.areas_mm) or len(content.strokes_mm) or content.clear:
+    if len(content.areas_mm) or (len(content.strokes_mm) and not lines) or content.clear:
         problems.append("objects that are no pads")
     shapeless = any(area_mm2(outline) == 0.0 for outline in content.aperture_outlines_mm)
     if shapeless:
@@ -269,7 +280,12 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
         return checks
     row, distance = nearest(content.flash_xy_mm, rows)
     checks.append(_place_check(name, "opening", content.flash_xy_mm, distance, cpl, row))
+    checks.append(_shape_check(name, content.aperture_outlines_mm, opening_outline(recorded, tape)))
+    return checks
+
+
+def opening_outline(recorded: Recorded, tape: Tape) -> FloatArray:
+    """A part's opening about its centre: the box round both pads, and the expansion; shape (4, 2)."""
     pads, wider_mm = recorded.pads, 2 * recorded.expansion_mm
     size_mm = (2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm)
-    checks.append(_shape_check(name, content.aperture_outlines_mm, placed_outline(size_mm, 0.0, tape.part.rotation_deg)))
-    return checks
+    return placed_outline(size_mm, 0.0, tape.part.rotation_deg)

@@ -20,7 +20,7 @@ from tactape_fab.kit.order import OrderFacts, order_facts
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import FAB_ZIP_ROLES, RENDERERS
 from tactape_fab.make import Examined, examine
-from tactape_fab.profiles import ASSEMBLY_FORMATS, FabProfile, load_fab, profile_names
+from tactape_fab.profiles import ASSEMBLY_FORMATS, COVERLAY_MODES, FabProfile, load_fab, profile_names
 from tactape_fab.verify.assembly import check_order_notes
 from tactape_fab.verify.files import WrittenFile
 
@@ -88,9 +88,8 @@ def test_every_unconfirmed_limit_in_play_is_asked_about(fab: str) -> None:
 
 def test_confirmed_limits_are_not_asked_about() -> None:
     made = examined()
-    limits = {name: replace(limit, confirmed=name != "pad-edge") for name, limit in made.fab.limits.items()}
-    facts = facts_of(made, replace(made.fab, limits=limits, size=replace(made.fab.size, confirmed=True)))
-    assert [q.rule for q in facts.questions] == ["pad-edge"]
+    findings = [replace(finding, confirmed=finding.rule != "pad-edge") for finding in made.findings]
+    assert [q.rule for q in facts_of(made, findings=findings).questions] == ["pad-edge"]
 
 
 def test_the_estimate_is_what_its_figures_make() -> None:
@@ -140,7 +139,9 @@ def test_without_a_strip_the_fab_may_print_nowhere() -> None:
 def test_the_field_holds_every_opening(fab: str) -> None:
     made = examined(fab=fab)
     low, high = np.reshape(facts_of(made).field_mm, (2, 2))
+    window = made.layout.window_mm
     corners = (made.layout.openings.xy_mm[:, None] + made.layout.openings.outline_mm).reshape(-1, 2)
+    corners = corners if window is None else np.concatenate([corners, window])
     assert (corners >= low).all() and (corners <= high).all()
     assert np.abs(corners.min(axis=0) - low).max() <= 0.1 and np.abs(corners.max(axis=0) - high).max() <= 0.1
 
@@ -161,19 +162,18 @@ def test_what_is_laminated_and_anchored_is_said(fab: str) -> None:
     assert "Stiffener FR4" not in plain and "Adhesive 3M" not in plain and "Copper runs on" not in plain
     assert ("Isolated pads can peel" in plain) == ("A carrier for assembly" in plain) == flex
     files = {**facts.files, "stiffener-bottom": "gerber/s.gbr", "adhesive-bottom": "gerber/a.gbr"}
+    mask = facts.fab.mask_name
     text = notes_of(replace(facts, stiffener="FR4 0.2", adhesive="3M468 0.13", anchors="mesh", files=files))
     assert "Stiffener FR4 0.2 mm on the underside, where gerber/s.gbr has it" in text
     assert "Adhesive 3M468 0.13 mm" in text and "gerber/a.gbr" in text
-    assert "Copper runs on from the pads under the coverlay (mesh)" in text
+    assert f"Copper runs on from the pads under the {mask} (mesh)" in text
     assert "A carrier for assembly" not in text and "Isolated pads" not in text
     assert len(re.findall(r"FR4 0\.2 mm", text)) == (2 if flex else 1)
 
 
 def test_each_way_to_open_the_coverlay_is_asked_for() -> None:
     facts = facts_of(examined())
-    said = {
-        mode: flat(notes_of(replace(facts, fab=replace(facts.fab, coverlay_mode=mode)))) for mode in ("per-part", "lpi", "gang")
-    }  # type: ignore[arg-type]
+    said = {mode: flat(notes_of(replace(facts, fab=facts.fab.in_mode(mode)))) for mode in COVERLAY_MODES}
     assert "The coverlay is cut for each part: one opening of 1.2 x 0.5 mm for both pads" in said["per-part"]
     assert "The solder mask is photo-imageable, one opening of 1.2 x 0.5 mm" in said["lpi"]
     assert "one opening over the whole field of parts, drawn so on purpose" in said["gang"]
@@ -182,7 +182,7 @@ def test_each_way_to_open_the_coverlay_is_asked_for() -> None:
 
 def test_a_forced_tape_says_so_and_a_sound_one_does_not() -> None:
     assert "FORCED" not in notes_of(facts_of(examined()))
-    made = examined(pitch_mm=1.3)
+    made = examined(displacement_mm=0.45)
     broken = [f for f in made.findings if f.blocks]
     assert broken
     text = notes_of(facts_of(made))
@@ -199,8 +199,8 @@ def test_a_board_that_fits_the_line_needs_no_panel() -> None:
 def test_more_parts_than_a_line_takes_are_said() -> None:
     few, many = examined(size_mm=(20.0, 20.0), pitch_mm=2.0), examined()
     assert few.tape.part_count <= 300 < many.tape.part_count
-    assert "exceed 300 of generic-fpc" not in notes_of(facts_of(few))
-    assert f"parts: {many.tape.part_count} exceed 300 of generic-fpc" in notes_of(facts_of(many))
+    assert "more than 300" not in notes_of(facts_of(few))
+    assert f"part-count: {many.tape.part_count} parts, more than 300" in notes_of(facts_of(many))
 
 
 @pytest.mark.parametrize("house", ASSEMBLY_FORMATS)

@@ -117,7 +117,12 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"rotation_deg": -400.0}, "rotation_deg", "rotation_deg = -400 deg is below -360 deg"),
     ({"part": "r9999"}, "part", "part = 'r9999' is none of: block, cone, dome, r0201, nor the path of a .toml file"),
     ({"part": 201}, "part", "part = 201 is not a text"),
-    ({"fab": "acme"}, "fab", "fab = 'acme' is none of: generic-fpc, nor the path of a .toml file"),
+    (
+        {"fab": "acme"},
+        "fab",
+        "fab = 'acme' is none of: generic-fpc, generic-fr4, generic-lpi, "
+        "jlcpcb-fpc, jlcpcb-fr4, pcbway-fpc, pcbway-fr4, nor the path of a .toml file",
+    ),
     ({"assembly": "yes"}, "assembly", "assembly = 'yes' is none of: generic, jlcpcb"),
     ({"x2": "on"}, "x2", "x2 = 'on' is none of: full, comments, off"),
     ({"corner_radius_mm": 25.1}, "corner_radius_mm", "corner_radius_mm = 25.1 mm exceeds 25 mm; half the shorter side at most"),

@@ -22,7 +22,9 @@ def _artifact(layout: Layout, fab: FabProfile, role: str, gerber: GerberText) ->
 
 
 def render_copper(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
-    """Copper layer: two flashed pads per part, each naming its component and pin (.P) where attributes are on."""
+    """Copper layer: two flashed pads per part, each naming its component and pin (.P) where attributes are on; and what
+    anchors them.
+    """
     gerber = GerberText(layout.tape, fab.x2, "Copper,L1,Top")
     aperture = gerber.outline("PAD", layout.pads.outline_mm, "SMDPad,CuDef")
     gerber.object_attribute("N,N/C")
@@ -35,6 +37,9 @@ def render_copper(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
     else:
         gerber.rows("X%dY%dD03*\n", to_nm(layout.pads.xy_mm))
     gerber.delete_attributes()
+    if layout.anchors is not None:
+        gerber.add(f"{gerber.circle(layout.anchors.web_mm, 'Conductor')}*")
+        gerber.rows("X%dY%dD02*\nX%dY%dD01*\n", to_nm(layout.anchors.lines_mm).reshape(-1, 4))
     return _artifact(layout, fab, "copper-top", gerber)
 
 
@@ -47,7 +52,11 @@ def _render_flashes(
 
 
 def render_coverlay(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
-    """Coverlay as a soldermask layer: what is drawn is open."""
+    """Coverlay or mask as a soldermask layer: what is drawn is open, a window for each part or one for all."""
+    if layout.window_mm is not None:
+        gerber = GerberText(layout.tape, fab.x2, "Soldermask,Top", "Negative")
+        gerber.regions([layout.window_mm], "Material")
+        return _artifact(layout, fab, "coverlay-top", gerber)
     return _render_flashes(layout, fab, "coverlay-top", "Soldermask,Top", "Negative", "OPENING", layout.openings)
 
 

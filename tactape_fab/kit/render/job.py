@@ -9,7 +9,7 @@ from tactape_fab import __version__
 from tactape_fab.kit.artifact import Artifact, build_date
 from tactape_fab.kit.gerber_text import project_id
 from tactape_fab.kit.layout import Layout
-from tactape_fab.profiles import FabProfile
+from tactape_fab.profiles import FabProfile, material_words
 
 _FUNCTIONS = {
     "copper-top": ("Copper,L1,Top", "Positive"),
@@ -42,15 +42,29 @@ def render_job(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
             {"Path": fab.file_path(role, layout.tape.name).split("/")[-1], "FileFunction": function, "FilePolarity": polarity}
             for role, (function, polarity) in _FUNCTIONS.items()
             if role != "legend-top" or has_legend
-        ],
+        ]
+        + _backings(layout, fab),
         "MaterialStackup": [
             *([{"Type": "Legend", "Color": fab.legend_colour.capitalize(), "Name": "Top legend"}] if has_legend else []),
             {"Type": "SolderPaste", "Name": "Top paste"},
-            {"Type": "SolderMask", "Color": fab.coverlay_colour.capitalize(), "Name": "Top coverlay"},
+            {"Type": "SolderMask", "Color": fab.coverlay_colour.capitalize(), "Name": f"Top {fab.mask_name}"},
             {"Type": "Copper", "Thickness": fab.material.copper_um / 1000, "Name": "L1"},
-            {"Type": "Dielectric", "Material": fab.material.base, "Name": "Base film"},
+            {"Type": "Dielectric", "Material": fab.material.base, "Name": "Base film" if fab.bend is not None else "Base"},
         ],
     }
     role = "job"
     data = (json.dumps(content, indent=2) + "\n").encode("ascii")
     return (Artifact(role=role, path=fab.file_path(role, layout.tape.name), data=data),)
+
+
+def _backings(layout: Layout, fab: FabProfile) -> list[dict[str, str]]:
+    kinds = (("stiffener-bottom", "Stiffener", layout.stiffener), ("adhesive-bottom", "Adhesive", layout.adhesive))
+    return [
+        {
+            "Path": fab.file_path(role, layout.tape.name, material_words(backing)).split("/")[-1],
+            "FileFunction": f"Other,{what}",
+            "FilePolarity": "Positive",
+        }
+        for role, what, backing in kinds
+        if backing is not None
+    ]

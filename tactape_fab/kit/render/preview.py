@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,8 @@ _GOLD = "#e9c46a"
 _TERMINAL = "#d9dce1"
 _LEGEND = {"white": "#f7f7f2", "black": "#151515"}
 _BACKGROUND = "#ffffff"
+_BACKING = {"adhesive-bottom": "#7fb2d9", "stiffener-bottom": "#6f7f58"}
+_RIM_MM = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,6 +44,7 @@ class _Shapes:
     lines: tuple[FloatArray, ...] = ()
     line_mm: float = 0.0
     edge: Colour | None = None
+    edge_mm: float = EDGE_MM
 
 
 def _stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]:
@@ -54,11 +57,13 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
     """All shapes from the film upward, and the board's outline."""
     outline = read_gerber(files["profile"]).strokes_mm[0]
     film, edge = COVERLAY_COLOURS[fab.coverlay_colour]
-    shapes = [
-        _Shapes(name="coverlay", colour=film, polygons=(outline,), edge=edge),
-        _Shapes(name="openings", colour=_BASE_FILM, stamps=_stamps(read_gerber(files["coverlay-top"]))),
-        _Shapes(name="pads", colour=_GOLD, stamps=_stamps(read_gerber(files["copper-top"]))),
-    ]
+    openings, copper = read_gerber(files["coverlay-top"]), read_gerber(files["copper-top"])
+    shapes = [*_backings(files), _Shapes(name="coverlay", colour=film, polygons=(outline,), edge=edge)]
+    if copper.strokes_mm:
+        web_mm = float(copper.stroke_width_mm[0])
+        shapes.append(_Shapes(name="anchors", colour=edge, lines=copper.strokes_mm, line_mm=web_mm))
+    shapes.append(_Shapes(name="openings", colour=_BASE_FILM, stamps=_stamps(openings), polygons=openings.areas_mm))
+    shapes.append(_Shapes(name="pads", colour=_GOLD, stamps=_stamps(copper)))
     if "legend-top" in files:
         legend = read_gerber(files["legend-top"])
         line_mm = float(legend.stroke_width_mm[0]) if len(legend.stroke_width_mm) else 0.0
@@ -79,6 +84,15 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
         holes = tuple(circle * d / 2 + (x, y) for x, y, d in read_drill(files["drill-npth"]))
         shapes.append(_Shapes(name="holes", colour=_BACKGROUND, polygons=holes, edge=edge))
     return shapes, outline
+
+
+def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
+    """What is laminated to the underside, seen as a rim round the film, the thing farthest from it widest."""
+    given = [role for role in ("adhesive-bottom", "stiffener-bottom") if role in files]
+    for place, role in enumerate(given):
+        rim_mm = _RIM_MM * (len(given) - place)
+        areas = read_gerber(files[role]).areas_mm
+        yield _Shapes(name=role, colour=_BACKING[role], polygons=areas, edge=_BACKING[role], edge_mm=2 * rim_mm)
 
 
 def _body_outline(components: bytes) -> FloatArray:
@@ -145,7 +159,7 @@ def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
         f"<title>{name}</title>",
     ]
     for shape in shapes:
-        edge = f' stroke="{shape.edge}" stroke-width="{EDGE_MM}"' if shape.edge else ""
+        edge = f' stroke="{shape.edge}" stroke-width="{shape.edge_mm:g}"' if shape.edge else ""
         lines.append(f'<g id="{shape.name}" fill="{shape.colour}"{edge}>')
         for i, (outline, xy) in enumerate(shape.stamps):
             lines += _stamp_uses(_down(outline), _down(xy), f"{shape.name}-{i}")
@@ -197,7 +211,7 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
         for polygon in shape.polygons:
             cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_8, _SUB_PIXEL_BITS)
             if shape.edge:
-                cv2.polylines(image, [px(polygon)], True, _bgr(shape.edge), line_px(EDGE_MM), cv2.LINE_8, _SUB_PIXEL_BITS)
+                cv2.polylines(image, [px(polygon)], True, _bgr(shape.edge), line_px(shape.edge_mm), cv2.LINE_8, _SUB_PIXEL_BITS)
         for line in shape.lines:
             cv2.polylines(image, [px(line)], False, colour, line_px(shape.line_mm), cv2.LINE_8, _SUB_PIXEL_BITS)
     if finer > 1:
