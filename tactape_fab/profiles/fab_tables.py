@@ -108,7 +108,7 @@ def read_modes(coverlay: Fields) -> tuple[CoverlayMode, ...]:
     elif {"per-part", "lpi"} <= set(modes):
         coverlay.problem("modes", f"{said} holds both 'per-part' and 'lpi', whose limits differ; give each a profile of its own")
     else:
-        return tuple(cast(CoverlayMode, mode) for mode in modes)
+        return tuple(cast(CoverlayMode, mode) for mode in modes) or COVERLAY_MODES[:1]
     return COVERLAY_MODES[:1]
 
 
