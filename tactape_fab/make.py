@@ -64,10 +64,6 @@ _RESTS_ON = {
 """What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
 
 
-_NEVER_FORCED = ("models",)
-"""Rules without which a file cannot be drawn at all."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Film:
     """What there is of a tape of parts with lands beside the tape: its fab, and its layers."""
@@ -314,8 +310,9 @@ def make_examined(
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    if blocking and not (force and all(finding.rule not in _NEVER_FORCED for finding in blocking)):
-        raise DesignRuleError(examined.findings)
+    undrawable = _undrawable(examined) if force else []
+    if blocking and (undrawable or not force):
+        raise DesignRuleError(undrawable or examined.findings)
     progress("rendering")
     artifacts, content = _rendered(examined)
     if blocking:
@@ -361,6 +358,14 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
         assert process is not None
         record = texture_record(spec, process)
     return artifacts, manifest(tape, record, artifacts)
+
+
+def _undrawable(examined: Examined) -> list[Finding]:
+    """Rules without which the models cannot be drawn at all, whatever is forced."""
+    form = examined.spec.form
+    if form is None or examined.film is None:
+        return []
+    return [_cell_finding(problem) for problem in form_problems(examined.tape, form) if problem.key == "part"]
 
 
 def _forced(finding: Finding) -> dict[str, Any]:
