@@ -21,9 +21,11 @@ DESIGNATORS_PER_ROW = 200
 """As many as JLCPCB takes in one row of a BOM."""
 UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
-_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos|gbr)(?!\w)")
+_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos)(?!\w)")
 _NUMBER = r"(-?\d+\.\d)"
-_PRINT_AREA = re.compile(rf"only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm")
+_PRINT_AREA = re.compile(
+    rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +175,8 @@ def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape) -> Check:
     facts = [f"{tape.name} at ", f"{width} x {height} mm", f"{tape.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}
-    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(text) if path not in paths]
+    listed = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]
+    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     found = _PRINT_AREA.findall(text)
     if not found and "no room for one" not in text:
         problems.append("they do not say where the fab may print")
