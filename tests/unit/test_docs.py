@@ -11,7 +11,7 @@ import pytest
 from tactape_fab import Kit
 from tactape_fab.cli import check, make, profiles, verify
 from tactape_fab.kit.spec import KEYS
-from tactape_fab.profiles import BACKING_ROLES
+from tactape_fab.profiles import BACKING_ROLES, FORMATS
 from tactape_fab.verify.files import roles_of
 
 ROOT = Path(__file__).parents[2]
@@ -51,3 +51,11 @@ def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for name in [*KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
         assert f"`{name}`" in reference, name
+
+
+def test_ordering_names_the_columns_of_every_format() -> None:
+    page = (ROOT / "docs" / "ordering.md").read_text(encoding="utf-8")
+    for name, house in FORMATS.items():
+        assert f"| `{name}` |" in page
+        for table in (house.placements, house.bom):
+            assert f"`{','.join(table.headers)}`" in page, name
