@@ -44,7 +44,8 @@ def check_kicad(board: bytes, project: bytes, tape: Tape, lands: Recorded) -> li
         *_holes(found, text, tape),
         *_rules(project),
     ]
-    message = named(problems) if problems else f"{tape.part_count} footprints with their lands, outline and holes as the manifest has them"
+    right = f"{tape.part_count} footprints with their lands, outline and holes as the manifest has them"
+    message = named(problems) if problems else right
     return [Check(name="kicad board", passed=not problems, message=message)]
 
 

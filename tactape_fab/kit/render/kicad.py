@@ -67,6 +67,10 @@ def _text(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+def _for_format(text: str) -> str:
+    return text.replace("{", "{{").replace("}", "}}")
+
+
 def _number(value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".")
 
@@ -104,9 +108,9 @@ def _footprints(layout: Layout) -> Iterable[str]:
         + _text(f"tactape:{part.footprint}").replace("{", "{{").replace("}", "}}")
         + ' (layer "F.Cu") (tstamp {stamp:s}0)',
         f"    (at {{x:.6f}} {{y:.6f}} {turn})",
-        "    (descr " + _text(part.description).replace("{", "{{").replace("}", "}}") + ") (attr smd)",
+        "    (descr " + _text(_for_format(part.description)) + ") (attr smd)",
         _hidden_text("reference", "R{n:d}", turn, "1"),
-        _hidden_text("value", part.value.replace("{", "{{").replace("}", "}}"), turn, "2"),
+        _hidden_text("value", _for_format(part.value), turn, "2"),
         _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none", "3"),
         _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none", "4"),
         *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
