@@ -51,7 +51,7 @@ def check_kicad(board: bytes, project: bytes, tape: Tape, lands: Recorded) -> li
 
 def _places(found: dict[str, tuple[float, float, float]], count: int, tape: Tape) -> list[str]:
     expected = tape.designators()
-    parts = [name for name in found if name.startswith("R")]
+    parts = [name for name in found if not name.startswith("H")]
     if parts != expected or count != len(expected) + len(tape.board.holes):
         wrong = sorted(set(parts) ^ set(expected))
         return [f"its {count} footprints are not R1 to R{len(expected)} in order" + (f": {named(wrong)}" if wrong else "")]
