@@ -21,6 +21,7 @@ from tactape_fab.kit.render.components import render_components
 from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
 from tactape_fab.kit.render.job import render_job
+from tactape_fab.kit.render.kicad import render_kicad
 from tactape_fab.kit.render.models import render_assembly, render_solid
 from tactape_fab.kit.render.preview import render_preview
 from tactape_fab.kit.render.solid_preview import render_solid_preview
@@ -42,6 +43,7 @@ RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
     "job": render_job,
     "cpl": render_cpl,
     "bom": render_bom,
+    "kicad-pcb": render_kicad,
 }
 """Renderer of each role; one that a tape has no use for gives no file."""
 

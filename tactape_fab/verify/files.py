@@ -21,7 +21,10 @@ from tactape_fab.texture.tape import MANIFEST_NAME, Tape
 _MOST_BYTES = 1 << 30
 _MOST_NAMED = 5
 
-ALWAYS = ("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom", "order-notes")
+ALWAYS = (
+    *("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom"),
+    *("order-notes", "kicad-pcb", "kicad-project"),
+)
 PICTURES = ("preview-svg", "preview-png")
 MODELS = ("step-solid", "stl", "3mf")
 EMBOSSED = ("stl", "3mf", "placements")

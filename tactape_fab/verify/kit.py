@@ -41,6 +41,7 @@ from tactape_fab.verify.film import (
     read_film_record,
 )
 from tactape_fab.verify.kernels import check_with_others
+from tactape_fab.verify.kicad import check_kicad
 from tactape_fab.verify.lands import (
     LandPairs,
     Recorded,
@@ -240,6 +241,7 @@ def _check_content(
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, tape, recorded)
     return [*checks, check_job(tape, files), check_zip(files, with_job=film.job_in_zip)]
 
 
