@@ -75,6 +75,10 @@ def _pair(text: str) -> Any:
     return [_number(item) for item in text.split(",")]
 
 
+def _origin(text: str) -> Any:
+    return text if text == "best" else _pair(text)
+
+
 def _holes(texts: Sequence[str]) -> Any:
     return [_lengths(text, ",") for text in texts] or None
 
@@ -104,9 +108,9 @@ _TAPE_OPTIONS = (
     _TapeOption(
         ["--origin"],
         "origin",
-        _pair,
-        metavar="COL,ROW",
-        help="Place of grid point 0,0 in the code plane.  [default: the sector's]",
+        _origin,
+        metavar="COL,ROW|best",
+        help="Place of grid point 0,0 in the code plane, or search for the best.  [default: the sector's]",
     ),
     _TapeOption(["--tag"], "tag", _same, metavar="strip|none", help="Strip with AprilTag and label, or none.  [default: strip]"),
     _TapeOption(["--tag-id"], "tag_id", _number, metavar="ID", help="Id of the AprilTag.  [default: the sector]"),

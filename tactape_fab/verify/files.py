@@ -23,6 +23,7 @@ _MOST_NAMED = 5
 
 ALWAYS = ("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom")
 PICTURES = ("preview-svg", "preview-png")
+CERTIFICATE = "certificate"
 MODELS = ("step-solid", "stl", "3mf")
 EMBOSSED = ("stl", "3mf", "placements")
 
@@ -55,11 +56,11 @@ def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True) -> tuple[s
     if kind == "embossed":
         return EMBOSSED
     if kind == "texture":
-        return (*MODELS, *PICTURES)
+        return (*MODELS, *PICTURES, CERTIFICATE)
     legend = ("legend-top",) if tape.tag is not None else ()
     drill = ("drill-npth",) if tape.board.holes else ()
     solids = ("step-assembly", *MODELS) if models else ()
-    return (*ALWAYS, *legend, *drill, *solids, *PICTURES, "fab-zip")
+    return (*ALWAYS, *legend, *drill, *solids, *PICTURES, CERTIFICATE, "fab-zip")
 
 
 def safe_path(text: object) -> PurePosixPath | None:

@@ -17,9 +17,11 @@ from tactape_fab.solids.readmesh import MeshError, read_stl
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
 from tactape_fab.verify.assembly import check_bom, check_cpl
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
+from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.embossed import check_embossed
 from tactape_fab.verify.expected import expected_of_embossed, expected_of_kit
 from tactape_fab.verify.files import (
+    CERTIFICATE,
     WrittenFile,
     check_job,
     check_picture,
@@ -138,7 +140,7 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
     if recorded is not None:
         cpl = _read("cpl", read_cpl, single, checks)
         checks += _check_content(manifest, tape, recorded, single, cpl, quick=quick)
-    checks.append(check_picture(single))
+    checks += [check_certificate(single[CERTIFICATE], tape), check_picture(single)]
     if form is not None:
         checks += _check_solids(tape, form, single, cpl, quick=quick)
     return Verification(name=tape.name, checks=tuple(checks))

@@ -22,7 +22,7 @@ Rows = list[list[str]]
 IN_ZIP = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job")
 LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
-ROLES = (*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "preview-png", "preview-svg", "fab-zip")
+ROLES = (*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "preview-png", "preview-svg", "certificate", "fab-zip")
 
 _POINT = re.compile(r"X(-?\d+)Y(-?\d+)(?=(?:I-?\d+J-?\d+)?(D0[123])\*)")
 _VERTEX = re.compile(r"(-?\d+\.\d+),(-?\d+\.\d+)(?=,\n)")
