@@ -36,7 +36,7 @@ def _at(finding: Finding) -> str:
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
     """Every rule as a row of a table."""
-    return _table(("rule", "verdict", "measured mm", "limit mm", "at x, y mm"), [_finding_row(f) for f in findings])
+    return table_lines(("rule", "verdict", "measured mm", "limit mm", "at x, y mm"), [_finding_row(f) for f in findings])
 
 
 def _finding_row(finding: Finding) -> tuple[str, ...]:
@@ -47,7 +47,8 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
     return finding.rule, verdict, value, limit, at
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows as aligned columns."""
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 

@@ -317,7 +317,7 @@ def examine_values(
 
 def _free_sector(values: Mapping[str, Any], avoid: Sequence[Tape]) -> int:
     """The sector farthest from tapes to avoid, for a tape of these values; its grid is the same in every sector."""
-    tape = examine(TapeSpec.from_mapping({"tag_id": 0, **values, "sector": 0, "origin": (0, 0)})).tape
+    tape = examine(TapeSpec.from_mapping({**values, "sector": 0, "origin": (0, 0)})).tape
     return choose_sector(get_code(tape.code), tape.placed, avoid)
 
 

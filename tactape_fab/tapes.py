@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +58,12 @@ def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
     if problems:
         raise SpecError(problems)
     return entries
+
+
+def labels(entries: Sequence[Registered]) -> tuple[str, ...]:
+    """What each tape is called: its name, with the place of its kit where another has the same name."""
+    names = Counter(e.tape.name for e in entries)
+    return tuple(e.tape.name if names[e.tape.name] == 1 else f"{e.tape.name} ({shown_path(e.path)})" for e in entries)
 
 
 def _kits_at(path: Path) -> list[Path]:

@@ -191,6 +191,19 @@ def closest_windows(windows: Windows) -> Closest:
     )
 
 
+def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntArray]:
+    """How far each window of a size is from the nearest other: upper left (row, column), shape (n, 2), and symbols, shape (n,).
+
+    A distance beyond `most` is given as ``most + 1``.
+    """
+    windows = windows_of(tape.symbols, tape.placed, side)
+    distance = np.full(windows.count, most + 1, dtype=np.int64)
+    for pairs in near_pairs(windows.words, plan_search(side, windows.count, most)):
+        for end in (pairs.first, pairs.second):
+            np.minimum.at(distance, end, pairs.distance)
+    return windows.corner_rc, distance
+
+
 def _only(pairs: Pairs, distance: int) -> Pairs:
     kept = pairs.distance == distance
     return Pairs(first=pairs.first[kept], second=pairs.second[kept], turn=pairs.turn[kept], distance=pairs.distance[kept])

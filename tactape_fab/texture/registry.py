@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.texture.certify import LISTED, SIDES, first_pairs
+from tactape_fab.texture.certify import LISTED, first_pairs
 from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.nearest import Pairs, near_pairs, plan_search
 from tactape_fab.texture.tape import Tape
@@ -54,6 +54,10 @@ class Across:
     second: IntArray
     turn: IntArray
 
+    def rows(self) -> list[list[int | None]]:
+        """The matrix as lists, None where there is no distance."""
+        return [[None if d == NO_WINDOWS else d for d in row] for row in self.matrix.tolist()]
+
 
 def joined(windows: Sequence[Windows]) -> tuple[tuple[WordArray, ...], IntArray, IntArray]:
     """Windows of several tapes one after the other: words, the tape of each, and row and column of its corner."""
@@ -88,7 +92,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
             a, b = tape_of[some.first], tape_of[some.second]
             np.minimum.at(matrix, (a, b), np.minimum(some.distance, BEYOND))
             if most == 0:
-                np.add.at(shared, (a, b), 1)
+                np.add.at(shared, (a[some.distance == 0], b[some.distance == 0]), 1)
             nearest = int(some.distance.min(initial=BEYOND))
             if settled or nearest > least or nearest >= BEYOND:
                 continue
@@ -151,18 +155,20 @@ class Conflict:
     message: str
 
 
-def conflicts(tapes: Sequence[Tape], windows: Across) -> list[Conflict]:
+def conflicts(tapes: Sequence[Tape], names: Sequence[str], windows: Across) -> list[Conflict]:
     """Every conflict of a registry, by kind and tapes.
 
     Parameters
     ----------
+    names : sequence of str
+        What each is called.
     windows : Across
         Of the smallest windows, those of `SIDES[0]`.
     """
-    return [*_plane_conflicts(tapes), *_window_conflicts(tapes, windows), *_tag_conflicts(tapes)]
+    return [*_plane_conflicts(tapes, names), *_window_conflicts(names, windows), *_tag_conflicts(tapes, names)]
 
 
-def _plane_conflicts(tapes: Sequence[Tape]) -> list[Conflict]:
+def _plane_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Conflict]:
     found = []
     groups: dict[tuple[str, int], list[int]] = {}
     for i, tape in enumerate(tapes):
@@ -171,7 +177,7 @@ def _plane_conflicts(tapes: Sequence[Tape]) -> list[Conflict]:
             low = [max(tape.origin[axis], other.origin[axis]) for axis in (0, 1)]
             high = [min(t.origin[axis] + (t.columns, t.rows)[axis] for t in (tape, other)) for axis in (0, 1)]
             wide, tall = high[0] - low[0], high[1] - low[1]
-            where = f"{other.name} and {tape.name}: both show sector {tape.sector} of {tape.code}"
+            where = f"{names[k]} and {names[i]}: both show sector {tape.sector} of {tape.code}"
             if (tape.origin, tape.columns, tape.rows) == (other.origin, other.columns, other.rows):
                 said = f"{where} at origin {tape.origin[0]},{tape.origin[1]}: they are the same tape, and cannot be told apart"
                 found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
@@ -182,16 +188,16 @@ def _plane_conflicts(tapes: Sequence[Tape]) -> list[Conflict]:
     return sorted(found, key=lambda c: (c.kind != "same-tape", c.tapes))
 
 
-def _window_conflicts(tapes: Sequence[Tape], windows: Across) -> list[Conflict]:
+def _window_conflicts(names: Sequence[str], windows: Across) -> list[Conflict]:
     found = []
     for a, b in np.argwhere(np.triu(windows.shared) > 0).tolist():
         count, size = int(windows.shared[a, b]), f"{windows.side}x{windows.side}"
-        said = f"{tapes[a].name} and {tapes[b].name}: {count} pair{'s' * (count != 1)} of {size} windows read the same"
+        said = f"{names[a]} and {names[b]}: {count} pair{'s' * (count != 1)} of {size} windows read the same"
         found.append(Conflict(kind="windows", tapes=(a, b), message=said))
     return found
 
 
-def _tag_conflicts(tapes: Sequence[Tape]) -> list[Conflict]:
+def _tag_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Conflict]:
     found = []
     first: dict[int, int] = {}
     for i, tape in enumerate(tapes):
@@ -199,11 +205,6 @@ def _tag_conflicts(tapes: Sequence[Tape]) -> list[Conflict]:
             continue
         k = first.setdefault(tape.tag.id, i)
         if k != i:
-            said = f"{tapes[k].name} and {tape.name}: both tags have id {tape.tag.id}"
+            said = f"{names[k]} and {names[i]}: both tags have id {tape.tag.id}"
             found.append(Conflict(kind="tag", tapes=(k, i), message=said))
     return found
-
-
-def across_all(tapes: Sequence[Tape]) -> tuple[Across, ...]:
-    """`across` for every size that is certified."""
-    return tuple(across(tapes, side) for side in SIDES)
