@@ -292,9 +292,12 @@ def examine_values(
         kept["origin"] = BEST
     while True:
         try:
-            if avoid and "sector" not in kept:
-                kept["sector"] = _free_sector(kept, avoid)
-            examined = examine(TapeSpec.from_mapping(kept), avoid=avoid)
+            if problems:
+                examined = examine(TapeSpec.from_mapping(_unsearched(kept, avoid)))
+            else:
+                if avoid and "sector" not in kept:
+                    kept["sector"] = _free_sector(kept, avoid)
+                examined = examine(TapeSpec.from_mapping(kept), avoid=avoid)
         except SpecError as error:
             new = [p for p in error.problems if p not in problems and not _RESTS_ON.get(_root(p.key), set()) & set_aside]
             if not new:
@@ -313,6 +316,12 @@ def examine_values(
                 findings = [replace(finding, at_mm=None) for finding in examined.findings if finding.blocks]
             break
     raise (raised[0] if len(set(raised)) == 1 else SpecError)(problems, findings)
+
+
+def _unsearched(values: Mapping[str, Any], avoid: Sequence[Tape]) -> dict[str, Any]:
+    """The values without a search, which has nothing to say where something else is refused."""
+    plain = {key: value for key, value in values.items() if key != "origin" or value != BEST}
+    return {"sector": 0, **plain} if avoid else plain
 
 
 def _free_sector(values: Mapping[str, Any], avoid: Sequence[Tape]) -> int:

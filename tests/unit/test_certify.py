@@ -234,6 +234,13 @@ def test_nearest_windows_of_the_default_origins() -> None:
     assert not [c for c in conflicts(tapes, [t.name for t in tapes], found) if c.kind != "windows"]
 
 
+def test_24_sectors_have_windows_that_read_the_same_at_origin_0_0() -> None:
+    found = [closest(tape_at(sector, (62, 32), origin=(0, 0)), 4) for sector in range(256)]
+    alike = [size for size in found if size.distance == 0]
+    assert len(alike) == 24
+    assert {turn for size in alike for turn in size.turn.tolist()} == {2}
+
+
 # The kit's file
 
 
