@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from math import comb
 
@@ -78,6 +79,7 @@ def plan_search(side: int, count: int, most: int) -> Search:
     return best
 
 
+@cache
 def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
     """The points of a window dealt to parts along diagonals: points of one row or column of a code tell much the same."""
     diagonal = [r * side + (r + shift) % side for shift in range(side) for r in range(side)]

@@ -1,4 +1,7 @@
-"""What certifying costs, alone and for 256 tapes, how far a search for the origin gets, and all default origins."""
+"""What certifying costs, alone and for 256 tapes, how far a search for the origin gets, and all default origins.
+
+Long runs are measured in seconds of the processor, which do not count what else a machine does.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import resource
 import sys
 from collections import Counter
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import pytest
@@ -34,15 +37,15 @@ def test_one_tape(benchmark: BenchmarkFixture) -> None:
 
 def test_256_tapes(benchmark: BenchmarkFixture) -> None:
     tapes = [tape_at(sector, GRID) for sector in range(256)]
-    alone = Timed(lambda: [certify(tape) for tape in tapes])
-    found = Timed(lambda: {side: across(tapes, side) for side in SIDES})
-    certificates = alone()
-    nearest = run(benchmark, found, rounds=1)
-    show("256 certificates", alone.seconds[0], "s")
-    show("windows across 256 tapes, all sizes", found.seconds[0], "s")
-    show("both", alone.seconds[0] + found.seconds[0], "s", "< 60")
+    start = process_time()
+    certificates = [certify(tape) for tape in tapes]
+    alone_s = process_time() - start
+    nearest = run(benchmark, lambda: {side: across(tapes, side) for side in SIDES}, rounds=1)
+    both_s = process_time() - start
+    show("256 certificates", alone_s, "s")
+    show("256 certificates, and windows of all sizes across 256 tapes", both_s, "s", "< 60")
     show("largest memory of this process so far", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, "MB")
-    assert alone.seconds[0] + found.seconds[0] < 60.0
+    assert both_s < 60.0
     print("\n256 sectors at their default origins: tapes by least distance of their own windows; pairs of tapes by distance")
     for i, side in enumerate(SIDES):
         own = Counter(c.sizes[i].distance for c in certificates)
@@ -72,9 +75,8 @@ def test_registry_of_256_kits_in_bounded_memory(benchmark: BenchmarkFixture, tmp
 
 @pytest.mark.parametrize("code_name", ["microdots-4x4", "debruijn-4x4"])
 def test_best_origins(code_name: str, benchmark: BenchmarkFixture) -> None:
-    """Every eighth sector; ``python -m tests.bench.test_certify_speed`` takes them all."""
-    seconds, before, after = searched(code_name, range(0, 256, 8))
-    benchmark.pedantic(lambda: None, rounds=1)  # type: ignore[no-untyped-call]
+    """Every sixteenth sector; ``python -m tests.bench.test_certify_speed`` takes them all."""
+    seconds, before, after = run(benchmark, lambda: searched(code_name, range(0, 256, 16)), rounds=1)
     show(f"--origin best, {code_name}, longest of {len(seconds)} tapes", max(seconds), "s", "<= 2")
     print(f"\n4x4 windows at the default origins {dict(before)}, at the best {dict(after)}")
     assert max(seconds) <= 2.0
@@ -87,9 +89,9 @@ def searched(code_name: str, sectors: range) -> tuple[list[float], Counter[int],
     whole = np.ones((GRID[1], GRID[0]), dtype=bool)
     seconds, before, after = [], Counter[int](), Counter[int]()
     for sector in sectors:
-        start = perf_counter()
+        start = process_time()
         choice = choose_origin(get_code(code_name), sector, whole)
-        seconds.append(perf_counter() - start)
+        seconds.append(process_time() - start)
         assert choice.default_distance is not None
         before[choice.default_distance] += 1
         after[choice.distance] += 1
@@ -98,8 +100,8 @@ def searched(code_name: str, sectors: range) -> tuple[list[float], Counter[int],
 
 
 def main() -> None:
-    """Print how far the search gets over all sectors."""
-    for code_name in ("microdots-4x4", "debruijn-4x4"):
+    """Print how far the search gets over all sectors of the codes named, else of the default one."""
+    for code_name in sys.argv[1:] or ["microdots-4x4"]:
         seconds, before, after = searched(code_name, range(256))
         print(f"{code_name}: before {dict(sorted(before.items()))}, after {dict(sorted(after.items()))}")
         print(f"  seconds a tape: median {sorted(seconds)[128]:.2f}, longest {max(seconds):.2f}")

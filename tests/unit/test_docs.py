@@ -4,28 +4,39 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tactape_fab import Kit
-from tactape_fab.cli import check, make, verify
+from tactape_fab.cli import certify, check, make, registry, verify
 from tactape_fab.kit.spec import KEYS
 from tactape_fab.verify.files import roles_of
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
-    spec = importlib.util.spec_from_file_location("make_numbers", ROOT / "docs" / "make_numbers.py")
+def script_of(name: str) -> Any:
+    """A script of docs/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None and spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
+    return script
+
+
+def test_distances_at_the_default_origins_are_those_of_the_page() -> None:
+    assert script_of("make_certify_numbers").default_row() in (ROOT / "docs" / "certify.md").read_text(encoding="utf-8")
+
+
+def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
+    script = script_of("make_numbers")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for row in script.lasting_rows(default_kit):
         assert row in readme
 
 
-@pytest.mark.parametrize("command", [make, check, verify], ids=lambda c: str(c.name))
+@pytest.mark.parametrize("command", [make, check, verify, certify, registry], ids=lambda c: str(c.name))
 def test_reference_names_every_option(command: object) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for parameter in command.params:  # type: ignore[attr-defined]
