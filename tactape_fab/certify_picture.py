@@ -61,7 +61,7 @@ def write_picture(path: Path, picture: Picture) -> None:
     import cv2
 
     try:
-        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+        path.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes())
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise TactapeError(f"{shown_path(path)} cannot be written: {reason}; use --picture FILE.png elsewhere") from error

@@ -24,8 +24,8 @@ _MOST_NAMED = 5
 ALWAYS = ("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom")
 PICTURES = ("preview-svg", "preview-png")
 CERTIFICATE = "certificate"
+EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
-EMBOSSED = ("stl", "3mf", "placements")
 
 Kind = Literal["film", "texture", "embossed"]
 

@@ -147,8 +147,9 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
 
 
 def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
-    """The models of a texture on a part of the user's own."""
-    checks = check_embossed(manifest, files["stl"].data, files["placements"].data)
+    """The models of a texture on a part of the user's own, and its certificate."""
+    checks = [check_certificate(files[CERTIFICATE], tape)]
+    checks += check_embossed(manifest, files["stl"].data, files["placements"].data)
     try:
         checks.append(check_threemf(files["3mf"].data, read_stl(files["stl"].data)))
     except MeshError:  # said already
