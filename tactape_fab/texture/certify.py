@@ -27,7 +27,7 @@ LEAST_SIDE, MOST_SIDE = 3, 8
 """Smallest contacts are looked for among squares of these sides."""
 CORRECTING = 3
 """Distance at which one wrong symbol leaves a window nearer to the truth than to anything else."""
-_STEPS = (2, 4, 8, 12, 18, 25, 36, 49, 64)
+_STEPS = (2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,7 +141,9 @@ def turn_words(turn: int) -> str:
 
 def certify(tape: Tape) -> Certificate:
     """Certify a tape; exact, and the same for the same tape."""
-    sizes = tuple(closest(tape, side) for side in SIDES)
+    sizes: tuple[Closest, ...] = ()
+    for side in SIDES:
+        sizes = (*sizes, closest(tape, side, (sizes[-1].distance or 0) if sizes else 0))
     return Certificate(
         tape=tape, sizes=sizes, distinct_side=_smallest(tape, sizes, 1), correcting_side=_smallest(tape, sizes, CORRECTING)
     )
@@ -151,22 +153,29 @@ def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
     """The smallest side whose windows differ by so much; distances never fall from one side to the next."""
     distance = {size.side: size.distance for size in known}
     for side in range(max(SIDES) + 1, MOST_SIDE + 1) if (distance[max(SIDES)] or 0) < least else ():
-        distance[side] = closest(tape, side).distance
+        distance[side] = closest(tape, side, distance[side - 1] or 0).distance
     if (distance[min(SIDES)] or 0) >= least:
         distance[LEAST_SIDE] = closest(tape, LEAST_SIDE).distance
     return min((side for side, apart in distance.items() if (apart or 0) >= least), default=None)
 
 
-def closest(tape: Tape, side: int) -> Closest:
-    """The nearest windows of one size, whatever their distance."""
-    return closest_windows(windows_of(tape.symbols, tape.placed, side))
+def closest(tape: Tape, side: int, at_least: int = 0) -> Closest:
+    """The nearest windows of one size, whatever their distance; see `closest_windows`."""
+    return closest_windows(windows_of(tape.symbols, tape.placed, side), at_least)
 
 
-def closest_windows(windows: Windows) -> Closest:
-    """The nearest of given windows, whatever their distance."""
+def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
+    """The nearest of given windows, whatever their distance.
+
+    Parameters
+    ----------
+    windows : Windows
+    at_least : int
+        What is known of the distance, such as that of smaller windows of the same tape: it only saves time.
+    """
     found: list[Pairs] = []
     least = windows.side**2 + 1
-    for most in _STEPS:
+    for most in (step for step in _STEPS if step >= min(at_least, windows.side**2)):
         search = plan_search(windows.side, windows.count, min(most, windows.side**2))
         pairs = 0
         for some in near_pairs(windows.words, search) if windows.count else ():

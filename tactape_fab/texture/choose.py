@@ -195,8 +195,8 @@ def _merit(code: Code, sector: int, origin: Origin, placed: BoolArray, least: in
     windows = _windows(code, sector, origin, placed, _SIDE)
     if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
         return None
-    nearest = closest_windows(windows)
-    further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE))
+    nearest = closest_windows(windows, least or 0)
+    further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE), nearest.distance or 0)
     return nearest.distance or 0, further.distance or 0, -nearest.pairs
 
 
