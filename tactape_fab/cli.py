@@ -78,6 +78,10 @@ def _pair(text: str) -> Any:
     return [_number(item) for item in text.split(",")]
 
 
+def _origin(text: str) -> Any:
+    return text if text == "best" else _pair(text)
+
+
 def _holes(texts: Sequence[str]) -> Any:
     return [_lengths(text, ",") for text in texts] or None
 
@@ -107,9 +111,9 @@ _TAPE_OPTIONS = (
     _TapeOption(
         ["--origin"],
         "origin",
-        _pair,
-        metavar="COL,ROW",
-        help="Place of grid point 0,0 in the code plane.  [default: the sector's]",
+        _origin,
+        metavar="COL,ROW|best",
+        help="Place of grid point 0,0 in the code plane, or search for the best.  [default: the sector's]",
     ),
     _TapeOption(["--tag"], "tag", _same, metavar="strip|none", help="Strip with AprilTag and label, or none.  [default: strip]"),
     _TapeOption(["--tag-id"], "tag_id", _number, metavar="ID", help="Id of the AprilTag.  [default: the sector]"),
@@ -192,15 +196,32 @@ def _tape_options(command: F) -> F:
     return command
 
 
-def _examined(spec_file: str | None, options: dict[str, Any], *, output: str | None = None, overwrite: bool = False) -> Examined:
+def _examined(
+    spec_file: str | None,
+    options: dict[str, Any],
+    avoid: Sequence[str] = (),
+    *,
+    output: str | None = None,
+    overwrite: bool = False,
+) -> Examined:
     from tactape_fab.kit.spec import read_spec_file
     from tactape_fab.make import examine_values
+    from tactape_fab.tapes import read_tapes
 
     values = read_spec_file(Path(spec_file)) if spec_file is not None else {}
     given = {
         o.name: o.read(options[o.name]) for o in _TAPE_OPTIONS if o.name is not None and options[o.name] not in (None, (), False)
     }
-    return examine_values({**values, **given}, output=output, overwrite=overwrite)
+    values |= given
+    try:
+        tapes = read_tapes(avoid)
+    except SpecError as refused:  # say what else is refused, too
+        try:
+            examine_values({"sector": 0, **values}, output=output, overwrite=overwrite)
+        except SpecError as error:
+            raise SpecError([*refused.problems, *error.problems], error.findings) from None
+        raise
+    return examine_values(values, output=output, overwrite=overwrite, avoid=tapes)
 
 
 # Printing
@@ -268,15 +289,31 @@ def main() -> None:
     """Make tactile fiducial tapes that a PCB fab can build, and prove them from the written files."""
 
 
+_avoid_option = click.option(
+    "--avoid",
+    metavar="KITS",
+    multiple=True,
+    help="Choose the origin, and the sector if none is given, far from these kits; may be repeated.",
+)
+
+
 @_tape_options
 @main.command()
+@_avoid_option
 @click.option("-o", "--output", metavar="DIR", help="Folder of the kit.  [default: the tape's name]")
 @click.option("--overwrite", is_flag=True, help="Replace an older kit of this tool.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--force", is_flag=True, help="Write the kit in spite of broken design rules; the manifest records them.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def make(
-    spec_file: str | None, output: str | None, overwrite: bool, no_verify: bool, force: bool, as_json: bool, **options: Any
+    spec_file: str | None,
+    avoid: Sequence[str],
+    output: str | None,
+    overwrite: bool,
+    no_verify: bool,
+    force: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Write a tape's kit: everything that fab and assembly line need, or printer and mill, verified from the written files.
 
@@ -288,7 +325,7 @@ def make(
     with _answers():
         from tactape_fab.make import make_examined
 
-        examined = _examined(spec_file, options, output=output, overwrite=overwrite)
+        examined = _examined(spec_file, options, avoid, output=output, overwrite=overwrite)
         _warn(examined.findings)
         if force:
             _echo_lines_err(f"forced: {line}" for line in rule_lines(examined.findings))
@@ -305,11 +342,12 @@ def make(
 
 @_tape_options
 @main.command()
+@_avoid_option
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
+def check(spec_file: str | None, avoid: Sequence[str], as_json: bool, **options: Any) -> None:
     """Measure a tape against the design rules of its fab or process; nothing is written."""
     with _answers():
-        findings = _examined(spec_file, options).findings
+        findings = _examined(spec_file, options, avoid).findings
         if as_json:
             _echo_json([asdict(f) for f in findings])
         else:
@@ -389,6 +427,52 @@ def verify(kit: str, quick: bool, as_json: bool) -> None:
             _echo_lines(check_lines(verification.checks))
         verification.raise_if_failed()
         click.echo(f"verified: {len(verification.checks)} checks of the written files", err=True)
+
+
+# What windows can tell apart
+
+
+@main.command()
+@click.argument("kits", nargs=-1, metavar="KITS...")
+@click.option("--code", metavar="NAME", help="Without kits: the tapes of this code's sectors, as make would make them.")
+@click.option("--size", "size_mm", metavar="WxH", help="Outline of the tapes of --code, mm.  [default: 100x50]")
+@click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
+@click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")
+def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture: str | None, as_json: bool) -> None:
+    """Say what every 4x4, 5x5 and 6x6 window of these tapes can tell apart: kits, manifests, or folders of kits.
+
+    \b
+    Example: tactape-fab certify tactape-s007 --picture windows.png
+    """
+    with _answers():
+        from tactape_fab.certified import certified, tapes_to_certify
+        from tactape_fab.certify_lines import certified_lines
+
+        given = {"code": code, "size_mm": None if size_mm is None else _size(size_mm)}
+        options = {key: value for key, value in given.items() if value is not None}
+        result = certified(*tapes_to_certify(kits, options), _step_shown())
+        _echo_json(result.to_mapping()) if as_json else _echo_lines(certified_lines(result))
+        if picture is not None:
+            from tactape_fab.certify_picture import draw_certified, write_picture
+
+            write_picture(Path(picture), draw_certified(result))
+
+
+@main.command()
+@click.argument("kits", nargs=-1, required=True, metavar="KITS...")
+@click.option("--json", "as_json", is_flag=True, help="Print the registry as JSON.")
+def registry(kits: Sequence[str], as_json: bool) -> None:
+    """List tapes, their conflicts, and how far every two of them are apart: kits, manifests, or folders of kits.
+
+    \b
+    Example: tactape-fab registry tapes
+    """
+    with _answers():
+        from tactape_fab.certified import registry as read_registry
+        from tactape_fab.certify_lines import registry_lines
+
+        result = read_registry(kits, _step_shown())
+        _echo_json(result.to_mapping()) if as_json else _echo_lines(registry_lines(result))
 
 
 # Localization

@@ -39,7 +39,7 @@ def _at(finding: Finding) -> str:
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
     """Every rule as a row of a table."""
     header = ("rule", "verdict", "measured", "limit", "unit", "at x, y mm", "limit from")
-    return _table(header, [_finding_row(f) for f in findings])
+    return table_lines(header, [_finding_row(f) for f in findings])
 
 
 def remark_lines(findings: Sequence[Finding]) -> list[str]:
@@ -57,7 +57,8 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
     return finding.rule, verdict, value, limit, finding.unit if value else "", at, source
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows as aligned columns."""
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 
@@ -75,7 +76,7 @@ def profiles_lines(fabs: Sequence[FabProfile]) -> list[str]:
         )
         for fab in fabs
     ]
-    return _table(("name", "material", "coverlay", "bridge", "largest", "title"), rows)
+    return table_lines(("name", "material", "coverlay", "bridge", "largest", "title"), rows)
 
 
 def profile_lines(profile: Mapping[str, Any]) -> list[str]:
@@ -104,7 +105,7 @@ def profile_lines(profile: Mapping[str, Any]) -> list[str]:
         )
         for row in profile["thresholds"]
     ]
-    return [*head, *_table(("threshold", "level", "value", "unit", "confirmed", "date", "source"), rows)]
+    return [*head, *table_lines(("threshold", "level", "value", "unit", "confirmed", "date", "source"), rows)]
 
 
 def check_lines(checks: Sequence[Check]) -> list[str]:

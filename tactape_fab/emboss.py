@@ -17,6 +17,7 @@ from tactape_fab.errors import Check, SpecError, TactapeError, VerifyError
 from tactape_fab.fields import shown_path
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact, build_date, zip_date
+from tactape_fab.kit.render.certificate import render_certificate
 from tactape_fab.kit.writer import write_kit
 from tactape_fab.solids.charts import Placement
 from tactape_fab.solids.emboss import LaidOut, lay_out, record, refuse_tape, texture_size_mm
@@ -32,6 +33,7 @@ from tactape_fab.solids.surface_files import (
     refuse_wrong_size,
 )
 from tactape_fab.solids.surface_mesh import MeshChart
+from tactape_fab.texture.certify import certify
 from tactape_fab.texture.tape import UNFINISHED_SUFFIX, Tape, find_manifest, read_manifest
 from tactape_fab.verify.embossed import check_embossed
 
@@ -134,7 +136,7 @@ def emboss_kit(
     refuse_taken(target, overwrite=overwrite)
     progress("reading", 0, tape.part_count)
     made = (_on_step if source.kind == "step" else _on_mesh)(tape, source, placement, unit, progress)
-    artifacts = _artifacts(tape, made, name)
+    artifacts = [*_artifacts(tape, made, name), *render_certificate(certify(tape))]
     surface = _surface(source, made, unit)
     manifest = {
         **content,

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy.typing as npt
 
 from tactape_fab.errors import Problem, SpecError
-from tactape_fab.fields import Fields, shown_path
+from tactape_fab.fields import Fields
 from tactape_fab.frame_files import FrameFile, open_frames, tried
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
+from tactape_fab.tapes import read_tapes
 from tactape_fab.texture.code import CODE_NAMES
-from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
+from tactape_fab.texture.tape import Tape
 
 if TYPE_CHECKING:
     from tactape_fab.decode.result import Localization
 
 METHODS = ("ml", "paper")
-MOST_TAPES = 4096
 DEFAULT_PITCH_MM = 1.5
 
 
@@ -57,46 +57,6 @@ def is_kit(path: str) -> bool:
         return path.lower().endswith(".json") or Path(path).is_dir()
     except (OSError, ValueError):
         return False
-
-
-def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
-    """The registry: tapes of kits, in the order given.
-
-    Parameters
-    ----------
-    paths : sequence of path
-        Folders of kits or of embossed parts, their manifests, or folders of such folders (in the order of their names).
-
-    Raises
-    ------
-    SpecError
-        What is wrong with any of them, all together.
-    """
-    tapes: list[Tape] = []
-    problems: list[Problem] = []
-    for path in paths:
-        for place in _kits_at(Path(path)):
-            if len(tapes) >= MOST_TAPES:
-                raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
-            try:
-                tapes.append(Tape.load(place))
-            except SpecError as error:
-                named = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
-                problems.extend(Problem("tape", message) for message in named)
-    if problems:
-        raise SpecError(problems)
-    return tapes
-
-
-def _kits_at(path: Path) -> list[Path]:
-    """A kit itself, or the kits in a folder that is none."""
-    try:
-        if not path.is_dir() or (path / MANIFEST_NAME).exists():
-            return [path]
-        inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
-    except (OSError, ValueError):  # Tape.load says what is wrong
-        return [path]
-    return inside or [path]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,10 +18,11 @@ from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.order import order_facts
 from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.kit.process_rules import check_models, check_texture
+from tactape_fab.kit.render.certificate import render_certificate
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.rules import check
-from tactape_fab.kit.spec import KEYS, TapeSpec
-from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, texture_record, write_kit
+from tactape_fab.kit.spec import BEST, KEYS, TapeSpec
+from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, search_record, texture_record, write_kit
 from tactape_fab.profiles import (
     ElementProfile,
     FabProfile,
@@ -35,6 +36,9 @@ from tactape_fab.profiles import (
 )
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.texture.certify import Certificate, certify, pair_words
+from tactape_fab.texture.choose import Choice, choose_origin, choose_sector
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
 from tactape_fab.verify import verify_folder
 
@@ -74,13 +78,19 @@ class Film:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examined:
-    """A spec with all that follows from it before anything is written; ``film`` is None for solid elements."""
+    """A spec with all that follows from it before anything is written; ``film`` is None for solid elements.
+
+    ``search`` is None where the origin was not searched for, ``avoided`` names the tapes that it kept away from.
+    """
 
     spec: TapeSpec
     tape: Tape
     film: Film | None
     process: ProcessProfile | None
     findings: tuple[Finding, ...]
+    certificate: Certificate
+    search: Choice | None = None
+    avoided: tuple[str, ...] = ()
 
     @property
     def layout(self) -> Layout:
@@ -119,8 +129,14 @@ class Kit:
     files: Mapping[str, str]
 
 
-def examine(spec: TapeSpec) -> Examined:
-    """Plan, draw and measure a tape; nothing is written and no broken rule raises.
+def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
+    """Plan, draw, measure and certify a tape; nothing is written and no broken rule raises.
+
+    Parameters
+    ----------
+    spec : TapeSpec
+    avoid : sequence of Tape
+        Tapes that exist: the origin is then chosen away from them, and the spec's must be ``"best"``.
 
     Raises
     ------
@@ -131,6 +147,8 @@ def examine(spec: TapeSpec) -> Examined:
     fab = _loaded(load_fab, spec.fab, problems)
     part = _loaded(read_part, spec.part, problems)
     process = _loaded(load_process, spec.process, problems)
+    if avoid and spec.origin != BEST:
+        problems.append(_fixed_origin(spec.origin))
     if problems:
         raise SpecError(problems)
     if isinstance(part, PartProfile) and fab is not None:
@@ -138,10 +156,46 @@ def examine(spec: TapeSpec) -> Examined:
         if refused := film_problems(spec, fab):
             raise SpecError(refused)
         part = _with_number(part, spec.part_number, fab.assembly)
-        return _examine_film(spec, fab_for(spec, fab, part), part, process)
+        fab = fab_for(spec, fab, part)
+        spec, search = _settled(spec, lambda: plan(spec, fab, part), avoid)
+        return _examine_film(spec, fab, part, process, search)
     if isinstance(part, ElementProfile) and process is not None:
-        return _examine_texture(spec, part, process)
+        spec, search = _settled(spec, lambda: _plan_texture(spec, process, part), avoid)
+        return _examine_texture(spec, part, process, search)
     raise SpecError(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Search:
+    """What was searched for; `choice` is None where nothing was."""
+
+    choice: Choice | None = None
+    avoided: tuple[str, ...] = ()
+
+
+def _fixed_origin(origin: object) -> Problem:
+    message = f"origin = {shown(origin)} contradicts avoid, which chooses the origin; give --origin best, or leave --origin out"
+    return Problem("origin", message)
+
+
+def _settled(spec: TapeSpec, planned: Callable[[], Tape], avoid: Sequence[Tape]) -> tuple[TapeSpec, _Search]:
+    """The spec with the best origin where it asks for that, and what was found."""
+    if spec.origin != BEST:
+        return spec, _Search()
+    choice = choose_origin(get_code(spec.code), spec.sector, planned().placed, avoid)
+    return replace(spec, origin=choice.origin), _Search(choice=choice, avoided=tuple(t.name for t in avoid))
+
+
+def _window_findings(certificate: Certificate) -> list[Finding]:
+    """A warning where 4x4 windows are equal: no contact that shows nothing else can tell these places apart."""
+    size = certificate.of_side(4)
+    if size.distance != 0:
+        return []
+    count = f"{size.pairs} pair{'s' * (size.pairs != 1)} of 4x4 windows read{'s' * (size.pairs == 1)} the same"
+    enough = certificate.distinct_side
+    contact = "larger contacts" if enough is None else f"contacts of at least {enough} x {enough} parts"
+    message = f"{count}, first {pair_words(certificate.tape, size, 0)}; rely on {contact}, or use --origin best"
+    return [Finding(rule="windows", level="warn", passed=False, unit="", message=message)]
 
 
 def _loaded(load: Callable[[str], T], name: str | None, problems: list[Problem]) -> T | None:
@@ -162,7 +216,9 @@ def _with_number(part: PartProfile, number: str | None, house: str) -> PartProfi
     return replace(part, part_numbers={**part.part_numbers, house: number})
 
 
-def _examine_film(spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None) -> Examined:
+def _examine_film(
+    spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None, search: _Search
+) -> Examined:
     layout = build_layout(plan(spec, fab, part), spec, fab, part)
     tape, form = layout.tape, spec.form
     findings = check(layout, fab) + film_findings(layout, spec, fab)
@@ -173,7 +229,23 @@ def _examine_film(spec: TapeSpec, fab: FabProfile, part: PartProfile, process: P
         findings += [] if process is None else check_models(tape, form, process)
         if others := [p for p in problems if p.key != "part"]:
             raise SpecError(others, [f for f in findings if f.blocks])
-    return Examined(spec=spec, tape=tape, film=Film(fab=fab, layout=layout), process=process, findings=tuple(findings))
+    return _examined(spec, tape, Film(fab=fab, layout=layout), process, findings, search)
+
+
+def _examined(
+    spec: TapeSpec, tape: Tape, film: Film | None, process: ProcessProfile | None, findings: Sequence[Finding], search: _Search
+) -> Examined:
+    certificate = certify(tape)
+    return Examined(
+        spec=spec,
+        tape=tape,
+        film=film,
+        process=process,
+        findings=(*findings, *_window_findings(certificate)),
+        certificate=certificate,
+        search=search.choice,
+        avoided=search.avoided,
+    )
 
 
 def _broken(findings: Sequence[Finding], rule: str) -> bool:
@@ -193,14 +265,18 @@ def _corner_findings(tape: Tape, form: SolidForm) -> list[Finding]:
     return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
 
 
-def _examine_texture(spec: TapeSpec, part: ElementProfile, process: ProcessProfile) -> Examined:
-    assert spec.form is not None
+def _plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> Tape:
     assert spec.body_mm is not None
-    tape = plan_texture(spec, process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm))
+    return plan_texture(spec, process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm))
+
+
+def _examine_texture(spec: TapeSpec, part: ElementProfile, process: ProcessProfile, search: _Search) -> Examined:
+    assert spec.form is not None
+    tape = _plan_texture(spec, process, part)
     findings = check_texture(tape, spec.form, process)
     if problems := form_problems(tape, spec.form):
         raise SpecError(problems, [f for f in findings if f.blocks])
-    return Examined(spec=spec, tape=tape, film=None, process=process, findings=tuple(findings))
+    return _examined(spec, tape, None, process, findings, search)
 
 
 def _root(key: str) -> str:
@@ -208,8 +284,12 @@ def _root(key: str) -> str:
     return re.split(r"[ .\[:]", key)[0]
 
 
-def examine_values(values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False) -> Examined:
+def examine_values(
+    values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False, avoid: Sequence[Tape] = ()
+) -> Examined:
     """Examine untrusted values, and the place that the kit is to take.
+
+    With tapes to avoid the origin is chosen, and the sector where none is given.
 
     A refusal lists everything: what is refused is set aside for its default and the rest is examined again, until
     nothing new is found; broken design rules are listed where the values that they measure were not refused.
@@ -230,9 +310,18 @@ def examine_values(values: Mapping[str, Any], *, output: str | None = None, over
     findings: Sequence[Finding] = ()
     kept = dict(values)
     set_aside: set[str] = set()
+    if avoid and kept.setdefault("origin", BEST) != BEST:
+        problems.append(_fixed_origin(kept["origin"]))
+        raised.append(SpecError)
+        kept["origin"] = BEST
     while True:
         try:
-            examined = examine(TapeSpec.from_mapping(kept))
+            if problems:
+                examined = examine(TapeSpec.from_mapping(_unsearched(kept, avoid)))
+            else:
+                if avoid and "sector" not in kept:
+                    kept["sector"] = _free_sector(kept, avoid)
+                examined = examine(TapeSpec.from_mapping(kept), avoid=avoid)
         except SpecError as error:
             new = [p for p in error.problems if p not in problems and not _RESTS_ON.get(_root(p.key), set()) & set_aside]
             if not new:
@@ -253,10 +342,23 @@ def examine_values(values: Mapping[str, Any], *, output: str | None = None, over
     raise (raised[0] if len(set(raised)) == 1 else SpecError)(problems, findings)
 
 
+def _unsearched(values: Mapping[str, Any], avoid: Sequence[Tape]) -> dict[str, Any]:
+    """The values without a search, which has nothing to say where something else is refused."""
+    plain = {key: value for key, value in values.items() if key != "origin" or value != BEST}
+    return {"sector": 0, **plain} if avoid else plain
+
+
+def _free_sector(values: Mapping[str, Any], avoid: Sequence[Tape]) -> int:
+    """The sector farthest from tapes to avoid, for a tape of these values; its grid is the same in every sector."""
+    tape = examine(TapeSpec.from_mapping({**values, "sector": 0, "origin": (0, 0)})).tape
+    return choose_sector(get_code(tape.code), tape.placed, avoid)
+
+
 def make_kit(
     spec: TapeSpec,
     path: str | Path | None = None,
     *,
+    avoid: Sequence[Tape] = (),
     overwrite: bool = False,
     verify: bool = True,
     force: bool = False,
@@ -269,6 +371,8 @@ def make_kit(
     spec : TapeSpec
     path : str or Path, optional
         Folder of the kit; the tape's name in the current folder where none is given.
+    avoid : sequence of Tape
+        Tapes that exist: the origin is chosen away from them, and the spec's must be ``"best"``.
     overwrite : bool
         Replace an older kit of this tool at `path`. Anything else that stands there is refused.
     verify : bool
@@ -291,7 +395,7 @@ def make_kit(
     VerifyError
         When the written files are not what they should be; nothing stands at `path` then.
     """
-    return make_examined(examine(spec), path, overwrite=overwrite, verify=verify, force=force, progress=progress)
+    return make_examined(examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, progress=progress)
 
 
 def make_examined(
@@ -357,7 +461,8 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     else:
         assert process is not None
         record = texture_record(spec, process)
-    return artifacts, manifest(tape, record, artifacts)
+    artifacts += render_certificate(examined.certificate)
+    return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
 
 
 def _undrawable(examined: Examined) -> list[Finding]:

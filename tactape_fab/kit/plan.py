@@ -157,7 +157,7 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float) -> 
     beyond = list(_reach_problems(spec, code, grid))
     if problems or beyond:
         raise (SpecError if problems else CapacityError)([*problems, *beyond])
-    symbols = encode(code, spec.sector, spec.origin, (grid.rows, grid.columns))
+    symbols = encode(code, spec.sector, spec.place, (grid.rows, grid.columns))
     board = Board(
         size_mm=spec.size_mm,
         texture_origin_mm=grid.texture_origin_mm,
@@ -178,7 +178,7 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float) -> 
         name=spec.name,
         sector=spec.sector,
         code=spec.code,
-        origin=spec.origin,
+        origin=spec.place,
         columns=grid.columns,
         rows=grid.rows,
         pitch_mm=spec.pitch_mm,
@@ -235,7 +235,7 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
             corner_radius_mm=spec.corner_radius_mm,
             thickness_mm=1.0,
         )
-        origin = (min(spec.origin[0], code.range - grid.columns), min(spec.origin[1], code.range - grid.rows))
+        origin = (min(spec.place[0], code.range - grid.columns), min(spec.place[1], code.range - grid.rows))
         symbols = encode(code, spec.sector, origin, (grid.rows, grid.columns))
         if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, claim, symbols), code):
             return size_mm
@@ -248,7 +248,7 @@ def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid) -> Iterator[Problem
             "size_mm",
             f"size_mm gives {grid.columns} x {grid.rows} grid points, more than {MOST_POINTS}; use a smaller --size",
         )
-    for name, first, count in (("column", spec.origin[0], grid.columns), ("row", spec.origin[1], grid.rows)):
+    for name, first, count in (("column", spec.place[0], grid.columns), ("row", spec.place[1], grid.rows)):
         if first + count > code.range:
             yield Problem(
                 "origin",

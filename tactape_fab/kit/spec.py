@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from math import inf, isnan
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from tactape_fab.errors import CapacityError, Problem, SpecError
 from tactape_fab.fields import Fields, shown, unknown_key
@@ -29,6 +29,8 @@ from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 
 TAG_MODES = ("strip", "none")
+BEST: Literal["best"] = "best"
+"""In place of an origin: search for it."""
 DEFAULT_FAB = "generic-fpc"
 DEFAULT_CORNER_RADIUS_MM = 1.0
 LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
@@ -53,8 +55,9 @@ class TapeSpec:
     size_mm : (float, float)
         Outline, width by height.
     code : str
-    origin : (int, int)
-        Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given.
+    origin : (int, int) or "best"
+        Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given. ``"best"``
+        is searched for when the tape is planned.
     tag : {"strip", "none"}
         A strip at the left end with AprilTag and label, or no strip. Where None is given a film has one, a texture of
         solid elements has none.
@@ -119,7 +122,7 @@ class TapeSpec:
     displacement_mm: float = None  # type: ignore[assignment]
     size_mm: tuple[float, float] = (100.0, 50.0)
     code: str = DEFAULT_CODE
-    origin: tuple[int, int] = None  # type: ignore[assignment]
+    origin: tuple[int, int] | Literal["best"] = None  # type: ignore[assignment]
     tag: str = None  # type: ignore[assignment]
     tag_id: int | None = None
     tag_cell_mm: float = 0.5
@@ -184,6 +187,11 @@ class TapeSpec:
         """Every option as understood, for the manifest; of a profile's path only the file's name, wherever it stood."""
         values = {key: _plain(value) for key, value in asdict(self).items()}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """The origin; where it is still to be searched for (0, 0), where every tape fits that fits anywhere."""
+        return (0, 0) if self.origin == BEST else self.origin
 
     @property
     def form(self) -> SolidForm | None:
@@ -369,10 +377,12 @@ def _code_of_reach(points: float) -> str:
     return min(reaching, key=lambda name: get_code(name).range, default="")
 
 
-def _origin(table: Fields, code_name: str, sector: int, code_range: int) -> tuple[int, int]:
+def _origin(table: Fields, code_name: str, sector: int, code_range: int) -> tuple[int, int] | Literal["best"]:
     if "origin" not in table.values:
         return default_origin(code_name, sector)
-    remedy = f"give --origin COL,ROW with both from 0 to {code_range - 1}, or leave it to the sector's default"
+    if table.values["origin"] == BEST:
+        return BEST
+    remedy = f"give --origin COL,ROW with both from 0 to {code_range - 1}, or best, or leave it to the sector's default"
     column, row = table.integers("origin", 2, low=0, high=code_range - 1, remedy=remedy)
     return column, row
 

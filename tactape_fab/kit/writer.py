@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from tactape_fab.kit.render.solid_preview import render_solid_preview
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.texture.choose import Choice
 from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, Tape
 
 RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
@@ -140,6 +141,13 @@ def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
         **_models_record(spec.form, process),
         "spec": spec.to_mapping(),
     }
+
+
+def search_record(choice: Choice | None, avoided: Sequence[str]) -> dict[str, Any]:
+    """What the manifest records of a search for the origin; nothing where there was none."""
+    if choice is None:
+        return {}
+    return {"search": {**asdict(choice), "origin": list(choice.origin), "avoided": list(avoided)}}
 
 
 def _models_record(form: SolidForm | None, process: ProcessProfile | None) -> dict[str, Any]:

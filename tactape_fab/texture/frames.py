@@ -22,6 +22,10 @@ DIRECTIONS_XY: FloatArray = np.array([(0.0, -1.0), (-1.0, 0.0), (1.0, 0.0), (0.0
 """Unit displacement of each symbol value in the texture frame, shape (4, 2): N is up, so -y (paper, Eq. 10)."""
 DIRECTIONS_XY.setflags(write=False)
 
+TURNED: SymbolArray = np.argmax((DIRECTIONS_XY @ np.array([(0.0, -1.0), (1.0, 0.0)])) @ DIRECTIONS_XY.T, axis=1).astype(np.uint8)
+"""Symbol that each becomes when the texture is turned by 90 degrees counter-clockwise, seen from above: N to W to S to E."""
+TURNED.setflags(write=False)
+
 NM_PER_MM = 1_000_000
 
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)

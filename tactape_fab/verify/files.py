@@ -26,8 +26,9 @@ ALWAYS = (
     *("order-notes", "kicad-pcb", "kicad-project"),
 )
 PICTURES = ("preview-svg", "preview-png")
+CERTIFICATE = "certificate"
+EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
-EMBOSSED = ("stl", "3mf", "placements")
 
 Kind = Literal["film", "texture", "embossed"]
 
@@ -58,11 +59,11 @@ def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: 
     if kind == "embossed":
         return EMBOSSED
     if kind == "texture":
-        return (*MODELS, *PICTURES)
+        return (*MODELS, *PICTURES, CERTIFICATE)
     legend = ("legend-top",) if tape.tag is not None else ()
     drill = ("drill-npth",) if tape.board.holes else ()
     solids = ("step-assembly", *MODELS) if models else ()
-    return (*ALWAYS, *legend, *drill, *backings, *solids, *PICTURES, "fab-zip")
+    return (*ALWAYS, *legend, *drill, *backings, *solids, *PICTURES, CERTIFICATE, "fab-zip")
 
 
 def safe_path(text: object) -> PurePosixPath | None:

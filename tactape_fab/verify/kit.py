@@ -17,9 +17,11 @@ from tactape_fab.solids.readmesh import MeshError, read_stl
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
 from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
+from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.embossed import check_embossed
 from tactape_fab.verify.expected import expected_of_embossed, expected_of_kit
 from tactape_fab.verify.files import (
+    CERTIFICATE,
     WrittenFile,
     check_job,
     check_picture,
@@ -152,15 +154,16 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         cpl = _read("cpl", read_cpl, single, checks)
         checks += _check_assembly(tape, recorded, assembly, single, cpl)
         checks += pardoned(_check_content(manifest, tape, recorded, film, single, cpl, quick=quick), film)
-    checks.append(check_picture(single))
+    checks += [check_certificate(single[CERTIFICATE], tape), check_picture(single)]
     if form is not None:
         checks += _check_solids(tape, form, single, cpl, quick=quick)
     return Verification(name=tape.name, checks=tuple(checks))
 
 
 def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
-    """The models of a texture on a part of the user's own."""
-    checks = check_embossed(manifest, files["stl"].data, files["placements"].data)
+    """The models of a texture on a part of the user's own, and its certificate."""
+    checks = [check_certificate(files[CERTIFICATE], tape)]
+    checks += check_embossed(manifest, files["stl"].data, files["placements"].data)
     try:
         checks.append(check_threemf(files["3mf"].data, read_stl(files["stl"].data)))
     except MeshError:  # said already

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import pcbnew  # type: ignore[import-not-found]
+import pcbnew
 
 
 def seen(path: str) -> dict[str, Any]:

@@ -25,7 +25,7 @@ LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
 ROLES = (
     *(*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "order-notes"),
-    *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "fab-zip"),
+    *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "certificate", "fab-zip"),
 )
 
 _POINT = re.compile(r"X(-?\d+)Y(-?\d+)(?=(?:I-?\d+J-?\d+)?(D0[123])\*)")

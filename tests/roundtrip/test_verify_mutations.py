@@ -179,6 +179,10 @@ def _reading_changes(role: str) -> list[Any]:
     return changes
 
 
+def certificate(name: str, edit: Edit, says: str) -> Any:
+    return case(f"certificate: {name}", edit, "certificate", says=says)
+
+
 FILE_CHANGES = [
     *_land_changes("copper-top"),
     *_land_changes("paste-top"),
@@ -256,6 +260,15 @@ FILE_CHANGES = [
     case("job: another board", replaced("job", '"X": 20.0', '"X": 21.0'), "job", says="21 x 20 mm"),
     case("job: another layer", replaced("job", ".gts", ".gbs"), "job", says=".gbs"),
     case("job: empty", bytes_of("job", lambda b: b""), "job", says="cannot be read"),
+    # certificate
+    certificate("better than it is", replaced("certificate", '"detects": ', '"detects": 1'), "detects = 1"),
+    certificate("another designator", replaced("certificate", '"designator": "R', '"designator": "C'), "computed 'R"),
+    certificate("of another sector", replaced("certificate", '"sector": 100', '"sector": 101'), "sector = 101, computed 100"),
+    certificate("a key more", replaced("certificate", '"parts"', '"x": 1, "parts"'), "'x' does not belong"),
+    certificate("a key less", replaced("certificate", '"corrects"', '"correct"'), "corrects' is missing"),
+    certificate("no whole number", replaced("certificate", '"rows": 12', '"rows": 12.0'), "12.0, computed 12"),
+    certificate("no table", bytes_of("certificate", lambda b: b"[]"), "the content = []"),
+    certificate("cut in half", bytes_of("certificate", lambda b: b[: len(b) // 2]), "cannot be read"),
     case("PNG garbage", bytes_of("preview-png", lambda b: b[:8] + b"garbage" * 99), "previews", says="PNG"),
     case("SVG cut", bytes_of("preview-svg", lambda b: b[: len(b) // 2]), "previews", says="SVG"),
     # zip

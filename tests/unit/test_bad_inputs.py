@@ -97,7 +97,7 @@ OPTIONS = [
     Case("make --sector 7 --origin 0,3375", USAGE, "origin[1] = 3375", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin 3370,0", USAGE, "column 3370 + 62", "3375", ORIGIN + " with column at most 3313"),
     Case("make --sector 7 --origin 0,3370", USAGE, "row 3370 + 32", "3375", ORIGIN + " with row at most 3343"),
-    Case("make --sector 7 --origin best", USAGE, "best", "0 to 3374", ORIGIN),
+    Case("make --sector 7 --origin bets", USAGE, "bets", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin 1.5,2", USAGE, "origin[0] = 1.5", "whole number", ORIGIN),
     # tag
     Case("make --sector 7 --tag round", USAGE, "'round'", "none of", "strip, none"),

@@ -68,7 +68,7 @@ def test_version_is_the_package_s() -> None:
     assert run("--version").stdout.split()[-1] == __version__
 
 
-@pytest.mark.parametrize("name", ["make", "check", "verify"])
+@pytest.mark.parametrize("name", ["make", "check", "verify", "certify", "registry"])
 def test_every_option_is_documented(name: str) -> None:
     text = run(f"{name} --help").stdout
     options = [p for p in main.commands[name].params if isinstance(p, click.Option)]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit
-from tactape_fab.cli import check, make, profiles, verify
+from tactape_fab.cli import certify, check, make, profiles, registry, verify
 from tactape_fab.kit.spec import KEYS
 from tactape_fab.profiles import BACKING_ROLES, FORMATS
 from tactape_fab.verify.files import roles_of
@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def script_of(name: str) -> Any:
+    """A script of docs/ as a module."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None and spec.loader is not None
     script = importlib.util.module_from_spec(spec)
@@ -31,6 +32,10 @@ def test_tables_of_fabs_are_what_the_software_computes() -> None:
         assert f"<!-- {name} -->\n{table()}<!-- /{name} -->\n" in page, "run docs/make_fabs.py"
 
 
+def test_distances_at_the_default_origins_are_those_of_the_page() -> None:
+    assert script_of("make_certify_numbers").default_row() in (ROOT / "docs" / "certify.md").read_text(encoding="utf-8")
+
+
 def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
     script = script_of("make_numbers")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -38,7 +43,7 @@ def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
         assert row in readme
 
 
-@pytest.mark.parametrize("command", [make, check, profiles, verify], ids=lambda c: str(c.name))
+@pytest.mark.parametrize("command", [make, check, profiles, verify, certify, registry], ids=lambda c: str(c.name))
 def test_reference_names_every_option(command: object) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for parameter in command.params:  # type: ignore[attr-defined]

@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from tactape_fab import Kit
 from tactape_fab.errors import SpecError
 from tactape_fab.frame_files import FrameFile, open_frame_file, open_frames
-from tactape_fab.localize import is_kit, read_tapes
+from tactape_fab.localize import is_kit
 from tactape_fab.profiles.sensors import load_sensor
 from tactape_fab.simulate_file import simulate_file
+from tactape_fab.tapes import read_tapes
 
 SENSOR = load_sensor("gelsight-mini")
 SHAPE = SENSOR.frame_shape

@@ -29,7 +29,7 @@ from tactape_fab.solids.forms import Cylinder, SolidForm
 from tests.unit.test_plan import STEP, turned
 
 SMALL = {"sector": 7, "size_mm": (14.0, 11.0)}
-SOLID_ROLES = {"step-solid", "stl", "3mf", "preview-svg", "preview-png"}
+SOLID_ROLES = {"step-solid", "stl", "3mf", "preview-svg", "preview-png", "certificate"}
 FORMS: dict[str, dict[str, Any]] = {
     "block": {"part": "block"},
     "dome": {"part": "dome", "size_mm": (20.0, 14.0), "holes_mm": [(16.0, 7.0, 1.5)]},

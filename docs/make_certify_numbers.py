@@ -1,0 +1,63 @@
+"""Makes the picture of docs/certify.md and prints its table; with --write, writes it there.
+
+Run: python docs/make_certify_numbers.py [--write]; the search over all sectors takes some minutes.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from tactape_fab import TapeSpec, make_kit
+from tactape_fab.certified import certified, default_tapes
+from tactape_fab.certify_picture import draw_certified, write_picture
+from tactape_fab.texture.certify import closest
+from tactape_fab.texture.choose import choose_origin
+from tactape_fab.texture.code import DEFAULT_CODE, get_code
+
+PAGE = Path(__file__).parent / "certify.md"
+FIGURE = Path(__file__).parent / "figures" / "certify-map.png"
+BEGIN, END = "<!-- numbers -->\n", "<!-- /numbers -->\n"
+DISTANCES = range(4)
+
+
+def row(name: str, distances: list[int | None]) -> str:
+    count = Counter(distances)
+    assert set(count) <= set(DISTANCES)
+    return f"| {name} | {' | '.join(str(count[d]) for d in DISTANCES)} |"
+
+
+def default_row() -> str:
+    """Tapes by least distance of their 4x4 windows, every sector at its default origin."""
+    return row("default origin", [closest(tape, 4).distance for tape in default_tapes(DEFAULT_CODE)])
+
+
+def best_row() -> str:
+    """The same after `--origin best`."""
+    tapes = default_tapes(DEFAULT_CODE)
+    return row("`--origin best`", [choose_origin(get_code(t.code), t.sector, t.placed).distance for t in tapes])
+
+
+def picture() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        kit = make_kit(TapeSpec(sector=7, models=False), Path(folder) / "tactape-s007")
+    drawn = draw_certified(certified([kit.tape]))
+    write_picture(FIGURE, drawn)
+
+
+def main() -> None:
+    picture()
+    head = [f"| least distance | {' | '.join(map(str, DISTANCES))} |", "|---" * (len(DISTANCES) + 1) + "|"]
+    table = "\n".join([*head, default_row(), best_row(), ""])
+    sys.stdout.write(table)
+    if "--write" not in sys.argv[1:]:
+        return
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}{table}{END}{rest.split(END)[1]}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Paths that a user gives -> tapes: kits, their manifests, folders of kits. The one place where paths become a registry."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactape_fab.errors import Problem, SpecError
+from tactape_fab.fields import shown_path
+from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape, find_manifest, read_manifest
+
+MOST_TAPES = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Registered:
+    """A tape, where its kit stands, and the name of the fab or process profile that it was made for."""
+
+    path: Path
+    tape: Tape
+    fab: str
+
+
+def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
+    """The tapes of kits; see `read_registered`."""
+    return [entry.tape for entry in read_registered(paths)]
+
+
+def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
+    """The registry: kits, in the order given.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Folders of kits or of embossed parts, their manifests, or folders of such folders (in the order of their names).
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of them, all together.
+    """
+    entries: list[Registered] = []
+    problems: list[Problem] = []
+    for path in paths:
+        for place in _kits_at(Path(path)):
+            if len(entries) >= MOST_TAPES:
+                raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
+            try:
+                manifest = read_manifest(find_manifest(place))
+                fab = manifest.get("fab")
+                name = fab.get("name", "") if isinstance(fab, dict) else ""
+                entries.append(Registered(path=place, tape=Tape.from_mapping(manifest), fab=str(name)[:200]))
+            except SpecError as error:
+                named = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
+                problems.extend(Problem("tape", message) for message in named)
+    if problems:
+        raise SpecError(problems)
+    return entries
+
+
+def labels(entries: Sequence[Registered]) -> tuple[str, ...]:
+    """What each tape is called: its name, with the place of its kit where another has the same name."""
+    names = Counter(e.tape.name for e in entries)
+    return tuple(e.tape.name if names[e.tape.name] == 1 else f"{e.tape.name} ({shown_path(e.path)})" for e in entries)
+
+
+def _kits_at(path: Path) -> list[Path]:
+    """A kit itself, or the kits in a folder that is none."""
+    try:
+        if not path.is_dir() or (path / MANIFEST_NAME).exists():
+            return [path]
+        inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
+    except (OSError, ValueError):  # Tape.load says what is wrong
+        return [path]
+    return inside or [path]

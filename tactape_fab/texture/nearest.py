@@ -1,0 +1,175 @@
+"""All pairs of windows that differ in few symbols, without comparing every pair.
+
+If two windows differ in at most d symbols and their points are dealt to p parts, at least p - d parts agree wholly. So for
+each choice of p - d parts the windows are sorted by what they show there, and only those that show the same are compared
+(multi-index search, Norouzi, Punjani and Fleet 2012). Nothing is missed: the search is exact, whatever p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from math import comb
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.windows import SYMBOLS_PER_WORD, WordArray, symbol_distance
+
+_CHUNK = 1 << 19
+"""Pairs that are compared at a time, which bounds the memory."""
+_SECONDS_PER_KEY, _SECONDS_PER_PAIR, _SECONDS_PER_SORT = 1e-7, 2.5e-8, 3e-4
+_BITS_PER_SYMBOL = 1.7
+"""What a symbol tells of the other windows that show the same: less than 2, a code is not noise. Decides only the speed."""
+_MOST_SORTS = 300
+_MIX = (np.uint64(0x9E37_79B9_7F4A_7C15), np.uint64(0xC2B2_AE3D_27D4_EB4F), np.uint64(0x1656_67B1_9E37_79F9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairs:
+    """Pairs of windows: the first reads like the second turned by ``turn`` quarters counter-clockwise, but for ``distance``.
+
+    All arrays of equal length. Every pair comes once: with turn 0 first < second, with turn 2 first <= second; with turn 1
+    any (which is turn 3 the other way round). A window and itself make a pair in turns 1 and 2.
+    """
+
+    first: IntArray
+    second: IntArray
+    turn: IntArray
+    distance: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """How a search goes: the points of each part, how many parts must agree, and up to which distance nothing is missed."""
+
+    parts: tuple[tuple[int, ...], ...]
+    agreeing: int
+    most: int
+
+
+def plan_search(side: int, count: int, most: int) -> Search:
+    """The search that is likely to be the quickest for all pairs up to a distance.
+
+    Parameters
+    ----------
+    side : int
+        Of the windows.
+    count : int
+        Number of windows.
+    most : int
+        Largest distance of interest, in symbols.
+    """
+    cells = side * side
+    keys, pairs = 3.0 * count, 2.5 * count * count
+    best = Search(parts=(tuple(range(cells)),), agreeing=0, most=cells)
+    least = pairs * _SECONDS_PER_PAIR + keys * _SECONDS_PER_KEY
+    for parts in range(most + 1, cells + 1):
+        agreeing = parts - most
+        sorts = comb(parts, agreeing)
+        if sorts > _MOST_SORTS:
+            continue
+        compared = pairs * 2.0 ** (-_BITS_PER_SYMBOL * cells * agreeing / parts)
+        seconds = sorts * (_SECONDS_PER_SORT + keys * _SECONDS_PER_KEY + compared * _SECONDS_PER_PAIR)
+        if seconds < least:
+            least, best = seconds, Search(parts=_dealt(side, parts), agreeing=agreeing, most=most)
+    return best
+
+
+@cache
+def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
+    """The points of a window dealt to parts along diagonals: points of one row or column of a code tell much the same."""
+    diagonal = [r * side + (r + shift) % side for shift in range(side) for r in range(side)]
+    return tuple(tuple(int(cell) for cell in part) for part in np.array_split(diagonal, parts))
+
+
+def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None = None) -> Iterator[Pairs]:
+    """Every pair of windows at most ``search.most`` apart, in bounded portions.
+
+    Parameters
+    ----------
+    words : tuple of ndarray of uint64, each of shape (turns, n)
+        As `Windows` has them, of one tape or of several one after the other: three turns, with `queries` all four.
+    queries : int, optional
+        Compare the first so many windows with those after them only, in every turn of these.
+    """
+    turns, count = words[0].shape
+    flat = tuple(np.ascontiguousarray(w).reshape(turns * count) for w in words)
+    masks = [_mask(part, len(words)) for part in search.parts]
+    for chosen in combinations(range(len(masks)), search.agreeing):
+        order, ends = _runs(flat, [masks[i] for i in chosen])
+        sorted_words = tuple(w[order] for w in flat)
+        starts = np.flatnonzero(order < (count if queries is None else queries))
+        others = [masks[i] for i in range(max(chosen, default=0)) if i not in chosen]
+        for a, b in _within_runs(starts, ends[starts]):
+            left, right = tuple(w[a] for w in sorted_words), tuple(w[b] for w in sorted_words)
+            distance = symbol_distance(left, right)
+            near = np.flatnonzero(distance <= search.most)
+            if len(near) == 0:
+                continue
+            # a pair whose agreeing parts can be chosen in several ways belongs to the first choice only
+            for mask in others:
+                agrees = np.ones(len(near), dtype=bool)
+                for w_left, w_right, m in zip(left, right, mask, strict=True):
+                    agrees &= ((w_left[near] ^ w_right[near]) & m) == 0
+                near = near[~agrees]
+            first = order[a[near]]
+            turn, second = np.divmod(order[b[near]], count)
+            kept = (turn != 2) | (first <= second) if queries is None else second >= queries
+            yield Pairs(first=first[kept], second=second[kept], turn=turn[kept], distance=distance[near][kept])
+
+
+def _mask(cells: tuple[int, ...], words: int) -> tuple[np.uint64, ...]:
+    values = [0] * words
+    for cell in cells:
+        word, place = divmod(cell, SYMBOLS_PER_WORD)
+        values[word] |= 3 << (2 * place)
+    return tuple(np.uint64(v) for v in values)
+
+
+def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]]) -> tuple[IntArray, IntArray]:
+    """Windows sorted so that those which agree under the masks stand together, and where each one's company ends.
+
+    Sorted by a hash with the window's own number in its low bits. Strangers with one hash make company, too; their distance
+    shows them up.
+    """
+    n = len(words[0])
+    bits = np.uint64(max(n - 1, 1).bit_length())
+    low = (np.uint64(1) << bits) - np.uint64(1)
+    key = np.zeros(n, dtype=np.uint64)
+    for i, word in enumerate(words):
+        mask = np.uint64(sum(int(m[i]) for m in masks))
+        part = word & mask
+        part ^= part >> np.uint64(29)
+        part *= _MIX[i % len(_MIX)]
+        key += part
+    key ^= key >> np.uint64(32)
+    key *= _MIX[-1]
+    key &= ~low
+    key |= np.arange(n, dtype=np.uint64)
+    key.sort()
+    order = (key & low).astype(np.int64)
+    key >>= bits
+    last = np.flatnonzero(key[1:] != key[:-1]) + 1
+    bounds = np.append(last, n)
+    ends = np.repeat(bounds, np.diff(bounds, prepend=0))
+    return order, ends
+
+
+def _within_runs(starts: IntArray, ends: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """Places of each start with all after it in its run, some at a time."""
+    lengths = ends - starts - 1
+    starts, lengths = starts[lengths > 0], lengths[lengths > 0]
+    total = np.cumsum(lengths)
+    at = 0
+    while at < len(starts):
+        done = int(total[at - 1]) if at else 0
+        until = max(int(np.searchsorted(total, done + _CHUNK, side="right")), at + 1)
+        some = lengths[at:until]
+        before = np.cumsum(some) - some
+        first = np.repeat(starts[at:until], some)
+        yield first, first + 1 + (np.arange(int(some.sum())) - np.repeat(before, some))
+        at = until

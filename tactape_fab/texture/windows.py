@@ -1,0 +1,84 @@
+"""The square windows of a grid of symbols as machine words, in all four turns, and how many symbols two of them differ by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray
+
+WordArray = npt.NDArray[np.uint64]
+
+SYMBOLS_PER_WORD = 32
+_LOW_BITS = np.uint64(0x5555_5555_5555_5555)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Windows:
+    """All whole windows of one size: those whose every grid point carries a part.
+
+    Attributes
+    ----------
+    side : int
+        Grid points along a side.
+    corner_rc : ndarray of int64, shape (n, 2)
+        Row and column of each window's upper left grid point, row-major.
+    words : tuple of ndarray of uint64, each of shape (turns, n)
+        Two bits per symbol, 32 symbols per word, row-major. ``[k]`` is how the window reads after it was turned by k times
+        90 degrees counter-clockwise, seen from above: its points and its symbols.
+    """
+
+    side: int
+    corner_rc: IntArray
+    words: tuple[WordArray, ...]
+
+    @property
+    def count(self) -> int:
+        return len(self.corner_rc)
+
+
+def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int = 3) -> Windows:
+    """Cut every whole window out of a grid.
+
+    Parameters
+    ----------
+    symbols : ndarray of uint8, shape (rows, columns)
+        Values as in `tactape_fab.texture.frames`.
+    placed : ndarray of bool, shape (rows, columns)
+        Whether a grid point carries a part.
+    side : int
+    turns : int
+        How many turns are wanted, from 0 on. Three suffice to compare windows with each other: turning both by the same
+        angle changes nothing, so three quarter turns of one are a quarter turn of the other.
+    """
+    high, wide = symbols.shape[0] - side + 1, symbols.shape[1] - side + 1
+    word_count = -(-side * side // SYMBOLS_PER_WORD)
+    if high < 1 or wide < 1:
+        empty = np.zeros((turns, 0), dtype=np.uint64)
+        return Windows(side=side, corner_rc=np.zeros((0, 2), dtype=np.int64), words=(empty,) * word_count)
+    whole = np.lib.stride_tricks.sliding_window_view(placed, (side, side)).all(axis=(2, 3))
+    words = np.zeros((word_count, turns, high, wide), dtype=np.uint64)
+    cells = np.arange(side * side).reshape(side, side)
+    turned = symbols.astype(np.uint64)
+    becomes = TURNED.astype(np.uint64)
+    for k in range(turns):
+        for target, source in enumerate(np.rot90(cells, k).ravel().tolist()):
+            word, place = divmod(target, SYMBOLS_PER_WORD)
+            r, c = divmod(source, side)
+            words[word, k] |= turned[r : r + high, c : c + wide] << np.uint64(2 * place)
+        turned = becomes[turned]
+    return Windows(side=side, corner_rc=np.argwhere(whole), words=tuple(w[:, whole] for w in words))
+
+
+def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...]) -> npt.NDArray[np.uint8]:
+    """In how many symbols windows differ (Hamming distance), element by element."""
+    total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8)
+    for word_a, word_b in zip(a, b, strict=True):
+        differing = word_a ^ word_b
+        differing |= differing >> np.uint64(1)
+        differing &= _LOW_BITS
+        total += np.bitwise_count(differing)
+    return total

@@ -1,0 +1,46 @@
+"""The certificate of a kit is computed again and compared."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from tactape_fab.errors import Check
+from tactape_fab.fields import shown
+from tactape_fab.texture.certify import certify
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import CERTIFICATE, WrittenFile
+
+
+def check_certificate(file: WrittenFile, tape: Tape) -> Check:
+    """Every number of the file is that of the tape."""
+    certificate = certify(tape)
+    try:
+        content = json.loads(file.data)
+    except (ValueError, RecursionError) as error:
+        return Check(name=CERTIFICATE, passed=False, message=f"{file.path} cannot be read as JSON: {error}")
+    wrong = _difference(content, certificate.to_mapping(), "")
+    size = certificate.sizes[0]
+    if wrong is not None:
+        return Check(name=CERTIFICATE, passed=False, message=f"{file.path} is not this tape's: {wrong}")
+    message = f"as computed again: {size.windows} windows of {size.side}x{size.side} differ by {size.distance} symbols or more"
+    if size.distance is None:
+        message = f"as computed again: the tape has no whole window of {size.side}x{size.side}"
+    return Check(name=CERTIFICATE, passed=True, message=message, figure=size.distance)
+
+
+def _difference(found: Any, expected: Any, where: str) -> str | None:
+    """The first place where two JSON values differ, in words."""
+    if isinstance(expected, dict) and isinstance(found, dict):
+        for key in [*expected, *(k for k in found if k not in expected)]:
+            place = f"{where}.{key}" if where else str(key)
+            if key not in found or key not in expected:
+                return f"{shown(place)} {'is missing' if key in expected else 'does not belong there'}"
+            if (wrong := _difference(found[key], expected[key], place)) is not None:
+                return wrong
+        return None
+    if isinstance(expected, list) and isinstance(found, list) and len(found) == len(expected):
+        wrongs = (_difference(f, e, f"{where}[{i}]") for i, (f, e) in enumerate(zip(found, expected, strict=True)))
+        return next((wrong for wrong in wrongs if wrong is not None), None)
+    same = type(found) is type(expected) and found == expected
+    return None if same else f"{where or 'the content'} = {shown(found)}, computed {shown(expected)}"
