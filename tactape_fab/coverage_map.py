@@ -19,10 +19,12 @@ Picture = npt.NDArray[np.uint8]
 
 _LONGEST_PX, _LEAST_WIDTH_PX, _MARGIN_PX, _LINE_PX = 1200, 900, 60, 30
 _SUBPIXEL = 4
-_WHITE, _INK, _PART = (255, 255, 255), (40, 40, 40), (150, 150, 150)
+_WHITE, _INK, _PART = (255, 255, 255), (40, 40, 40), (120, 120, 120)
 _ALL, _SOME, _NONE = (247, 220, 180), (120, 225, 250), (90, 150, 235)
 _GOOD, _OPEN, _BAD = (178, 90, 0), (40, 40, 40), (110, 20, 160)
 """Colours, blue first as OpenCV has them: blue, yellow and orange are told apart by every kind of eye, and hatched besides."""
+_SIZE = -1
+"""The outline of a contact in the legend, beside the outcomes of a `Trip`."""
 
 
 def refuse_map(kit: str | Path, file: str | Path) -> Path:
@@ -80,7 +82,7 @@ def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[T
     px_per_mm = _LONGEST_PX / max(width_mm, height_mm)
     board_px = np.rint(np.array([width_mm, height_mm]) * px_per_mm).astype(int)
     words = _words(tape, coverage, contact)
-    legend = _legend(trips)
+    legend = _legend(contact, trips)
     width = max(int(board_px[0]) + 2 * _MARGIN_PX, _LEAST_WIDTH_PX)
     top = 20 + _LINE_PX * len(words)
     height = top + int(board_px[1]) + _MARGIN_PX + _LINE_PX * len(legend)
@@ -94,7 +96,7 @@ def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[T
         return board_to_picture(xy_mm, (0.0, height_mm), px_per_mm)
 
     for x, y in to_px(tape.part_xy_mm()):
-        _disc(board, (x, y), max(0.12 * tape.pitch_mm * px_per_mm, 1.0), _PART)
+        _disc(board, (x, y), max(0.14 * tape.pitch_mm * px_per_mm, 1.0), _PART)
     for outcome in (LIMITED, RIGHT, MISSED, WRONG):
         for trip in trips:
             at = texture_to_board(trip.poses[trip.outcome == outcome, :2], tape.board.texture_origin_mm)
@@ -123,12 +125,14 @@ def _words(tape: Tape, coverage: Coverage, contact: Contact) -> list[str]:
     ]
 
 
-def _legend(trips: Sequence[Trip]) -> list[tuple[float | int, str]]:
+def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, str]]:
     rows: list[tuple[float | int, str]] = [
         (1.0, "centre of a contact that can be located at any angle"),
         (0.5, "... at some angles only"),
-        (0.0, "... at none: too few parts lie under it"),
+        (0.0, "... at none: too few parts lie under it, or they are too like others"),
     ]
+    if contact.scene.contact != "pad":
+        rows.append((_SIZE, "one such contact, to scale (lower right corner)"))
     said = {
         RIGHT: "located and right in the round trip",
         LIMITED: "not located, as it shows too little",
@@ -138,7 +142,12 @@ def _legend(trips: Sequence[Trip]) -> list[tuple[float | int, str]]:
     for outcome, text in said.items():
         count = sum(trip.count(outcome) for trip in trips)
         if count:
-            rows.append((int(outcome), f"{text} ({count} contacts of {', '.join(trip.source for trip in trips)})"))
+            rows.append(
+                (
+                    int(outcome),
+                    f"{text} ({count} contact{'s' * (count > 1)}; parts from {', '.join(trip.source for trip in trips)})",
+                )
+            )
     return rows
 
 
@@ -161,7 +170,9 @@ def _hatched(share: FloatArray) -> Picture:
 
 
 def _mark(picture: Picture, outcome: float, at: tuple[float, float]) -> None:
-    if outcome == RIGHT:
+    if outcome == _SIZE:
+        _ring(picture, (round(at[0]), round(at[1])), (18, 11))
+    elif outcome == RIGHT:
         _disc(picture, at, 5.0, _GOOD)
     elif outcome == LIMITED:
         _disc(picture, at, 5.5, _WHITE)
@@ -177,14 +188,17 @@ def _mark(picture: Picture, outcome: float, at: tuple[float, float]) -> None:
 
 def _draw_size(board: Picture, contact: Contact, px_per_mm: float) -> None:
     """Outline of a contact, to scale, in the lower right corner."""
-    import cv2
-
     if contact.scene.contact == "pad":
         return
     a, b = (max(round(side / 2 * px_per_mm), 1) for side in contact.scene.contact_mm)
-    centre = (board.shape[1] - a - 12, board.shape[0] - b - 12)
-    cv2.ellipse(board, centre, (a, b), 0.0, 0.0, 360.0, _WHITE, 6, cv2.LINE_AA)
-    cv2.ellipse(board, centre, (a, b), 0.0, 0.0, 360.0, _INK, 2, cv2.LINE_AA)
+    _ring(board, (board.shape[1] - a - 12, board.shape[0] - b - 12), (a, b))
+
+
+def _ring(picture: Picture, centre: tuple[int, int], half_px: tuple[int, int]) -> None:
+    import cv2
+
+    cv2.ellipse(picture, centre, half_px, 0.0, 0.0, 360.0, _WHITE, 6, cv2.LINE_AA)
+    cv2.ellipse(picture, centre, half_px, 0.0, 0.0, 360.0, _INK, 2, cv2.LINE_AA)
 
 
 def _draw_scale(picture: Picture, size_mm: tuple[float, float], px_per_mm: float, corner: tuple[int, int]) -> None:
