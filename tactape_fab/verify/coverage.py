@@ -13,7 +13,7 @@ from tactape_fab.verify.round_trip import Contact, Progress, error_free
 
 TURNS = 3
 """Angles tried at each place: they cover the half turn after which an ellipse is the same."""
-_PLACES, _LEAST_STEP_MM = 800, 0.5
+_PLACES, _LEAST_STEP_MM = 800, 1.0
 _GOLDEN_DEG = 180.0 * (sqrt(5) - 1) / 2
 
 

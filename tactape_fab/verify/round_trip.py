@@ -16,9 +16,12 @@ import numpy as np
 from tactape_fab.errors import Check, Problem, SpecError
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 from tactape_fab.simulate import DotErrors, Scene, dots_of, draw_poses, iterate_frames
+from tactape_fab.simulate.contact import contact_outline_mm
 from tactape_fab.simulate.gel import FloatImage
+from tactape_fab.simulate.view import make_view
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.misplaced import explain
 from tactape_fab.verify.positions import Source
@@ -31,8 +34,10 @@ Progress = Callable[[str, int, int], None]
 Locate = Callable[[FloatImage], "Localization"]
 Reachable = Callable[[FloatArray], bool]
 
-RIGHT, LIMITED, MISSED, WRONG = range(4)
-"""Of a contact: located at its place; not located where error-free symbols would hardly do; where they would; elsewhere."""
+RIGHT, LIMITED, OVERHANG, MISSED, WRONG = range(5)
+"""What became of a contact: located at its place; not located where error-free symbols would hardly do; not located where it
+hangs over the board's edge, whose imprint is none of a part; not located though error-free symbols would do; located elsewhere.
+"""
 
 INSIDE, EDGE = 64, 32
 """Contacts of the full round trip from each source: wholly on the field, and hanging over its edge."""
@@ -73,7 +78,7 @@ class Trip:
     poses : ndarray, shape (n, 3)
         x mm, y mm (texture frame), theta deg.
     outcome : ndarray of int, shape (n,)
-        RIGHT, LIMITED, MISSED or WRONG.
+        RIGHT, LIMITED, OVERHANG, MISSED or WRONG.
     error_um : ndarray, shape (n,)
         Distance from the true position; NaN where nothing was located.
     reasons : Counter of str
@@ -164,9 +169,27 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
 
 
 def full_trips(
-    tape: Tape, sources: Sequence[Source], contact: Contact | None = None, progress: Progress = lambda *_: None
+    tape: Tape,
+    sources: Sequence[Source],
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+    *,
+    counts: tuple[int, int] = (INSIDE, EDGE),
 ) -> list[Trip]:
-    """Contacts over the whole field and its edges, the same ones for every source, decoded with all that is in them."""
+    """Contacts over the whole field and its edges, the same ones for every source, decoded with all that is in them.
+
+    Parameters
+    ----------
+    tape : Tape
+        As the manifest has it.
+    sources : sequence of Source
+    contact : Contact, optional
+        `read_contact`'s when left out.
+    progress : callable
+        Told of every contact.
+    counts : (int, int)
+        Contacts wholly on the field, and over its edge, from each source; fewer for a code of many sectors.
+    """
     from tactape_fab.decode.localizer import KAPPA, Localizer
 
     contact = contact or read_contact()
@@ -174,7 +197,7 @@ def full_trips(
 
     fewer = FEWER if get_code(tape.code).sectors > MANY_SECTORS else 1
     poses = np.concatenate(
-        [draw_poses(tape, n // fewer, _SEED, sensor, scene, edge=edge) for n, edge in ((INSIDE, False), (EDGE, True))]
+        [draw_poses(tape, n // fewer, _SEED, sensor, scene, edge=edge) for n, edge in zip(counts, (False, True), strict=True)]
     )
     count, done = len(sources) * len(poses), 0
     progress(_STEP, done, count)  # the first Localizer ever compiles
@@ -213,6 +236,12 @@ def _trip(
 ) -> Trip:
     outcome, error_um = np.full(len(poses), LIMITED), np.full(len(poses), np.nan)
     reasons: Counter[str] = Counter()
+
+    def hangs_over(pose: FloatArray) -> bool:
+        view = make_view(tape, pose[:2], float(pose[2]), sensor, scene)
+        outline = view.to_board(contact_outline_mm(scene, view.half_field_mm))
+        return bool(inset_mm(outline, tape.board.size_mm, tape.board.corner_radius_mm).min() < 0.0)
+
     frames = iterate_frames(tape, len(poses), _SEED, sensor, scene, poses=poses, parts=source.parts)
     for k, frame in enumerate(frames):
         fix = locate(frame.depth)
@@ -223,7 +252,7 @@ def _trip(
             outcome[k] = RIGHT if right else WRONG
         else:
             reasons[fix.reason or "no answer"] += 1
-            outcome[k] = MISSED if reachable(poses[k]) else LIMITED
+            outcome[k] = LIMITED if not reachable(poses[k]) else OVERHANG if hangs_over(poses[k]) else MISSED
         step()
     return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
 
@@ -244,7 +273,8 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
         )
         return Check(name=name, passed=False, warning=True, message=message, figure=0.0)
     p50, p95, p99 = np.percentile(trip.error_um[trip.outcome == RIGHT], [50, 95, 99])
-    rest = f", {count - right} show too little to be located" if right < count else ""
+    said = ((LIMITED, "shows too little to be located"), (OVERHANG, "hangs over the board's edge and is not located"))
+    rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))
     message = f"{right} of {count} contacts located and right{rest}; error p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} um"
     return Check(name=name, passed=True, message=message, figure=float(right))
 
