@@ -11,6 +11,7 @@ from tactape_fab import Kit
 from tactape_fab.cli import check, make, verify
 from tactape_fab.kit.spec import KEYS
 from tactape_fab.verify.files import roles_of
+from tactape_fab.verify.round_trip import EDGE, INSIDE, QUICK, STRICTER
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,3 +39,10 @@ def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for name in [*KEYS, *roles_of(small_kit.tape)]:
         assert f"`{name}`" in reference, name
+
+
+def test_the_page_on_verify_has_the_round_trip_s_numbers() -> None:
+    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    assert (QUICK, INSIDE, EDGE) == (6, 64, 32) and "take six contacts" in page and f"of {INSIDE + EDGE} contacts" in page
+    assert "a third of them over its edge" in page
+    assert f"by a factor\n  of {STRICTER:g}" in page
