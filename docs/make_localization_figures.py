@@ -32,7 +32,7 @@ def coverage() -> None:
     """The map of the main job for contacts that are hardly large enough."""
     with tempfile.TemporaryDirectory() as name:
         kit = make_kit(TapeSpec(sector=7, models=False), Path(name) / "tactape-s007")
-        verify_file(str(kit.path), size=(6.5, 6.5), map_file=str(FIGURES / "verify-map.png"))
+        verify_file(str(kit.path), size=(7.5, 6.0), map_file=str(FIGURES / "verify-map.png"))
 
 
 if __name__ == "__main__":

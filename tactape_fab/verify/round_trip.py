@@ -215,7 +215,8 @@ def full_trips(
         done += 1
         progress(_STEP, done, count)
 
-    return [_trip(tape, source, poses, sensor, scene, localizer.locate, reachable, step) for source in sources]
+    trips = [_trip(tape, source, poses, sensor, scene, localizer.locate, reachable, step) for source in sources]
+    return [_with_edges_excused(tape, source, trip, contact) for source, trip in zip(sources, trips, strict=True)]
 
 
 def error_free(localizer: Localizer, tape: Tape, pose: FloatArray, scene: Scene) -> Localization:
@@ -237,11 +238,6 @@ def _trip(
     outcome, error_um = np.full(len(poses), LIMITED), np.full(len(poses), np.nan)
     reasons: Counter[str] = Counter()
 
-    def hangs_over(pose: FloatArray) -> bool:
-        view = make_view(tape, pose[:2], float(pose[2]), sensor, scene)
-        outline = view.to_board(contact_outline_mm(scene, view.half_field_mm))
-        return bool(inset_mm(outline, tape.board.size_mm, tape.board.corner_radius_mm).min() < 0.0)
-
     frames = iterate_frames(tape, len(poses), _SEED, sensor, scene, poses=poses, parts=source.parts)
     for k, frame in enumerate(frames):
         fix = locate(frame.depth)
@@ -252,9 +248,23 @@ def _trip(
             outcome[k] = RIGHT if right else WRONG
         else:
             reasons[fix.reason or "no answer"] += 1
-            outcome[k] = LIMITED if not reachable(poses[k]) else OVERHANG if hangs_over(poses[k]) else MISSED
+            outcome[k] = MISSED if reachable(poses[k]) else LIMITED
         step()
     return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
+
+
+def _with_edges_excused(tape: Tape, source: Source, trip: Trip, contact: Contact) -> Trip:
+    """The same with OVERHANG for what is MISSED over the board's edge; parts in the wrong place are no excuse for anything."""
+    missed = np.flatnonzero(trip.outcome == MISSED)
+    if not len(missed) or explain(tape, source.parts.xy_mm) is not None:
+        return trip
+    outcome = trip.outcome.copy()
+    for k in missed:
+        view = make_view(tape, trip.poses[k, :2], float(trip.poses[k, 2]), contact.sensor, contact.scene)
+        outline = view.to_board(contact_outline_mm(contact.scene, view.half_field_mm))
+        if inset_mm(outline, tape.board.size_mm, tape.board.corner_radius_mm).min() < 0.0:
+            outcome[k] = OVERHANG
+    return replace(trip, outcome=outcome)
 
 
 def trip_checks(tape: Tape, sources: Sequence[Source], trips: Sequence[Trip]) -> list[Check]:
