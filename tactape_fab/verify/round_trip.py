@@ -39,8 +39,8 @@ RIGHT, LIMITED, OVERHANG, MISSED, WRONG = range(5)
 hangs over the board's edge, whose imprint is none of a part; not located though error-free symbols would do; located elsewhere.
 """
 
-INSIDE, EDGE = 64, 32
-"""Contacts of the full round trip from each source: wholly on the field, and hanging over its edge."""
+INSIDE, EDGE = 96, 48
+"""Contacts of the full round trip, dealt out to the sources: wholly on the field, and hanging over its edge."""
 MANY_SECTORS, FEWER = 1000, 4
 """A code of many sectors holds every contact against all of them: so many times fewer contacts."""
 QUICK = 6
@@ -176,7 +176,7 @@ def full_trips(
     *,
     counts: tuple[int, int] = (INSIDE, EDGE),
 ) -> list[Trip]:
-    """Contacts over the whole field and its edges, the same ones for every source, decoded with all that is in them.
+    """Contacts over the whole field and its edges, others for every source, decoded with all that is in them.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def full_trips(
     progress : callable
         Told of every contact.
     counts : (int, int)
-        Contacts wholly on the field, and over its edge, from each source; fewer for a code of many sectors.
+        Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
     """
     from tactape_fab.decode.localizer import KAPPA, Localizer
 
@@ -196,26 +196,27 @@ def full_trips(
     sensor, scene = contact.sensor, contact.scene
 
     fewer = FEWER if get_code(tape.code).sectors > MANY_SECTORS else 1
-    poses = np.concatenate(
-        [draw_poses(tape, n // fewer, _SEED, sensor, scene, edge=edge) for n, edge in zip(counts, (False, True), strict=True)]
-    )
-    count, done = len(sources) * len(poses), 0
+    each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
+    poses = [
+        np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))
+    ]
+    count, done = sum(map(len, poses)), 0
     progress(_STEP, done, count)  # the first Localizer ever compiles
     localizer = Localizer([tape], sensor)
     strict = Localizer([tape], sensor, max_p_false=1e-4 / STRICTER, kappa=KAPPA * STRICTER)
-    known: dict[bytes, bool] = {}
 
     def reachable(pose: FloatArray) -> bool:
-        if pose.tobytes() not in known:
-            known[pose.tobytes()] = error_free(strict, tape, pose, scene).located
-        return known[pose.tobytes()]
+        return error_free(strict, tape, pose, scene).located
 
     def step() -> None:
         nonlocal done
         done += 1
         progress(_STEP, done, count)
 
-    trips = [_trip(tape, source, poses, sensor, scene, localizer.locate, reachable, step) for source in sources]
+    trips = [
+        _trip(tape, source, at, sensor, scene, localizer.locate, reachable, step)
+        for source, at in zip(sources, poses, strict=True)
+    ]
     return [_with_edges_excused(tape, source, trip, contact) for source, trip in zip(sources, trips, strict=True)]
 
 

@@ -1,6 +1,6 @@
 """Random kits through the round trip: no answer is wrong, and whatever is not located shows too little.
 
-TACTAPE_KITS=FIRST:LAST takes those kits instead of the first twelve, with as many contacts as `verify` takes.
+TACTAPE_KITS=FIRST:LAST takes those kits instead of the first twelve, from each source as many contacts as `verify` takes in all.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tests.roundtrip.kits import OpenKit
 
 KITS = os.environ.get("TACTAPE_KITS", "")
 FIRST, LAST = (int(v) for v in KITS.split(":")) if KITS else (0, 12)
-COUNTS = (INSIDE, EDGE) if KITS else (8, 4)
+COUNTS = (INSIDE, EDGE) if KITS else (8, 4)  # from each source
 SOLID = ("block", "dome", "cone")
 
 
@@ -75,7 +75,8 @@ def test_a_random_kit_comes_back(number: int, tmp_path: Path) -> None:
     kit = make_examined(drawn(number), tmp_path / "kit")
     assert len([c for c in kit.checks if c.name.startswith("round trip") and c.passed]) == (1 if "stl" in kit.files else 2)
     tape = Tape.load(kit.path)
-    for trip in full_trips(tape, sources_of(kit.path, tape), counts=COUNTS):
+    sources = sources_of(kit.path, tape)
+    for trip in full_trips(tape, sources, counts=(COUNTS[0] * len(sources), COUNTS[1] * len(sources))):
         counted = {name: trip.count(value) for name, value in _NAMES.items()}
         worst = float(np.nanmax(trip.error_um)) if counted["right"] else float("nan")
         print(f"\nkit {number} {tape.code} {tape.part.name} W {tape.pitch_mm} {trip.source}: {counted}, {worst:.0f} um")

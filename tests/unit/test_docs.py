@@ -43,6 +43,7 @@ def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
 
 def test_the_page_on_verify_has_the_round_trip_s_numbers() -> None:
     page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
-    assert (QUICK, INSIDE, EDGE) == (6, 64, 32) and "take six contacts" in page and f"of {INSIDE + EDGE} contacts" in page
+    assert (QUICK, INSIDE, EDGE) == (6, 96, 48) and "take six contacts" in page
+    assert f"{INSIDE + EDGE} contacts" in page and f"of {(INSIDE + EDGE) // 3} contacts" in page
     assert "a third of them over its edge" in page
     assert f"by a factor\n  of {STRICTER:g}" in page
