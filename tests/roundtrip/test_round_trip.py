@@ -259,7 +259,7 @@ def run(*arguments: str) -> Result:
 
 def test_the_map_tells_where_contacts_are_located(flat_kit: Kit, few_places: None) -> None:
     tape = flat_kit.tape
-    large, small = (coverage_of(tape, read_contact(size=size)) for size in ((9.0, 9.0), (5.0, 5.0)))
+    large, small = (coverage_of(tape, read_contact(size=size)) for size in ((9.0, 9.0), (6.5, 6.5)))
     assert large.share.shape == (len(large.y_mm), len(large.x_mm)) and set(np.unique(large.share * TURNS)) <= {0, 1, 2, 3}
     x, y = np.meshgrid(large.x_mm, large.y_mm)
     field = (x > 2.0) & (x < (tape.columns - 1) * 1.5 - 2.0) & (y > 2.0) & (y < (tape.rows - 1) * 1.5 - 2.0)
