@@ -1,4 +1,4 @@
-"""Makes the picture of docs/localization.md. Run: python docs/make_localization_figures.py"""
+"""Makes the pictures of docs/localization.md and docs/verify.md. Run: python docs/make_localization_figures.py"""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from tactape_fab import TapeSpec, make_kit
 from tactape_fab.localize import localize, prepare
 from tactape_fab.overlay import draw_overlay
 from tactape_fab.simulate_file import simulate_file
+from tactape_fab.verify_file import verify_file
 
-FIGURE = Path(__file__).parent / "figures" / "localization-overlay.png"
+FIGURES = Path(__file__).parent / "figures"
 
 
 def overlay() -> None:
@@ -24,9 +25,17 @@ def overlay() -> None:
         job = prepare([str(frames)], [str(kit.path)], "gelsight-mini")
         located = next(localize(job))
         picture = draw_overlay(located.depth, located.sensor, job.tapes, located.fix, located.frame)
-    cv2.imwrite(str(FIGURE), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(FIGURES / "localization-overlay.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+def coverage() -> None:
+    """The map of the main job for contacts that are hardly large enough."""
+    with tempfile.TemporaryDirectory() as name:
+        kit = make_kit(TapeSpec(sector=7, models=False), Path(name) / "tactape-s007")
+        verify_file(str(kit.path), size=(7.5, 6.0), map_file=str(FIGURES / "verify-map.png"))
 
 
 if __name__ == "__main__":
-    FIGURE.parent.mkdir(exist_ok=True)
+    FIGURES.mkdir(exist_ok=True)
     overlay()
+    coverage()

@@ -411,14 +411,24 @@ def _step_shown() -> Callable[[str, int, int], None]:
 
 @main.command()
 @click.argument("kit")
-@click.option("--quick", is_flag=True, help="Leave out CAD kernels, other programs and the second tag detector.")
+@click.option("--quick", is_flag=True, help="Leave out CAD kernels, other programs, the second tag detector; few contacts.")
+@click.option(
+    "--contact", metavar="AxB|pad", help="Axes of the contacts that are decoded, mm, or the whole field.  [default: 11x9]"
+)
+@click.option("--sensor", metavar="NAME", help=_SENSOR_HELP)
+@click.option("--map", "map_file", metavar="FILE.png", help="Write a picture of where contacts can be located on the tape.")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
-def verify(kit: str, quick: bool, as_json: bool) -> None:
-    """Read a written kit back with software that is not ours, and decode it."""
-    with _answers():
-        from tactape_fab.verify import verify_kit
+def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_file: str | None, as_json: bool) -> None:
+    """Read a written kit back with software that is not ours, and decode contacts of the parts that it places.
 
-        verification = verify_kit(kit, quick=quick)
+    \b
+    Example: tactape-fab verify tactape-s007 --contact 6x6 --map map.png
+    """
+    with _answers():
+        from tactape_fab.verify_file import verify_file
+
+        size = None if contact is None else _contact(contact)
+        verification = verify_file(kit, quick=quick, size=size, sensor=sensor, map_file=map_file, progress=_step_shown())
         if as_json:
             _echo_json(
                 {"name": verification.name, "passed": verification.passed, "checks": [asdict(c) for c in verification.checks]}

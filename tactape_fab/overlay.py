@@ -1,4 +1,4 @@
-"""What the decoder saw of a frame, as a picture: band-passed depth, dots, grid, agreeing dots, axes of the tape."""
+"""What the decoder saw of a frame, as a picture: band-passed depth, dots, grid and symbols, pose, error, place on the tape."""
 
 from __future__ import annotations
 
@@ -13,20 +13,25 @@ import numpy.typing as npt
 from tactape_fab.errors import TactapeError
 from tactape_fab.fields import shown_path
 from tactape_fab.profiles.sensors import SensorProfile
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray
 from tactape_fab.texture.tape import Tape
 
 if TYPE_CHECKING:
     from tactape_fab.decode.result import Localization
 
 Picture = npt.NDArray[np.uint8]
+Colour = tuple[int, int, int]
+Point = tuple[float, float]
 
 LEAST_SIDE_PX = 720
+WORDS_PX, PANEL_PX = 56, 230
+"""Heights of the bands above and below the enlarged frame."""
 _SUBPIXEL = 4
-_GRID, _DOT, _AGREEING, _X_AXIS, _Y_AXIS, _TEXT = (
-    (150, 110, 0), (0, 140, 255), (90, 220, 90), (60, 60, 255), (255, 160, 60), (255, 255, 255),
-)  # fmt: skip
-"""Colours, blue first as OpenCV has them."""
+_GRID, _PLAIN, _AGREEING, _OTHER = (120, 95, 60), (235, 235, 235), (240, 190, 90), (50, 110, 245)
+_X_AXIS, _Y_AXIS, _TEXT, _BAND, _FIELD = (60, 230, 245), (215, 150, 225), (255, 255, 255), (36, 36, 36), (95, 95, 95)
+"""Colours, blue first as OpenCV has them; agreeing dots are light blue rings, others orange diamonds: told apart by any eye."""
+_ERROR_SCALES_UM = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+_ERROR_PX = 78
 
 
 def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Tape], fix: Localization, frame: int) -> Picture:
@@ -37,40 +42,40 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     depth : array_like, shape (h, w)
         As the sensor delivers it.
     tapes : sequence of Tape
-        The registry. Of the answer's tape the grid and the places of its parts are drawn.
+        The registry. Of the answer's tape the grid, the symbols and the whole outline are drawn.
 
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        Canonical image, enlarged; blue first.
+        Words, the canonical image enlarged, and the tape with the contact beside the error; blue first.
     """
-    import cv2
-
     from tactape_fab.decode.detect import band_pass, detect
 
     image = np.asarray(depth).astype(np.float32)
     image = np.ascontiguousarray(sensor.canonical(np.where(np.abs(image) < 1e15, image, 0.0).astype(np.float32)))
     scale = float(np.sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
-    dots = detect(image, scale)
     zoom = max(1, -(-LEAST_SIDE_PX // max(image.shape)))
     picture = _shades(band_pass(image, scale), zoom)
-    places = np.empty((0, 2))
+    dots = _zoomed(detect(image, scale).xy_px, zoom)
+    radius = 0.17 * scale * zoom
     tape = next((t for t in tapes if t.name == fix.tape), None)
+    view = None
     if tape is not None and fix.position_mm is not None and fix.theta_deg is not None:
         view = View(sensor, fix, zoom)
         _draw_grid(picture, tape, view)
-        places = view.to_px(placed_mm(tape))
-    reach_px = (tapes[0].pitch_mm / 10 if tapes else 0.15) * scale * zoom
-    for x, y in _zoomed(dots.xy_px, zoom):
-        agrees = len(places) and float(np.hypot(*(places - (x, y)).T).min()) < reach_px
-        _circle(picture, (x, y), 0.2 * scale * zoom, _AGREEING if agrees else _DOT)
-    if tape is not None and fix.position_mm is not None and fix.theta_deg is not None:
-        _draw_axes(picture, tape, View(sensor, fix, zoom))
-    lines = _words(fix, frame)
-    picture[: 10 + 20 * len(lines)] //= 3
-    for line, text in enumerate(lines):
-        cv2.putText(picture, text, (8, 20 + 20 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _TEXT, 1, cv2.LINE_AA)
-    return picture
+        _draw_symbols(picture, tape, view, dots, radius)
+        _draw_pose(picture, tape, view)
+    else:
+        for x, y in dots:
+            _circle(picture, (x, y), radius, _PLAIN)
+    words = _band(picture.shape[1], WORDS_PX)
+    for line, text in enumerate(_words(fix, frame)):
+        _write(words, text, (8, 22 + 22 * line))
+    panel = _band(picture.shape[1], PANEL_PX)
+    if tape is not None and view is not None:
+        _draw_tape(panel[:, :-PANEL_PX], tape, view, fix)
+        _draw_error(panel[:, -PANEL_PX:], fix)
+    return np.concatenate([words, picture, panel])
 
 
 def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
@@ -140,25 +145,138 @@ def _draw_grid(picture: Picture, tape: Tape, view: View) -> None:
         _line(picture, view, ((low[0], row), (high[0], row)), tape.pitch_mm, _GRID, 1)
 
 
-def _draw_axes(picture: Picture, tape: Tape, view: View) -> None:
-    """Texture x (red) and y (blue) from the image centre, two pitches long."""
-    at = view.position_mm / tape.pitch_mm
-    _line(picture, view, (at, at + np.array([2.0, 0.0])), tape.pitch_mm, _X_AXIS, 2)
-    _line(picture, view, (at, at + np.array([0.0, 2.0])), tape.pitch_mm, _Y_AXIS, 2)
+def _draw_symbols(picture: Picture, tape: Tape, view: View, dots: FloatArray, radius: float) -> None:
+    """Every dot: a ring and its letter where it stands in its part's place, else a diamond; a line comes from the grid point."""
+    cells = tape.cells()
+    symbols = tape.symbols[cells[:, 1], cells[:, 0]]
+    nodes = view.to_px(cells * tape.pitch_mm)
+    places = view.to_px(placed_mm(tape))
+    pitch_px = float(view.px_per_mm[0]) * tape.pitch_mm * view.zoom
+    for x, y in dots:
+        near = int(np.hypot(*(places - (x, y)).T).argmin())
+        if np.hypot(*(places[near] - (x, y))) < pitch_px / 10:
+            (u, v), (to_u, to_v) = nodes[near], places[near] - nodes[near]
+            _stroke(picture, (u, v), (x, y), _AGREEING, 2)
+            _circle(picture, (x, y), radius, _AGREEING)
+            far = 0.24 * pitch_px / max(float(np.hypot(to_u, to_v)), 1e-9)
+            _write(picture, LETTERS[symbols[near]], (round(u - far * to_u) - 5, round(v - far * to_v) + 5), 0.45, _AGREEING)
+        else:
+            corners = [(x, y - 1.3 * radius), (x + 1.3 * radius, y), (x, y + 1.3 * radius), (x - 1.3 * radius, y)]
+            for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+                _stroke(picture, a, b, _OTHER, 2)
+            node = int(np.hypot(*(nodes - (x, y)).T).argmin())
+            if np.hypot(*(nodes[node] - (x, y))) < pitch_px / 2:
+                _stroke(picture, (nodes[node, 0], nodes[node, 1]), (x, y), _OTHER, 2)
 
 
-def _line(picture: Picture, view: View, ends: Any, pitch_mm: float, colour: tuple[int, int, int], width: int) -> None:
+def _draw_pose(picture: Picture, tape: Tape, view: View) -> None:
+    """Texture x and y from the image centre as arrows, two pitches long."""
+    start = view.to_px(view.position_mm)
+    for axis, colour, name in ((0, _X_AXIS, "x"), (1, _Y_AXIS, "y")):
+        end = view.to_px(view.position_mm + 2 * tape.pitch_mm * np.eye(2)[axis])
+        _arrow(picture, (start[0], start[1]), (end[0], end[1]), colour)
+        beyond = end + 0.12 * (end - start)
+        _write(picture, name, (round(beyond[0]) - 6, round(beyond[1]) + 6), 0.7, colour)
+    _circle(picture, (start[0], start[1]), 6, _TEXT)
+
+
+def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> None:
+    """The whole tape in its box: outline, parts, the sensor's field, an arrow along image u, the dot at the contact."""
+    x0, y0 = tape.board.texture_origin_mm
+    width_mm, height_mm = tape.board.size_mm
+    low, size_mm = np.array([-x0, y0 - height_mm]), np.array([width_mm, height_mm])
+    if tape.surface is not None:
+        low = np.full(2, -tape.pitch_mm)
+        size_mm = (np.array([tape.columns, tape.rows]) + 1.0) * tape.pitch_mm
+    room = np.array([panel.shape[1], panel.shape[0]]) - 32.0
+    px_per_mm = float((room / size_mm).min())
+    corner = 16.0 + (room - size_mm * px_per_mm) / 2
+
+    def to_px(texture_mm: npt.ArrayLike) -> FloatArray:
+        px: FloatArray = (np.asarray(texture_mm) - low) * px_per_mm + corner
+        return px
+
+    _outline(panel, to_px(low + size_mm * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])), _TEXT, 1)
+    u, v = np.rint(to_px(placed_mm(tape))).astype(int).T
+    panel[np.clip(v, 0, panel.shape[0] - 1), np.clip(u, 0, panel.shape[1] - 1)] = _FIELD
+    _outline(panel, to_px(view.corners_mm[[0, 1, 3, 2]]), _OTHER, 2)
+    start = to_px(view.position_mm)
+    ahead = view.turn @ (1.0, 0.0)  # image u on the texture
+    end = start + ahead * max(4 * tape.pitch_mm * px_per_mm, 22.0)
+    _arrow(panel, (start[0], start[1]), (end[0], end[1]), _X_AXIS)
+    _circle(panel, (start[0], start[1]), 4, _TEXT)
+    if fix.contact_mm is not None:
+        at = to_px(fix.contact_mm)
+        _circle(panel, (at[0], at[1]), 2, _AGREEING)
+
+
+def _draw_error(panel: Picture, fix: Localization) -> None:
+    """Ellipse of two standard deviations of the position, texture x to the right and y down, in a box that says its size."""
     import cv2
 
-    (x0, y0), (x1, y1) = np.rint(view.to_px(np.asarray(ends, dtype=np.float64) * pitch_mm) * 2**_SUBPIXEL).astype(int).tolist()
-    cv2.line(picture, (x0, y0), (x1, y1), colour, width, cv2.LINE_AA, _SUBPIXEL)
+    centre = (panel.shape[1] / 2, 104.0)
+    if fix.covariance is None:
+        _write(panel, "no covariance", (60, 110), 0.45)
+        return
+    sigma_um = np.sqrt(np.diag(fix.covariance)[:2]) * 1000.0
+    half_um = next((s for s in _ERROR_SCALES_UM if s >= 2.2 * sigma_um.max()), _ERROR_SCALES_UM[-1])
+    px_per_um = _ERROR_PX / half_um
+    box = np.array(centre) + _ERROR_PX * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    _outline(panel, box, _FIELD, 1)
+    _stroke(panel, (centre[0] - _ERROR_PX, centre[1]), (centre[0] + _ERROR_PX, centre[1]), _FIELD, 1)
+    _stroke(panel, (centre[0], centre[1] - _ERROR_PX), (centre[0], centre[1] + _ERROR_PX), _FIELD, 1)
+    values, axes = np.linalg.eigh(fix.covariance[:2, :2] * 1e6)
+    turn = np.linspace(0.0, 2 * np.pi, 73)
+    ellipse = (2.0 * np.sqrt(np.maximum(values, 0.0)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)) @ axes.T
+    shown = np.clip(ellipse * px_per_um, -_ERROR_PX, _ERROR_PX) + centre
+    cv2.polylines(panel, [np.rint(shown * 2**_SUBPIXEL).astype(np.int32)], True, _AGREEING, 2, cv2.LINE_AA, _SUBPIXEL)
+    _write(panel, f"2 sigma; box +-{half_um:g} um", (28, 18), 0.45)
+    theta_deg = float(np.degrees(np.sqrt(fix.covariance[2, 2])))
+    _write(panel, f"sigma {sigma_um[0]:.1f}, {sigma_um[1]:.1f} um, {theta_deg:.3f} deg", (8, 208), 0.42)
 
 
-def _circle(picture: Picture, at: tuple[float, float], radius: float, colour: tuple[int, int, int]) -> None:
+def _band(width: int, height: int) -> Picture:
+    return np.full((height, width, 3), _BAND, dtype=np.uint8)
+
+
+def _fixed(at: Point) -> tuple[int, int]:
+    return round(float(at[0]) * 2**_SUBPIXEL), round(float(at[1]) * 2**_SUBPIXEL)
+
+
+def _line(picture: Picture, view: View, ends: Any, pitch_mm: float, colour: Colour, width: int) -> None:
+    (x0, y0), (x1, y1) = view.to_px(np.asarray(ends, dtype=np.float64) * pitch_mm)
+    _stroke(picture, (x0, y0), (x1, y1), colour, width)
+
+
+def _stroke(picture: Picture, a: Point, b: Point, colour: Colour, width: int) -> None:
     import cv2
 
-    x, y, r = (round(v * 2**_SUBPIXEL) for v in (*at, radius))
-    cv2.circle(picture, (x, y), r, colour, 2, cv2.LINE_AA, _SUBPIXEL)
+    cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, _SUBPIXEL)
+
+
+def _arrow(picture: Picture, a: Point, b: Point, colour: Colour) -> None:
+    import cv2
+
+    cv2.arrowedLine(picture, _fixed(a), _fixed(b), colour, 2, cv2.LINE_AA, _SUBPIXEL, 0.2)
+
+
+def _outline(picture: Picture, corners: FloatArray, colour: Colour, width: int) -> None:
+    import cv2
+
+    points = np.rint(corners * 2**_SUBPIXEL).astype(np.int32)
+    cv2.polylines(picture, [points], True, colour, width, cv2.LINE_AA, _SUBPIXEL)
+
+
+def _circle(picture: Picture, at: Point, radius: float, colour: Colour) -> None:
+    import cv2
+
+    cv2.circle(picture, _fixed(at), round(radius * 2**_SUBPIXEL), colour, 2, cv2.LINE_AA, _SUBPIXEL)
+
+
+def _write(picture: Picture, text: str, at: tuple[int, int], size: float = 0.5, colour: Colour = _TEXT) -> None:
+    import cv2
+
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
 
 
 def _words(fix: Localization, frame: int) -> list[str]:

@@ -56,6 +56,8 @@ from tactape_fab.verify.lands import (
 )
 from tactape_fab.verify.legend import check_tag
 from tactape_fab.verify.models import check_models, check_threemf
+from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
+from tactape_fab.verify.round_trip import Contact, Progress, Trip, full_trips, quick_trips, trip_checks
 from tactape_fab.verify.symbols import check_symbols
 
 GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "components-top")
@@ -75,12 +77,13 @@ REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verification:
-    """All lines of a verification."""
+    """All lines of a verification, and the contacts of its round trip, by source; none in a quick one."""
 
     name: str
     checks: tuple[Check, ...]
+    trips: tuple[Trip, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -92,7 +95,13 @@ class Verification:
             raise VerifyError(self.checks)
 
 
-def verify_kit(path: str | Path, *, quick: bool = False) -> Verification:
+def verify_kit(
+    path: str | Path,
+    *,
+    quick: bool = False,
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+) -> Verification:
     """Verify a kit by its folder or its manifest.json.
 
     Parameters
@@ -100,6 +109,11 @@ def verify_kit(path: str | Path, *, quick: bool = False) -> Verification:
     path : str or Path
     quick : bool
         Leave out what needs a CAD kernel, another program or an extra: OCCT, FreeCAD, PrusaSlicer, the second tag detector.
+        The round trip is a few contacts then.
+    contact : Contact, optional
+        Sensor and size of the contacts of the round trip that is not quick.
+    progress : callable
+        Told what is being done, how much of it is done, and of how much.
 
     Returns
     -------
@@ -114,10 +128,12 @@ def verify_kit(path: str | Path, *, quick: bool = False) -> Verification:
     file = find_manifest(path)
     if file.name != MANIFEST_NAME:
         raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
-    return verify_folder(file, quick=quick)
+    return verify_folder(file, quick=quick, contact=contact, progress=progress)
 
 
-def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
+def verify_folder(
+    manifest_file: Path, *, quick: bool, contact: Contact | None = None, progress: Progress = lambda *_: None
+) -> Verification:
     """Verify the kit whose manifest is `manifest_file`, whatever its folder is called."""
     folder = manifest_file.parent
     try:
@@ -150,14 +166,21 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         checks += _check_part(manifest, tape, single, quick=quick)
         return Verification(name=tape.name, checks=tuple(checks))
     cpl = None
+    sources: list[Source] = []
     if recorded is not None and assembly is not None and film is not None:
         cpl = _read("cpl", read_cpl, single, checks)
         checks += _check_assembly(tape, recorded, assembly, single, cpl)
-        checks += pardoned(_check_content(manifest, tape, recorded, film, single, cpl, quick=quick), film)
+        checks += pardoned(_check_content(manifest, tape, recorded, film, single, cpl, sources, quick=quick), film)
     checks += [check_certificate(single[CERTIFICATE], tape), check_picture(single)]
     if form is not None:
         checks += _check_solids(tape, form, single, cpl, quick=quick)
-    return Verification(name=tape.name, checks=tuple(checks))
+        if not (quick and sources):
+            sources += _read_solid(tape, form, single)
+    trips: list[Trip] = []
+    if sources:
+        trips = quick_trips(tape, sources) if quick else full_trips(tape, sources, contact, progress)
+        checks += trip_checks(tape, sources, trips)
+    return Verification(name=tape.name, checks=tuple(checks), trips=() if quick else tuple(trips))
 
 
 def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
@@ -186,6 +209,13 @@ def _check_solids(
     return checks if quick else [*checks, *check_with_others(tape, expected_of_kit(tape, form, files), files, cpl)]
 
 
+def _read_solid(tape: Tape, form: SolidForm, files: dict[str, WrittenFile]) -> list[Source]:
+    try:
+        return [stl_source(tape, form, read_stl(files["stl"].data))]
+    except MeshError:  # said already
+        return []
+
+
 def _read(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], checks: list[Check]) -> T | None:
     try:
         return read(files[role].data)
@@ -209,10 +239,11 @@ def _check_content(
     film: FilmRecord,
     files: dict[str, WrittenFile],
     cpl: CplContent | None,
+    sources: list[Source],
     *,
     quick: bool,
 ) -> list[Check]:
-    """Everything that a fab gets, and that the CPL says the same."""
+    """Everything that a fab gets, and that the CPL says the same; where that says that parts stand is added to `sources`."""
     checks: list[Check] = []
     layers: dict[str, GerberContent] = {}
     for role in (*GERBER_ROLES, *film.backings):
@@ -239,8 +270,10 @@ def _check_content(
         checks += check_anchors(layers["copper-top"], layers["coverlay-top"], film.anchor, recorded.pads, tape)
     if cpl is not None:
         checks += check_symbols(tape, cpl.xy_mm, "CPL")
+        sources.append(cpl_source(cpl))
     if "copper-top" in pairs:
         checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
+        sources.append(copper_source(layers["copper-top"].flash_xy_mm, recorded.pads.offset_mm, tape.part.rotation_deg))
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)

@@ -31,6 +31,7 @@ Copy = Callable[[Kit], Path]
 PART = 10
 """Number of the part that is changed."""
 MODEL_LINES = {
+    "round trip from STL",
     *("stl", "stl places", "symbols from STL", "windows from STL", "3mf", "step-solid", "step-assembly"),
     *("step-solid by OCCT", "step-assembly by OCCT", "stl by trimesh", "solid"),
 }

@@ -12,6 +12,7 @@ from typing import Any
 import click
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 from click.testing import CliRunner, Result
 
@@ -289,15 +290,26 @@ def test_a_file_that_ends_early_gives_its_whole_frames_and_a_message(default_kit
 
 
 def test_overlay_writes_a_picture_of_every_frame(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    from tactape_fab.overlay import _AGREEING, _OTHER, _X_AXIS, _Y_AXIS, PANEL_PX, WORDS_PX
+
     np.save(tmp_path / "flat.npy", np.full((240, 320), np.nan))
     folder = tmp_path / "deep" / "overlay"
     result = run(f"decode {frames} {tmp_path / 'flat.npy'} --tape {default_kit.path} --overlay {folder}")
     assert result.exit_code == 0, result.stderr
     assert sorted(p.name for p in folder.iterdir()) == [f"frame-{k:06d}.png" for k in range(5)]
     picture = cv2.imread(str(folder / "frame-000000.png"))
-    assert picture is not None and picture.shape == (720, 960, 3)
-    blue, green, red = (int((picture == colour).all(axis=-1).sum()) for colour in ((255, 160, 60), (90, 220, 90), (60, 60, 255)))
-    assert min(blue, red) > 50 and green > 500
+    assert picture is not None and picture.shape == (WORDS_PX + 720 + PANEL_PX, 960, 3)
+    frame, panel = picture[WORDS_PX:-PANEL_PX], picture[-PANEL_PX:]
+
+    def painted(image: npt.NDArray[np.uint8], colour: tuple[int, int, int]) -> int:
+        return int((image == colour).all(axis=-1).sum())
+
+    assert painted(frame, _AGREEING) > 500 and min(painted(frame, _X_AXIS), painted(frame, _Y_AXIS)) > 50
+    assert painted(panel[:, :-PANEL_PX], _OTHER) > 50, "the sensor's field on the tape"
+    assert painted(panel[:, -PANEL_PX:], _AGREEING) > 50, "the ellipse of the error"
+    lost = cv2.imread(str(folder / "frame-000004.png"))
+    assert lost is not None and lost.shape == picture.shape
+    assert painted(np.asarray(lost[WORDS_PX:]), _AGREEING) == 0
     taken = tmp_path / "taken"
     taken.write_text("mine")
     result = run(f"decode {frames} --tape {default_kit.path} --overlay {taken}")

@@ -1,0 +1,149 @@
+"""Why parts that were measured decode elsewhere: shifted, mirrored, turned, or those of another sector or code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.texture.code import CODE_NAMES, get_code, locate_windows
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, board_to_texture
+from tactape_fab.texture.tape import Tape
+
+_LEAST_AGREEMENT = 0.5
+"""Share of the whole windows that must name one place."""
+_LEAST_ORDER = 0.5
+"""How well parts keep to a grid, 1 exactly and 0 at random."""
+_MOST_CELLS = 4_000_000
+_TOLERANCE_MM = 0.001
+_MIRROR = np.array([[-1.0, 0.0], [0.0, 1.0]])
+_QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
+"""A quarter turn counter-clockwise as the tape is looked at, y being down: rows of points times its transpose."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Named:
+    """The place in a code that windows name together, their share, and where that leaves the manifest's grid, mm."""
+
+    share: float
+    code: str
+    mirrored: bool
+    quarters: int
+    sector: int
+    origin: tuple[int, int]
+    offset_mm: tuple[float, float]
+
+
+def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
+    """Say in words how parts stand otherwise than a tape has them.
+
+    Parameters
+    ----------
+    tape : Tape
+        As the manifest has it.
+    xy_mm : ndarray, shape (n, 2)
+        Measured centres, board frame.
+
+    Returns
+    -------
+    str or None
+        None where they stand as on the tape.
+    """
+    if len(xy_mm) == 0:
+        return "it has no parts"
+    texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
+    order = np.abs(np.exp(2j * np.pi * texture_mm / tape.pitch_mm).mean(axis=0))
+    if order.min() < _LEAST_ORDER:
+        return f"its parts stand on no grid of pitch {tape.pitch_mm:g} mm"
+    named = _best(tape, texture_mm)
+    if named is None:
+        return f"its parts name no one place of '{tape.code}' or another code"
+    return _in_words(tape, named)
+
+
+def _best(tape: Tape, texture_mm: FloatArray) -> _Named | None:
+    found = [
+        _named(tape, texture_mm, code, mirrored, quarters)
+        for code in (tape.code, *(name for name in CODE_NAMES if name != tape.code))
+        for mirrored in (False, True)
+        for quarters in range(4)
+    ]
+    best = max((named for named in found if named is not None), key=lambda named: named.share, default=None)
+    return best if best is not None and best.share >= _LEAST_AGREEMENT else None
+
+
+def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarters: int) -> _Named | None:
+    """What the windows name when a mirror and some quarter turns of the tape are taken back."""
+    upright = texture_mm @ np.linalg.matrix_power(_QUARTER, -quarters).T
+    if mirrored:
+        upright = upright @ _MIRROR
+    phase_mm = np.angle(np.exp(2j * np.pi * upright / tape.pitch_mm).mean(axis=0)) / (2 * np.pi) * tape.pitch_mm
+    cell = np.rint((upright - phase_mm) / tape.pitch_mm).astype(np.int64)
+    moved = upright - phase_mm - cell * tape.pitch_mm
+    first = cell.min(axis=0)
+    columns, rows = (cell.max(axis=0) - first + 1).tolist()
+    if columns * rows > _MOST_CELLS:
+        return None
+    column, row = (cell - first).T
+    shown = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY, axis=2).argmin(axis=1)
+    symbols, there = np.zeros((rows, columns), dtype=np.uint8), np.zeros((rows, columns), dtype=bool)
+    symbols[row, column] = shown
+    there[row, column] = True
+    code = get_code(name)
+    if min(columns, rows) < code.window:
+        return None
+    places = locate_windows(code, symbols)
+    whole = np.lib.stride_tricks.sliding_window_view(there, (code.window, code.window)).all(axis=(2, 3))
+    r, c = np.nonzero(places.valid & whole)
+    if len(r) == 0:
+        return None
+    said = np.stack([places.sector[r, c], places.column[r, c] - c, places.row[r, c] - r], axis=1)
+    kinds, times = np.unique(said, axis=0, return_counts=True)
+    sector, origin_column, origin_row = kinds[times.argmax()].tolist()
+    plane = np.array([origin_column, origin_row]) - tape.origin
+    rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # a phase is off where symbols are uneven
+    offset = phase_mm + rest_mm + (first - plane) * tape.pitch_mm
+    return _Named(
+        share=float(times.max() / whole.sum()),
+        code=name,
+        mirrored=mirrored,
+        quarters=quarters,
+        sector=sector,
+        origin=(origin_column - int(first[0]), origin_row - int(first[1])),
+        offset_mm=(float(offset[0]), float(offset[1])),
+    )
+
+
+def _in_words(tape: Tape, named: _Named) -> str | None:
+    said = []
+    if (named.code, named.sector) != (tape.code, tape.sector):
+        of = f" of '{named.code}'" if named.code != tape.code else ""
+        said.append(f"its parts are those of sector {named.sector}{of}, not {tape.sector}")
+    if named.mirrored:
+        said.append(
+            f"it is mirrored {('left to right', 'about a diagonal', 'top to bottom', 'about a diagonal')[named.quarters]}"
+        )
+    elif named.quarters:
+        said.append(f"it is turned by {(0, 90, 180, -90)[named.quarters]} deg")
+    if said:
+        return "; ".join(said)
+    x, y = round(named.offset_mm[0], 4) + 0.0, round(-named.offset_mm[1], 4) + 0.0
+    if max(abs(x), abs(y)) <= _TOLERANCE_MM:
+        return None
+    if max(abs(x), abs(y)) > max(tape.board.size_mm):
+        origins = "{},{}, not {},{}".format(*named.origin, *tape.origin)
+        return f"its parts are those of sector {named.sector} at origin {origins}"
+    return f"it is shifted by ({x:+.3f}, {y:+.3f}) mm on the board{_shares(tape, x, y)}"
+
+
+def _shares(tape: Tape, x_mm: float, y_mm: float) -> str:
+    """The same in pitches, where that is a plain number of halves."""
+    halves = 2 * np.array([x_mm, y_mm]) / tape.pitch_mm
+    if np.abs(halves - np.rint(halves)).max() > 0.01:
+        return ""
+    words = [
+        f"{'half a pitch' if abs(h) == 1 else '1 pitch' if abs(h) == 2 else f'{abs(h) / 2:g} pitches'} along {axis}"
+        for h, axis in zip(np.rint(halves).tolist(), "xy", strict=True)
+        if h
+    ]
+    return f", {' and '.join(words)}"

@@ -1,0 +1,308 @@
+"""Round trip: parts where a written file has them -> depth maps of contacts -> decoded, and held against the truth.
+
+`quick_trip` decodes by the paper's method: nothing has to be compiled or loaded for it. `full_trips` uses `Localizer`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactape_fab.errors import Check, Problem, SpecError
+from tactape_fab.profiles.sensors import SensorProfile, load_sensor
+from tactape_fab.simulate import DotErrors, Scene, dots_of, draw_poses, iterate_frames
+from tactape_fab.simulate.contact import contact_outline_mm
+from tactape_fab.simulate.gel import FloatImage
+from tactape_fab.simulate.view import make_view
+from tactape_fab.texture.code import get_code
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import inset_mm
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.misplaced import explain
+from tactape_fab.verify.positions import Source
+
+if TYPE_CHECKING:
+    from tactape_fab.decode.localizer import Localizer
+    from tactape_fab.decode.result import Localization
+
+Progress = Callable[[str, int, int], None]
+Locate = Callable[[FloatImage], "Localization"]
+Reachable = Callable[[FloatArray], bool]
+
+RIGHT, LIMITED, OVERHANG, MISSED, WRONG = range(5)
+"""What became of a contact: located at its place; not located where error-free symbols would hardly do; not located where it
+hangs over the board's edge, whose imprint is none of a part; not located though error-free symbols would do; located elsewhere.
+"""
+
+INSIDE, EDGE = 96, 48
+"""Contacts of the full round trip, dealt out to the sources: wholly on the field, and hanging over its edge."""
+MANY_SECTORS, FEWER = 1000, 4
+"""A code of many sectors holds every contact against all of them: so many times fewer contacts."""
+QUICK = 6
+STRICTER = 1000.0
+"""A contact must be located where error-free symbols keep the rule so many times over: one misread symbol costs as much."""
+ERROR_FREE = DotErrors(
+    sigma_px=0.0,
+    rim_sigma_px=0.0,
+    rim_pull_px=0.0,
+    outliers=0.0,
+    lost=0.0,
+    least_imprint=0.5,
+    false_dots=0.0,
+    weight_sigma=0.0,
+)
+"""Dots where the parts inside the contact really stand."""
+
+_SEED = 0
+_STEP = "round trip: contact"
+_RIGHT_PITCHES, _RIGHT_DEG = 0.25, 10.0
+_QUICK_TOLERATED = 0.34
+"""The paper's method gives no bound, and misses a contact now and then."""
+_QUICK_PITCH_PX = 24.0
+_QUICK_MARGIN = 2
+"""Grid points around a window that the quick round trip's sensor sees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trip:
+    """Contacts with the parts of one source, and what became of them.
+
+    Attributes
+    ----------
+    source : str
+    poses : ndarray, shape (n, 3)
+        x mm, y mm (texture frame), theta deg.
+    outcome : ndarray of int, shape (n,)
+        RIGHT, LIMITED, OVERHANG, MISSED or WRONG.
+    error_um : ndarray, shape (n,)
+        Distance from the true position; NaN where nothing was located.
+    reasons : Counter of str
+        Why contacts were not located.
+    tolerated : float
+        Share of the contacts that may be MISSED or WRONG: none where the decoder bounds its errors.
+    """
+
+    source: str
+    poses: FloatArray
+    outcome: IntArray
+    error_um: FloatArray
+    reasons: Counter[str]
+    tolerated: float = 0.0
+
+    def count(self, outcome: int) -> int:
+        return int((self.outcome == outcome).sum())
+
+    @property
+    def failed(self) -> bool:
+        return self.count(WRONG) + self.count(MISSED) > self.tolerated * len(self.outcome)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contact:
+    """What touches the tape: the sensor, and the scene, which says how large the contact is."""
+
+    sensor: SensorProfile
+    scene: Scene
+
+
+def read_contact(sensor: str = "gelsight-mini", size: object = None) -> Contact:
+    """A contact from what a user asked for.
+
+    Parameters
+    ----------
+    sensor : str
+        Profile name or the path of its TOML file.
+    size : (float, float) or "pad", optional
+        Axes of an ellipse, mm, or the whole field; 11 x 9 mm when left out.
+
+    Raises
+    ------
+    SpecError
+        Every value that cannot be used, all together.
+    """
+    problems: list[Problem] = []
+    profile, scene = None, None
+    try:
+        profile = load_sensor(sensor)
+    except SpecError as error:
+        problems += error.problems
+    try:
+        options: dict[str, Any] = {} if size is None else {"contact": "pad"} if size == "pad" else {"contact_mm": size}
+        scene = Scene(**options)
+    except SpecError as error:
+        problems += error.problems
+    if profile is None or scene is None:
+        raise SpecError(problems)
+    return Contact(sensor=profile, scene=scene)
+
+
+def quick_trips(tape: Tape, sources: Sequence[Source]) -> list[Trip]:
+    """A few contacts from each source; see `quick_trip`."""
+    return [quick_trip(tape, source) for source in sources]
+
+
+def quick_trip(tape: Tape, source: Source) -> Trip:
+    """A few contacts, decoded by the paper's method on a sensor that sees a whole window in any direction."""
+    from tactape_fab.decode.paper import locate_paper, locate_paper_dots
+
+    px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
+    side_px = ceil(sqrt(2) * (get_code(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
+    sensor = SensorProfile(name="quick", title="", width_px=side_px, height_px=side_px, px_per_mm=(px_per_mm, px_per_mm))
+    scene = Scene(contact="pad", noise=0.0)
+    size = (float(side_px), float(side_px))
+
+    def reachable(pose: FloatArray) -> bool:
+        xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
+        return locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0].located
+
+    def locate(depth: FloatImage) -> Localization:
+        return locate_paper(depth, [tape], px_per_mm=px_per_mm)[0]
+
+    poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
+    trip = _trip(tape, source, poses, sensor, scene, locate, reachable, lambda: None)
+    return replace(trip, tolerated=_QUICK_TOLERATED)
+
+
+def full_trips(
+    tape: Tape,
+    sources: Sequence[Source],
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+    *,
+    counts: tuple[int, int] = (INSIDE, EDGE),
+) -> list[Trip]:
+    """Contacts over the whole field and its edges, others for every source, decoded with all that is in them.
+
+    Parameters
+    ----------
+    tape : Tape
+        As the manifest has it.
+    sources : sequence of Source
+    contact : Contact, optional
+        `read_contact`'s when left out.
+    progress : callable
+        Told of every contact.
+    counts : (int, int)
+        Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
+    """
+    from tactape_fab.decode.localizer import KAPPA, Localizer
+
+    contact = contact or read_contact()
+    sensor, scene = contact.sensor, contact.scene
+
+    fewer = FEWER if get_code(tape.code).sectors > MANY_SECTORS else 1
+    each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
+    poses = [
+        np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))
+    ]
+    count, done = sum(map(len, poses)), 0
+    progress(_STEP, done, count)  # the first Localizer ever compiles
+    localizer = Localizer([tape], sensor)
+    strict = Localizer([tape], sensor, max_p_false=1e-4 / STRICTER, kappa=KAPPA * STRICTER)
+
+    def reachable(pose: FloatArray) -> bool:
+        return error_free(strict, tape, pose, scene).located
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(_STEP, done, count)
+
+    trips = [
+        _trip(tape, source, at, sensor, scene, localizer.locate, reachable, step)
+        for source, at in zip(sources, poses, strict=True)
+    ]
+    return [_with_edges_excused(tape, source, trip, contact) for source, trip in zip(sources, trips, strict=True)]
+
+
+def error_free(localizer: Localizer, tape: Tape, pose: FloatArray, scene: Scene) -> Localization:
+    """What the decoder's rule says of the dots that are really there, each exactly in its place: the information limit."""
+    dots = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=localizer.sensor)
+    return localizer.locate_dots(dots.xy_px)
+
+
+def _trip(
+    tape: Tape,
+    source: Source,
+    poses: FloatArray,
+    sensor: SensorProfile,
+    scene: Scene,
+    locate: Locate,
+    reachable: Reachable,
+    step: Callable[[], None],
+) -> Trip:
+    outcome, error_um = np.full(len(poses), LIMITED), np.full(len(poses), np.nan)
+    reasons: Counter[str] = Counter()
+
+    frames = iterate_frames(tape, len(poses), _SEED, sensor, scene, poses=poses, parts=source.parts)
+    for k, frame in enumerate(frames):
+        fix = locate(frame.depth)
+        if fix.located and fix.position_mm is not None and fix.theta_deg is not None:
+            error_um[k] = np.hypot(*(np.asarray(fix.position_mm) - frame.position_mm)) * 1000.0
+            turn_deg = abs((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
+            right = error_um[k] <= _RIGHT_PITCHES * tape.pitch_mm * 1000.0 and turn_deg <= _RIGHT_DEG
+            outcome[k] = RIGHT if right else WRONG
+        else:
+            reasons[fix.reason or "no answer"] += 1
+            outcome[k] = MISSED if reachable(poses[k]) else LIMITED
+        step()
+    return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
+
+
+def _with_edges_excused(tape: Tape, source: Source, trip: Trip, contact: Contact) -> Trip:
+    """The same with OVERHANG for what is MISSED over the board's edge; parts in the wrong place are no excuse for anything."""
+    missed = np.flatnonzero(trip.outcome == MISSED)
+    if not len(missed) or explain(tape, source.parts.xy_mm) is not None:
+        return trip
+    outcome = trip.outcome.copy()
+    for k in missed:
+        view = make_view(tape, trip.poses[k, :2], float(trip.poses[k, 2]), contact.sensor, contact.scene)
+        outline = view.to_board(contact_outline_mm(contact.scene, view.half_field_mm))
+        if inset_mm(outline, tape.board.size_mm, tape.board.corner_radius_mm).min() < 0.0:
+            outcome[k] = OVERHANG
+    return replace(trip, outcome=outcome)
+
+
+def trip_checks(tape: Tape, sources: Sequence[Source], trips: Sequence[Trip]) -> list[Check]:
+    """One line for each source; where some fail and others do not, it says which of them is to blame."""
+    return [_line(tape, source, trip, trips) for source, trip in zip(sources, trips, strict=True)]
+
+
+def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Check:
+    name, right, count = f"round trip from {source.name}", trip.count(RIGHT), len(trip.outcome)
+    if trip.failed:
+        message = "; ".join(_problems(tape, source, trip, trips))
+        return Check(name=name, passed=False, message=message, figure=float(right))
+    if right == 0:
+        message = (
+            f"none of {count} contacts shows enough to be located on this tape; see what a larger one does with --contact AxB"
+        )
+        return Check(name=name, passed=False, warning=True, message=message, figure=0.0)
+    p50, p95, p99 = np.percentile(trip.error_um[trip.outcome == RIGHT], [50, 95, 99])
+    said = ((LIMITED, "shows too little to be located"), (OVERHANG, "hangs over the board's edge and is not located"))
+    rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))
+    message = f"{right} of {count} contacts located and right{rest}; error p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} um"
+    return Check(name=name, passed=True, message=message, figure=float(right))
+
+
+def _problems(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Iterable[str]:
+    count = len(trip.outcome)
+    for outcome, what in ((WRONG, "decode to another place"), (MISSED, "are not located though the tape says enough there")):
+        if trip.count(outcome):
+            x, y, theta = trip.poses[trip.outcome == outcome][0]
+            far = f", {trip.error_um[trip.outcome == WRONG][0] / 1000:.3f} mm off" if outcome == WRONG else ""
+            yield f"{trip.count(outcome)} of {count} contacts {what}, first at x {x:.2f}, y {y:.2f} mm, {theta:.0f} deg{far}"
+    if trip.count(MISSED):
+        reason, times = trip.reasons.most_common(1)[0]
+        yield f"the decoder says {times} times: {reason}"
+    cause = explain(tape, source.parts.xy_mm)
+    if cause is not None:
+        yield f"the {source.name} is what is wrong: {cause}" if any(not t.failed for t in trips) else f"{source.name}: {cause}"
+    fine = [t.source for t in trips if not t.failed]
+    if fine:
+        yield f"{' and '.join(fine)} decode{'s' * (len(fine) == 1)} right"

@@ -1,0 +1,87 @@
+"""Random kits through the round trip: no answer is wrong, and whatever is not located shows too little.
+
+TACTAPE_KITS=FIRST:LAST takes those kits instead of the first twelve, from each source as many contacts as `verify` takes in all.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactape_fab.errors import SpecError
+from tactape_fab.fields import Fields
+from tactape_fab.kit.readback import read_cpl, read_gerber
+from tactape_fab.kit.spec import TapeSpec
+from tactape_fab.make import Examined, examine, make_examined
+from tactape_fab.solids.forms import read_form
+from tactape_fab.solids.readmesh import read_stl
+from tactape_fab.texture.code import CODE_NAMES, get_code
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
+from tactape_fab.verify.round_trip import EDGE, INSIDE, LIMITED, MISSED, OVERHANG, RIGHT, WRONG, full_trips
+from tests.roundtrip.kits import OpenKit
+
+KITS = os.environ.get("TACTAPE_KITS", "")
+FIRST, LAST = (int(v) for v in KITS.split(":")) if KITS else (0, 12)
+COUNTS = (INSIDE, EDGE) if KITS else (8, 4)  # from each source
+SOLID = ("block", "dome", "cone")
+
+
+def drawn(number: int) -> Examined:
+    """The first spec of a stream that is a legal tape within its design rules."""
+    rng = np.random.default_rng([11, number])
+    while True:
+        code = str(rng.choice(CODE_NAMES))
+        sectors, solid = get_code(code).sectors, rng.random() < 0.25
+        sector, pitch_mm = int(rng.integers(sectors)), round(float(rng.uniform(1.0, 2.6)), 2)
+        values: dict[str, Any] = {
+            "sector": sector,
+            "code": code,
+            "pitch_mm": pitch_mm,
+            "displacement_mm": round(pitch_mm * float(rng.uniform(0.12, 0.24)), 3),
+            "size_mm": [round(float(rng.uniform(20.0, 200.0)), 1), round(float(rng.uniform(20.0, 100.0)), 1)],
+            "part": str(rng.choice(SOLID) if solid else "r0201"),
+            "tag": str(rng.choice(["strip", "none"])),
+            "models": solid,
+        }
+        if rng.random() < 0.5:
+            values["origin"] = rng.integers(0, 3000, 2).tolist()
+        if values["tag"] == "strip" and not solid:
+            values["tag_id"] = sector % 587
+        try:
+            examined = examine(TapeSpec.from_mapping(values))
+        except SpecError:
+            continue
+        if not any(finding.blocks for finding in examined.findings):
+            return examined
+
+
+def sources_of(folder: Path, tape: Tape) -> list[Source]:
+    """Parts as each of the written files has them."""
+    kit = OpenKit(folder)
+    if "cpl" not in kit.data:
+        return [stl_source(tape, read_form(Fields(kit.manifest["solid"])), read_stl(kit.data["stl"]))]
+    flashes = read_gerber(kit.data["copper-top"]).flash_xy_mm
+    pads = kit.manifest["land_pattern"]["pads"]
+    return [cpl_source(read_cpl(kit.data["cpl"])), copper_source(flashes, pads["offset_mm"], tape.part.rotation_deg)]
+
+
+@pytest.mark.parametrize("number", range(FIRST, LAST))
+def test_a_random_kit_comes_back(number: int, tmp_path: Path) -> None:
+    kit = make_examined(drawn(number), tmp_path / "kit")
+    assert len([c for c in kit.checks if c.name.startswith("round trip") and c.passed]) == (1 if "stl" in kit.files else 2)
+    tape = Tape.load(kit.path)
+    sources = sources_of(kit.path, tape)
+    for trip in full_trips(tape, sources, counts=(COUNTS[0] * len(sources), COUNTS[1] * len(sources))):
+        counted = {name: trip.count(value) for name, value in _NAMES.items()}
+        worst = float(np.nanmax(trip.error_um)) if counted["right"] else float("nan")
+        print(f"\nkit {number} {tape.code} {tape.part.name} W {tape.pitch_mm} {trip.source}: {counted}, {worst:.0f} um")
+        assert counted["wrong"] == 0, trip.poses[trip.outcome == WRONG]
+        assert counted["missed"] == 0, (trip.poses[trip.outcome == MISSED], trip.reasons)
+
+
+_NAMES = {"right": RIGHT, "limited": LIMITED, "overhang": OVERHANG, "missed": MISSED, "wrong": WRONG}

@@ -1,0 +1,306 @@
+"""The round trip of `verify`: contacts of the parts that each written file places are decoded, and a wrong file is named."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from tactape_fab import Kit, Tape, TapeSpec, make_kit
+from tactape_fab.cli import main
+from tactape_fab.fields import Fields
+from tactape_fab.kit.readback import read_gerber
+from tactape_fab.simulate.parts import parts_of
+from tactape_fab.solids.forms import read_form
+from tactape_fab.solids.mesh import Mesh, stl_bytes
+from tactape_fab.solids.readmesh import read_stl
+from tactape_fab.verify import Verification, coverage, verify_kit
+from tactape_fab.verify.coverage import TURNS, coverage_of
+from tactape_fab.verify.misplaced import explain
+from tactape_fab.verify.positions import Source, copper_source, stl_source
+from tactape_fab.verify.round_trip import (
+    EDGE,
+    INSIDE,
+    QUICK,
+    RIGHT,
+    WRONG,
+    Trip,
+    full_trips,
+    quick_trip,
+    read_contact,
+    trip_checks,
+)
+from tests.roundtrip.kits import Edit, OpenKit, Point, failed, flashes, mirror, mirrored, moved
+
+Copy = Callable[[Kit], Path]
+
+SIDE_MM = 20.0
+HALF = moved(0.75, 0.0)
+MIRRORED, TURNED = mirrored(SIDE_MM), lambda p: (SIDE_MM - p[0], SIDE_MM - p[1])
+CONTACTS = INSIDE + EDGE
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> OpenKit:
+    """The flat kit as sector 101 has it."""
+    spec = TapeSpec(sector=101, size_mm=(SIDE_MM, SIDE_MM), holes_mm=[(16.4, 10.0, 1.0)], models=False)
+    return OpenKit(make_kit(spec, tmp_path_factory.mktemp("other") / "tactape-s101").path)
+
+
+def cpl(change: Callable[[Point], Point]) -> Edit:
+    def edit(kit: OpenKit) -> None:
+        def moved_rows(table: list[list[str]]) -> None:
+            for row in table[1:]:
+                row[1:3] = [f"{v:.4f}" for v in change((float(row[1]), float(row[2])))]
+
+        kit.rows("cpl", moved_rows)
+
+    return edit
+
+
+def lines(verification: Verification) -> dict[str, str]:
+    """Messages of the round trip's failed lines by the source of the parts."""
+    return {n.removeprefix("round trip from "): c.message for n, c in failed(verification).items() if n.startswith("round trip")}
+
+
+# What is wrong is named
+
+
+WRONG_FILES = pytest.mark.parametrize(
+    ("edit", "wrong", "says"),
+    [
+        pytest.param(cpl(HALF), "CPL", "it is shifted by (+0.750, +0.000) mm on the board, half a pitch along x", id="cpl half"),
+        pytest.param(cpl(MIRRORED), "CPL", "it is mirrored left to right", id="cpl mirrored"),
+        pytest.param(cpl(TURNED), "CPL", "it is turned by 180 deg", id="cpl turned"),
+        pytest.param(
+            flashes("copper-top", HALF), "copper", "shifted by (+0.750, +0.000) mm on the board, half", id="copper half"
+        ),
+        pytest.param(mirror("copper-top", SIDE_MM), "copper", "it is mirrored left to right", id="copper mirrored"),
+        pytest.param(flashes("copper-top", TURNED), "copper", "it is turned by 180 deg", id="copper turned"),
+    ],
+)
+
+
+@WRONG_FILES
+def test_the_one_source_that_is_wrong_is_named(edit: Edit, wrong: str, says: str, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    edit(kit)
+    said = lines(verify_kit(kit.save(consistent=True), quick=True))
+    right = {"CPL": "copper", "copper": "CPL"}[wrong]
+    assert list(said) == [wrong]
+    assert f"the {wrong} is what is wrong: " in said[wrong] and says in said[wrong]
+    assert said[wrong].endswith(f"{right} decodes right")
+
+
+def test_the_decoder_finds_the_copper_half_a_pitch_off(flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    flashes("copper-top", HALF)(kit)
+    said = lines(verify_kit(kit.save(consistent=True)))
+    assert list(said) == ["copper"] and "the copper is what is wrong: it is shifted by (+0.750, +0.000) mm" in said["copper"]
+    assert f" of {CONTACTS // 2} contacts decode to another place" in said["copper"] and "0.75" in said["copper"]
+
+
+@pytest.mark.parametrize("quick", [True, False], ids=["quick", "full"])
+@pytest.mark.parametrize("turned", [False, True], ids=["upright", "turned by 180 deg"])
+def test_parts_of_another_sector_are_named(turned: bool, quick: bool, flat_kit: Kit, other: OpenKit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    kit.data.update({role: other.data[role] for role in ("cpl", "copper-top")})
+    if turned:
+        cpl(TURNED)(kit)
+        flashes("copper-top", TURNED)(kit)
+    said = lines(verify_kit(kit.save(consistent=True), quick=quick))
+    assert set(said) == {"CPL", "copper"}
+    for source, message in said.items():
+        assert f"{source}: its parts are those of sector 101, not 100" in message
+        assert ("it is turned by 180 deg" in message) == turned
+        assert "decodes right" not in message
+
+
+def test_a_solid_of_another_sector_is_named(tmp_path: Path) -> None:
+    def made(sector: int) -> Kit:
+        return make_kit(TapeSpec(sector=sector, part="block", size_mm=(SIDE_MM, SIDE_MM)), tmp_path / f"made-{sector}")
+
+    kit, foreign = OpenKit(made(3).path), OpenKit(made(4).path)
+    kit.data.update({role: foreign.data[role] for role in ("stl", "3mf", "step-solid")})
+    said = lines(verify_kit(kit.save(consistent=True), quick=True))
+    assert list(said) == ["STL"] and "its parts are those of sector 4, not 3" in said["STL"]
+
+
+def test_every_way_to_be_misplaced_is_put_into_words(default_kit: Kit) -> None:
+    tape, at = default_kit.tape, default_kit.tape.part_xy_mm()
+    height = tape.board.size_mm[1]
+    quarter = at @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    elsewhere = parts_of(_again(tape, origin=(0, 0))).xy_mm
+    said = {
+        None: at,
+        "it has no parts": at[:0],
+        "its parts stand on no grid of pitch 1.5 mm": np.random.default_rng(1).uniform(0.0, 40.0, (900, 2)),
+        "it is shifted by (+0.000, -0.030) mm on the board": at - (0.0, 0.030),
+        "it is shifted by (-3.000, +0.750) mm on the board, 2 pitches along x and half a pitch along y": at - (3.0, -0.75),
+        "it is mirrored top to bottom": at * (1.0, -1.0) - (0.0, -height),
+        "it is turned by 90 deg": quarter,
+        "its parts are those of sector 7 at origin 0,0, not 84,1428": elsewhere,
+        "its parts are those of sector 7 of 'debruijn-4x4', not 7": parts_of(_again(tape, code="debruijn-4x4")).xy_mm,
+        "its parts name no one place of 'microdots-4x4' or another code": tape.cells() * 1.5 + tape.board.texture_origin_mm,
+    }
+    assert {words: explain(tape, np.asarray(xy_mm, dtype=np.float64)) for words, xy_mm in said.items()} == {
+        words: words for words in said
+    }
+
+
+def _again(tape: Tape, **options: object) -> Tape:
+    from tactape_fab.make import examine
+
+    return examine(TapeSpec.from_mapping({"sector": tape.sector, **options})).tape
+
+
+# Where the parts are read from
+
+
+def test_the_three_sources_agree_within_their_resolution(default_kit: Kit) -> None:
+    tape, kit = default_kit.tape, OpenKit(default_kit.path)
+    pads = kit.manifest["land_pattern"]["pads"]
+    copper = copper_source(read_gerber(kit.data["copper-top"]).flash_xy_mm, pads["offset_mm"], tape.part.rotation_deg)
+    stl = stl_source(tape, read_form(Fields(kit.manifest["solid"])), read_stl(kit.data["stl"]))
+    for source, tolerance_mm in ((copper, 1e-5), (stl, 1e-4)):
+        assert len(source.parts.xy_mm) == tape.part_count
+        apart = source.parts.xy_mm[:, None] - tape.part_xy_mm()[None]
+        assert np.hypot(apart[..., 0], apart[..., 1]).min(axis=1).max() <= tolerance_mm
+        assert np.abs((source.parts.rotation_deg - 45.0 + 90.0) % 180.0 - 90.0).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("part", "options"),
+    [("block", {"negative": True}), ("block", {"cylinder_mm": 15.0}), ("dome", {}), ("cone", {"negative": True})],
+    ids=["block mould", "block cylinder", "dome", "cone mould"],
+)
+def test_solids_decode_from_their_mesh(part: str, options: dict[str, object], tmp_path: Path) -> None:
+    spec = TapeSpec.from_mapping({"sector": 5, "part": part, "size_mm": [SIDE_MM, SIDE_MM], **options})
+    kit = make_kit(spec, tmp_path / "kit")
+    check = next(c for c in kit.checks if c.name == "round trip from STL")
+    assert check.passed and check.figure == QUICK
+
+
+def test_a_shifted_mesh_is_followed_off_the_grid(default_kit: Kit) -> None:
+    kit = OpenKit(default_kit.path)
+    mesh = read_stl(kit.data["stl"])
+    shifted = read_stl(stl_bytes(Mesh(vertices_mm=mesh.vertices_mm - (-0.75, 0.0, 0.0), faces=mesh.faces), "shifted"))
+    source = stl_source(default_kit.tape, read_form(Fields(kit.manifest["solid"])), shifted)
+    assert "half a pitch along x" in str(explain(default_kit.tape, source.parts.xy_mm))
+
+
+# How it passes
+
+
+def test_the_full_round_trip_of_the_main_job(default_kit: Kit) -> None:
+    tape, told = default_kit.tape, list[tuple[str, int, int]]()
+    source = Source(name="CPL", parts=parts_of(tape))
+    (trip,) = full_trips(tape, [source], progress=lambda *step: told.append(step))
+    (check,) = trip_checks(tape, [source], [trip])
+    assert check.passed and trip.count(RIGHT) >= 0.95 * CONTACTS
+    assert [done for _, done, _ in told] == list(range(CONTACTS + 1)) and {count for *_, count in told} == {CONTACTS}
+    assert np.nanpercentile(trip.error_um, 50) < 10.0
+    corner = np.abs(trip.poses[:, :2] - [(tape.columns - 1) * 0.75, (tape.rows - 1) * 0.75]).max(axis=0)
+    assert (corner > [(tape.columns - 1) * 0.75 - 1.0, (tape.rows - 1) * 0.75 - 1.0]).all(), "no contact near the edges"
+
+
+def test_too_small_a_contact_is_a_warning_and_no_failure(flat_kit: Kit) -> None:
+    verification = verify_kit(flat_kit.path, contact=read_contact(size=(3.0, 3.0)))
+    found = [c for c in verification.checks if c.name.startswith("round trip")]
+    assert len(found) == 2 and all(c.warning and not c.passed and "larger one" in c.message for c in found)
+    assert verification.passed
+
+
+def test_a_wrong_answer_fails_however_many_are_right(default_kit: Kit) -> None:
+    outcome = np.full(CONTACTS, RIGHT)
+    outcome[5] = WRONG
+    poses, error_um = np.zeros((CONTACTS, 3)), np.where(outcome == RIGHT, 4.0, 2000.0)
+    source = Source(name="CPL", parts=parts_of(default_kit.tape))
+    trip = Trip(source="CPL", poses=poses, outcome=outcome, error_um=error_um, reasons=Counter())
+    (check,) = trip_checks(default_kit.tape, [source], [trip])
+    assert not check.passed and f"1 of {CONTACTS} contacts decode to another place" in check.message
+    assert "2.000 mm off" in check.message
+
+
+def test_quick_needs_no_compiler(tmp_path: Path) -> None:
+    script = (
+        "import sys; from tactape_fab import TapeSpec, make_kit\n"
+        "kit = make_kit(TapeSpec(sector=7, size_mm=(20, 20), models=False), sys.argv[1])\n"
+        "print([c.name for c in kit.checks if c.name.startswith('round trip')], 'numba' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", script, str(tmp_path / "kit")], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "['round trip from CPL', 'round trip from copper'] False"
+
+
+def test_the_quick_round_trip_is_the_same_every_time(flat_kit: Kit) -> None:
+    source = Source(name="CPL", parts=parts_of(flat_kit.tape))
+    first, again = (quick_trip(flat_kit.tape, source) for _ in range(2))
+    assert (first.error_um == again.error_um).all() and first.count(RIGHT) == QUICK
+
+
+# The map
+
+
+@pytest.fixture
+def few_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Maps with few places, which are done sooner."""
+    monkeypatch.setattr(coverage, "_PLACES", 100)
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["verify", *arguments], prog_name="tactape-fab")
+
+
+def test_the_map_tells_where_contacts_are_located(flat_kit: Kit, few_places: None) -> None:
+    tape = flat_kit.tape
+    large, small = (coverage_of(tape, read_contact(size=size)) for size in ((9.0, 9.0), (6.5, 6.5)))
+    assert large.share.shape == (len(large.y_mm), len(large.x_mm)) and set(np.unique(large.share * TURNS)) <= {0, 1, 2, 3}
+    x, y = np.meshgrid(large.x_mm, large.y_mm)
+    field = (x > 2.0) & (x < (tape.columns - 1) * 1.5 - 2.0) & (y > 2.0) & (y < (tape.rows - 1) * 1.5 - 2.0)
+    assert large.share[field].mean() > 0.9 and large.share[x < -3.0].max() < 0.1
+    assert 0.0 < small.share.mean() < large.share.mean()
+
+
+def test_the_map_is_a_picture_beside_the_kit(flat_kit: Kit, tmp_path: Path, few_places: None) -> None:
+    import cv2
+
+    done = run(str(flat_kit.path), "--map", str(tmp_path / "map.png"), "--contact", "8x8")
+    assert done.exit_code == 0
+    picture = np.asarray(cv2.imread(str(tmp_path / "map.png")))
+    assert picture.shape[0] > 600 and picture.shape[1] > 900
+    for colour in ((247, 220, 180), (90, 150, 235), (178, 90, 0)):  # located anywhere, nowhere, and in the round trip
+        assert np.all(picture == np.array(colour), axis=2).sum() > 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--map", "{kit}/map.png"), "lies in the kit"),
+        (("--map", "{kit}/assembly/../map.png"), "lies in the kit"),
+        (("--map", "{tmp}/map.jpg"), "does not end with .png"),
+        (("--map", "{tmp}/nowhere/map.png"), "there is no folder of that name"),
+        (("--contact", "huge"), "contact_mm"),
+        (("--contact", "0x5"), "0.1 mm"),
+        (("--contact", "nanx5"), "contact_mm"),
+        (("--sensor", "nosuch"), "nosuch"),
+        (("--quick", "--map", "{tmp}/map.png"), "leave out --quick, or --map"),
+        (("--quick", "--contact", "5x5", "--sensor", "digit"), "leave out --quick, or --contact, --sensor"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_2(arguments: tuple[str, ...], says: str, flat_kit: Kit, tmp_path: Path) -> None:
+    before = sorted(path.name for path in flat_kit.path.rglob("*"))
+    done = run(str(flat_kit.path), *(a.format(kit=flat_kit.path, tmp=tmp_path) for a in arguments))
+    assert done.exit_code == 2 and says in done.stderr, done.output
+    assert sorted(path.name for path in flat_kit.path.rglob("*")) == before and not list(tmp_path.glob("*"))
+
+
+def test_all_that_is_wrong_is_said_at_once(flat_kit: Kit, tmp_path: Path) -> None:
+    done = run(str(flat_kit.path), "--map", str(flat_kit.path / "m.png"), "--contact", "0x0", "--sensor", "nosuch")
+    assert done.exit_code == 2
+    assert all(word in done.stderr for word in ("lies in the kit", "0.1 mm", "nosuch"))
