@@ -109,6 +109,8 @@ class Kit:
         Every line of its verification; empty where none was asked for.
     files : dict of str to str
         Role to path, relative to the folder.
+    search : Choice or None
+        What a search for the origin found; None where there was none.
     """
 
     path: Path
@@ -116,6 +118,7 @@ class Kit:
     findings: tuple[Finding, ...]
     checks: tuple[Check, ...]
     files: Mapping[str, str]
+    search: Choice | None = None
 
 
 def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
@@ -414,6 +417,7 @@ def make_examined(
         findings=examined.findings,
         checks=checks,
         files={a.role: a.path for a in artifacts},
+        search=examined.search,
     )
 
 
