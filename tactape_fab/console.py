@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tactape_fab.emboss import Embossed
     from tactape_fab.make import Kit
     from tactape_fab.profiles import FabProfile
+    from tactape_fab.texture.choose import Choice
     from tactape_fab.texture.tape import Tape
 
 PURPOSES = (
@@ -139,10 +140,21 @@ def kit_lines(kit: Kit) -> list[str]:
         f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm",
         f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
         f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm",
+        *_search_lines(kit.search),
         f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified",
         *(f"{f.rule}: {f.message}" for f in kit.findings if f.rule == "coverlay" and f.level == "info"),
         *_purpose_lines(kit),
     ]
+
+
+def _search_lines(search: Choice | None) -> list[str]:
+    if search is None:
+        return []
+    before = "" if search.default_distance is None else f" (at the default origin {search.default_distance})"
+    lines = [f"best of {search.candidates} origins: 4x4 windows differ by at least {search.distance} symbols{before}"]
+    if search.from_others is not None:
+        lines.append(f"and by at least {search.from_others} from those of the tapes to avoid")
+    return lines
 
 
 def embossed_json(made: Embossed) -> dict[str, Any]:

@@ -120,6 +120,8 @@ class Kit:
         Every line of its verification; empty where none was asked for.
     files : dict of str to str
         Role to path, relative to the folder.
+    search : Choice or None
+        What a search for the origin found; None where there was none.
     """
 
     path: Path
@@ -127,6 +129,7 @@ class Kit:
     findings: tuple[Finding, ...]
     checks: tuple[Check, ...]
     files: Mapping[str, str]
+    search: Choice | None = None
 
 
 def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
@@ -445,6 +448,7 @@ def make_examined(
         findings=examined.findings,
         checks=checks,
         files={a.role: a.path for a in artifacts},
+        search=examined.search,
     )
 
 

@@ -169,4 +169,7 @@ def test_make_warns_of_windows_that_read_the_same(shelf: Path) -> None:
     assert result.exit_code == 0
     assert f"warning: windows: {twins.of_side(4).pairs} pair" in result.stderr
     assert "use --origin best" in result.stderr
-    assert "warning" not in run("make --sector 4 --origin best --no-3d --no-verify -o best").stderr
+    better = run("make --sector 4 --origin best --no-3d --no-verify -o best")
+    search = json.loads(Path("best/manifest.json").read_bytes())["search"]
+    assert "warning" not in better.stderr
+    assert f"best of {search['candidates']} origins: 4x4 windows differ by at least {search['distance']} symbols" in better.stdout
