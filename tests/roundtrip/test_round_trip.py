@@ -187,6 +187,13 @@ def test_solids_decode_from_their_mesh(part: str, options: dict[str, object], tm
     assert check.passed and check.figure == QUICK
 
 
+@pytest.mark.parametrize(("part", "size_mm"), [("block", [20.0, 8.0]), ("r0201", [20.0, 10.0])])
+def test_the_quick_round_trip_sees_tapes_hardly_wider_than_a_window(part: str, size_mm: list[float], tmp_path: Path) -> None:
+    spec = TapeSpec.from_mapping({"sector": 5, "part": part, "size_mm": size_mm, "tag": "none", "models": part == "block"})
+    found = [c for c in make_kit(spec, tmp_path / "kit").checks if c.name.startswith("round trip")]
+    assert found and all(c.passed and c.figure == QUICK for c in found)
+
+
 def test_a_shifted_mesh_is_followed_off_the_grid(default_kit: Kit) -> None:
     kit = OpenKit(default_kit.path)
     mesh = read_stl(kit.data["stl"])
