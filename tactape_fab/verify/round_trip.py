@@ -46,6 +46,8 @@ MANY_SECTORS, FEWER = 1000, 4
 QUICK = 6
 STRICTER = 1000.0
 """A contact must be located where error-free symbols keep the rule so many times over: one misread symbol costs as much."""
+NOISE_SHARE = 0.05
+"""Share of the contacts that the sensor's noise may cost though error-free symbols would do."""
 ERROR_FREE = DotErrors(
     sigma_px=0.0,
     rim_sigma_px=0.0,
@@ -84,7 +86,7 @@ class Trip:
     reasons : Counter of str
         Why contacts were not located.
     tolerated : float
-        Share of the contacts that may be MISSED or WRONG: none where the decoder bounds its errors.
+        Share of the contacts that may be MISSED, or WRONG: of the latter none where the decoder bounds its errors.
     """
 
     source: str
@@ -99,7 +101,8 @@ class Trip:
 
     @property
     def failed(self) -> bool:
-        return self.count(WRONG) + self.count(MISSED) > self.tolerated * len(self.outcome)
+        count = len(self.outcome)
+        return self.count(WRONG) > self.tolerated * count or self.count(MISSED) > max(self.tolerated, NOISE_SHARE) * count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -291,7 +294,7 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
     said = (
         (LIMITED, "shows too little to be located"),
         (OVERHANG, "hangs over the board's edge and is not located"),
-        (MISSED, "not located by the quick method, which needs whole windows"),
+        (MISSED, "not located by the quick method" if trip.tolerated else "not located in the sensor's noise"),
         (WRONG, "misplaced by the quick method, which has no bound"),
     )
     rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))

@@ -1,4 +1,4 @@
-"""Random kits through the round trip: no answer is wrong, and whatever is not located shows too little.
+"""Random kits through the round trip: no answer is wrong, and what is not located shows too little, but for the noise.
 
 TACTAPE_KITS=FIRST:LAST takes those kits instead of the first twelve, from each source as many contacts as `verify` takes in all.
 """
@@ -22,7 +22,7 @@ from tactape_fab.solids.readmesh import read_stl
 from tactape_fab.texture.code import CODE_NAMES, get_code
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
-from tactape_fab.verify.round_trip import EDGE, INSIDE, LIMITED, MISSED, OVERHANG, RIGHT, WRONG, full_trips
+from tactape_fab.verify.round_trip import EDGE, INSIDE, LIMITED, MISSED, NOISE_SHARE, OVERHANG, RIGHT, WRONG, full_trips
 from tests.roundtrip.kits import OpenKit
 
 KITS = os.environ.get("TACTAPE_KITS", "")
@@ -81,7 +81,7 @@ def test_a_random_kit_comes_back(number: int, tmp_path: Path) -> None:
         worst = float(np.nanmax(trip.error_um)) if counted["right"] else float("nan")
         print(f"\nkit {number} {tape.code} {tape.part.name} W {tape.pitch_mm} {trip.source}: {counted}, {worst:.0f} um")
         assert counted["wrong"] == 0, trip.poses[trip.outcome == WRONG]
-        assert counted["missed"] == 0, (trip.poses[trip.outcome == MISSED], trip.reasons)
+        assert counted["missed"] <= NOISE_SHARE * len(trip.outcome), (trip.poses[trip.outcome == MISSED], trip.reasons)
 
 
 _NAMES = {"right": RIGHT, "limited": LIMITED, "overhang": OVERHANG, "missed": MISSED, "wrong": WRONG}
