@@ -133,7 +133,18 @@ _TAPE_OPTIONS = (
         help="How the models are made, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
     ),
     _TapeOption(
-        ["--assembly"], "assembly", _same, metavar="generic|jlcpcb", help="Columns of the BOM.  [default: the profile's]"
+        ["--assembly"],
+        "assembly",
+        _same,
+        metavar="HOUSE",
+        help="Format of CPL and BOM: generic, jlcpcb, pcbway, eurocircuits, macrofab or kicad.  [default: the profile's]",
+    ),
+    _TapeOption(
+        ["--part-number"],
+        "part_number",
+        _same,
+        metavar="NUMBER",
+        help="The part's number in the BOM, as that house takes it.  [default: the part profile's, or none]",
     ),
     _TapeOption(["--x2"], "x2", _same, metavar="full|comments|off", help="Gerber attributes.  [default: the profile's]"),
     _TapeOption(

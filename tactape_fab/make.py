@@ -15,8 +15,10 @@ from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
+from tactape_fab.kit.order import order_facts
 from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.kit.process_rules import check_models, check_texture
+from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.rules import check
 from tactape_fab.kit.spec import KEYS, TapeSpec
 from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, texture_record, write_kit
@@ -28,6 +30,7 @@ from tactape_fab.profiles import (
     X2Mode,
     load_fab,
     load_process,
+    part_number_problem,
     read_part,
 )
 from tactape_fab.solids.checks import form_problems
@@ -47,6 +50,7 @@ _RESTS_ON = {
     "part": _ELEMENT,
     "body_mm": {"part", "dome_top_mm"},
     "dome_top_mm": {"part", "body_mm"},
+    "part_number": {"assembly", "fab", "part"},
     "cylinder_mm": {"size_mm", "base_mm", "around", *_ELEMENT},
     "around": {"cylinder_mm"},
     "shell": {"cylinder_mm", "size_mm", "around"},
@@ -137,6 +141,7 @@ def examine(spec: TapeSpec) -> Examined:
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
         if refused := film_problems(spec, fab):
             raise SpecError(refused)
+        part = _with_number(part, spec.part_number, fab.assembly)
         return _examine_film(spec, fab_for(spec, fab, part), part, process)
     if isinstance(part, ElementProfile) and process is not None:
         return _examine_texture(spec, part, process)
@@ -150,6 +155,15 @@ def _loaded(load: Callable[[str], T], name: str | None, problems: list[Problem])
     except SpecError as error:
         problems += error.problems
         return None
+
+
+def _with_number(part: PartProfile, number: str | None, house: str) -> PartProfile:
+    """The part with the number that was asked for, as its assembly house takes it."""
+    if number is None:
+        return part
+    if (problem := part_number_problem(number, house)) is not None:
+        raise SpecError(Problem("part_number", problem))
+    return replace(part, part_numbers={**part.part_numbers, house: number})
 
 
 def _examine_film(spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None) -> Examined:
@@ -337,6 +351,8 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     """Every file of the kit, and the content of its manifest."""
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
     artifacts = [] if film is None else render_all(film.layout, film.fab)
+    if film is not None:
+        artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
     if spec.form is not None:
         artifacts += render_models(tape, spec.form, None if film is None else film.fab)
     if film is not None:

@@ -15,6 +15,7 @@ DEFAULT_PROCESS = "sla"
 OPTIONS = {
     "fab": "--fab",
     "assembly": "--assembly",
+    "part_number": "--part-number",
     "x2": "--x2",
     "tag_id": "--tag-id",
     "body_mm": "--body",
@@ -27,7 +28,7 @@ OPTIONS = {
     "shell": "--shell",
 }
 """Option that stands for each key which contradicts another."""
-_OF_A_FILM = ("fab", "assembly", "x2", "tag_id")
+_OF_A_FILM = ("fab", "assembly", "part_number", "x2", "tag_id")
 _OF_MODELS = ("process", "base_mm", "top", "cylinder_mm", "around", "shell")
 _OF_A_CYLINDER = ("around", "shell")
 

@@ -13,7 +13,16 @@ from tactape_fab.fields import Fields, shown, unknown_key
 from tactape_fab.kit.film_options import read_film_options
 from tactape_fab.kit.solid_options import DEFAULT_PROCESS, Part, read_solid_options
 from tactape_fab.kit.tag import LEAST_CELL_MM
-from tactape_fab.profiles import ASSEMBLY_FORMATS, X2_MODES, ElementProfile, profile_names, read_part, read_toml
+from tactape_fab.profiles import (
+    ASSEMBLY_FORMATS,
+    PART_NUMBER_PATTERN,
+    PART_NUMBER_REMEDY,
+    X2_MODES,
+    ElementProfile,
+    profile_names,
+    read_part,
+    read_toml,
+)
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
 from tactape_fab.texture.code import CODE_NAMES, DEFAULT_CODE, default_origin, get_code
 from tactape_fab.texture.frames import snap_mm
@@ -59,7 +68,9 @@ class TapeSpec:
     rotation_deg : float
         Rotation of every part, counter-clockwise, 0 along board x.
     assembly : str or None
-        Columns of CPL and BOM; the fab profile's where None is given.
+        Format of CPL and BOM: the assembly house whose columns they have; the fab profile's where None is given.
+    part_number : str or None
+        Number of the part in the BOM, as that house takes it; the part profile's where None is given, none where it has none.
     x2 : str or None
         Gerber attributes: ``full``, as ``comments``, or ``off``; the fab profile's where None is given.
     corner_radius_mm : float
@@ -116,6 +127,7 @@ class TapeSpec:
     rotation_deg: float = 45.0
     fab: str | None = None
     assembly: str | None = None
+    part_number: str | None = None
     x2: str | None = None
     corner_radius_mm: float = None  # type: ignore[assignment]
     holes_mm: Sequence[tuple[float, float, float]] = ()
@@ -247,6 +259,11 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     values["holes_mm"] = _holes(table, values["size_mm"])
     for key, choices in (("assembly", ASSEMBLY_FORMATS), ("x2", X2_MODES)):
         values[key] = table.text(key, choices=choices) if key in table.values else None
+    values["part_number"] = (
+        table.text("part_number", pattern=PART_NUMBER_PATTERN, remedy=PART_NUMBER_REMEDY)
+        if "part_number" in table.values
+        else None
+    )
     values["name"] = (
         table.text("name", pattern=_NAME_PATTERN, remedy="use 1 to 64 letters, digits, '.', '_', '-'")
         if "name" in table.values

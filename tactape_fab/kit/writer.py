@@ -109,6 +109,13 @@ def film_record(layout: Layout, spec: TapeSpec, fab: FabProfile, process: Proces
     return {
         "fab": {"name": fab.name, **fab.thresholds()},
         "land_pattern": _land_pattern(layout.part, fab),
+        "assembly": {
+            "format": fab.assembly,
+            "value": layout.part.value,
+            "footprint": layout.part.footprint,
+            "description": layout.part.description,
+            "part_number": layout.part.part_numbers.get(fab.assembly),
+        },
         **_film_extras(layout, fab),
         **_models_record(spec.form, process),
         "spec": {**spec.to_mapping(), "assembly": fab.assembly, "x2": fab.x2, "coverlay": fab.coverlay_mode},

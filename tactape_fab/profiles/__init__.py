@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from tactape_fab.profiles.explain import explain_fab
-from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, material_words
-from tactape_fab.profiles.fabs import (
+from tactape_fab.profiles.assembly import (
     ASSEMBLY_FORMATS,
+    FORMATS,
+    PART_NUMBER_PATTERN,
+    PART_NUMBER_REMEDY,
+    BomTable,
+    PlacementTable,
+    part_number_problem,
+)
+from tactape_fab.profiles.explain import explain_fab
+from tactape_fab.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, Origin, material_words
+from tactape_fab.profiles.fabs import (
     BACKING_ROLES,
     GERBER_ROLES,
     LIMIT_IDS,
@@ -18,6 +26,7 @@ from tactape_fab.profiles.fabs import (
     load_fab,
 )
 from tactape_fab.profiles.lookup import Limit, profile_names, read_toml, templates_folder
+from tactape_fab.profiles.ordering import COSTS, Ordering
 from tactape_fab.profiles.parts import (
     LARGEST_BODY_MM,
     ElementProfile,
@@ -34,13 +43,18 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 __all__ = [
     "ASSEMBLY_FORMATS",
     "BACKING_ROLES",
+    "COSTS",
     "COVERLAY_MODES",
+    "FORMATS",
     "GERBER_ROLES",
     "LARGEST_BODY_MM",
     "LIMIT_IDS",
+    "PART_NUMBER_PATTERN",
+    "PART_NUMBER_REMEDY",
     "PROCESS_LIMIT_IDS",
     "X2_MODES",
     "AnchorRules",
+    "BomTable",
     "CoverlayMode",
     "ElementProfile",
     "FabProfile",
@@ -48,7 +62,10 @@ __all__ = [
     "LegendRules",
     "Limit",
     "Material",
+    "Ordering",
+    "Origin",
     "PartProfile",
+    "PlacementTable",
     "ProcessProfile",
     "SensorProfile",
     "SizeLimit",
@@ -60,6 +77,7 @@ __all__ = [
     "load_process",
     "load_sensor",
     "material_words",
+    "part_number_problem",
     "profile_names",
     "read_land",
     "read_part",

@@ -61,6 +61,9 @@ def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
         value = getattr(fab.panel, name)
         shown = list(value) if isinstance(value, tuple) else value
         rows.append(_row(f"panel.{name.removesuffix('_mm')}", shown, "mm" * name.endswith("_mm"), "info", fab.panel.origin))
+    assumptions = {name: (cost, fab.order.currency) for name, cost in fab.order.costs.items()}
+    for name, (assumption, unit) in {**assumptions, "placement": (fab.order.placement, "s")}.items():
+        rows.append(_row(f"order.{name}", assumption.value, unit, "info", assumption.origin))
     return rows
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal, cast
 
 from tactape_fab.errors import Level
 from tactape_fab.fields import Fields, shown
+from tactape_fab.profiles.assembly import ASSEMBLY_FORMATS
 from tactape_fab.profiles.fab_tables import (
     ORIGIN_KEYS,
     AnchorRules,
@@ -28,9 +29,9 @@ from tactape_fab.profiles.fab_tables import (
     read_stencil,
 )
 from tactape_fab.profiles.lookup import SOURCE_KEYS, Limit, profile_table, read_level, read_limit, refuse_problems
+from tactape_fab.profiles.ordering import Ordering, read_ordering
 
 X2_MODES = ("full", "comments", "off")
-ASSEMBLY_FORMATS = ("generic", "jlcpcb")
 LIMIT_IDS = (
     "pad-pad",
     "body-body",
@@ -66,7 +67,7 @@ BACKING_ROLES = ("stiffener-bottom", "adhesive-bottom")
 """What is laminated to the underside; its file names say the material."""
 _TABLES = (
     *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
-    *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel"),
+    *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel", "order"),
 )
 _LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
 _COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
@@ -137,6 +138,7 @@ class FabProfile:
     bend: BendRules | None
     parts: PartsLimit
     panel: PanelRules
+    order: Ordering
     legend: LegendRules
     limits: Mapping[str, Limit]
     size: SizeLimit
@@ -229,6 +231,7 @@ def load_fab(name: str) -> FabProfile:
         bend=read_bend(table),
         parts=read_parts_limit(table),
         panel=read_panel(table),
+        order=read_ordering(table),
         legend=LegendRules(origin=read_origin(legend), **{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
         limits={name: read_limit(limits.table(name, ("value_mm", "warn_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
         size=SizeLimit(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import pi
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, pi
 
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import Fields, shown
+from tactape_fab.profiles.assembly import read_part_numbers
+from tactape_fab.profiles.chips import chip_code_problem
 from tactape_fab.profiles.lookup import profile_table, refuse_problems
 from tactape_fab.texture.tape import PART_SHAPES
 
@@ -31,7 +33,10 @@ class LandPattern:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartProfile:
-    """A part with lands that stands on the grid points, unturned (long axis along x)."""
+    """A part with lands that stands on the grid points, unturned (long axis along x).
+
+    ``part_numbers`` holds a number for each assembly format that has one.
+    """
 
     name: str
     shape: str
@@ -43,6 +48,12 @@ class PartProfile:
     pads: LandPattern
     paste: LandPattern
     courtyard_mm: tuple[float, float]
+    part_numbers: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def lands_mm(self) -> tuple[float, float]:
+        """Length and width of both lands together."""
+        return 2 * self.pads.offset_mm + self.pads.size_mm[0], self.pads.size_mm[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,11 +101,13 @@ def load_part(name: str) -> PartProfile:
 
 
 def _part_with_lands(table: Fields) -> PartProfile:
-    table.refuse_unknown(("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard"))
+    table.refuse_unknown(
+        ("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard", "part_numbers")
+    )
     body = table.table("body", ("size_mm", "tolerance_mm"))
     length, width, height = body.numbers("size_mm", 3, above=0.0, high=LARGEST_BODY_MM)
     courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, above=0.0, high=40.0)
-    return PartProfile(
+    profile = PartProfile(
         name=_part_name(table),
         shape=table.text("shape", choices=("block",), remedy="a part with lands is a block"),
         value=_attribute_text(table, "value"),
@@ -105,7 +118,12 @@ def _part_with_lands(table: Fields) -> PartProfile:
         pads=read_land(table.table("pads", _LAND_KEYS)),
         paste=read_land(table.table("paste", _LAND_KEYS)),
         courtyard_mm=(courtyard[0], courtyard[1]),
+        part_numbers=read_part_numbers(table),
     )
+    for key in ("value", "footprint", "description") if isfinite(length) else ():
+        if (problem := chip_code_problem(getattr(profile, key), profile.body_mm)) is not None:
+            table.problem(key, f"{key} = {shown(getattr(profile, key))} {problem}")
+    return profile
 
 
 def _element(table: Fields) -> ElementProfile:
@@ -163,8 +181,9 @@ def _part_name(table: Fields) -> str:
 
 
 def _attribute_text(table: Fields, key: str) -> str:
-    """A text that may stand in a Gerber attribute or a CSV cell: one line of plain characters, no field separators."""
-    return table.text(key, pattern=r"[A-Za-z0-9 ._()+/,-]{1,200}", remedy="use plain letters, digits and ._()+/,-")
+    """A text that may stand in a Gerber attribute or a cell of a table: one line of plain characters, no formula."""
+    remedy = "use plain letters, digits and ._()+/,-, the first a letter or digit"
+    return table.text(key, pattern=r"[A-Za-z0-9][A-Za-z0-9 ._()+/,-]{0,199}", remedy=remedy)
 
 
 def read_land(table: Fields) -> LandPattern:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import shown, shown_path
+from tactape_fab.profiles import FORMATS, PlacementTable
 from tactape_fab.simulate.scene import Scene
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import LONGEST_MM, MOST_POINTS, Tape
@@ -86,14 +87,15 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     Parameters
     ----------
     source : path or bytes
-        CSV with the columns Designator, Mid X, Mid Y, Layer, Rotation (mm and degrees, board frame); others are ignored.
+        CSV with the columns Designator, Mid X, Mid Y, Layer, Rotation (mm and degrees, board frame), where others are
+        ignored; or a list of any assembly format that kits are made in.
 
     Raises
     ------
     SpecError
         When it cannot be read, or a row is not whole; the first twenty rows that are not are named.
     """
-    text = _cpl_text(source)
+    text = _as_common(_cpl_text(source))
     reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     problems: list[Problem] = []
     rows: list[tuple[float, float, float]] = []
@@ -136,6 +138,33 @@ def _cpl_text(source: str | Path | bytes) -> str:
             raise
         reason = getattr(error, "strerror", None) or error
         raise SpecError(Problem("cpl", f"cpl {shown_path(source)} cannot be opened: {reason}; give a CSV file")) from error
+
+
+def _as_common(text: str) -> str:
+    """A list of another known format as the CSV that is read here, line by line; any other text as it is."""
+    lines = text.splitlines()
+    for table in (f.placements for f in FORMATS.values() if f.placements.headers != CPL_COLUMNS):
+        separator = {"csv": ",", "tab": "\t", "kicad": None}[table.style]
+        head = next((i for i, line in enumerate(lines[:9]) if tuple(line.lstrip("# ").split(separator)) == table.headers), None)
+        if head is not None:
+            rows = [",".join(_common_cells(line.split(separator), table)) for line in lines[head + 1 :] if line[:1] != "#"]
+            return "\n".join([",".join(CPL_COLUMNS), *[""] * head, *rows, ""])
+    return text
+
+
+def _common_cells(cells: Sequence[str], table: PlacementTable) -> list[str]:
+    """Designator, x and y in mm, side and counter-clockwise rotation; what is no number stays as it is."""
+    row = dict(zip((content for _, content in table.columns), cells, strict=False))
+
+    def scaled(content: str, factor: float) -> str:
+        try:
+            return repr(float(row.get(content, "")) * factor)
+        except ValueError:
+            return row.get(content, "")
+
+    side = "Top" if row.get("side") == table.side else row.get("side", "")
+    turn = scaled("rotation", -1.0 if table.clockwise else 1.0)
+    return [row.get("designator", ""), scaled("x", table.unit_mm), scaled("y", table.unit_mm), side, turn]
 
 
 def _cpl_row(

@@ -23,7 +23,7 @@ _MOST_NAMED = 5
 
 ALWAYS = (
     *("copper-top", "coverlay-top", "paste-top", "profile", "components-top", "job", "cpl", "bom"),
-    *("kicad-pcb", "kicad-project"),
+    *("order-notes", "kicad-pcb", "kicad-project"),
 )
 PICTURES = ("preview-svg", "preview-png")
 MODELS = ("step-solid", "stl", "3mf")

@@ -15,7 +15,7 @@ from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.readmesh import MeshError, read_stl
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
-from tactape_fab.verify.assembly import check_bom, check_cpl
+from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
 from tactape_fab.verify.embossed import check_embossed
 from tactape_fab.verify.expected import expected_of_embossed, expected_of_kit
@@ -124,6 +124,7 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         kind = kind_of(manifest)
         table = Fields(manifest)
         recorded = read_recorded(table) if kind == "film" else None
+        assembly = read_assembly(table) if kind == "film" else None
         film = read_film_record(table) if kind == "film" else None
         form = read_form(table.table("solid")) if kind == "texture" or (kind == "film" and "solid" in manifest) else None
         table.table("tool")
@@ -147,8 +148,9 @@ def verify_folder(manifest_file: Path, *, quick: bool) -> Verification:
         checks += _check_part(manifest, tape, single, quick=quick)
         return Verification(name=tape.name, checks=tuple(checks))
     cpl = None
-    if recorded is not None and film is not None:
+    if recorded is not None and assembly is not None and film is not None:
         cpl = _read("cpl", read_cpl, single, checks)
+        checks += _check_assembly(tape, recorded, assembly, single, cpl)
         checks += pardoned(_check_content(manifest, tape, recorded, film, single, cpl, quick=quick), film)
     checks.append(check_picture(single))
     if form is not None:
@@ -189,6 +191,14 @@ def _read(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], 
         return None
 
 
+def _check_assembly(
+    tape: Tape, recorded: Recorded, assembly: RecordedAssembly, files: dict[str, WrittenFile], cpl: CplContent | None
+) -> list[Check]:
+    """What an assembly line gets."""
+    lists = [] if cpl is None else check_cpl(cpl, tape, assembly, recorded.pads)
+    return [*lists, check_bom(files["bom"].data, tape, assembly), check_order_notes(files, tape)]
+
+
 def _check_content(
     manifest: dict[str, Any],
     tape: Tape,
@@ -199,7 +209,7 @@ def _check_content(
     *,
     quick: bool,
 ) -> list[Check]:
-    """Everything that a fab and an assembly line get."""
+    """Everything that a fab gets, and that the CPL says the same."""
     checks: list[Check] = []
     layers: dict[str, GerberContent] = {}
     for role in (*GERBER_ROLES, *film.backings):
@@ -221,13 +231,11 @@ def _check_content(
         if role in layers
     }
     if cpl is not None:
-        checks += check_cpl(files["cpl"].data, cpl, tape)
         checks += _check_layers_with_cpl(layers, pairs, recorded, film, tape, cpl)
     if film.anchor is not None and "copper-top" in layers and "coverlay-top" in layers:
         checks += check_anchors(layers["copper-top"], layers["coverlay-top"], film.anchor, recorded.pads, tape)
     if cpl is not None:
         checks += check_symbols(tape, cpl.xy_mm, "CPL")
-    checks.append(check_bom(files["bom"].data, tape))
     if "copper-top" in pairs:
         checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
     if "legend-top" in layers:

@@ -227,7 +227,7 @@ FILE_CHANGES = [
     case("BOM: designator dropped", designators(lambda n: n.pop(PART - 1)), "bom", says=f"misses R{PART}"),
     case("BOM: designator twice", designators(lambda n: n.append(f"R{PART}")), "bom", says="repeats"),
     case("BOM: wrong quantity", rows("bom", lambda t: t[1].__setitem__(1, "93")), "bom", says="quantity"),
-    case("BOM: missing cell", rows("bom", lambda t: t[1].pop()), "bom", says="row 2 has 4 cells"),
+    case("BOM: missing cell", rows("bom", lambda t: t[1].pop()), "bom", says="row 2 has 5 cells"),
     case("BOM: empty", bytes_of("bom", lambda b: b""), "bom", says="empty"),
     # a symbol
     case(

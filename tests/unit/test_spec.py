@@ -40,6 +40,7 @@ def test_defaults() -> None:
         "rotation_deg": 45.0,
         "fab": "generic-fpc",
         "assembly": None,
+        "part_number": None,
         "x2": None,
         "corner_radius_mm": 1.0,
         "holes_mm": [],

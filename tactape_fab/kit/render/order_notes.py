@@ -1,0 +1,52 @@
+"""Order notes: what to type into the fab's form and to paste into its remarks, as text from the profile's template."""
+
+from __future__ import annotations
+
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.order import OrderFacts
+from tactape_fab.profiles import COSTS, FORMATS, templates_folder
+
+COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
+
+
+class _Row(str):
+    """A line that is laid out already."""
+
+    __slots__ = ()
+
+
+def _one_line(value: object) -> str:
+    """A text of a profile, which is the user's, as it can stand in a line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(value)).split())
+
+
+def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
+    """The notes of one order; for people, and never in the fab's zip."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(templates_folder() / "order"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+        finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
+    )
+    environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
+    environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
+    environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
+    template = environment.get_template(f"{facts.fab.order.template}.j2")
+    text = template.render(
+        f=facts,
+        tape=facts.tape,
+        fab=facts.fab,
+        material=facts.fab.material,
+        part=facts.part,
+        house=FORMATS[facts.fab.assembly],
+        files=facts.files,
+        copper=COPPER_OZ.get(facts.fab.material.copper_um, f"{facts.fab.material.copper_um:g} um"),
+        cost_words=COSTS,
+    )
+    path = f"{facts.tape.name}-order-notes.txt"
+    return (Artifact(role="order-notes", path=path, data=text.encode("utf-8")),)
