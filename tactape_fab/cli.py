@@ -313,7 +313,8 @@ def check(spec_file: str | None, as_json: bool, **options: Any) -> None:
         if as_json:
             _echo_json([asdict(f) for f in findings])
         else:
-            _echo_lines([*finding_lines(findings), "", *remark_lines(findings)])
+            _echo_lines(finding_lines(findings))
+            _echo_lines_err(f"note: {line}" for line in remark_lines(findings))
             _warn(findings)
         if any(f.blocks for f in findings):
             raise DesignRuleError(findings)

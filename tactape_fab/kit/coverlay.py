@@ -110,7 +110,7 @@ def _through_corner(d: FloatArray, e: FloatArray, corner: FloatArray, half: Floa
 
 def whole_um_up(pitch_mm: float) -> float:
     """A pitch rounded up to whole micrometres, for a message that is true as it stands."""
-    return ceil(round(pitch_mm / _LEAST_STEP_MM, 3)) * _LEAST_STEP_MM
+    return round(ceil(round(pitch_mm / _LEAST_STEP_MM, 3)) * _LEAST_STEP_MM, 3)
 
 
 def coverlay_modes(

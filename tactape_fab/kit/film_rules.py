@@ -10,7 +10,6 @@ from tactape_fab.kit.anchors import anchor_modes, foreign_openings_mm
 from tactape_fab.kit.coverlay import Mode, coverlay_modes, first_legal
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.rules import finding
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, PartProfile
 from tactape_fab.texture.shapes import area_mm2, reach_mm
@@ -69,7 +68,7 @@ def _of_mode(mode: Mode, what: str, pitch_mm: float) -> Finding:
         passed=mode.legal,
         value=pitch_mm if mode.least_pitch_mm else None,
         limit=mode.least_pitch_mm or None,
-        message=f"{what} {mode.name} is {verdict} at W {pitch_mm:g} mm: {mode.reason}",
+        message=f"{verdict} at W {pitch_mm:g} mm: {mode.reason}",
     )
 
 
@@ -96,11 +95,20 @@ def _anchors(
     message = f"{held / pads:.0%} of {pads} pads are anchored under the {fab.mask_name}"
     yield Finding(rule="anchor", level="info", passed=True, value=held / pads, unit="", message=message)
     if spec.anchor != "none" and layout.anchors is None:
-        film = next(mode for mode in modes if mode.name == fab.coverlay_modes[0])
-        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it, and {film.name} is not legal: {film.reason}"
+        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it, and {_what_would(spec, modes, layout, fab)}"
         yield Finding(rule="anchor-opening", level="block", passed=False, unit="", message=said)
     if layout.anchors is not None:
         yield _anchor_gap(anchors, layout, fab)
+
+
+def _what_would(spec: TapeSpec, modes: Sequence[Mode], layout: Layout, fab: FabProfile) -> str:
+    """The pitch from which on both the other way to open the coverlay and the anchors under it are legal."""
+    film = next(mode for mode in modes if mode.name == fab.coverlay_modes[0])
+    held = anchor_modes(fab.in_mode(fab.coverlay_modes[0]), layout.outlines, layout.part.pads, layout.tape)
+    anchor = next(mode for mode in held if mode.name == spec.anchor)
+    if not film.least_pitch_mm or not anchor.least_pitch_mm:
+        return f"{film.name} is not legal: {film.reason}"
+    return f"{film.name} with it is legal from W {max(film.least_pitch_mm, anchor.least_pitch_mm):.3f} mm on; use that --w"
 
 
 def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Finding:
@@ -124,12 +132,7 @@ def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Fin
 
 
 def _drawn(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
-    """Expansion, corner, legend and stencil."""
-    wider = (fab.coverlay_expansion_mm, None)
-    yield finding(fab, "opening-expansion", wider, f"expansion of the {fab.mask_name}", "ask the fab")
-    if fab.limits["corner-radius"].value_mm > 0.0:
-        radius = (layout.tape.board.corner_radius_mm, None)
-        yield finding(fab, "corner-radius", radius, "corner radius of the outline", "use a larger --corner-radius")
+    """Legend and stencil."""
     if layout.tape.tag is not None:
         ink_mm, origin = layout.tape.tag.cell_mm - 2 * fab.legend.bleed_mm, fab.legend.origin
         passed = ink_mm >= fab.legend.line_mm - TOLERANCE_MM

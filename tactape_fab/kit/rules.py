@@ -150,6 +150,10 @@ def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
 
 def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     board = layout.tape.board
+    wider = (fab.coverlay_expansion_mm, None)
+    yield finding(fab, "opening-expansion", wider, f"expansion of the {fab.mask_name}", "ask the fab")
+    radius = (board.corner_radius_mm, None)
+    yield finding(fab, "corner-radius", radius, "corner radius of the outline", "use a larger --corner-radius")
     remedy = "use a larger --size or another --rotation"
     for rule, outline, what in (
         ("pad-edge", layout.outlines.pads, "pad to outline"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,3 +91,16 @@ def prusa_slicer() -> str:
     if found is None:
         _missing("PrusaSlicer", "install Debian's prusa-slicer")
     return str(found)
+
+
+@pytest.fixture(scope="session")
+def kicad_python() -> str:
+    """A Python that has KiCad's pcbnew: the system's, which is not the one that runs the tests."""
+    for found in filter(None, ("/usr/bin/python3", shutil.which("python3"))):
+        run = subprocess.run(
+            [found, "-c", "import pcbnew"], capture_output=True, check=False, env={**os.environ, "PYTHONPATH": ""}
+        )
+        if run.returncode == 0:
+            return found
+    _missing("KiCad's pcbnew", "install Debian's kicad")
+    return ""

@@ -20,6 +20,7 @@ Edit = Callable[["OpenKit"], object]
 Rows = list[list[str]]
 
 IN_ZIP = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job")
+BACKINGS = ("stiffener-bottom", "adhesive-bottom")
 LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
 ROLES = (*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "kicad-pcb", "kicad-project", "preview-png", "preview-svg", "fab-zip")
@@ -52,8 +53,10 @@ class OpenKit:
         if consistent:
             for role in changed if self.sign else ():
                 self.data[role] = signed(self.data[role])
-            if "fab-zip" not in changed and any(role in IN_ZIP for role in changed):
-                self.zip_members(lambda members: members.update({self.name(r): self.data[r] for r in changed if r in IN_ZIP}))
+            if "fab-zip" not in changed and any(role in (*IN_ZIP, *BACKINGS) for role in changed):
+                self.zip_members(
+                    lambda members: members.update({self.name(r): self.data[r] for r in changed if r in (*IN_ZIP, *BACKINGS)})
+                )
             for row in self.manifest["files"]:
                 if (data := self.data.get(row["role"])) is not None:
                     row.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())

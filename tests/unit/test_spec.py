@@ -55,6 +55,12 @@ def test_defaults() -> None:
         "cylinder_mm": None,
         "around": None,
         "shell": None,
+        "coverlay": None,
+        "anchor": "none",
+        "stiffener": None,
+        "adhesive": None,
+        "bend_axis": None,
+        "bend_radius_mm": None,
     }
 
 
@@ -162,7 +168,7 @@ def test_only_a_lack_of_reach_is_a_capacity_error() -> None:
 
 def test_broken_design_rules_are_listed_beside_refused_values() -> None:
     with pytest.raises(SpecError) as caught:
-        examine_values({"sector": 7, "displacement_mm": 0.5, "tag": "both"})
+        examine_values({"sector": 7, "displacement_mm": 0.5, "coverlay": "per-part", "tag": "both"})
     assert [p.key for p in caught.value.problems] == ["tag"]
     assert "opening-bridge" in {f.rule for f in caught.value.findings}
     assert all(f.blocks for f in caught.value.findings)
