@@ -13,6 +13,7 @@ from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecErr
 from tactape_fab.fields import shown
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.drawing import tape_drawing
 from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.order import order_facts
@@ -350,7 +351,7 @@ def make_examined(
 def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     """Every file of the kit, and the content of its manifest."""
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
-    artifacts = [] if film is None else render_all(film.layout, film.fab)
+    artifacts = [] if film is None else render_all(tape_drawing(film.layout), film.fab)
     if film is not None:
         artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
     if spec.form is not None:

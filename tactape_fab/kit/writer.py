@@ -14,6 +14,7 @@ from typing import Any
 from tactape_fab import __version__
 from tactape_fab.kit.anchors import anchor_plan
 from tactape_fab.kit.artifact import Artifact, zip_date
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.render.assembly import render_bom, render_cpl
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
@@ -30,7 +31,7 @@ from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessPr
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, Tape
 
-RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
+RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
     "copper-top": render_copper,
     "coverlay-top": render_coverlay,
     "paste-top": render_paste,
@@ -54,11 +55,11 @@ FAB_ZIP_ROLES = (
 """What is uploaded to the fab, the job file only where the profile wants it; never the component layer."""
 
 
-def render_all(layout: Layout, fab: FabProfile) -> list[Artifact]:
-    """Every file of a film but models and manifest: fabrication, assembly, previews drawn from those, and the zip."""
-    artifacts = [artifact for render in RENDERERS.values() for artifact in render(layout, fab)]
+def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
+    """Every file of a film or a panel but models, notes and manifest: fabrication, assembly, previews drawn from those, and the zip."""
+    artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
     artifacts += render_preview(artifacts, fab)
-    artifacts.append(_fab_zip(layout, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
+    artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
     return artifacts
 
 
@@ -70,7 +71,7 @@ def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[A
     return [render_assembly(tape, fab), *models]
 
 
-def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
+def _fab_zip(name: str, artifacts: Iterable[Artifact]) -> Artifact:
     """The zip with fixed dates and order, the same bytes every time."""
     stream = io.BytesIO()
     date = zip_date()
@@ -81,7 +82,7 @@ def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
             entry.create_system = 3
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, artifact.data)
-    return Artifact(role="fab-zip", path=f"{layout.tape.name}-fab.zip", data=stream.getvalue())
+    return Artifact(role="fab-zip", path=f"{name}-fab.zip", data=stream.getvalue())
 
 
 def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifact]) -> dict[str, Any]:
