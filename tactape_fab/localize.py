@@ -14,6 +14,7 @@ from tactape_fab.fields import Fields, shown_path
 from tactape_fab.frame_files import FrameFile, open_frames, tried
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES
+from tactape_fab.texture.panel import kits_of
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
     Parameters
     ----------
     paths : sequence of path
-        Folders of kits or of embossed parts, their manifests, or folders of such folders (in the order of their names).
+        Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
 
     Raises
     ------
@@ -75,7 +76,12 @@ def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
     tapes: list[Tape] = []
     problems: list[Problem] = []
     for path in paths:
-        for place in _kits_at(Path(path)):
+        try:
+            places = _kits_at(Path(path))
+        except SpecError as error:
+            problems.extend(error.problems)
+            continue
+        for place in places:
             if len(tapes) >= MOST_TAPES:
                 raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
             try:
@@ -89,14 +95,14 @@ def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
 
 
 def _kits_at(path: Path) -> list[Path]:
-    """A kit itself, or the kits in a folder that is none."""
+    """A kit itself, the kits of a panel, or the kits and panels in a folder that is neither."""
     try:
         if not path.is_dir() or (path / MANIFEST_NAME).exists():
-            return [path]
+            return kits_of(path)
         inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
     except (OSError, ValueError):  # Tape.load says what is wrong
         return [path]
-    return inside or [path]
+    return [kit for place in inside for kit in kits_of(place)] or [path]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

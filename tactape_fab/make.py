@@ -13,7 +13,7 @@ from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecErr
 from tactape_fab.fields import shown
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.drawing import tape_drawing
+from tactape_fab.kit.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.order import order_facts
@@ -65,7 +65,7 @@ _RESTS_ON = {
 """What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
 
 
-_NEVER_FORCED = ("models",)
+NEVER_FORCED = ("models",)
 """Rules without which a file cannot be drawn at all."""
 
 
@@ -92,6 +92,11 @@ class Examined:
         """The film's layers; only a film has them."""
         assert self.film is not None
         return self.film.layout
+
+    @property
+    def drawing(self) -> Drawing:
+        """The film's drawing; only a film has one."""
+        return tape_drawing(self.layout)
 
     @property
     def fab(self) -> FabProfile:
@@ -315,12 +320,12 @@ def make_examined(
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    if blocking and not (force and all(finding.rule not in _NEVER_FORCED for finding in blocking)):
+    if blocking and not (force and all(finding.rule not in NEVER_FORCED for finding in blocking)):
         raise DesignRuleError(examined.findings)
     progress("rendering")
-    artifacts, content = _rendered(examined)
+    artifacts, content = rendered(examined)
     if blocking:
-        content["forced"] = [_forced(finding) for finding in blocking]
+        content["forced"] = [forced(finding) for finding in blocking]
     checks: tuple[Check, ...] = ()
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
@@ -348,10 +353,10 @@ def make_examined(
     )
 
 
-def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
-    """Every file of the kit, and the content of its manifest."""
+def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
+    """Every file of a kit, and the content of its manifest."""
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
-    artifacts = [] if film is None else render_all(tape_drawing(film.layout), film.fab)
+    artifacts = [] if film is None else render_all(examined.drawing, film.fab)
     if film is not None:
         artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
     if spec.form is not None:
@@ -364,6 +369,6 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     return artifacts, manifest(tape, record, artifacts)
 
 
-def _forced(finding: Finding) -> dict[str, Any]:
+def forced(finding: Finding) -> dict[str, Any]:
     """A broken rule as the manifest of a kit that was made in spite of it records it."""
     return {"rule": finding.rule, "value": finding.value, "limit": finding.limit, "message": finding.message}

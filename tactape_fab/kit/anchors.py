@@ -16,6 +16,9 @@ from tactape_fab.texture.frames import FloatArray, IntArray, snap_mm, texture_to
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 
+_REACHES_MM = (0.3, 0.6, 2.0, 20.0)
+"""How far round a line is looked for openings, in turn."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Anchors:
@@ -129,15 +132,16 @@ def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, Floa
     """As `foreign_openings_mm`, of openings as polygons in designator order."""
     lines = shapely.linestrings(anchors.lines_mm)
     owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
-    reach = 2 * float(np.hypot(*(np.ptp(shapely.get_coordinates(openings[0]), axis=0))))
-    line, box = shapely.STRtree(openings).query(lines, predicate="dwithin", distance=reach)
-    foreign = owner[line] != box
-    line, box = line[foreign], box[foreign]
-    if len(line) == 0:
-        return float("inf"), np.zeros(2)
-    gap = shapely.distance(lines[line], openings[box]) - anchors.web_mm / 2
-    worst = int(np.argmin(gap))
-    return float(gap[worst]), anchors.lines_mm[line[worst]].mean(axis=0)
+    tree = shapely.STRtree(openings)
+    for reach in _REACHES_MM:  # nearly always the first one holds the worst
+        line, box = tree.query(lines, predicate="dwithin", distance=reach)
+        foreign = owner[line] != box
+        line, box = line[foreign], box[foreign]
+        if len(line):
+            gap = shapely.distance(lines[line], openings[box]) - anchors.web_mm / 2
+            worst = int(np.argmin(gap))
+            return float(gap[worst]), anchors.lines_mm[line[worst]].mean(axis=0)
+    return float("inf"), np.zeros(2)
 
 
 def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tape: Tape) -> tuple[Mode, ...]:

@@ -7,7 +7,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from tactape_fab.kit.anchors import anchor_plan
 from tactape_fab.kit.artifact import Artifact, zip_date
 from tactape_fab.kit.drawing import Drawing
 from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.panel import Panel
 from tactape_fab.kit.render.assembly import render_bom, render_cpl
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
@@ -29,7 +30,7 @@ from tactape_fab.kit.render.solid_preview import render_solid_preview
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, Tape
+from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, PANEL_FORMAT, Tape
 
 RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
     "copper-top": render_copper,
@@ -48,6 +49,8 @@ RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
 }
 """Renderer of each role; one that a tape has no use for gives no file."""
 
+_TOOL = {"name": "tactape-fab", "version": __version__}
+
 FAB_ZIP_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth"),
     *("stiffener-bottom", "adhesive-bottom", "job"),
@@ -56,7 +59,7 @@ FAB_ZIP_ROLES = (
 
 
 def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
-    """Every file of a film or a panel but models, notes and manifest: fabrication, assembly, previews drawn from those, and the zip."""
+    """Every file of a film or a panel but models, notes and manifest: layers, lists, previews drawn from those, the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
     artifacts += render_preview(artifacts, fab)
     artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
@@ -95,13 +98,65 @@ def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifac
     """
     return {
         "format": MANIFEST_FORMAT,
-        "tool": {"name": "tactape-fab", "version": __version__},
+        "tool": _TOOL,
         **tape.to_mapping(),
         **made_by,
-        "files": [
-            {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
-            for a in sorted(artifacts, key=lambda a: a.path)
+        "files": _rows(artifacts),
+    }
+
+
+def _rows(artifacts: Iterable[Artifact]) -> list[dict[str, Any]]:
+    return [
+        {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
+        for a in sorted(artifacts, key=lambda a: a.path)
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedKit:
+    """A kit on a panel: its manifest's path and bytes, where it lies, and the number of its first designator."""
+
+    tape: Tape
+    manifest: str
+    data: bytes
+    offset_mm: tuple[float, float]
+    first: int
+
+
+def panel_manifest(
+    name: str, panel: Panel, kits: Iterable[PlacedKit], made_by: Mapping[str, Any], artifacts: Iterable[Artifact]
+) -> dict[str, Any]:
+    """Content of a panel's manifest.json: its tapes and where they lie, what it was made with, and its own files."""
+    return {
+        "format": PANEL_FORMAT,
+        "name": name,
+        "tool": _TOOL,
+        "panel": panel.to_mapping(),
+        "tapes": [
+            {
+                "manifest": kit.manifest,
+                "sha256": hashlib.sha256(kit.data).hexdigest(),
+                "name": kit.tape.name,
+                "sector": kit.tape.sector,
+                "parts": kit.tape.part_count,
+                "offset_mm": list(kit.offset_mm),
+                "rotation_deg": 0.0,
+                "first_designator": f"R{kit.first}",
+            }
+            for kit in kits
         ],
+        **made_by,
+        "files": _rows(artifacts),
+    }
+
+
+def panel_record(layout: Layout, spec: TapeSpec, fab: FabProfile) -> dict[str, Any]:
+    """What the manifest of a panel records of profiles and options: as `film_record`, but what is of one tape."""
+    record = film_record(layout, spec, fab, None)
+    own = ("name", "sector", "origin", "tag_id")
+    return {
+        **{key: value for key, value in record.items() if key not in ("solid", "process")},
+        "spec": {key: value for key, value in record["spec"].items() if key not in own},
     }
 
 

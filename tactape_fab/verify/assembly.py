@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,7 +126,7 @@ def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
     return Check(name="cpl rotation", passed=not len(wrong), message=message, figure=float(turn.max(initial=0.0)), unit="deg")
 
 
-def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
+def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) -> Check:
     """Every part in exactly one row of the house's columns, at most 200 a row, quantities and words as the manifest has them."""
     bom = FORMATS[recorded.format].bom
     try:
@@ -135,7 +135,6 @@ def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
         return Check(name="bom", passed=False, message=f"it cannot be read: {error}")
     groups = [row["designator"].split(",") for row in rows]
     found = [name for group in groups for name in group]
-    expected = tape.designators()
     known, seen = set(expected), set(found)
     problems = []
     for what, items in (

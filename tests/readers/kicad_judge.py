@@ -3,27 +3,34 @@
 Every board has parts of two rounded pads and a courtyard, an outline, unplated holes, and the limits to judge by.
 """
 
+from __future__ import annotations
+
 import json
 import re
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pcbnew
+
+Point = Sequence[float]
+Design = dict[str, Any]
 
 MM = pcbnew.FromMM
 
 
-def point(xy):
+def point(xy: Point) -> Any:
     return pcbnew.wxPointMM(xy[0], -xy[1])
 
 
-def lines(add, corners, layer):
+def lines(add: Callable[[Point, Point, int], None], corners: Sequence[Point], layer: int) -> None:
     for i, corner in enumerate(corners):
         add(corner, corners[(i + 1) % len(corners)], layer)
 
 
-def footprint(board, part, number, clearance_mm):
+def footprint(board: Any, part: Design, number: int, clearance_mm: float) -> Any:
     placed = pcbnew.FOOTPRINT(board)
     placed.SetReference(f"R{number}")
     placed.Reference().SetVisible(False)
@@ -46,7 +53,7 @@ def footprint(board, part, number, clearance_mm):
     half = [size / 2 for size in part["courtyard_mm"]]
     corners = [(-half[0], -half[1]), (half[0], -half[1]), (half[0], half[1]), (-half[0], half[1])]
 
-    def add(a, b, layer):
+    def add(a: Point, b: Point, layer: int) -> None:
         line = pcbnew.FP_SHAPE(placed, pcbnew.SHAPE_T_SEGMENT)
         line.SetLayer(layer)
         line.SetWidth(MM(0.01))
@@ -58,14 +65,14 @@ def footprint(board, part, number, clearance_mm):
     return placed
 
 
-def build(design):
+def build(design: Design) -> Any:
     board = pcbnew.BOARD()
     for number, xy in enumerate(design["parts_xy_mm"], start=1):
         placed = footprint(board, design["part"], number, design["limits_mm"]["pad-pad"])
         placed.SetPosition(point(xy))
         placed.SetOrientation(10.0 * design["rotation_deg"])
 
-    def edge(a, b, layer):
+    def edge(a: Point, b: Point, layer: int) -> None:
         line = pcbnew.PCB_SHAPE(board)
         line.SetShape(pcbnew.SHAPE_T_SEGMENT)
         line.SetLayer(layer)
@@ -94,14 +101,14 @@ def build(design):
     return board
 
 
-def judge(design, folder):
+def judge(design: Design, folder: Path) -> dict[str, int]:
     """Number of violations of each kind that KiCad's own check reports."""
     path = folder / "board.kicad_pcb"
     board = build(design)
     board.SetFileName(str(path))
     report = folder / "report.txt"
     assert pcbnew.WriteDRCReport(board, str(report), pcbnew.EDA_UNITS_MILLIMETRES, False)
-    counts = {}
+    counts: dict[str, int] = {}
     for kind in re.findall(r"^\[(\w+)\]:", report.read_text(encoding="utf-8"), flags=re.MULTILINE):
         counts[kind] = counts.get(kind, 0) + 1
     return counts

@@ -12,6 +12,7 @@ import pytest
 from gerbonara.layers import LayerStack
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.profiles import BACKING_ROLES, load_fab, profile_names
 from tests.readers.conftest import Sample
 
 _LAYERS = {("top", "copper"), ("top", "mask"), ("top", "silk"), ("top", "paste"), ("mechanical", "outline")}
@@ -63,6 +64,59 @@ def test_whats_that_gerber_knows_every_name_in_the_zip(tape_6x4: Sample, node_mo
     roles = {path.rsplit("/", 1)[-1]: role for role, path in tape_6x4.kit.files.items()}
     assert kinds == {name: _KINDS[roles[name]] for name in names}
     assert sorted(kinds.values(), key=str) == sorted(_KINDS.values(), key=str)
+
+
+@pytest.fixture(scope="module")
+def zips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kit]:
+    """A kit of every fab profile with all that its fab laminates, and of every way to open its coverlay."""
+    folder, kits = tmp_path_factory.mktemp("zips"), {}
+    for name in profile_names("fabs"):
+        fab = load_fab(name)
+        backing = {key: (getattr(fab, key).choices or [None])[0] for key in ("stiffener", "adhesive")}
+        for mode in fab.coverlay_modes:
+            spec = TapeSpec(
+                sector=100,
+                pitch_mm=2.1,
+                displacement_mm=0.25,
+                size_mm=(25.0, 25.0),
+                holes_mm=[(20.5, 12.5, 1.0)],
+                fab=name,
+                coverlay=mode,
+                models=False,
+                **backing,
+            )
+            kits[f"{name} {mode}"] = make_kit(spec, folder / f"{name}-{mode}", verify=False)
+    return kits
+
+
+def test_gerbonara_knows_each_profiles_layers_and_one_outline(zips: dict[str, Kit]) -> None:
+    for name, kit in zips.items():
+        stack = LayerStack.open(kit.path / kit.files["fab-zip"])
+        stack.tmpdir.cleanup()
+        layers = {side_use for side_use, layer in stack.graphic_layers.items() if layer is not None}
+        outlines = [layer for (_, use), layer in stack.graphic_layers.items() if use == "outline" and layer is not None]
+        assert layers == _LAYERS, name
+        assert len(outlines) == 1, name
+        assert stack.drill_pth is None, name
+
+
+def test_whats_that_gerber_knows_each_profiles_layers_and_one_outline(
+    zips: dict[str, Kit], node_module: Callable[[str], str]
+) -> None:
+    node = node_module("whats-that-gerber")
+    script = "process.stdout.write(JSON.stringify(JSON.parse(process.argv[1]).map(require('whats-that-gerber'))))"
+    archives = {name: zipfile.ZipFile(kit.path / kit.files["fab-zip"]).namelist() for name, kit in zips.items()}
+    run = subprocess.run([node, "-e", script, json.dumps(list(archives.values()))], capture_output=True, text=True, check=True)
+    for (name, kit), kinds in zip(zips.items(), json.loads(run.stdout), strict=True):
+        roles = {path.rsplit("/", 1)[-1]: role for role, path in kit.files.items()}
+        found = {roles[file]: (kind["type"], kind["side"]) for file, kind in kinds.items()}
+        named = {role: kind for role, kind in found.items() if role not in BACKING_ROLES}
+        assert named == {role: _KINDS[role] for role in named}, name
+        assert [kind for kind, _ in found.values()].count("outline") == 1, name
+        assert not {"copper", "soldermask", "solderpaste", "silkscreen", "drill"} & {
+            found[role][0] for role in BACKING_ROLES if role in found
+        }, name
+        assert ("job" in found) is load_fab(name.split()[0]).job_in_zip, name
 
 
 def test_gerbonara_refuses_a_second_outline(tape_6x4: Sample, tmp_path: Path) -> None:

@@ -23,7 +23,10 @@ IN_ZIP = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "d
 BACKINGS = ("stiffener-bottom", "adhesive-bottom")
 LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
-ROLES = (*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "kicad-pcb", "kicad-project", "preview-png", "preview-svg", "fab-zip")
+ROLES = (
+    *(*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "order-notes", "kicad-pcb", "kicad-project"),
+    *("preview-png", "preview-svg", "fab-zip"),
+)
 
 _POINT = re.compile(r"X(-?\d+)Y(-?\d+)(?=(?:I-?\d+J-?\d+)?(D0[123])\*)")
 _VERTEX = re.compile(r"(-?\d+\.\d+),(-?\d+\.\d+)(?=,\n)")

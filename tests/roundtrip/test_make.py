@@ -34,7 +34,7 @@ SMALL = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
 """The spec of the shared small kit."""
 FAB_ROLES = {"copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job"}
 MODEL_ROLES = {"step-assembly", "step-solid", "stl", "3mf"}
-ROLES = FAB_ROLES | MODEL_ROLES | {"components-top", "cpl", "bom", "preview-svg", "preview-png", "fab-zip"}
+ROLES = FAB_ROLES | MODEL_ROLES | {"components-top", "cpl", "bom", "order-notes", "preview-svg", "preview-png", "fab-zip"}
 PINNED_KEYS = {
     "format", "name", "tool", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm", "board", "part",
     "fab", "spec", "symbols", "omitted", "tag", "files",

@@ -45,18 +45,8 @@ _LAYERS = """  (layers
 def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, Artifact]:
     """The board and its project, which KiCad opens together."""
     name = drawing.name
-    board = "\n".join(
-        [
-            *_head(drawing),
-            *_footprints(drawing),
-            *_marks(drawing),
-            *_holes(drawing),
-            *_drawings(drawing),
-            *_copper(drawing),
-            ")",
-            "",
-        ]
-    )
+    pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
+    board = "\n".join([*(line for piece in pieces for line in piece(drawing)), ")", ""])
     project = json.dumps(_project(name, fab, drawing), indent=1) + "\n"
     return (
         Artifact(role="kicad-pcb", path=f"kicad/{name}.kicad_pcb", data=board.encode("utf-8")),
@@ -206,11 +196,8 @@ def _drawings(drawing: Drawing) -> Iterable[str]:
     for window in drawing.windows_mm:
         yield f'  (gr_poly (pts {_points(drawing, window)}) (layer "F.Mask") (width 0) (fill solid))'
     under = "each tape" if drawing.slots_mm else "it"
-    backings = [
-        f"{what} under all of {under}: {of}"
-        for what, of in (("stiffener", drawing.stiffener), ("adhesive", drawing.adhesive))
-        if of
-    ]
+    both = (("stiffener", drawing.stiffener), ("adhesive", drawing.adhesive))
+    backings = [f"{what} under all of {under}: {of}" for what, of in both if of]
     for k, words in enumerate(backings):
         x, y = _sheet(drawing, np.array([0.0, -3.0 - 2.0 * k])).tolist()
         yield (
