@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 PURPOSES = (
     ("for the fab", ("fab-zip",)),
     ("for assembly", ("cpl", "bom")),
+    ("for the order", ("order-notes",)),
     ("for CAD and milling", ("step-assembly", "step-solid")),
     ("for printing", ("stl", "3mf")),
 )

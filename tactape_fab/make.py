@@ -65,10 +65,6 @@ _RESTS_ON = {
 """What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
 
 
-NEVER_FORCED = ("models",)
-"""Rules without which a file cannot be drawn at all."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Film:
     """What there is of a tape of parts with lands beside the tape: its fab, and its layers."""
@@ -320,8 +316,9 @@ def make_examined(
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    if blocking and not (force and all(finding.rule not in NEVER_FORCED for finding in blocking)):
-        raise DesignRuleError(examined.findings)
+    never = undrawable(examined) if force else []
+    if blocking and (never or not force):
+        raise DesignRuleError(never or examined.findings)
     progress("rendering")
     artifacts, content = rendered(examined)
     if blocking:
@@ -367,6 +364,14 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
         assert process is not None
         record = texture_record(spec, process)
     return artifacts, manifest(tape, record, artifacts)
+
+
+def undrawable(examined: Examined) -> list[Finding]:
+    """Rules without which the models cannot be drawn at all, whatever is forced."""
+    form = examined.spec.form
+    if form is None or examined.film is None:
+        return []
+    return [_cell_finding(problem) for problem in form_problems(examined.tape, form) if problem.key == "part"]
 
 
 def forced(finding: Finding) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Panels: several tapes examined together, and made with their kits in one folder that takes its name when all of it is verified."""
+"""Panels: several tapes examined together and made with their kits, in one folder that takes its name when it is verified."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from typing import Any
 from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError, VerifyError
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.drawing import Drawing
+from tactape_fab.kit.order import panel_order_facts
 from tactape_fab.kit.panel import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
 from tactape_fab.kit.panel_drawing import panel_drawing
 from tactape_fab.kit.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
+from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.spec import DEFAULT_FAB, TapeSpec
 from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, render_all, write_kit
-from tactape_fab.make import NEVER_FORCED, Examined, examine, examine_values, forced, rendered
+from tactape_fab.make import Examined, examine, examine_values, forced, rendered, undrawable
 from tactape_fab.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.panel import KITS_FOLDER
@@ -207,7 +209,8 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
     panel = plan_panel(size_mm, base.tape.board.corner_radius_mm, arrangement, request.tabs, fab)
     problems = list(_sector_problems(base, panel, request))
     if panel.count > 1 and values_of.values.get("tag_id") is not None and not request.same_sector:
-        message = f"tag_id = {values_of.values['tag_id']} would be that of all {panel.count} tapes; leave out --tag-id, or use --tag none"
+        message = f"tag_id = {values_of.values['tag_id']} would be that of all {panel.count} tapes; "
+        message += "leave out --tag-id, or use --tag none"
         problems.append(Problem("tag_id", message))
     if problems:
         raise SpecError(problems)
@@ -232,8 +235,8 @@ def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> lis
     if last < most:
         return []
     message = (
-        f"sector = {base.tape.sector} on a panel of {panel.count} tapes asks for sectors up to {last}, but code '{base.tape.code}' "
-        f"has {most}, up to {most - 1}; use --sector {most - panel.count} or less, or name them with --sectors"
+        f"sector = {base.tape.sector} on a panel of {panel.count} tapes asks for sectors up to {last}, but code "
+        f"'{base.tape.code}' has {most}, up to {most - 1}; use --sector {most - panel.count} or less, or name them with --sectors"
     )
     return [Problem("sector", message)]
 
@@ -284,8 +287,9 @@ def make_panel(
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    if blocking and not (force and all(finding.rule not in NEVER_FORCED for finding in blocking)):
-        raise DesignRuleError(examined.findings)
+    never = undrawable(examined.tapes[0]) if force else []
+    if blocking and (never or not force):
+        raise DesignRuleError(never or examined.findings)
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
     try:
@@ -345,6 +349,9 @@ def _write_panel(
     first, film = examined.tapes[0], examined.tapes[0].film
     assert film is not None
     artifacts = render_all(examined.drawing, film.fab)
+    layouts = [tape.layout for tape in examined.tapes]
+    facts = panel_order_facts(examined.name, examined.panel, layouts, film.fab, examined.findings, artifacts)
+    artifacts += render_order_notes(facts)
     kits = []
     number = 1
     for tape, offset_mm in zip(examined.tapes, examined.panel.offsets_mm, strict=True):

@@ -91,19 +91,3 @@ def node_module() -> Callable[[str], str]:
         return str(node)
 
     return find
-
-
-@pytest.fixture(scope="session")
-def system_python() -> Callable[[str, str], str]:
-    """Path of the system's Python once it can import a module that pip cannot install."""
-
-    def find(module: str, remedy: str) -> str:
-        python = "/usr/bin/python3"
-        if (
-            not Path(python).exists()
-            or subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False).returncode
-        ):
-            _missing(module, remedy)
-        return python
-
-    return find

@@ -249,7 +249,8 @@ def _tab_problems(panel: Panel, tabs: str) -> Iterator[Problem]:
             yield Problem(
                 "tabs",
                 f"tabs = '{tabs}': the {words} sides of {side_mm:g} mm have no room for a tab of {panel.tab_mm:g} mm, which "
-                f"between corners of {panel.tape_radius_mm:g} mm and the ends of slots of {panel.gap_mm:g} mm needs {least_mm:g} mm; "
+                f"between corners of {panel.tape_radius_mm:g} mm and the ends of slots of {panel.gap_mm:g} mm needs "
+                f"{least_mm:g} mm; "
                 f"{remedy}a larger --size or a smaller --corner-radius",
             )
 

@@ -134,7 +134,7 @@ def read_backing(profile: Fields, key: str) -> Backing:
     choices = table.rows("choices", longest=100)
     for choice in choices:
         if not isinstance(choice, str) or not re.fullmatch(_BACKING, choice) or float(choice.split()[1]) == 0.0:
-            table.problem("choices", f"choices holds {shown(choice)}; give material and thickness in mm, such as 'FR4 0.2'")
+            table.problem("choices", f"choices holds {shown(choice)}, not material and thickness in mm; give such as 'FR4 0.2'")
     return Backing(choices=tuple(map(str, choices)), origin=read_origin(table))
 
 

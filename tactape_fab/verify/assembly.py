@@ -21,9 +21,11 @@ DESIGNATORS_PER_ROW = 200
 """As many as JLCPCB takes in one row of a BOM."""
 UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
-_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos|gbr)(?!\w)")
+_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos)(?!\w)")
 _NUMBER = r"(-?\d+\.\d)"
-_PRINT_AREA = re.compile(rf"only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm")
+_PRINT_AREA = re.compile(
+    rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,19 +164,34 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
     return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
 
 
-def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape) -> Check:
-    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ordered:
+    """What notes are of: a tape, or a panel, on which nothing may be printed but in its rails."""
+
+    name: str
+    size_mm: tuple[float, float]
+    part_count: int
+    on_panel: bool = False
+
+
+def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None) -> Check:
+    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free.
+
+    Of a panel `tape` is any of its tapes, and `of` what is ordered.
+    """
+    of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
     try:
         text = files["order-notes"].data.decode("utf-8")
     except UnicodeDecodeError as error:
         return Check(name="order-notes", passed=False, message=f"they are no UTF-8: {error.reason} at byte {error.start}")
-    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in tape.board.size_mm)
-    facts = [f"{tape.name} at ", f"{width} x {height} mm", f"{tape.part_count} parts"]
+    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in of.size_mm)
+    facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}
-    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(text) if path not in paths]
+    listed = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]
+    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     found = _PRINT_AREA.findall(text)
-    if not found and "no room for one" not in text:
+    if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:
         problems.append("they do not say where the fab may print")
     for area in found:
         x0, x1, y0, y1 = map(float, area)

@@ -20,7 +20,7 @@ from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.panel import PlacedTape, read_placed
 from tactape_fab.texture.tape import Tape, read_any_manifest
-from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, read_assembly
+from tactape_fab.verify.assembly import Ordered, RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
 from tactape_fab.verify.board import check_drill
 from tactape_fab.verify.files import (
     ALWAYS,
@@ -193,6 +193,8 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     if cpl is not None:
         checks.append(_check_rows(cpl, names))
     checks.append(check_bom(files["bom"].data, names, record.assembly))
+    ordered = Ordered(name=record.name, size_mm=record.panel.size_mm, part_count=count, on_panel=True)
+    checks.append(check_order_notes(files, tapes[0].tape, ordered))
     checks += _check_rails(layers, holes, record.panel, tapes)
     for on in tapes:
         lines = pardoned(_check_tape(record, on, layers, holes, cpl, files, quick=quick), record.film)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
-from collections.abc import Callable
 
 import pytest
 
@@ -29,20 +29,8 @@ sys.stdout.write(pcbnew.PLACE_FILE_EXPORTER(board, True, True, False, True, Fals
 """
 
 
-@pytest.fixture(scope="module")
-def kicad_positions(system_python: Callable[[str, str], str]) -> Callable[[list[list[object]]], list[str]]:
-    """Lines of KiCad's position file of the given parts."""
-    python = system_python("pcbnew", "install Debian's kicad")
-
-    def export(parts: list[list[object]]) -> list[str]:
-        run = subprocess.run([python, "-c", EXPORT], input=json.dumps(parts), capture_output=True, text=True, check=True)
-        return run.stdout.splitlines()
-
-    return export
-
-
 @pytest.mark.parametrize("rotation_deg", [45.0, 0.0, 180.0, 225.0, 359.9])
-def test_kicad_writes_the_same_lines(rotation_deg: float, kicad_positions: Callable[[list[list[object]]], list[str]]) -> None:
+def test_kicad_writes_the_same_lines(rotation_deg: float, kicad_python: str) -> None:
     spec = TapeSpec(
         sector=7,
         size_mm=(40.0, 30.0),
@@ -56,9 +44,12 @@ def test_kicad_writes_the_same_lines(rotation_deg: float, kicad_positions: Calla
     (artifact,) = render_cpl(examined.drawing, examined.fab)
     lines = artifact.data.decode("ascii").splitlines()
     part, xy_mm = examined.layout.part, examined.layout.parts_xy_mm.tolist()
-    kicad = kicad_positions(
-        [[f"R{i}", part.value, part.footprint, x, y, rotation_deg] for i, (x, y) in enumerate(xy_mm, start=1)]
+    parts = [[f"R{i}", part.value, part.footprint, x, y, rotation_deg] for i, (x, y) in enumerate(xy_mm, start=1)]
+    environment = {**os.environ, "PYTHONPATH": ""}
+    run = subprocess.run(
+        [kicad_python, "-c", EXPORT], input=json.dumps(parts), capture_output=True, text=True, check=True, env=environment
     )
+    kicad = run.stdout.splitlines()
     assert len(lines) == len(xy_mm) + 6
     assert lines[2:5] == kicad[2:5]
     assert sorted(lines[5:]) == sorted(line for line in kicad[5:] if line)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.errors import DesignRuleError
 from tactape_fab.make import examine, make_examined
 from tactape_fab.profiles import load_fab, profile_names
 from tactape_fab.verify import verify_kit
@@ -193,6 +194,15 @@ def test_a_forced_kit_says_what_it_was_made_in_spite_of(tmp_path: Path) -> None:
     assert [row["rule"] for row in recorded] == broken
     assert recorded[0]["value"] < recorded[0]["limit"] == 0.2
     assert verify_kit(kit.path, quick=True).passed
+
+
+def test_models_of_parts_that_run_into_each_other_are_not_forced(tmp_path: Path) -> None:
+    values: dict[str, Any] = {"pitch_mm": 1.5, "displacement_mm": 0.7}
+    with pytest.raises(DesignRuleError, match="or --no-3d"):
+        make_examined(examine(spec_of(models=True, **values)), tmp_path / "kit", force=True)
+    assert not (tmp_path / "kit").exists()
+    kit = make_examined(examine(spec_of(**values)), tmp_path / "kit", force=True)
+    assert {row["rule"] for row in OpenKit(kit.path).manifest["forced"]} == {"pad-pad", "body-body"}
 
 
 def test_a_line_of_the_verification_that_a_forced_rule_fails_is_a_warning(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ OPTIONS = [
     Case("make --sector 7 --part dome --coverlay gang", USAGE, "coverlay = 'gang'", "no film", "leave out --coverlay"),
     Case("make --sector 7 --part dome --adhesive 3M468:0.13", USAGE, "'3M468:0.13'", "no film", "leave out --adhesive"),
     Case("make --sector 7 --fab jlcpcb-fpc --size 700x50", RULES, "size: board 700 x 50 mm", "600 x 250 mm", "ask the fab"),
-    Case("profiles acme", USAGE, "'acme'", "generic-fpc", REMEDY),
+    Case("profiles acme", USAGE, "'acme'", "generic-fpc", "nor the path of a .toml file"),
     Case("profiles acme.toml", USAGE, "acme.toml", "cannot be opened", "TOML file that can be read"),
     Case("make --sector 7 --w 1.2 --coverlay per-part --force --anchor rope", USAGE, "'rope'", "none, spur, mesh", REMEDY),
     # solid elements
@@ -485,7 +485,7 @@ PROFILES = [
     ("fabs", 'modes = ["per-part", "gang"]', "modes = 3", "coverlay.modes = 3", "not a list", "give a list"),
     ("fabs", '"PI 0.1"', '"PI-0.1"', "stiffener.choices holds 'PI-0.1'", "thickness in mm", REMEDY),
     ("fabs", "least_thicknesses = 10.0", "least_thicknesses = 0", "bend.least_thicknesses = 0", "above 0", REMEDY),
-    ("fabs", "smallest_mm = .*", "smallest_mm = [300, 70]", "panel.largest_mm = ", "smaller than", "correct one"),
+    ("fabs", r"smallest_mm = \[70.0, 70.0\]", "smallest_mm = [300, 70]", "panel.largest_mm = ", "smaller than", "correct one"),
     ("fabs", "warn_mm = 0.15", "warn_mm = 0.05", "limits.pad-pad.warn_mm = 0.05 mm", "0.1 mm", "leave it out"),
     ("fabs", "_{material}.gbr", ".gbr", "files.stiffener-bottom", "cannot be used", "in words, with {name}"),
     ("fabs", "job_in_zip = true", "job_in_zip = 1", "gerber.job_in_zip = 1", "true nor false", REMEDY),

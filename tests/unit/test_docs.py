@@ -4,28 +4,41 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tactape_fab import Kit
-from tactape_fab.cli import check, make, verify
+from tactape_fab.cli import check, make, profiles, verify
 from tactape_fab.kit.spec import KEYS
+from tactape_fab.profiles import BACKING_ROLES, FORMATS
 from tactape_fab.verify.files import roles_of
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
-    spec = importlib.util.spec_from_file_location("make_numbers", ROOT / "docs" / "make_numbers.py")
+def script_of(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None and spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
+    return script
+
+
+def test_tables_of_fabs_are_what_the_software_computes() -> None:
+    page = (ROOT / "docs" / "fabs.md").read_text(encoding="utf-8")
+    for name, table in script_of("make_fabs").TABLES.items():
+        assert f"<!-- {name} -->\n{table()}<!-- /{name} -->\n" in page, "run docs/make_fabs.py"
+
+
+def test_readme_numbers_are_those_of_the_default_kit(default_kit: Kit) -> None:
+    script = script_of("make_numbers")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for row in script.lasting_rows(default_kit):
         assert row in readme
 
 
-@pytest.mark.parametrize("command", [make, check, verify], ids=lambda c: str(c.name))
+@pytest.mark.parametrize("command", [make, check, profiles, verify], ids=lambda c: str(c.name))
 def test_reference_names_every_option(command: object) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for parameter in command.params:  # type: ignore[attr-defined]
@@ -36,5 +49,13 @@ def test_reference_names_every_option(command: object) -> None:
 
 def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    for name in [*KEYS, *roles_of(small_kit.tape)]:
+    for name in [*KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
         assert f"`{name}`" in reference, name
+
+
+def test_ordering_names_the_columns_of_every_format() -> None:
+    page = (ROOT / "docs" / "ordering.md").read_text(encoding="utf-8")
+    for name, house in FORMATS.items():
+        assert f"| `{name}` |" in page
+        for table in (house.placements, house.bom):
+            assert f"`{','.join(table.headers)}`" in page, name

@@ -213,6 +213,16 @@ def test_the_part_number_and_the_list_s_conventions_are_said(house: str) -> None
     assert "no part number is given" in notes_of(facts_of(examined(assembly=house)))
 
 
+def test_files_that_a_profile_s_words_name_are_no_files_of_the_kit(default_kit: Kit) -> None:
+    folder, paths = default_kit.path, default_kit.files
+    files = {role: WrittenFile(path=path, data=(folder / path).read_bytes()) for role, path in paths.items()}
+    data = files["order-notes"].data.replace(
+        b"smallest coverlay bridge", b"see quote-4711.zip, only in the strip, x 9.0 to 9.9 mm"
+    )
+    assert data != files["order-notes"].data
+    assert check_order_notes({**files, "order-notes": replace(files["order-notes"], data=data)}, default_kit.tape).passed
+
+
 def test_a_profile_s_own_words_stay_in_their_line() -> None:
     made = examined()
     text = notes_of(facts_of(made, replace(made.fab, title="Fabrik S\u00fcd\n\n2. THE BOARD:\x1b[31m {{ tape }}")))
