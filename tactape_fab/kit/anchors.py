@@ -64,11 +64,16 @@ def anchor_plan(mode: str, fab: FabProfile, outlines: PartOutlines) -> AnchorPla
     return AnchorPlan(
         mode=mode,
         web_mm=fab.anchor.web_mm,
-        opening_mm=fab.anchor.opening_mm,
+        opening_mm=clearance_mm(fab),
         tip_mm=float(np.hypot(*spur_tips(outlines.opening_size_mm, fab, 0.0)[1])),
         pad_edge_mm=fab.limits["pad-edge"].value_mm,
         hole_copper_mm=fab.limits["hole-copper"].value_mm,
     )
+
+
+def clearance_mm(fab: FabProfile) -> float:
+    """What a line keeps from other pads' openings, so that it also keeps the gap of copper from the pads in them."""
+    return max(fab.anchor.opening_mm, fab.limits["pad-pad"].value_mm - fab.coverlay_expansion_mm)
 
 
 def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
@@ -144,13 +149,28 @@ def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, Floa
     return float("inf"), np.zeros(2)
 
 
+def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
+    """Least gap between spurs of two parts, and where; inf where no two are near. In a mesh they hang together."""
+    lines = shapely.linestrings(anchors.spurs_mm)
+    tree = shapely.STRtree(lines)
+    for reach in _REACHES_MM:
+        a, b = tree.query(lines, predicate="dwithin", distance=reach)
+        apart = a // 2 < b // 2
+        a, b = a[apart], b[apart]
+        if len(a):
+            gap = shapely.distance(lines[a], lines[b]) - anchors.web_mm
+            worst = int(np.argmin(gap))
+            return float(gap[worst]), anchors.spurs_mm[a[worst], 1]
+    return float("inf"), np.zeros(2)
+
+
 def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tape: Tape) -> tuple[Mode, ...]:
     """From which pitch on spurs and mesh are legal, whatever the symbols."""
     rotation_deg, displacement_mm = tape.part.rotation_deg, tape.displacement_mm
     rules, (a, b) = fab.anchor, outlines.opening_size_mm
     plan = anchor_plan("spur", fab, outlines)
     half, middle = (plan.tip_mm - pads.offset_mm) / 2, (plan.tip_mm + pads.offset_mm) / 2
-    clear = rules.opening_mm + rules.web_mm / 2
+    clear = clearance_mm(fab) + rules.web_mm / 2
     apart = fab.limits["pad-pad"].value_mm + rules.web_mm
     spur = max(
         least_pitch_mm((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
@@ -175,6 +195,6 @@ def _judged(name: str, pitch_mm: float, fab: FabProfile, tape: Tape) -> Mode:
         reason = "in coverlay mode gang there is no coverlay to hold an anchor"
         return Mode(name=name, legal=False, least_pitch_mm=None, reason=reason)
     legal = tape.pitch_mm >= pitch_mm - TOLERANCE_MM
-    web = f"webs of {fab.anchor.web_mm:g} mm with {fab.anchor.opening_mm:g} mm to each opening"
+    web = f"webs of {fab.anchor.web_mm:g} mm with {clearance_mm(fab):g} mm to each opening"
     reason = f"{web} need W of at least {least:.3f} mm" + ("" if legal else f"; use --w {least:.3f}")
     return Mode(name=name, legal=legal, least_pitch_mm=least, reason=reason)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import hypot, isinf
 
 from tactape_fab.errors import Finding, Problem
-from tactape_fab.kit.anchors import anchor_modes, foreign_openings_mm
+from tactape_fab.kit.anchors import anchor_modes, between_spurs_mm, clearance_mm, foreign_openings_mm
 from tactape_fab.kit.coverlay import Mode, coverlay_modes, first_legal
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.rules import finding
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, PartProfile
 from tactape_fab.texture.shapes import area_mm2, reach_mm
@@ -99,6 +101,11 @@ def _anchors(
         yield Finding(rule="anchor-opening", level="block", passed=False, unit="", message=said)
     if layout.anchors is not None:
         yield _anchor_gap(anchors, layout, fab)
+        if layout.anchors.mode == "spur":
+            gap_mm, at_mm = between_spurs_mm(layout.anchors)
+            measured = (gap_mm, (float(at_mm[0]), float(at_mm[1])))
+            remedy = "use a larger --w or --anchor none"
+            yield replace(finding(fab, "pad-pad", measured, "gap between spurs of two parts", remedy), rule="anchor-copper")
 
 
 def _what_would(spec: TapeSpec, modes: Sequence[Mode], layout: Layout, fab: FabProfile) -> str:
@@ -114,7 +121,7 @@ def _what_would(spec: TapeSpec, modes: Sequence[Mode], layout: Layout, fab: FabP
 def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Finding:
     assert layout.anchors is not None
     gap_mm, at_mm = foreign_openings_mm(layout.anchors, layout.parts_xy_mm, layout.outlines.opening)
-    limit_mm = fab.anchor.opening_mm
+    limit_mm = clearance_mm(fab)
     passed = gap_mm >= limit_mm - TOLERANCE_MM
     mode = next(m for m in anchors if m.name == layout.anchors.mode)
     message = f"anchors to openings of other pads {gap_mm:.3f} mm {'meet' if passed else 'are below'} {limit_mm:.3f} mm"

@@ -178,7 +178,7 @@ def test_manifest_holds_the_pinned_keys(default_kit: Kit) -> None:
         "rotation_deg": 0.0,
     }
     assert {(len(row), *set(row) - set("NESW")) for row in content["symbols"]} == {(62,)}
-    assert TapeSpec.from_mapping(content["spec"]) == TapeSpec(sector=7, assembly="generic", x2="full")
+    assert TapeSpec.from_mapping(content["spec"]) == TapeSpec(sector=7, assembly="generic", x2="full", coverlay="per-part")
 
 
 def test_zip_holds_what_the_fab_needs_and_no_more(small_kit: Kit) -> None:

@@ -162,10 +162,23 @@ def test_spurs_are_legal_from_the_named_pitch_on(name: str, rotation_deg: float)
     def legal(pitch_mm: float) -> bool:
         clear = min(brute_gap_mm(s, window, pitch_mm, 0.25) for s in (right, left))
         apart = min(brute_gap_mm(s, t, pitch_mm, 0.25) for s, t in ((right, right), (right, left)))
-        return clear >= fab.anchor.opening_mm - 1e-4 and apart >= fab.limits["pad-pad"].value_mm - 1e-4
+        least = max(fab.anchor.opening_mm, fab.limits["pad-pad"].value_mm - fab.coverlay_expansion_mm)
+        return clear >= least - 1e-4 and apart >= fab.limits["pad-pad"].value_mm - 1e-4
 
     assert legal(mode.least_pitch_mm)
     assert not legal(mode.least_pitch_mm - 0.003)
+
+
+def test_spurs_that_come_too_near_to_each_other_are_refused_though_openings_are_far() -> None:
+    """Tips that face each other along the diagonal: W sqrt 2 - 2 delta / sqrt 2 less twice 0.75 mm and the limit 0.1 mm."""
+    for pitch_mm, passed in ((1.383, True), (1.379, False)):
+        spec = TapeSpec(
+            sector=7, pitch_mm=pitch_mm, displacement_mm=0.25, anchor="spur", coverlay="per-part", size_mm=(60.0, 40.0)
+        )
+        findings = {f.rule: f for f in examine(spec).findings}
+        assert findings["anchor-opening"].passed
+        assert findings["anchor-copper"].blocks is not passed
+        assert findings["anchor-copper"].value == pytest.approx(2**0.5 * (pitch_mm - 0.25) - 1.5, abs=0.001)
 
 
 @pytest.mark.parametrize("rotation_deg", [45.0, 135.0, 225.0])
