@@ -248,15 +248,13 @@ def _check_cut(content: GerberContent, panel: Panel) -> Check:
     problems = [
         f"a slot cuts {shapely.area(shapely.intersection(slots, t)):.3f} mm2 off a tape" for t in tapes if _cuts(slots, t)
     ]
-    width = panel.tab_mm + panel.gap_mm
-    held_mm = 2 * (panel.tabs_x + panel.tabs_y) * width
-    near = slots.buffer(2 * PLACE_TOLERANCE_MM)
-    free = [float(shapely.length(shapely.difference(tape.exterior, near))) for tape in tapes]
-    problems += [f"a tape hangs on {mm:.2f} mm of its outline" for mm in free if not 0.0 < mm <= held_mm]
+    near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), 2 * (panel.tabs_x + panel.tabs_y)
+    uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
+    problems += [f"a tape is held by {len(pieces)} tabs, not {tabs}" for pieces in uncut if len(pieces) != tabs]
     if max(errors) > PLACE_TOLERANCE_MM:
         problems.append(f"a contour is {max(errors):.3f} mm off the manifest's panel")
     size = panel.size_mm
-    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots; a tape is held by {max(free):.1f} mm of its outline"
+    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {tabs} tabs"
     return Check(name=name, passed=not problems, message=named(problems) or right, figure=max(errors) * 1000, unit="um")
 
 
@@ -282,9 +280,8 @@ def _shown(panel: Panel, tapes: Sequence[_OnPanel]) -> Shown:
 def _inside(xy_mm: FloatArray, on: _OnPanel) -> BoolArray:
     """Which points lie on a tape's board; shape (n,)."""
     local = xy_mm - on.offset
-    inside: BoolArray = ((local >= -PLACE_TOLERANCE_MM) & (local <= np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM)).all(
-        axis=-1
-    )
+    high = np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM
+    inside: BoolArray = np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
     return inside
 
 
