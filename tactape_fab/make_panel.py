@@ -11,6 +11,7 @@ from typing import Any
 from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError, VerifyError
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.drawing import Drawing
+from tactape_fab.kit.film_rules import assembly_findings
 from tactape_fab.kit.order import panel_order_facts
 from tactape_fab.kit.panel import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
 from tactape_fab.kit.panel_drawing import panel_drawing
@@ -57,13 +58,15 @@ class ExaminedPanel:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Every design rule once, as its worst tape measures it."""
+        """Every design rule once, as its worst tape measures it; what assembly asks is asked of the panel."""
+        parts = sum(tape.tape.part_count for tape in self.tapes)
+        of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
         worst: dict[str, Finding] = {}
         for finding in (f for tape in self.tapes for f in tape.findings):
             known = worst.setdefault(finding.rule, finding)
             if (known.passed and not finding.passed) or (known.passed == finding.passed and _tighter(finding, known)):
                 worst[finding.rule] = finding
-        return tuple(worst.values())
+        return tuple({**worst, **of_panel}.values())
 
 
 def _tighter(a: Finding, b: Finding) -> bool:
@@ -252,7 +255,7 @@ def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profil
             "--panel none makes the tape alone"
         )
     if len(set(sectors)) < len(sectors):
-        said.append(f"all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another")
+        said.append(f"warning: all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another")
     return said
 
 
