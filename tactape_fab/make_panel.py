@@ -255,7 +255,9 @@ def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profil
             "--panel none makes the tape alone"
         )
     if len(set(sectors)) < len(sectors):
-        said.append(f"warning: all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another")
+        said.append(
+            f"warning: all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another"
+        )
     return said
 
 
