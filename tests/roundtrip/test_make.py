@@ -221,7 +221,7 @@ def test_tape_without_a_tag_has_no_legend(tmp_path: Path) -> None:
 def test_black_legend_profile_makes_a_kit_that_verifies(tmp_path: Path) -> None:
     profile = (templates_folder() / "fabs" / "generic-fpc.toml").read_text(encoding="utf-8")
     changed = profile.replace('coverlay = "amber"', 'coverlay = "white"').replace('legend = "white"', 'legend = "black"')
-    (tmp_path / "dark.toml").write_text(changed.replace('"generic-fpc"', '"dark"'), encoding="utf-8")
+    (tmp_path / "dark.toml").write_text(changed.replace('"generic-fpc"', '"dark"', 1), encoding="utf-8")
     kit = make_kit(TapeSpec(sector=7, size_mm=(40, 30), fab=str(tmp_path / "dark.toml")), tmp_path / "kit")
     white = make_kit(TapeSpec(sector=7, size_mm=(40, 30)), tmp_path / "white", verify=False)
     assert verify_kit(kit.path).passed

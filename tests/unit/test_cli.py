@@ -216,7 +216,7 @@ def test_a_spec_file_may_come_before_or_after_options(here: Path) -> None:
 def test_profile_paths_are_relative_to_the_spec_file(here: Path) -> None:
     (here / "conf" / "lab").mkdir(parents=True)
     profile = (templates_folder() / "fabs" / "generic-fpc.toml").read_text(encoding="utf-8")
-    (here / "conf" / "lab" / "ours.toml").write_text(profile.replace('"generic-fpc"', '"our-lab"'), encoding="utf-8")
+    (here / "conf" / "lab" / "ours.toml").write_text(profile.replace('"generic-fpc"', '"our-lab"', 1), encoding="utf-8")
     (here / "conf" / "tape.toml").write_text('sector = 3\nsize_mm = [20, 20]\nfab = "lab/ours.toml"\n')
     assert run("make conf/tape.toml -o kit --no-verify").exit_code == 0
     assert json.loads((here / "kit" / "manifest.json").read_text())["fab"]["name"] == "our-lab"
