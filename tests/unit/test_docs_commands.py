@@ -16,7 +16,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize(("page", "least"), [("solids.md", 6), ("localization.md", 7), ("fabs.md", 5), ("ordering.md", 5)])
+@pytest.mark.parametrize(("page", "least"), [("solids.md", 6), ("localization.md", 7), ("fabs.md", 5), ("ordering.md", 5), ("panels.md", 4)])
 def test_page_runs_from_top_to_bottom(page: str, least: int, tmp_path: Path) -> None:
     blocks = BLOCK.findall((DOCS / page).read_text(encoding="utf-8"))
     assert len(blocks) >= least
@@ -33,7 +33,7 @@ def test_page_runs_from_top_to_bottom(page: str, least: int, tmp_path: Path) -> 
                 assert "located 0 of" not in run.stderr, f"{' '.join(command)}\n{run.stdout}"
 
 
-@pytest.mark.parametrize(("page", "least"), [("solids.md", 13), ("localization.md", 1), ("fabs.md", 4)])
+@pytest.mark.parametrize(("page", "least"), [("solids.md", 13), ("localization.md", 1), ("fabs.md", 4), ("panels.md", 1)])
 def test_every_picture_is_there(page: str, least: int) -> None:
     pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", (DOCS / page).read_text(encoding="utf-8"))
     assert len(pictures) == len(set(pictures)) >= least
