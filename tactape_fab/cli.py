@@ -25,6 +25,8 @@ from tactape_fab.console import (
     fix_json,
     kit_json,
     kit_lines,
+    panel_json,
+    panel_lines,
     profile_lines,
     profiles_lines,
     remark_lines,
@@ -37,6 +39,7 @@ from tactape_fab.errors import DesignRuleError, Finding, FrameError, SpecError, 
 if TYPE_CHECKING:
     from tactape_fab.localize import Job, Locate, Located
     from tactape_fab.make import Examined
+    from tactape_fab.make_panel import ExaminedPanel
     from tactape_fab.profiles.sensors import SensorProfile
 
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
@@ -188,9 +191,32 @@ _TAPE_OPTIONS = (
 )
 
 
+_PANEL_OPTIONS = (
+    _TapeOption(
+        ["--panel"],
+        "panel",
+        _same,
+        metavar="auto|CxR|none",
+        help="Put tapes on a panel, C columns and R rows.  [default: the profile's]",
+    ),
+    _TapeOption(["--sectors"], "sectors", _same, metavar="LIST", help="Sectors of a panel's tapes, such as 7,8,20-23."),
+    _TapeOption(
+        ["--same-sector"], "same_sector", bool, is_flag=True, help="All tapes of a panel show the sector: copies, not told apart."
+    ),
+    _TapeOption(
+        ["--tabs"],
+        "tabs",
+        _same,
+        metavar="auto|x|y|xy",
+        help="Sides by which a panel holds its tapes.  [default: those with room]",
+    ),
+)
+"""Options of a panel of tapes."""
+
+
 def _tape_options(command: F) -> F:
-    """Add SPEC.toml and every option of the spec."""
-    for option in reversed(_TAPE_OPTIONS):
+    """Add SPEC.toml and every option of a tape and a panel."""
+    for option in reversed((*_TAPE_OPTIONS, *_PANEL_OPTIONS)):
         command.params.insert(0, option)  # type: ignore[attr-defined]
     command.params.insert(0, click.Argument(["spec_file"], required=False, metavar="[SPEC.toml]"))  # type: ignore[attr-defined]
     return command
@@ -203,14 +229,17 @@ def _examined(
     *,
     output: str | None = None,
     overwrite: bool = False,
-) -> Examined:
+) -> Examined | ExaminedPanel:
     from tactape_fab.kit.spec import read_spec_file
     from tactape_fab.make import examine_values
+    from tactape_fab.make_panel import examine_order
     from tactape_fab.tapes import read_tapes
 
     values = read_spec_file(Path(spec_file)) if spec_file is not None else {}
     given = {
-        o.name: o.read(options[o.name]) for o in _TAPE_OPTIONS if o.name is not None and options[o.name] not in (None, (), False)
+        o.name: o.read(options[o.name])
+        for o in (*_TAPE_OPTIONS, *_PANEL_OPTIONS)
+        if o.name is not None and options[o.name] not in (None, (), False)
     }
     values |= given
     try:
@@ -221,7 +250,9 @@ def _examined(
         except SpecError as error:
             raise SpecError([*refused.problems, *error.problems], error.findings) from None
         raise
-    return examine_values(values, output=output, overwrite=overwrite, avoid=tapes)
+    examined, remarks = examine_order(values, output=output, overwrite=overwrite, avoid=tapes)
+    _echo_lines_err(remarks)
+    return examined
 
 
 # Printing
@@ -319,25 +350,32 @@ def make(
 
     \b
     Examples: tactape-fab make --sector 7 --w 1.5 --delta 0.25
+              tactape-fab make --sectors 7,8,9 --panel auto
               tactape-fab make --sector 7 --part dome --process sla
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a polite end leaves nothing behind
     with _answers():
-        from tactape_fab.make import make_examined
+        from tactape_fab.make import Examined, make_examined
+        from tactape_fab.make_panel import make_panel
 
         examined = _examined(spec_file, options, avoid, output=output, overwrite=overwrite)
         _warn(examined.findings)
         if force:
             _echo_lines_err(f"forced: {line}" for line in rule_lines(examined.findings))
-        kit = make_examined(
-            examined,
-            output,
-            overwrite=overwrite,
-            verify=not no_verify,
-            force=force,
-            progress=lambda text: click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None,
-        )
-        _echo_json(kit_json(kit)) if as_json else _echo_lines(kit_lines(kit))
+        how: dict[str, Any] = {
+            "overwrite": overwrite,
+            "verify": not no_verify,
+            "force": force,
+            "progress": lambda text: (
+                click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None
+            ),
+        }
+        if isinstance(examined, Examined):
+            kit = make_examined(examined, output, **how)
+            _echo_json(kit_json(kit)) if as_json else _echo_lines(kit_lines(kit))
+        else:
+            panel = make_panel(examined, output, **how)
+            _echo_json(panel_json(panel)) if as_json else _echo_lines(panel_lines(panel))
 
 
 @_tape_options

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tactape_fab.decode.result import Localization
     from tactape_fab.emboss import Embossed
     from tactape_fab.make import Kit
+    from tactape_fab.make_panel import PanelKit
     from tactape_fab.profiles import FabProfile
     from tactape_fab.texture.choose import Choice
     from tactape_fab.texture.tape import Tape
@@ -157,6 +158,48 @@ def _search_lines(search: Choice | None) -> list[str]:
     return lines
 
 
+def panel_json(made: PanelKit) -> dict[str, Any]:
+    return {
+        "path": str(made.path),
+        "name": made.name,
+        "panel": made.panel.to_mapping(),
+        "tapes": [
+            {
+                "kit": kit,
+                "name": tape.name,
+                "sector": tape.sector,
+                "code": tape.code,
+                "origin": list(tape.origin),
+                "parts": tape.part_count,
+                "offset_mm": list(offset_mm),
+            }
+            for kit, tape, offset_mm in zip(made.kits, made.tapes, made.panel.offsets_mm, strict=True)
+        ],
+        "files": dict(made.files),
+        "findings": [asdict(f) for f in made.findings],
+        "checks": [asdict(c) for c in made.checks],
+    }
+
+
+def panel_lines(made: PanelKit) -> list[str]:
+    panel, first = made.panel, made.tapes[0]
+    width, height = panel.size_mm
+    parts = sum(tape.part_count for tape in made.tapes)
+    rows = [
+        (tape.name, str(tape.sector), f"{tape.origin[0]},{tape.origin[1]}", f"{x:g}, {y:g}", kit)
+        for tape, (x, y), kit in zip(made.tapes, panel.offsets_mm, made.kits, strict=True)
+    ]
+    return [
+        f"{made.path}: {panel.columns} x {panel.rows} tapes of {panel.tape_mm[0]:g} x {panel.tape_mm[1]:g} mm, "
+        f"panel {width:g} x {height:g} mm, {parts} parts",
+        f"{first.code}; pitch {first.pitch_mm:g} mm, displacement {first.displacement_mm:g} mm",
+        *table_lines(("tape", "sector", "origin", "at x, y mm", "kit"), rows),
+        f"verified: {len(made.checks)} checks of the written files" if made.checks else "not verified",
+        *(f"{f.rule}: {f.message}" for f in made.findings if f.rule == "coverlay" and f.level == "info"),
+        *_purpose_lines(made),
+    ]
+
+
 def embossed_json(made: Embossed) -> dict[str, Any]:
     return {
         "path": str(made.path),
@@ -180,7 +223,7 @@ def embossed_lines(made: Embossed) -> list[str]:
     ]
 
 
-def _purpose_lines(made: Kit | Embossed) -> list[str]:
+def _purpose_lines(made: Kit | PanelKit | Embossed) -> list[str]:
     lines = []
     for purpose, roles in PURPOSES:
         paths = [str(made.path / made.files[role]) for role in roles if role in made.files]

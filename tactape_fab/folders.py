@@ -8,11 +8,12 @@ import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from tactape_fab.errors import SpecError
-from tactape_fab.fields import shown_path
-from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, read_manifest
+from tactape_fab.fields import Fields, shown_path
+from tactape_fab.texture.panel import is_panel, read_placed
+from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, read_any_manifest
 
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
@@ -51,15 +52,25 @@ def _refuse_foreign(target: Path) -> None:
     """Only a folder that is wholly ours may be replaced: our manifest, and no file that it does not list."""
     remedy = "nothing was touched; use -o to name another folder"
     try:
-        content = read_manifest(target / MANIFEST_NAME)
+        listed = _listed(target, "")
     except SpecError as error:
         raise SpecError(f"output = {target} is no kit of this tool ({error}); {remedy}") from None
-    rows = content.get("files")
-    listed = {row.get("path") for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
-    listed.add(MANIFEST_NAME)
     for place in target.rglob("*"):
         if (place.is_symlink() or not place.is_dir()) and place.relative_to(target).as_posix() not in listed:
             raise SpecError(f"output = {target} holds {place.relative_to(target)}, which its manifest does not list; {remedy}")
+
+
+def _listed(folder: Path, within: str) -> set[str]:
+    """Every file that the manifest of a kit lists, or that of a panel and of each kit on it; relative to the outer folder."""
+    content = read_any_manifest(folder / MANIFEST_NAME)
+    rows = content.get("files")
+    listed = {f"{within}{row.get('path')}" for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
+    listed.add(f"{within}{MANIFEST_NAME}")
+    if is_panel(content) and not within:
+        for placed in read_placed(Fields(content)):
+            place = PurePosixPath(placed.manifest).parent
+            listed |= _listed(folder / place, f"{place}/")
+    return listed
 
 
 def put_in_place(folder: Path, target: Path, *, overwrite: bool) -> None:

@@ -13,6 +13,7 @@ from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecErr
 from tactape_fab.fields import shown
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.order import order_facts
@@ -97,6 +98,11 @@ class Examined:
         """The film's layers; only a film has them."""
         assert self.film is not None
         return self.film.layout
+
+    @property
+    def drawing(self) -> Drawing:
+        """The film's drawing; only a film has one."""
+        return tape_drawing(self.layout)
 
     @property
     def fab(self) -> FabProfile:
@@ -417,13 +423,13 @@ def make_examined(
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    undrawable = _undrawable(examined) if force else []
-    if blocking and (undrawable or not force):
-        raise DesignRuleError(undrawable or examined.findings)
+    never = undrawable(examined) if force else []
+    if blocking and (never or not force):
+        raise DesignRuleError(never or examined.findings)
     progress("rendering")
-    artifacts, content = _rendered(examined)
+    artifacts, content = rendered(examined)
     if blocking:
-        content["forced"] = [_forced(finding) for finding in blocking]
+        content["forced"] = [forced(finding) for finding in blocking]
     checks: tuple[Check, ...] = ()
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
@@ -452,10 +458,10 @@ def make_examined(
     )
 
 
-def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
-    """Every file of the kit, and the content of its manifest."""
+def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
+    """Every file of a kit, and the content of its manifest."""
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
-    artifacts = [] if film is None else render_all(film.layout, film.fab)
+    artifacts = [] if film is None else render_all(examined.drawing, film.fab)
     if film is not None:
         artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
     if spec.form is not None:
@@ -469,7 +475,7 @@ def _rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
 
 
-def _undrawable(examined: Examined) -> list[Finding]:
+def undrawable(examined: Examined) -> list[Finding]:
     """Rules without which the models cannot be drawn at all, whatever is forced."""
     form = examined.spec.form
     if form is None or examined.film is None:
@@ -477,6 +483,6 @@ def _undrawable(examined: Examined) -> list[Finding]:
     return [_cell_finding(problem) for problem in form_problems(examined.tape, form) if problem.key == "part"]
 
 
-def _forced(finding: Finding) -> dict[str, Any]:
+def forced(finding: Finding) -> dict[str, Any]:
     """A broken rule as the manifest of a kit that was made in spite of it records it."""
     return {"rule": finding.rule, "value": finding.value, "limit": finding.limit, "message": finding.message}

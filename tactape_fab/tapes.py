@@ -1,4 +1,4 @@
-"""Paths that a user gives -> tapes: kits, their manifests, folders of kits. The one place where paths become a registry."""
+"""Paths that a user gives -> tapes: kits, panels, manifests, folders of them. The one place where paths become a registry."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import shown_path
+from tactape_fab.texture.panel import kits_of
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape, find_manifest, read_manifest
 
 MOST_TAPES = 4096
@@ -34,7 +35,7 @@ def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
     Parameters
     ----------
     paths : sequence of path
-        Folders of kits or of embossed parts, their manifests, or folders of such folders (in the order of their names).
+        Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
 
     Raises
     ------
@@ -44,7 +45,12 @@ def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
     entries: list[Registered] = []
     problems: list[Problem] = []
     for path in paths:
-        for place in _kits_at(Path(path)):
+        try:
+            places = _kits_at(Path(path))
+        except SpecError as error:
+            problems.extend(error.problems)
+            continue
+        for place in places:
             if len(entries) >= MOST_TAPES:
                 raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
             try:
@@ -67,11 +73,11 @@ def labels(entries: Sequence[Registered]) -> tuple[str, ...]:
 
 
 def _kits_at(path: Path) -> list[Path]:
-    """A kit itself, or the kits in a folder that is none."""
+    """A kit itself, the kits of a panel, or the kits and panels in a folder that is neither."""
     try:
         if not path.is_dir() or (path / MANIFEST_NAME).exists():
-            return [path]
+            return kits_of(path)
         inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
     except (OSError, ValueError):  # Tape.load says what is wrong
         return [path]
-    return inside or [path]
+    return [kit for place in inside for kit in kits_of(place)] or [path]

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.make_panel import PanelKit
+from tests.panels import SIX, TWO, panel_of
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,11 +45,23 @@ def flat_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
     return make_kit(spec, tmp_path_factory.mktemp("flat") / "tactape-s100")
 
 
+@pytest.fixture(scope="session")
+def panel_2(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+    """A panel of two tapes; not to be changed."""
+    return panel_of(TWO, tmp_path_factory.mktemp("two") / "panel")
+
+
+@pytest.fixture(scope="session")
+def panel_6(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+    """A panel of six tapes; not to be changed."""
+    return panel_of(SIX, tmp_path_factory.mktemp("six") / "panel")
+
+
 @pytest.fixture
-def copied(tmp_path: Path) -> Callable[[Kit], Path]:
+def copied(tmp_path: Path) -> Callable[[Kit | PanelKit], Path]:
     """Copy a kit to a folder of the test's own, to be changed."""
 
-    def copy(kit: Kit) -> Path:
+    def copy(kit: Kit | PanelKit) -> Path:
         return Path(shutil.copytree(kit.path, tmp_path / kit.path.name))
 
     return copy

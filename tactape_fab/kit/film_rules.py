@@ -56,7 +56,7 @@ def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Findi
         *_coverlay(modes, spec, fab),
         *_anchors(anchors, modes, layout, spec, fab),
         *_drawn(layout, fab),
-        *_assembly(layout, fab),
+        *assembly_findings(layout.tape.board.size_mm, layout.tape.part_count, fab),
         *_bending(layout, spec, fab),
     ]
 
@@ -178,9 +178,9 @@ def _paste_ratio(layout: Layout, fab: FabProfile) -> Finding:
     )
 
 
-def _assembly(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
-    """How many parts, and whether the tape alone is large enough for the line."""
-    count, most = layout.tape.part_count, fab.parts.most
+def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile, what: str = "tape") -> Iterator[Finding]:
+    """How many parts, and whether what is ordered, a tape alone or a panel, is large enough for the line."""
+    most = fab.parts.most
     few = count <= most
     yield Finding(
         rule="part-count",
@@ -193,11 +193,11 @@ def _assembly(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         confirmed=fab.parts.origin.confirmed,
         message=f"{count} parts" + ("" if few else f", more than {most}: ask {fab.name} whether they take so many"),
     )
-    size_mm, panel = sorted(layout.tape.board.size_mm, reverse=True), fab.panel
+    size_mm, panel = sorted(board_mm, reverse=True), fab.panel
     small = any(side < least - TOLERANCE_MM for side, least in zip(size_mm, panel.smallest_mm, strict=True))
     large = any(side > most_mm + TOLERANCE_MM for side, most_mm in zip(size_mm, panel.largest_mm, strict=True))
     said = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
-    said += f"{panel.largest_mm[1]:g} mm; the tape is {size_mm[0]:g} x {size_mm[1]:g} mm"
+    said += f"{panel.largest_mm[1]:g} mm; the {what} is {size_mm[0]:g} x {size_mm[1]:g} mm"
     remedy = "; order it in a panel" * small + "; ask the line, or use a smaller --size" * large
     yield Finding(
         rule="assembly-size",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import uuid
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,35 +13,42 @@ from tactape_fab import __version__
 from tactape_fab.kit.artifact import build_date
 from tactape_fab.profiles import X2Mode
 from tactape_fab.texture.frames import FloatArray, IntArray, to_nm
-from tactape_fab.texture.tape import Tape
 
 _CHUNK = 2_000
 """Flashes formatted at a time, which bounds memory whatever the number of parts."""
 
 
-def project_id(tape: Tape) -> str:
-    """Value of .ProjectId (Gerber 2024.05 section 5.6.8): name, GUID, revision."""
-    return f"{tape.name},{project_guid(tape)},{__version__}"
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Project:
+    """What one set of files is of: its name, the text that decides its GUID, and what a board of it is (.Part)."""
 
+    name: str
+    key: str
+    part: str = "Single"
 
-def project_guid(tape: Tape) -> uuid.UUID:
-    """A GUID in the form of RFC 4122 version 4 whose bits the tape alone decides; also the tape's .SameCoordinates."""
-    key = f"{tape.name}/{tape.code}/{tape.sector}/{tape.origin}/{tape.pitch_mm}/{tape.displacement_mm}/{tape.board}"
-    return uuid.UUID(bytes=hashlib.sha256(key.encode()).digest()[:16], version=4)
+    @property
+    def id(self) -> str:
+        """Value of .ProjectId (Gerber 2024.05 section 5.6.8): name, GUID, revision."""
+        return f"{self.name},{self.guid},{__version__}"
+
+    @property
+    def guid(self) -> uuid.UUID:
+        """A GUID in the form of RFC 4122 version 4 whose bits `key` alone decides; also the .SameCoordinates."""
+        return uuid.UUID(bytes=hashlib.sha256(self.key.encode()).digest()[:16], version=4)
 
 
 class GerberText:
     """Lines of one Gerber file, with its attributes in the mode the fab takes."""
 
-    def __init__(self, tape: Tape, x2: X2Mode, file_function: str, polarity: str = "Positive") -> None:
+    def __init__(self, project: Project, x2: X2Mode, file_function: str, polarity: str = "Positive") -> None:
         self._x2 = x2
         self._lines: list[str] = []
         self._next_aperture = 10
         self._attribute(f"TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}")
         self._attribute(f"TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}")
-        self._attribute(f"TF.ProjectId,{project_id(tape)}")
-        self._attribute(f"TF.SameCoordinates,{project_guid(tape)}")
-        self._attribute("TF.Part,Single")
+        self._attribute(f"TF.ProjectId,{project.id}")
+        self._attribute(f"TF.SameCoordinates,{project.guid}")
+        self._attribute(f"TF.Part,{project.part}")
         self._attribute(f"TF.FileFunction,{file_function}")
         self._attribute(f"TF.FilePolarity,{polarity}")
         self.add("%FSLAX46Y46*%", "%MOMM*%", "%LPD*%", "G75*", "G01*")

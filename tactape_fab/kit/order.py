@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from tactape_fab.errors import Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.panel import Panel
 from tactape_fab.kit.tag import SIDE_CELLS
 from tactape_fab.profiles import FabProfile, Limit, Origin, PartProfile, SizeLimit
 from tactape_fab.texture.shapes import reach_mm
@@ -49,11 +50,38 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OrderedTape:
+    """A tape of a panel: where it lies, and its first and last designator's numbers."""
+
+    name: str
+    sector: int
+    first: int
+    last: int
+    offset_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderedPanel:
+    """What the notes say of a panel."""
+
+    words: str
+    tape_mm: tuple[float, float]
+    rail_mm: float
+    gap_mm: float
+    tab_mm: float
+    tapes: tuple[OrderedTape, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OrderFacts:
     """Everything that a template of order notes may say.
 
     Attributes
     ----------
+    name, size_mm, part_count
+        Of what is ordered: the tape, or the panel that `panel` describes, whose first tape `tape` is then.
+    designs : int
+        Different tapes in it.
     files : mapping of str to str
         Role to path in the kit.
     part_number : str
@@ -75,6 +103,9 @@ class OrderFacts:
         Copper that runs on from the pads under the coverlay: its kind, or ``none``.
     """
 
+    name: str
+    size_mm: tuple[float, float]
+    part_count: int
     tape: Tape
     fab: FabProfile
     part: PartProfile
@@ -95,6 +126,13 @@ class OrderFacts:
     stiffener: str | None = None
     adhesive: str | None = None
     anchors: str = "none"
+    designs: int = 1
+    panel: OrderedPanel | None = None
+
+    @property
+    def unit(self) -> str:
+        """What is ordered."""
+        return "tape" if self.panel is None else "panel"
 
 
 def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], artifacts: Sequence[Artifact]) -> OrderFacts:
@@ -105,6 +143,9 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
     least, most = fab.panel.smallest_mm, fab.panel.largest_mm
     field_mm = _field(layout)
     return OrderFacts(
+        name=tape.name,
+        size_mm=tape.board.size_mm,
+        part_count=tape.part_count,
         tape=tape,
         fab=fab,
         part=part,
@@ -125,6 +166,44 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         stiffener=layout.stiffener,
         adhesive=layout.adhesive,
         anchors="none" if layout.anchors is None else layout.anchors.mode,
+    )
+
+
+def panel_order_facts(
+    name: str,
+    panel: Panel,
+    layouts: Sequence[Layout],
+    fab: FabProfile,
+    findings: Sequence[Finding],
+    artifacts: Sequence[Artifact],
+) -> OrderFacts:
+    """Gather the facts of a panel's order; `artifacts` are its own files, `layouts` in the order of `Panel.offsets_mm`."""
+    facts = order_facts(layouts[0], fab, findings, artifacts)
+    counts = [layout.tape.part_count for layout in layouts]
+    last = np.cumsum(counts).tolist()
+    holes = [hole[2] for layout in layouts for hole in layout.tape.board.holes]
+    return replace(
+        facts,
+        name=name,
+        size_mm=panel.size_mm,
+        part_count=sum(counts),
+        fits_panel=True,
+        least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
+        estimate=_estimate(sum(counts), fab),
+        designs=len({(layout.tape.code, layout.tape.sector, layout.tape.origin) for layout in layouts}),
+        panel=OrderedPanel(
+            words=f"{panel.columns} x {panel.rows} tapes",
+            tape_mm=panel.tape_mm,
+            rail_mm=panel.rail_mm,
+            gap_mm=panel.gap_mm,
+            tab_mm=panel.tab_mm,
+            tapes=tuple(
+                OrderedTape(
+                    name=layout.tape.name, sector=layout.tape.sector, first=end - count + 1, last=end, offset_mm=offset_mm
+                )
+                for layout, count, end, offset_mm in zip(layouts, counts, last, panel.offsets_mm, strict=True)
+            ),
+        ),
     )
 
 

@@ -7,14 +7,16 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from tactape_fab import __version__
 from tactape_fab.kit.anchors import anchor_plan
 from tactape_fab.kit.artifact import Artifact, zip_date
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.panel import Panel
 from tactape_fab.kit.render.assembly import render_bom, render_cpl
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
@@ -29,9 +31,9 @@ from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.choose import Choice
-from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, Tape
+from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, PANEL_FORMAT, Tape
 
-RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
+RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
     "copper-top": render_copper,
     "coverlay-top": render_coverlay,
     "paste-top": render_paste,
@@ -48,6 +50,8 @@ RENDERERS: Mapping[str, Callable[[Layout, FabProfile], Iterable[Artifact]]] = {
 }
 """Renderer of each role; one that a tape has no use for gives no file."""
 
+_TOOL = {"name": "tactape-fab", "version": __version__}
+
 FAB_ZIP_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth"),
     *("stiffener-bottom", "adhesive-bottom", "job"),
@@ -55,11 +59,11 @@ FAB_ZIP_ROLES = (
 """What is uploaded to the fab, the job file only where the profile wants it; never the component layer."""
 
 
-def render_all(layout: Layout, fab: FabProfile) -> list[Artifact]:
-    """Every file of a film but models and manifest: fabrication, assembly, previews drawn from those, and the zip."""
-    artifacts = [artifact for render in RENDERERS.values() for artifact in render(layout, fab)]
+def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
+    """Every file of a film or a panel but models, notes and manifest: layers, lists, previews drawn from those, the zip."""
+    artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
     artifacts += render_preview(artifacts, fab)
-    artifacts.append(_fab_zip(layout, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
+    artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
     return artifacts
 
 
@@ -71,7 +75,7 @@ def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[A
     return [render_assembly(tape, fab), *models]
 
 
-def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
+def _fab_zip(name: str, artifacts: Iterable[Artifact]) -> Artifact:
     """The zip with fixed dates and order, the same bytes every time."""
     stream = io.BytesIO()
     date = zip_date()
@@ -82,7 +86,7 @@ def _fab_zip(layout: Layout, artifacts: Iterable[Artifact]) -> Artifact:
             entry.create_system = 3
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, artifact.data)
-    return Artifact(role="fab-zip", path=f"{layout.tape.name}-fab.zip", data=stream.getvalue())
+    return Artifact(role="fab-zip", path=f"{name}-fab.zip", data=stream.getvalue())
 
 
 def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifact]) -> dict[str, Any]:
@@ -95,13 +99,65 @@ def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifac
     """
     return {
         "format": MANIFEST_FORMAT,
-        "tool": {"name": "tactape-fab", "version": __version__},
+        "tool": _TOOL,
         **tape.to_mapping(),
         **made_by,
-        "files": [
-            {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
-            for a in sorted(artifacts, key=lambda a: a.path)
+        "files": _rows(artifacts),
+    }
+
+
+def _rows(artifacts: Iterable[Artifact]) -> list[dict[str, Any]]:
+    return [
+        {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
+        for a in sorted(artifacts, key=lambda a: a.path)
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedKit:
+    """A kit on a panel: its manifest's path and bytes, where it lies, and the number of its first designator."""
+
+    tape: Tape
+    manifest: str
+    data: bytes
+    offset_mm: tuple[float, float]
+    first: int
+
+
+def panel_manifest(
+    name: str, panel: Panel, kits: Iterable[PlacedKit], made_by: Mapping[str, Any], artifacts: Iterable[Artifact]
+) -> dict[str, Any]:
+    """Content of a panel's manifest.json: its tapes and where they lie, what it was made with, and its own files."""
+    return {
+        "format": PANEL_FORMAT,
+        "name": name,
+        "tool": _TOOL,
+        "panel": panel.to_mapping(),
+        "tapes": [
+            {
+                "manifest": kit.manifest,
+                "sha256": hashlib.sha256(kit.data).hexdigest(),
+                "name": kit.tape.name,
+                "sector": kit.tape.sector,
+                "parts": kit.tape.part_count,
+                "offset_mm": list(kit.offset_mm),
+                "rotation_deg": 0.0,
+                "first_designator": f"R{kit.first}",
+            }
+            for kit in kits
         ],
+        **made_by,
+        "files": _rows(artifacts),
+    }
+
+
+def panel_record(layout: Layout, spec: TapeSpec, fab: FabProfile) -> dict[str, Any]:
+    """What the manifest of a panel records of profiles and options: as `film_record`, but what is of one tape."""
+    record = film_record(layout, spec, fab, None)
+    own = ("name", "sector", "origin", "tag_id")
+    return {
+        **{key: value for key, value in record.items() if key not in ("solid", "process")},
+        "spec": {key: value for key, value in record["spec"].items() if key not in own},
     }
 
 

@@ -57,7 +57,7 @@ def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
     if fab.bend is not None:
         rows.append(_row("bend-radius", fab.bend.least_thicknesses, "thicknesses", "warn", fab.bend.origin))
     panel = ("smallest_mm", "largest_mm", "rail_mm", "gap_mm", "fiducials", "fiducial_mm", "fiducial_opening_mm")
-    for name in (*panel, "fiducial_shift_mm", "tooling_holes", "tooling_hole_mm"):
+    for name in (*panel, "fiducial_shift_mm", "tooling_holes", "tooling_hole_mm", "tab_mm", "tab_pitch_mm"):
         value = getattr(fab.panel, name)
         shown = list(value) if isinstance(value, tuple) else value
         rows.append(_row(f"panel.{name.removesuffix('_mm')}", shown, "mm" * name.endswith("_mm"), "info", fab.panel.origin))

@@ -71,8 +71,13 @@ class PartsLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelRules:
-    """What assembly takes: sizes as (longer side, shorter side), rails, marks and holes."""
+    """What assembly takes: sizes as (longer side, shorter side), rails, marks, holes and tabs.
 
+    ``make`` is ``auto`` where tapes are put on a panel unless told otherwise. ``tab_pitch_mm`` is how far apart the tabs
+    of a side may be at most.
+    """
+
+    make: str
     smallest_mm: tuple[float, float]
     largest_mm: tuple[float, float]
     rail_mm: float
@@ -83,6 +88,8 @@ class PanelRules:
     fiducial_shift_mm: float
     tooling_holes: int
     tooling_hole_mm: float
+    tab_mm: float
+    tab_pitch_mm: float
     origin: Origin
 
 
@@ -155,20 +162,39 @@ def read_parts_limit(profile: Fields) -> PartsLimit:
     return PartsLimit(most=table.integer("most", low=1, high=10_000_000), level=read_level(table), origin=read_origin(table))
 
 
+PANEL_MARKS = 4
+"""Fiducials, and tooling holes, that a panel has at most: one in each corner."""
+
+
 def read_panel(profile: Fields) -> PanelRules:
-    lengths = ("rail_mm", "gap_mm", "fiducial_mm", "fiducial_opening_mm", "fiducial_shift_mm", "tooling_hole_mm")
+    spans = ("rail_mm", "gap_mm", "tab_mm", "tab_pitch_mm")
+    marks = ("fiducial_mm", "fiducial_opening_mm", "fiducial_shift_mm", "tooling_hole_mm")
     counts = ("fiducials", "tooling_holes")
-    table = profile.table("panel", ("smallest_mm", "largest_mm", *lengths, *counts, *ORIGIN_KEYS))
+    table = profile.table("panel", ("make", "smallest_mm", "largest_mm", *spans, *marks, *counts, *ORIGIN_KEYS))
     smallest, largest = (table.numbers(key, 2, above=0.0) for key in ("smallest_mm", "largest_mm"))
     if min(largest) < min(smallest) or max(largest) < max(smallest):
         table.problem(
             "largest_mm",
             f"largest_mm = {shown(list(largest))} mm is smaller than smallest_mm = {shown(list(smallest))} mm; correct one",
         )
-    return PanelRules(
+    rules = PanelRules(
+        make=table.text("make", choices=("auto", "none")),
         smallest_mm=(max(smallest), min(smallest)),
         largest_mm=(max(largest), min(largest)),
-        **{key: table.number(key, low=0.0, high=100.0) for key in lengths},  # type: ignore[arg-type]
-        **{key: table.integer(key, low=0, high=100) for key in counts},
+        **{key: table.number(key, above=0.0, high=100.0) for key in (*spans, *marks)},  # type: ignore[arg-type]
+        **{key: table.integer(key, low=0, high=PANEL_MARKS) for key in counts},
         origin=read_origin(table),
     )
+    widest_mm = max(rules.fiducial_opening_mm, rules.tooling_hole_mm)
+    if rules.fiducial_opening_mm < rules.fiducial_mm:
+        table.problem(
+            "fiducial_opening_mm",
+            f"fiducial_opening_mm = {rules.fiducial_opening_mm:g} mm is smaller than the fiducial's {rules.fiducial_mm:g} mm; "
+            "give a larger one",
+        )
+    if rules.rail_mm < widest_mm + 1.0:
+        table.problem(
+            "rail_mm",
+            f"rail_mm = {rules.rail_mm:g} mm has no room for marks and holes of {widest_mm:g} mm; give {widest_mm + 1:g} or more",
+        )
+    return rules

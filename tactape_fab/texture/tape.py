@@ -25,6 +25,7 @@ from tactape_fab.texture.frames import (
 )
 
 MANIFEST_FORMAT = "tactape-manifest/1"
+PANEL_FORMAT = "tactape-panel/1"
 MANIFEST_NAME = "manifest.json"
 UNFINISHED_SUFFIX = ".partial"
 """End of the name of a folder in which a kit is being built; such a folder is never a kit."""
@@ -236,12 +237,26 @@ def find_manifest(path: str | Path) -> Path:
 
 
 def read_manifest(file: Path) -> dict[str, Any]:
-    """The content of a manifest.json as a mapping, its size and format checked.
+    """The content of a kit's manifest.json as a mapping, its size and format checked.
 
     Raises
     ------
     SpecError
         When the file is too large, no JSON, or not of this format.
+    """
+    content = read_any_manifest(file)
+    if content["format"] == PANEL_FORMAT:
+        raise SpecError(f"{file.name} is that of a panel, not of one tape; give the folder of one of the kits on it")
+    return content
+
+
+def read_any_manifest(file: Path) -> dict[str, Any]:
+    """The content of a manifest.json of a kit or of a panel.
+
+    Raises
+    ------
+    SpecError
+        When the file is too large, no JSON, or of neither format.
     """
     try:
         if file.stat().st_size > _MANIFEST_BYTES:
@@ -252,7 +267,7 @@ def read_manifest(file: Path) -> dict[str, Any]:
             raise
         raise SpecError(f"{file.name} cannot be read as JSON: {error}") from error
     found = content.get("format") if isinstance(content, dict) else None
-    if found != MANIFEST_FORMAT:
+    if found not in (MANIFEST_FORMAT, PANEL_FORMAT):
         raise SpecError(f"{file.name} has format {found!r}; this version reads '{MANIFEST_FORMAT}'")
     return dict(content)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,7 +128,7 @@ def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
     return Check(name="cpl rotation", passed=not len(wrong), message=message, figure=float(turn.max(initial=0.0)), unit="deg")
 
 
-def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
+def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) -> Check:
     """Every part in exactly one row of the house's columns, at most 200 a row, quantities and words as the manifest has them."""
     bom = FORMATS[recorded.format].bom
     try:
@@ -137,7 +137,6 @@ def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
         return Check(name="bom", passed=False, message=f"it cannot be read: {error}")
     groups = [row["designator"].split(",") for row in rows]
     found = [name for group in groups for name in group]
-    expected = tape.designators()
     known, seen = set(expected), set(found)
     problems = []
     for what, items in (
@@ -165,20 +164,34 @@ def check_bom(data: bytes, tape: Tape, recorded: RecordedAssembly) -> Check:
     return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
 
 
-def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape) -> Check:
-    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ordered:
+    """What notes are of: a tape, or a panel, on which nothing may be printed but in its rails."""
+
+    name: str
+    size_mm: tuple[float, float]
+    part_count: int
+    on_panel: bool = False
+
+
+def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None) -> Check:
+    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free.
+
+    Of a panel `tape` is any of its tapes, and `of` what is ordered.
+    """
+    of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
     try:
         text = files["order-notes"].data.decode("utf-8")
     except UnicodeDecodeError as error:
         return Check(name="order-notes", passed=False, message=f"they are no UTF-8: {error.reason} at byte {error.start}")
-    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in tape.board.size_mm)
-    facts = [f"{tape.name} at ", f"{width} x {height} mm", f"{tape.part_count} parts"]
+    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in of.size_mm)
+    facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}
     listed = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     found = _PRINT_AREA.findall(text)
-    if not found and "no room for one" not in text:
+    if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:
         problems.append("they do not say where the fab may print")
     for area in found:
         x0, x1, y0, y1 = map(float, area)

@@ -8,7 +8,7 @@ import json
 import re
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
@@ -74,8 +74,13 @@ def safe_path(text: object) -> PurePosixPath | None:
     return None if path.is_absolute() or ".." in path.parts or str(path) != text else path
 
 
-def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, list[WrittenFile]], list[Check]]:
-    """Read every listed file, by role, and compare sizes and SHA-256."""
+def read_files(
+    folder: Path, manifest: Mapping[str, Any], kits: Collection[str] = ()
+) -> tuple[dict[str, list[WrittenFile]], list[Check]]:
+    """Read every listed file, by role, and compare sizes and SHA-256.
+
+    ``kits`` are folders in it, with '/' at their end, whose files their own manifests list.
+    """
     rows = manifest.get("files")
     files: dict[str, list[WrittenFile]] = {}
     problems: list[str] = []
@@ -90,7 +95,7 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, lis
             continue
         listed.add(str(path))
         try:
-            data = _read_inside(root, folder / path)
+            data = read_inside(root, folder / path)
         except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
             problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
         else:
@@ -99,9 +104,8 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, lis
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
-    unlisted = sorted(
-        str(p.relative_to(folder)) for p in folder.rglob("*") if not p.is_dir() and p.relative_to(folder).as_posix() not in listed
-    )
+    present = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()]
+    unlisted = sorted(path for path in present if path not in listed and not path.startswith(tuple(kits)))
     if unlisted:
         checks.append(
             Check(
@@ -111,7 +115,7 @@ def read_files(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, lis
     return files, checks
 
 
-def _read_inside(root: Path, place: Path) -> bytes:
+def read_inside(root: Path, place: Path) -> bytes:
     """The bytes of a regular file below `root` of bounded size; OSError with the reason otherwise."""
     if not place.resolve().is_relative_to(root):
         raise OSError(0, "leads out of the kit's folder")
@@ -157,7 +161,7 @@ def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Che
     return Check(name="fab-zip", passed=not problems, message=message)
 
 
-def check_job(tape: Tape, files: Mapping[str, WrittenFile]) -> Check:
+def check_job(board_mm: tuple[float, float], files: Mapping[str, WrittenFile]) -> Check:
     """The job file is JSON, and names this board and these files."""
     try:
         job = json.loads(files["job"].data)
@@ -171,7 +175,7 @@ def check_job(tape: Tape, files: Mapping[str, WrittenFile]) -> Check:
     }
     problems = [f"it names {p}, which is not there" for p in sorted(paths - expected)]
     problems += [f"it does not name {p}" for p in sorted(expected - paths)]
-    if size_mm != tape.board.size_mm:
+    if size_mm != board_mm:
         problems.append(f"its board is {size_mm[0]:g} x {size_mm[1]:g} mm")
     return Check(
         name="job", passed=not problems, message=named(problems) or f"names the {len(expected)} layers and the board's size"

@@ -186,13 +186,13 @@ def file_function(role: str, backing: str) -> str:
     return f"Other,{role.split('-', maxsplit=1)[0].capitalize()}_Bottom_{material_words(backing)}"
 
 
-def check_backing(role: str, content: GerberContent, path: str, backing: str, profile: GerberContent) -> Check:
+def check_backing(role: str, content: GerberContent, path: str, backing: str, outline_mm: FloatArray | None) -> Check:
     """One area as large as the outline, in a file whose name says material and thickness."""
     problems = []
     if len(content.areas_mm) != 1 or len(content.flash_xy_mm) or len(content.strokes_mm) or content.clear:
         problems.append("other objects than one area")
-    elif profile.strokes_mm:
-        area, outline = shapely.Polygon(content.areas_mm[0]), shapely.Polygon(profile.strokes_mm[0])
+    elif outline_mm is not None:
+        area, outline = shapely.Polygon(content.areas_mm[0]), shapely.Polygon(outline_mm)
         error_mm = float(shapely.hausdorff_distance(area.exterior, outline.exterior))
         if error_mm > TOLERANCE_MM:
             problems.append(f"it leaves the outline by {error_mm:.3f} mm")

@@ -14,7 +14,8 @@ from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, r
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.readmesh import MeshError, read_stl
-from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_manifest
+from tactape_fab.texture.panel import is_panel
+from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_any_manifest, read_manifest
 from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
 from tactape_fab.verify.certificate import check_certificate
@@ -43,7 +44,7 @@ from tactape_fab.verify.film import (
     read_film_record,
 )
 from tactape_fab.verify.kernels import check_with_others
-from tactape_fab.verify.kicad import check_kicad
+from tactape_fab.verify.kicad import check_kicad, shown_tape
 from tactape_fab.verify.lands import (
     LandPairs,
     Recorded,
@@ -102,7 +103,7 @@ def verify_kit(
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
 ) -> Verification:
-    """Verify a kit by its folder or its manifest.json.
+    """Verify a kit, or a panel with every kit on it, by its folder or its manifest.json.
 
     Parameters
     ----------
@@ -128,7 +129,19 @@ def verify_kit(
     file = find_manifest(path)
     if file.name != MANIFEST_NAME:
         raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
+    if is_panel(_format_of(file)):
+        from tactape_fab.verify.panel import verify_panel_folder
+
+        return verify_panel_folder(file, quick=quick, contact=contact, progress=progress)
     return verify_folder(file, quick=quick, contact=contact, progress=progress)
+
+
+def _format_of(file: Path) -> dict[str, Any]:
+    """Content of a manifest; nothing where it cannot be read, which is said where it is read as a kit's."""
+    try:
+        return read_any_manifest(file)
+    except SpecError:
+        return {}
 
 
 def verify_folder(
@@ -168,7 +181,7 @@ def verify_folder(
     cpl = None
     sources: list[Source] = []
     if recorded is not None and assembly is not None and film is not None:
-        cpl = _read("cpl", read_cpl, single, checks)
+        cpl = read_role("cpl", read_cpl, single, checks)
         checks += _check_assembly(tape, recorded, assembly, single, cpl)
         checks += pardoned(_check_content(manifest, tape, recorded, film, single, cpl, sources, quick=quick), film)
     checks += [check_certificate(single[CERTIFICATE], tape), check_picture(single)]
@@ -216,7 +229,7 @@ def _read_solid(tape: Tape, form: SolidForm, files: dict[str, WrittenFile]) -> l
         return []
 
 
-def _read(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], checks: list[Check]) -> T | None:
+def read_role(role: str, read: Callable[[bytes], T], files: dict[str, WrittenFile], checks: list[Check]) -> T | None:
     try:
         return read(files[role].data)
     except ReadbackError as error:
@@ -229,7 +242,7 @@ def _check_assembly(
 ) -> list[Check]:
     """What an assembly line gets."""
     lists = [] if cpl is None else check_cpl(cpl, tape, assembly, recorded.pads)
-    return [*lists, check_bom(files["bom"].data, tape, assembly), check_order_notes(files, tape)]
+    return [*lists, check_bom(files["bom"].data, tape.designators(), assembly), check_order_notes(files, tape)]
 
 
 def _check_content(
@@ -247,17 +260,18 @@ def _check_content(
     checks: list[Check] = []
     layers: dict[str, GerberContent] = {}
     for role in (*GERBER_ROLES, *film.backings):
-        if role in files and (content := _read(role, read_gerber, files, checks)) is not None:
+        if role in files and (content := read_role(role, read_gerber, files, checks)) is not None:
             layers[role] = content
-    holes = _read("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
-    checks.append(_check_attributes(layers, files, manifest["spec"].get("x2"), film))
+    holes = read_role("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
+    checks.append(check_attributes(layers, files, manifest["spec"].get("x2"), film))
     if "profile" in layers:
         checks.append(check_outline(layers["profile"], tape))
     if holes is not None:
         checks.append(check_drill(holes, tape))
     for role, backing in film.backings.items():
         if role in layers and "profile" in layers:
-            checks.append(check_backing(role, layers[role], files[role].path, backing, layers["profile"]))
+            outline = layers["profile"].strokes_mm
+            checks.append(check_backing(role, layers[role], files[role].path, backing, outline[0] if outline else None))
     lands = {"copper-top": recorded.pads, "paste-top": recorded.paste}
     pairs = {
         role: pair_lands(layers[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
@@ -265,7 +279,7 @@ def _check_content(
         if role in layers
     }
     if cpl is not None:
-        checks += _check_layers_with_cpl(layers, pairs, recorded, film, tape, cpl)
+        checks += check_layers_with_cpl(layers, pairs, recorded, film, tape, cpl)
     if film.anchor is not None and "copper-top" in layers and "coverlay-top" in layers:
         checks += check_anchors(layers["copper-top"], layers["coverlay-top"], film.anchor, recorded.pads, tape)
     if cpl is not None:
@@ -277,11 +291,11 @@ def _check_content(
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, tape, recorded)
-    return [*checks, check_job(tape, files), check_zip(files, with_job=film.job_in_zip)]
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown_tape(tape), recorded)
+    return [*checks, check_job(tape.board.size_mm, files), check_zip(files, with_job=film.job_in_zip)]
 
 
-def _check_layers_with_cpl(
+def check_layers_with_cpl(
     layers: dict[str, GerberContent],
     pairs: dict[str, LandPairs],
     recorded: Recorded,
@@ -308,7 +322,13 @@ def _check_layers_with_cpl(
     return checks
 
 
-def _check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile], x2: object, film: FilmRecord) -> Check:
+def _parts_of_pads(content: GerberContent) -> list[str]:
+    """The part that each flash names; fiducials belong to none."""
+    mark = [function.startswith("FiducialPad") for function in content.aperture_functions]
+    return [part for part, i in zip(content.flash_component, content.flash_aperture, strict=True) if not mark[i]]
+
+
+def check_attributes(layers: dict[str, GerberContent], files: dict[str, WrittenFile], x2: object, film: FilmRecord) -> Check:
     """Attributes are there as the manifest's ``spec.x2`` says; functions are the roles', one origin, signatures fit."""
     problems = [problem for role in layers if (problem := check_signature(role, files[role].data)) is not None]
     functions = {**FILE_FUNCTIONS, **{role: (file_function(role, b), "Positive") for role, b in film.backings.items()}}
@@ -320,7 +340,7 @@ def _check_attributes(layers: dict[str, GerberContent], files: dict[str, Written
             missing = [n for n in REQUIRED_ATTRIBUTES if start + n.encode() not in files[role].data]
             problems += [f"{role} has no .{name}" for name in missing]
             origins.add(re.search(rb"TF\.SameCoordinates,([^*]*)\*", files[role].data))
-        if mode == "full" and role == "copper-top" and not all(content.flash_component):
+        if mode == "full" and role == "copper-top" and not all(_parts_of_pads(content)):
             problems.append("copper-top has pads without .P")
         for attribute, expected in zip(("FileFunction", "FilePolarity"), functions[role], strict=True):
             found = content.file_attributes.get(attribute)

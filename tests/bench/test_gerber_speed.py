@@ -25,6 +25,7 @@ from gerbonara.rs274x import GerberFile
 from gerbonara.utils import MM
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from tactape_fab.kit.drawing import tape_drawing
 from tactape_fab.kit.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.render.gerber import render_copper
@@ -47,7 +48,7 @@ from tactape_fab.make import examine
 from tests.bench.measure import large_spec
 examined = examine(large_spec({PARTS}))
 assert len(examined.layout.pads.xy_mm) >= {2 * PARTS}
-render_copper(examined.layout, examined.fab)
+render_copper(examined.drawing, examined.fab)
 """
 
 
@@ -102,8 +103,8 @@ def test_copper_is_ten_times_faster_than_gerber_writer_and_gerbonara(benchmark: 
     layout, fab, spec = large.layout, large.fab, large.spec
     part = load_part(spec.part)
     peers = {name: Timed(write) for name, write in PEERS.items()}
-    copper = Timed(lambda: render_copper(layout, fab))
-    from_spec = Timed(lambda: render_copper(build_layout(plan(spec, fab, part), spec, fab, part), fab))
+    copper = Timed(lambda: render_copper(tape_drawing(layout), fab))
+    from_spec = Timed(lambda: render_copper(tape_drawing(build_layout(plan(spec, fab, part), spec, fab, part)), fab))
     written: dict[str, bytes] = {}
     turns = cycle(PEERS)
 
@@ -140,7 +141,7 @@ def test_cost_of_copper_is_linear(benchmark: BenchmarkFixture) -> None:
     render = {size: Timed(render_copper) for size in SIZES}
 
     def copper_of(size: int) -> None:
-        render[size](tapes[size].layout, tapes[size].fab)
+        render[size](tapes[size].drawing, tapes[size].fab)
 
     def smaller_ones() -> None:
         for size in SIZES[:-1]:

@@ -30,7 +30,7 @@ def compare(path: Path, data: bytes, request: pytest.FixtureRequest) -> None:
 @pytest.mark.parametrize("fab", profile_names("fabs"))
 def test_notes_are_the_golden_ones(fab: str, request: pytest.FixtureRequest) -> None:
     made = examine(TapeSpec(sector=7, pitch_mm=1.5, displacement_mm=0.25, fab=fab, models=False))
-    lists = [*render_cpl(made.layout, made.fab), *render_bom(made.layout, made.fab)]
+    lists = [*render_cpl(made.drawing, made.fab), *render_bom(made.drawing, made.fab)]
     archive = Artifact(role="fab-zip", path=f"{made.tape.name}-fab.zip", data=b"")
     (notes,) = render_order_notes(order_facts(made.layout, made.fab, made.findings, [*lists, archive]))
     compare(FOLDER / "order-notes" / f"{fab}.txt", notes.data, request)
@@ -42,5 +42,5 @@ def test_cpl_and_bom_are_the_golden_ones(house: str, request: pytest.FixtureRequ
     number = "C1000" if house == "jlcpcb" else "RC0201-5"
     spec = TapeSpec(sector=3, size_mm=(10.0, 10.0), tag="none", name="t", models=False, assembly=house, part_number=number)
     made = examine(spec)
-    for artifact in (*render_cpl(made.layout, made.fab), *render_bom(made.layout, made.fab)):
+    for artifact in (*render_cpl(made.drawing, made.fab), *render_bom(made.drawing, made.fab)):
         compare(FOLDER / "assembly" / house / artifact.path.rsplit("/", 1)[-1], artifact.data, request)

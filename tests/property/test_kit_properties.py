@@ -80,7 +80,7 @@ def test_any_legal_spec_becomes_a_verified_kit(values: dict[str, Any]) -> None:
 @given(values=specs())
 def test_rendering_depends_on_the_spec_alone(values: dict[str, Any]) -> None:
     examined = legal(values)
-    one, other = render_all(examined.layout, examined.fab), render_all(legal(values).layout, examined.fab)
+    one, other = render_all(examined.drawing, examined.fab), render_all(legal(values).drawing, examined.fab)
     assert one == other
     roles = {artifact.role for artifact in one}
     assert roles >= set(RENDERERS) - {"drill-npth", "legend-top"}

@@ -41,7 +41,7 @@ def test_kicad_writes_the_same_lines(rotation_deg: float, kicad_python: str) -> 
         models=False,
     )
     examined = examine(spec)
-    (artifact,) = render_cpl(examined.layout, examined.fab)
+    (artifact,) = render_cpl(examined.drawing, examined.fab)
     lines = artifact.data.decode("ascii").splitlines()
     part, xy_mm = examined.layout.part, examined.layout.parts_xy_mm.tolist()
     parts = [[f"R{i}", part.value, part.footprint, x, y, rotation_deg] for i, (x, y) in enumerate(xy_mm, start=1)]

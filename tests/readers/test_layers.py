@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import TapeSpec, make_kit
+from tactape_fab.kit.drawing import tape_drawing
 from tactape_fab.kit.layout import Flashes, Layout
 from tactape_fab.kit.render.gerber import render_copper
 from tactape_fab.profiles import load_fab
@@ -109,7 +110,7 @@ def test_a_wrong_copper_layer_falls_below_the_threshold(
 
 
 def _copper_file(layout: Layout, folder: Path) -> Path:
-    (artifact,) = render_copper(layout, load_fab("generic-fpc"))
+    (artifact,) = render_copper(tape_drawing(layout), load_fab("generic-fpc"))
     path = folder / "copper.gtl"
     path.write_bytes(artifact.data)
     return path

@@ -73,7 +73,7 @@ def examined(house: str, rotation_deg: float = 45.0, number: bool = True) -> Exa
 
 def cpl_of(house: str, rotation_deg: float = 45.0, number: bool = True) -> bytes:
     made = examined(house, rotation_deg, number)
-    (artifact,) = render_cpl(made.layout, made.fab)
+    (artifact,) = render_cpl(made.drawing, made.fab)
     assert artifact.role == "cpl"
     assert artifact.path == PATHS.get(house, "assembly/t-cpl.csv")
     return artifact.data
@@ -81,7 +81,7 @@ def cpl_of(house: str, rotation_deg: float = 45.0, number: bool = True) -> bytes
 
 def bom_of(house: str, number: bool = True) -> bytes:
     made = examined(house, number=number)
-    (artifact,) = render_bom(made.layout, made.fab)
+    (artifact,) = render_bom(made.drawing, made.fab)
     assert (artifact.role, artifact.path) == ("bom", "assembly/t-bom.csv")
     return artifact.data
 
@@ -187,7 +187,7 @@ def test_a_bom_names_every_part_once_and_nothing_else(house: str) -> None:
     column = "Reference designator" if house == "eurocircuits" else "Designator"
     groups = [row[column].split(",") for row in rows]
     names = [name for group in groups for name in group]
-    copper, *_ = render_copper(examined(house).layout, examined(house).fab)
+    copper, *_ = render_copper(examined(house).drawing, examined(house).fab)
     in_copper = set(re.findall(r"TO\.P,([^,]+),", copper.data.decode("ascii")))
     assert len(names) == len(set(names)) == examined(house).tape.part_count > 200
     assert set(names) == in_copper
@@ -269,7 +269,7 @@ def cpl_checks(house: str, data: bytes) -> dict[str, Check]:
 @EVERY
 def test_verify_accepts_what_was_written(house: str) -> None:
     assert all(check.passed for check in cpl_checks(house, cpl_of(house)).values())
-    assert check_bom(bom_of(house), examined(house).tape, recorded(house)).passed
+    assert check_bom(bom_of(house), examined(house).tape.designators(), recorded(house)).passed
     parts = parts_from_cpl(cpl_of(house))
     assert parts.xy_mm == pytest.approx(examined(house).tape.part_xy_mm(), abs=5.1e-5)
     assert parts.rotation_deg % 360 == pytest.approx(45.0)
@@ -289,10 +289,10 @@ def test_every_word_of_a_bom_is_compared(house: str) -> None:
             rows = [header, first, [cell if i == column else old for i, old in enumerate(second)]]
             text = io.StringIO(newline="")
             csv.writer(text, lineterminator="\r\n").writerows(rows)
-            check = check_bom(text.getvalue().encode("ascii"), tape, recorded(house))
+            check = check_bom(text.getvalue().encode("ascii"), tape.designators(), recorded(house))
             assert not check.passed, f"{name} = {cell!r}"
         renamed = changed(data, name.encode(), b"Refs")
-        assert "column" in check_bom(renamed, tape, recorded(house)).message
+        assert "column" in check_bom(renamed, tape.designators(), recorded(house)).message
 
 
 @EVERY

@@ -10,6 +10,7 @@ import pytest
 
 from tactape_fab import Kit
 from tactape_fab.cli import certify, check, make, profiles, registry, verify
+from tactape_fab.kit.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec import KEYS
 from tactape_fab.profiles import BACKING_ROLES, FORMATS
 from tactape_fab.verify.files import roles_of
@@ -55,7 +56,7 @@ def test_reference_names_every_option(command: object) -> None:
 
 def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
-    for name in [*KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
+    for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
         assert f"`{name}`" in reference, name
 
 

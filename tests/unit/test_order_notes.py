@@ -34,7 +34,7 @@ def examined(**values: Any) -> Examined:
 
 
 def files_of(made: Examined) -> list[Artifact]:
-    film = [artifact for role in ("cpl", "bom") for artifact in RENDERERS[role](made.layout, made.fab)]
+    film = [artifact for role in ("cpl", "bom") for artifact in RENDERERS[role](made.drawing, made.fab)]
     return [*film, Artifact(role="fab-zip", path=f"{made.tape.name}-fab.zip", data=b"")]
 
 

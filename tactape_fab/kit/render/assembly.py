@@ -9,7 +9,7 @@ from itertools import repeat
 
 from tactape_fab import __version__
 from tactape_fab.kit.artifact import Artifact, build_date
-from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.profiles import FORMATS, FabProfile, PartProfile, PlacementTable
 
 DESIGNATORS_PER_ROW = 200
@@ -27,13 +27,13 @@ def _table(headers: Sequence[str], rows: Iterable[Sequence[object]], separator: 
     return text.getvalue().encode("ascii")
 
 
-def render_cpl(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
+def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """Centre, side and rotation of every part, in the board frame.
 
     Four decimals of the house's unit: 0.1 um, or 2.5 nm where that is the mil.
     """
     house = FORMATS[fab.assembly].placements
-    cells = _placement_cells(layout, fab, house)
+    cells = _placement_cells(drawing, fab, house)
     rows = zip(*(cells[content] for _, content in house.columns), strict=False)
     if house.style == "kicad":
         data = _kicad_text(house, rows)
@@ -41,15 +41,15 @@ def render_cpl(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
         data = _table(house.headers, rows, "\t", "#")
     else:
         data = _table(house.headers, rows)
-    return (Artifact(role="cpl", path=f"assembly/{layout.tape.name}{house.ending}", data=data),)
+    return (Artifact(role="cpl", path=f"assembly/{drawing.name}{house.ending}", data=data),)
 
 
-def _placement_cells(layout: Layout, fab: FabProfile, house: PlacementTable) -> Mapping[str, Iterable[str]]:
+def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -> Mapping[str, Iterable[str]]:
     """The cells of each column, by what stands in it; without end where they are the same for every part."""
-    part = layout.part
-    x, y = (layout.parts_xy_mm / house.unit_mm).T.tolist()
+    part = drawing.part
+    x, y = (drawing.parts_xy_mm / house.unit_mm).T.tolist()
     length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)
-    rotation = f"{house.written_deg(layout.tape.part.rotation_deg):.4f}"
+    rotation = f"{house.written_deg(drawing.rotation_deg):.4f}"
     same = {
         "rotation": rotation if house.style == "kicad" else rotation.rstrip("0").rstrip("."),
         "side": house.side,
@@ -61,7 +61,7 @@ def _placement_cells(layout: Layout, fab: FabProfile, house: PlacementTable) -> 
         **dict(house.fixed),
     }
     return {
-        "designator": layout.tape.designators(),
+        "designator": drawing.designators(),
         "x": [f"{value:.4f}" for value in x],
         "y": [f"{value:.4f}" for value in y],
         **{content: repeat(text) for content, text in same.items()},
@@ -83,18 +83,18 @@ def _kicad_text(house: PlacementTable, rows: Iterable[Sequence[str]]) -> bytes:
     return "\n".join([*head, *(template.format(*row) for row in table), "## End", ""]).encode("ascii")
 
 
-def render_bom(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
+def render_bom(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """All parts, at most 200 designators a row."""
     bom = FORMATS[fab.assembly].bom
-    names = layout.tape.designators()
+    names = drawing.designators()
     groups = [names[i : i + DESIGNATORS_PER_ROW] for i in range(0, len(names), DESIGNATORS_PER_ROW)]
-    same = {**_part_cells(layout.part, fab), **dict(bom.fixed)}
+    same = {**_part_cells(drawing.part, fab), **dict(bom.fixed)}
     rows = [
         {**same, "item": str(number), "designator": ",".join(group), "quantity": str(len(group))}
         for number, group in enumerate(groups, start=1)
     ]
     data = _table(bom.headers, ([row[content] for _, content in bom.columns] for row in rows))
-    return (Artifact(role="bom", path=f"assembly/{layout.tape.name}-bom.csv", data=data),)
+    return (Artifact(role="bom", path=f"assembly/{drawing.name}-bom.csv", data=data),)
 
 
 def _part_cells(part: PartProfile, fab: FabProfile) -> dict[str, str]:

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.kit.gerber_text import GerberText
-from tactape_fab.kit.layout import Layout
 from tactape_fab.profiles import FabProfile
 from tactape_fab.texture.frames import to_nm
 
@@ -18,34 +18,34 @@ _PIN_1_MM = 0.36
 _BODY_LINE_MM = 0.1
 
 
-def render_components(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
+def render_components(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """Centre, body outline and both pins of every part; always with full attributes, for they are all its content."""
-    part = layout.part
-    gerber = GerberText(layout.tape, "full", "Component,L1,Top")
+    part = drawing.part
+    gerber = GerberText(drawing.project, "full", "Component,L1,Top")
     centre = gerber.circle(_CENTRE_MM, "ComponentMain")
     body = gerber.circle(_BODY_LINE_MM, "ComponentOutline,Body")
     pin_1 = gerber.polygon(_PIN_1_MM, 4, "ComponentPin")
     pin_2 = gerber.circle(0.0, "ComponentPin")
-    gerber.object_attribute(f"CRot,{layout.tape.part.rotation_deg:g}")
+    gerber.object_attribute(f"CRot,{drawing.rotation_deg:g}")
     gerber.object_attribute("CMnt,SMD")
     gerber.object_attribute(f"CVal,{_field(part.value)}")
     gerber.object_attribute(f"CFtp,{_field(part.footprint)}")
     gerber.object_attribute(f"CHgt,{part.body_mm[2]:g}")
-    corners = len(layout.bodies.outline_mm)
+    corners = len(drawing.bodies.outline_mm)
     template = (
         f"%%TO.C,R%d*%%\n{centre}*\nX%dY%dD03*\n{body}*\nX%dY%dD02*\n"
         + "X%dY%dD01*\n" * corners
         + f"%%TO.P,R%d,1*%%\n{pin_1}*\nX%dY%dD03*\n%%TO.P,R%d,2*%%\n{pin_2}*\nX%dY%dD03*\n%%TD.P*%%\n"
     )
-    number = np.arange(1, len(layout.parts_xy_mm) + 1)
-    closed = np.concatenate([layout.bodies.outline_mm, layout.bodies.outline_mm[:1]])
-    outline = to_nm(layout.parts_xy_mm[:, None] + closed).reshape(len(number), -1)
-    pins = to_nm(layout.pads.xy_mm).reshape(-1, 4)
-    values = np.column_stack([number, to_nm(layout.parts_xy_mm), outline, number, pins[:, :2], number, pins[:, 2:]])
+    number = np.arange(1, len(drawing.parts_xy_mm) + 1)
+    closed = np.concatenate([drawing.bodies.outline_mm, drawing.bodies.outline_mm[:1]])
+    outline = to_nm(drawing.parts_xy_mm[:, None] + closed).reshape(len(number), -1)
+    pins = to_nm(drawing.pads.xy_mm).reshape(-1, 4)
+    values = np.column_stack([number, to_nm(drawing.parts_xy_mm), outline, number, pins[:, :2], number, pins[:, 2:]])
     gerber.rows(template, values)
     gerber.delete_attributes()
     role = "components-top"
-    return (Artifact(role=role, path=fab.file_path(role, layout.tape.name), data=gerber.data()),)
+    return (Artifact(role=role, path=fab.file_path(role, drawing.name), data=gerber.data()),)
 
 
 def _field(text: str) -> str:

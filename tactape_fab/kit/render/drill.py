@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from tactape_fab import __version__
 from tactape_fab.kit.artifact import Artifact, build_date
-from tactape_fab.kit.gerber_text import project_guid
-from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.profiles import FabProfile
 
 
-def render_drill(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
-    """One tool per diameter, smallest first, holes in the order given; nothing for a tape without holes."""
-    holes = layout.tape.board.holes
+def render_drill(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:
+    """One tool per diameter, smallest first, holes in the order given; nothing where there are no holes."""
+    holes = drawing.holes
     if not holes:
         return ()
     diameters = sorted({d for _, _, d in holes})
@@ -19,8 +18,8 @@ def render_drill(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
         "M48",
         f"; #@! TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}",
         f"; #@! TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}",
-        f"; #@! TF.SameCoordinates,{project_guid(layout.tape)}",
-        "; #@! TF.Part,Single",
+        f"; #@! TF.SameCoordinates,{drawing.project.guid}",
+        f"; #@! TF.Part,{drawing.project.part}",
         "; #@! TF.FileFunction,NonPlated,1,1,NPTH",
         "METRIC",
     ]
@@ -33,4 +32,4 @@ def render_drill(layout: Layout, fab: FabProfile) -> tuple[Artifact, ...]:
     lines.append("M30")
     role = "drill-npth"
     data = ("\n".join(lines) + "\n").encode("ascii")
-    return (Artifact(role=role, path=fab.file_path(role, layout.tape.name), data=data),)
+    return (Artifact(role=role, path=fab.file_path(role, drawing.name), data=data),)

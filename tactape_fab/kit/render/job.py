@@ -7,8 +7,7 @@ from typing import Any
 
 from tactape_fab import __version__
 from tactape_fab.kit.artifact import Artifact, build_date
-from tactape_fab.kit.gerber_text import project_id
-from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.profiles import FabProfile, material_words
 
 _FUNCTIONS = {
@@ -20,11 +19,11 @@ _FUNCTIONS = {
 }
 
 
-def render_job(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
+def render_job(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """The job file of the fabrication layers beside it."""
-    name, guid, revision = project_id(layout.tape).split(",")
-    has_legend = bool(layout.legend.areas_mm)
-    width_mm, height_mm = layout.tape.board.size_mm
+    name, guid, revision = drawing.project.id.split(",")
+    has_legend = bool(drawing.legend.areas_mm)
+    width_mm, height_mm = drawing.size_mm
     content: dict[str, Any] = {
         "Header": {
             "GenerationSoftware": {"Vendor": "tactape-fab", "Application": "tactape-fab", "Version": __version__},
@@ -39,11 +38,11 @@ def render_job(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
         },
         "DesignRules": [{"Layers": "Outer", "PadToPad": fab.limits["pad-pad"].value_mm}],
         "FilesAttributes": [
-            {"Path": fab.file_path(role, layout.tape.name).split("/")[-1], "FileFunction": function, "FilePolarity": polarity}
+            {"Path": fab.file_path(role, drawing.name).split("/")[-1], "FileFunction": function, "FilePolarity": polarity}
             for role, (function, polarity) in _FUNCTIONS.items()
             if role != "legend-top" or has_legend
         ]
-        + _backings(layout, fab),
+        + _backings(drawing, fab),
         "MaterialStackup": [
             *([{"Type": "Legend", "Color": fab.legend_colour.capitalize(), "Name": "Top legend"}] if has_legend else []),
             {"Type": "SolderPaste", "Name": "Top paste"},
@@ -54,14 +53,14 @@ def render_job(layout: Layout, fab: FabProfile) -> tuple[Artifact]:
     }
     role = "job"
     data = (json.dumps(content, indent=2) + "\n").encode("ascii")
-    return (Artifact(role=role, path=fab.file_path(role, layout.tape.name), data=data),)
+    return (Artifact(role=role, path=fab.file_path(role, drawing.name), data=data),)
 
 
-def _backings(layout: Layout, fab: FabProfile) -> list[dict[str, str]]:
-    kinds = (("stiffener-bottom", "Stiffener", layout.stiffener), ("adhesive-bottom", "Adhesive", layout.adhesive))
+def _backings(drawing: Drawing, fab: FabProfile) -> list[dict[str, str]]:
+    kinds = (("stiffener-bottom", "Stiffener", drawing.stiffener), ("adhesive-bottom", "Adhesive", drawing.adhesive))
     return [
         {
-            "Path": fab.file_path(role, layout.tape.name, material_words(backing)).split("/")[-1],
+            "Path": fab.file_path(role, drawing.name, material_words(backing)).split("/")[-1],
             "FileFunction": f"Other,{what}",
             "FilePolarity": "Positive",
         }

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactape_fab import __version__
 from tactape_fab.kit.artifact import Artifact, build_date
-from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.drawing import Drawing
 from tactape_fab.profiles import FabProfile, LandPattern
 from tactape_fab.texture.frames import FloatArray
 
@@ -42,25 +42,26 @@ _LAYERS = """  (layers
   )"""
 
 
-def render_kicad(layout: Layout, fab: FabProfile) -> tuple[Artifact, Artifact]:
+def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, Artifact]:
     """The board and its project, which KiCad opens together."""
-    name = layout.tape.name
-    board = "\n".join([*_head(layout), *_footprints(layout), *_holes(layout), *_drawings(layout), *_copper(layout), ")", ""])
-    project = json.dumps(_project(name, fab, layout), indent=1) + "\n"
+    name = drawing.name
+    pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
+    board = "\n".join([*(line for piece in pieces for line in piece(drawing)), ")", ""])
+    project = json.dumps(_project(name, fab, drawing), indent=1) + "\n"
     return (
         Artifact(role="kicad-pcb", path=f"kicad/{name}.kicad_pcb", data=board.encode("utf-8")),
         Artifact(role="kicad-project", path=f"kicad/{name}.kicad_pro", data=project.encode("ascii")),
     )
 
 
-def origin_mm(layout: Layout) -> tuple[float, float]:
+def origin_mm(drawing: Drawing) -> tuple[float, float]:
     """Where the board's lower-left corner lies on KiCad's sheet (y down)."""
-    return SHEET_MARGIN_MM, SHEET_MARGIN_MM + layout.tape.board.size_mm[1]
+    return SHEET_MARGIN_MM, SHEET_MARGIN_MM + drawing.size_mm[1]
 
 
-def _sheet(layout: Layout, xy_mm: FloatArray) -> FloatArray:
+def _sheet(drawing: Drawing, xy_mm: FloatArray) -> FloatArray:
     """Board frame -> KiCad's sheet."""
-    return np.asarray(xy_mm) * (1.0, -1.0) + origin_mm(layout)
+    return np.asarray(xy_mm) * (1.0, -1.0) + origin_mm(drawing)
 
 
 def _text(text: str) -> str:
@@ -75,20 +76,18 @@ def _number(value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".")
 
 
-def _points(layout: Layout, xy_mm: FloatArray) -> str:
-    return " ".join(f"(xy {x:.6f} {y:.6f})" for x, y in _sheet(layout, xy_mm).tolist())
+def _points(drawing: Drawing, xy_mm: FloatArray) -> str:
+    return " ".join(f"(xy {x:.6f} {y:.6f})" for x, y in _sheet(drawing, xy_mm).tolist())
 
 
-def _head(layout: Layout) -> list[str]:
-    board = layout.tape.board
-    width_mm, height_mm = (side + 2 * SHEET_MARGIN_MM for side in board.size_mm)
-    x_mm, y_mm = origin_mm(layout)
+def _head(drawing: Drawing) -> list[str]:
+    width_mm, height_mm = (side + 2 * SHEET_MARGIN_MM for side in drawing.size_mm)
+    x_mm, y_mm = origin_mm(drawing)
     return [
         "(kicad_pcb (version 20211014) (generator tactape-fab)",
-        f"  (general (thickness {_number(board.thickness_mm)}))",
+        f"  (general (thickness {_number(drawing.thickness_mm)}))",
         f'  (paper "User" {_number(width_mm)} {_number(height_mm)})',
-        f"  (title_block (title {_text(layout.tape.name)})"
-        f" (date {_text(f'{build_date():%Y-%m-%d}')}) (rev {_text(__version__)}))",
+        f"  (title_block (title {_text(drawing.name)}) (date {_text(f'{build_date():%Y-%m-%d}')}) (rev {_text(__version__)}))",
         _LAYERS,
         f"  (setup (pad_to_mask_clearance 0) (aux_axis_origin {_number(x_mm)} {_number(y_mm)}) "
         f"(grid_origin {_number(x_mm)} {_number(y_mm)}))",
@@ -99,9 +98,9 @@ def _head(layout: Layout) -> list[str]:
 # Parts
 
 
-def _footprints(layout: Layout) -> Iterable[str]:
+def _footprints(drawing: Drawing) -> Iterable[str]:
     """A footprint for each part, in designator order; its shapes are those of the unturned part about its centre."""
-    part, turn = layout.part, _number(layout.tape.part.rotation_deg)
+    part, turn = drawing.part, _number(drawing.rotation_deg)
     body, courtyard = part.body_mm, part.courtyard_mm
     lines = [
         "  (footprint "
@@ -116,10 +115,10 @@ def _footprints(layout: Layout) -> Iterable[str]:
         *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
         *(_pad("", "F.Paste", part.paste, turn, k) for k in range(2)),
     ]
-    if layout.window_mm is None:
-        lines.append(_rectangle(layout.outlines.opening_size_mm, "F.Mask", 0.0, "solid", "9"))
+    if not drawing.windows_mm:
+        lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid", "9"))
     template = "\n".join([*lines, "  )"])
-    at = _sheet(layout, layout.parts_xy_mm).tolist()
+    at = _sheet(drawing, drawing.parts_xy_mm).tolist()
     return (template.format(n=n, x=x, y=y, stamp=f"00000000-0000-4000-8000-{n:011x}") for n, (x, y) in enumerate(at, start=1))
 
 
@@ -146,7 +145,7 @@ def _pad(number: str, layer: str, land: LandPattern, turn: str, k: int) -> str:
     return f"    (pad {_text(number)} smd {shape} (size {size}) (layers {_text(layer)}){corner} (tstamp {{stamp:s}}{stamp}))"
 
 
-def _holes(layout: Layout) -> Iterable[str]:
+def _holes(drawing: Drawing) -> Iterable[str]:
     lines = [
         '  (footprint "tactape:Hole" (layer "F.Cu") (tstamp {stamp:s}0)',
         "    (at {x:.6f} {y:.6f})",
@@ -157,69 +156,93 @@ def _holes(layout: Layout) -> Iterable[str]:
         "      (layers *.Cu *.Mask) (tstamp {stamp:s}3))",
         "  )",
     ]
-    for n, (x_mm, y_mm, diameter_mm) in enumerate(layout.tape.board.holes, start=1):
-        x, y = _sheet(layout, np.array([x_mm, y_mm])).tolist()
+    for n, (x_mm, y_mm, diameter_mm) in enumerate(drawing.holes, start=1):
+        x, y = _sheet(drawing, np.array([x_mm, y_mm])).tolist()
         yield "\n".join(lines).format(n=n, x=x, y=y, size=_number(diameter_mm), stamp=f"00000000-0000-4000-8001-{n:011x}")
+
+
+def _marks(drawing: Drawing) -> Iterable[str]:
+    """Fiducials of the rails, bare copper in a wider opening."""
+    if drawing.fiducials is None:
+        return
+    margin = _number((drawing.fiducials.opening_mm - drawing.fiducials.copper_mm) / 2)
+    lines = [
+        '  (footprint "tactape:Fiducial" (layer "F.Cu") (tstamp {stamp:s}0)',
+        "    (at {x:.6f} {y:.6f})",
+        "    (attr smd exclude_from_pos_files exclude_from_bom)",
+        _hidden_text("reference", "FID{n:d}", "0", "1"),
+        _hidden_text("value", "Fiducial", "0", "2"),
+        '    (pad "" smd circle (at 0 0) (size {size:s} {size:s}) (layers "F.Cu" "F.Mask")',
+        "      (solder_mask_margin {margin:s}) (clearance {margin:s}) (tstamp {stamp:s}3))",
+        "  )",
+    ]
+    size = _number(drawing.fiducials.copper_mm)
+    for n, (x, y) in enumerate(_sheet(drawing, drawing.fiducials.xy_mm).tolist(), start=1):
+        stamp = f"00000000-0000-4000-8002-{n:011x}"
+        yield "\n".join(lines).format(n=n, x=x, y=y, size=size, margin=margin, stamp=stamp)
 
 
 # What is drawn on the board itself
 
 
-def _drawings(layout: Layout) -> Iterable[str]:
-    yield from _edges(layout)
-    for area in layout.legend.areas_mm:
-        yield f'  (gr_poly (pts {_points(layout, area)}) (layer "F.SilkS") (width 0) (fill solid))'
-    for stroke in layout.legend.strokes_mm:
-        for (a, b), (c, d) in pairwise(_sheet(layout, stroke).tolist()):
-            line = _number(layout.legend.line_mm)
+def _drawings(drawing: Drawing) -> Iterable[str]:
+    yield from _edges(drawing)
+    for area in drawing.legend.areas_mm:
+        yield f'  (gr_poly (pts {_points(drawing, area)}) (layer "F.SilkS") (width 0) (fill solid))'
+    for stroke in drawing.legend.strokes_mm:
+        for (a, b), (c, d) in pairwise(_sheet(drawing, stroke).tolist()):
+            line = _number(drawing.legend.line_mm)
             yield f'  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) (layer "F.SilkS") (width {line}))'
-    if layout.window_mm is not None:
-        yield f'  (gr_poly (pts {_points(layout, layout.window_mm)}) (layer "F.Mask") (width 0) (fill solid))'
-    backings = [
-        f"{what} under all of it: {of}" for what, of in (("stiffener", layout.stiffener), ("adhesive", layout.adhesive)) if of
-    ]
+    for window in drawing.windows_mm:
+        yield f'  (gr_poly (pts {_points(drawing, window)}) (layer "F.Mask") (width 0) (fill solid))'
+    under = "each tape" if drawing.slots_mm else "it"
+    both = (("stiffener", drawing.stiffener), ("adhesive", drawing.adhesive))
+    backings = [f"{what} under all of {under}: {of}" for what, of in both if of]
     for k, words in enumerate(backings):
-        x, y = _sheet(layout, np.array([0.0, -3.0 - 2.0 * k])).tolist()
+        x, y = _sheet(drawing, np.array([0.0, -3.0 - 2.0 * k])).tolist()
         yield (
             f'  (gr_text {_text(words)} (at {x:.6f} {y:.6f}) (layer "Cmts.User")'
             " (effects (font (size 1 1) (thickness 0.15)) (justify left)))"
         )
 
 
-def _edges(layout: Layout) -> Iterable[str]:
-    """The outline as lines and true arcs."""
-    (width, height), r = layout.tape.board.size_mm, layout.tape.board.corner_radius_mm
+def _edges(drawing: Drawing) -> Iterable[str]:
+    """The outline as lines and true arcs, and what is cut out of it as lines."""
+    (width, height), r = drawing.size_mm, drawing.corner_radius_mm
     middle = r * (1.0 - sqrt(0.5))
     starts = [(r, 0.0), (width, r), (width - r, height), (0.0, height - r)]
     ends = [(width - r, 0.0), (width, height - r), (r, height), (0.0, r)]
     middles = [(width - middle, middle), (width - middle, height - middle), (middle, height - middle), (middle, middle)]
     end = f'(layer "Edge.Cuts") (width {_number(_EDGE_LINE_MM)}))'
     for k in range(4):
-        (a, b), (c, d), (e, f), (g, h) = _sheet(layout, np.array([starts[k], ends[k], middles[k], starts[(k + 1) % 4]])).tolist()
+        (a, b), (c, d), (e, f), (g, h) = _sheet(drawing, np.array([starts[k], ends[k], middles[k], starts[(k + 1) % 4]])).tolist()
         yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"
         if not isclose(r, 0.0):
             yield f"  (gr_arc (start {c:.6f} {d:.6f}) (mid {e:.6f} {f:.6f}) (end {g:.6f} {h:.6f}) {end}"
+    for slot in drawing.slots_mm:
+        for (a, b), (c, d) in pairwise(_sheet(drawing, np.concatenate([slot, slot[:1]])).tolist()):
+            yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"
 
 
-def _copper(layout: Layout) -> Iterable[str]:
-    if layout.anchors is None:
+def _copper(drawing: Drawing) -> Iterable[str]:
+    if drawing.anchors is None:
         return
-    web = _number(layout.anchors.web_mm)
-    for a, b, c, d in _sheet(layout, layout.anchors.lines_mm).reshape(-1, 4).tolist():
+    web = _number(drawing.anchors.web_mm)
+    for a, b, c, d in _sheet(drawing, drawing.anchors.lines_mm).reshape(-1, 4).tolist():
         yield f'  (segment (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) (width {web}) (layer "F.Cu") (net 0))'
 
 
 # The project
 
 
-def _project(name: str, fab: FabProfile, layout: Layout) -> dict[str, object]:
+def _project(name: str, fab: FabProfile, drawing: Drawing) -> dict[str, object]:
     """The fab's limits as KiCad's design rules (KiCad 6, board.design_settings.rules and net_settings)."""
 
     def limit(rule: str) -> float:
         return fab.limits[rule].value_mm
 
     gap_mm = limit("pad-pad")
-    track_mm = layout.anchors.web_mm if layout.anchors is not None else gap_mm
+    track_mm = drawing.anchors.web_mm if drawing.anchors is not None else gap_mm
     return {
         "board": {
             "design_settings": {
@@ -232,7 +255,7 @@ def _project(name: str, fab: FabProfile, layout: Layout) -> dict[str, object]:
                     "min_silk_clearance": 0.0,
                     "min_track_width": track_mm,
                 },
-                "rule_severities": {} if layout.anchors is None else {"track_dangling": "ignore"},  # spurs end in the open
+                "rule_severities": {} if drawing.anchors is None else {"track_dangling": "ignore"},  # spurs end in the open
             }
         },
         "meta": {"filename": f"{name}.kicad_pro", "version": 1},

@@ -48,5 +48,5 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
         copper=COPPER_OZ.get(facts.fab.material.copper_um, f"{facts.fab.material.copper_um:g} um"),
         cost_words=COSTS,
     )
-    path = f"{facts.tape.name}-order-notes.txt"
+    path = f"{facts.name}-order-notes.txt"
     return (Artifact(role="order-notes", path=path, data=text.encode("utf-8")),)

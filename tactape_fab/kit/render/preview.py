@@ -1,4 +1,4 @@
-"""Previews of what the tape will look like, drawn from the bytes of the other files: Gerber, drill, and CPL."""
+"""Previews of what a tape or a panel will look like, drawn from the bytes of the other files: Gerber, drill, and CPL."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]
 
 def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes], FloatArray]:
     """All shapes from the film upward, and the board's outline."""
-    outline = read_gerber(files["profile"]).strokes_mm[0]
+    outline, *slots = read_gerber(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[fab.coverlay_colour]
     openings, copper = read_gerber(files["coverlay-top"]), read_gerber(files["copper-top"])
     shapes = [*_backings(files), _Shapes(name="coverlay", colour=film, polygons=(outline,), edge=edge)]
@@ -83,6 +83,8 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
         circle = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
         holes = tuple(circle * d / 2 + (x, y) for x, y, d in read_drill(files["drill-npth"]))
         shapes.append(_Shapes(name="holes", colour=_BACKGROUND, polygons=holes, edge=edge))
+    if slots:
+        shapes.append(_Shapes(name="slots", colour=_BACKGROUND, polygons=tuple(slots), edge=edge))
     return shapes, outline
 
 

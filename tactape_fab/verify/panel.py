@@ -1,0 +1,428 @@
+"""verify of a panel: its own files, read tape by tape as those of the kits on it; what stands beside the tapes; and every kit."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import shapely
+
+from tactape_fab.errors import Check, SpecError
+from tactape_fab.fields import Fields
+from tactape_fab.kit.panel import CORNER_RADIUS_MM, Panel, read_panel_record
+from tactape_fab.kit.panel_drawing import slots_mm
+from tactape_fab.kit.readback import CplContent, GerberContent, read_cpl, read_drill, read_gerber
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.panel import PlacedTape, read_placed
+from tactape_fab.texture.tape import Tape, read_any_manifest
+from tactape_fab.verify.assembly import Ordered, RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
+from tactape_fab.verify.board import check_drill
+from tactape_fab.verify.files import (
+    ALWAYS,
+    PICTURES,
+    WrittenFile,
+    check_job,
+    check_picture,
+    check_roles,
+    check_zip,
+    named,
+    read_files,
+    read_inside,
+)
+from tactape_fab.verify.film import FilmRecord, check_anchors, check_backing, pardoned, read_film_record
+from tactape_fab.verify.kicad import Shown, check_kicad, sides_of
+from tactape_fab.verify.kit import GERBER_ROLES, Verification, check_attributes, check_layers_with_cpl, read_role, verify_folder
+from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded, pair_lands, read_recorded
+from tactape_fab.verify.legend import check_tag
+from tactape_fab.verify.round_trip import Contact, Progress
+from tactape_fab.verify.symbols import check_symbols
+
+_DIAMETER_TOLERANCE_MM = 0.005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PanelRecord:
+    """What a panel's manifest says."""
+
+    name: str
+    panel: Panel
+    placed: tuple[PlacedTape, ...]
+    recorded: Recorded
+    assembly: RecordedAssembly
+    film: FilmRecord
+    x2: object
+    legend_is_light: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _OnPanel:
+    """A kit's tape and its place."""
+
+    tape: Tape
+    place: PlacedTape
+
+    @property
+    def first(self) -> int:
+        """Row of its first part among all parts of the panel."""
+        return self.place.first_number - 1
+
+    @property
+    def offset(self) -> FloatArray:
+        return np.array(self.place.offset_mm)
+
+
+def verify_panel_folder(
+    manifest_file: Path,
+    *,
+    quick: bool,
+    kits: bool = True,
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+) -> Verification:
+    """Verify the panel whose manifest is `manifest_file`; with `kits` every kit on it, too, a line for each.
+
+    Returns
+    -------
+    Verification
+        A line for each tape of the panel where all is well, every line that failed otherwise.
+    """
+    folder = manifest_file.parent
+    try:
+        manifest = read_any_manifest(manifest_file)
+        record = _read_record(manifest)
+        tapes = [_OnPanel(tape=Tape.load(folder / PurePosixPath(p.manifest)), place=p) for p in record.placed]
+        if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
+            raise SpecError("a kit on it is no film with parts")
+    except SpecError as error:
+        message = "; ".join(str(error).splitlines())
+        return Verification(name=folder.name, checks=(Check(name="manifest", passed=False, message=message),))
+    checks = [_check_arrangement(record, tapes)]
+    folders = [str(PurePosixPath(p.manifest).parent) + "/" for p in record.placed]
+    files, file_checks = read_files(folder, manifest, folders)
+    checks += [*file_checks, _check_kits_listed(folder, record.placed)]
+    expected = _roles(record, tapes)
+    checks.append(check_roles(expected, files))
+    single = {role: rows[0] for role, rows in files.items() if rows}
+    missing = [role for role in expected if role not in single]
+    if missing or not checks[0].passed:
+        message = f"nothing further can be checked without {named(missing) or 'an arrangement that holds together'}"
+        checks.append(Check(name="content", passed=False, message=message))
+    else:
+        checks += pardoned(_check_content(record, tapes, single, quick=quick), record.film)
+    if kits:
+        for place in folders:
+            checks += _check_kit(folder / place, quick=quick, contact=contact, progress=progress)
+    return Verification(name=record.name, checks=tuple(checks))
+
+
+def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
+    table = Fields(manifest)
+    spec = table.table("spec")
+    table.table("tool")
+    record = _PanelRecord(
+        name=table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'"),
+        panel=read_panel_record(table.table("panel")),
+        placed=read_placed(table),
+        recorded=read_recorded(table),
+        assembly=read_assembly(table),
+        film=read_film_record(table),
+        x2=spec.values.get("x2"),
+        legend_is_light=table.table("fab").values.get("legend_colour") != "black",
+    )
+    if table.problems:
+        raise SpecError(table.problems)
+    return record
+
+
+def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check:
+    """The kits are as many and as large as the panel says, lie where its columns and rows are, and designators run on."""
+    panel, problems = record.panel, []
+    if len(tapes) != panel.count:
+        problems.append(f"{len(tapes)} tapes where {panel.columns} x {panel.rows} are {panel.count}")
+    number = 1
+    for on, offset in zip(tapes, panel.offsets_mm, strict=False):
+        board = on.tape.board
+        if np.abs(on.offset - offset).max() > PLACE_TOLERANCE_MM:
+            problems.append(f"{on.tape.name} is said to lie at {on.place.offset_mm}, not at {offset}")
+        if board.size_mm != panel.tape_mm or board.corner_radius_mm != panel.tape_radius_mm:
+            problems.append(f"{on.tape.name} has another outline than {panel.tape_mm[0]:g} x {panel.tape_mm[1]:g} mm")
+        if on.tape.part != tapes[0].tape.part:
+            problems.append(f"{on.tape.name} has other parts than {tapes[0].tape.name}")
+        if on.place.first_number != number:
+            problems.append(f"{on.tape.name} begins with {on.place.first_designator}, not R{number}")
+        number += on.tape.part_count
+    message = named(problems) or f"{panel.columns} x {panel.rows} tapes with {number - 1} parts"
+    return Check(name="arrangement", passed=not problems, message=message, figure=float(len(tapes)))
+
+
+def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
+    """Every kit's manifest is the one that the panel was made with."""
+    problems = []
+    for place in placed:
+        try:
+            data = read_inside(folder.resolve(), folder / place.manifest)
+        except (OSError, RuntimeError) as error:
+            problems.append(f"{place.manifest} {error}")
+        else:
+            if hashlib.sha256(data).hexdigest() != place.sha256:
+                problems.append(f"{place.manifest} is not the one that the panel was made with: its SHA-256 differs")
+    message = named(problems) or f"{len(placed)} kits, their manifests as listed"
+    return Check(name="kits", passed=not problems, message=message, figure=float(len(placed)))
+
+
+def _roles(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> tuple[str, ...]:
+    legend = ("legend-top",) if any(on.tape.tag is not None for on in tapes) else ()
+    holes = record.panel.tooling_holes_mm or any(on.tape.board.holes for on in tapes)
+    drill = ("drill-npth",) if holes else ()
+    return (*ALWAYS, *legend, *drill, *record.film.backings, *PICTURES, "fab-zip")
+
+
+# Files of the panel
+
+
+def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
+    checks: list[Check] = []
+    layers: dict[str, GerberContent] = {}
+    for role in (*GERBER_ROLES, *record.film.backings):
+        if role in files and (content := read_role(role, read_gerber, files, checks)) is not None:
+            layers[role] = content
+    holes = read_role("drill-npth", read_drill, files, checks) if "drill-npth" in files else np.empty((0, 3))
+    cpl = read_role("cpl", read_cpl, files, checks)
+    checks.append(check_attributes(layers, files, record.x2, record.film))
+    if "profile" in layers:
+        checks.append(_check_cut(layers["profile"], record.panel))
+    count = sum(on.tape.part_count for on in tapes)
+    names = [f"R{n}" for n in range(1, count + 1)]
+    if cpl is not None:
+        checks.append(_check_rows(cpl, names))
+    checks.append(check_bom(files["bom"].data, names, record.assembly))
+    ordered = Ordered(name=record.name, size_mm=record.panel.size_mm, part_count=count, on_panel=True)
+    checks.append(check_order_notes(files, tapes[0].tape, ordered))
+    checks += _check_rails(layers, holes, record.panel, tapes)
+    for on in tapes:
+        lines = pardoned(_check_tape(record, on, layers, holes, cpl, files, quick=quick), record.film)
+        checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(record.panel, tapes), record.recorded)
+    checks += [check_job(record.panel.size_mm, files), check_zip(files, with_job=record.film.job_in_zip)]
+    return [*checks, check_picture(files)]
+
+
+def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
+    """One line for what is well, and every other line."""
+    wrong = [replace(line, name=f"{name}: {line.name}") for line in lines if not line.passed]
+    if any(not line.warning for line in wrong):
+        return wrong
+    return [*wrong, Check(name=name, passed=True, message=f"{len(lines) - len(wrong)} checks {where}", figure=float(len(lines)))]
+
+
+def _check_kit(folder: Path, *, quick: bool, contact: Contact | None, progress: Progress) -> list[Check]:
+    verification = verify_folder(folder / "manifest.json", quick=quick, contact=contact, progress=progress)
+    return _folded(f"kit {verification.name}", verification.checks, "of its own files")
+
+
+def _check_rows(cpl: CplContent, names: Sequence[str]) -> Check:
+    """The CPL has the rows of all tapes, one after the other."""
+    wrong = [f"{found} instead of {name}" for found, name in zip(cpl.designators, names, strict=False) if found != name]
+    if len(cpl.designators) != len(names):
+        wrong.insert(0, f"{len(cpl.designators)} rows for {len(names)} parts")
+    message = named(wrong) or f"{len(names)} rows, R1 to R{len(names)} in order"
+    return Check(name="cpl order", passed=not wrong, message=message, figure=float(len(cpl.designators)))
+
+
+def _check_cut(content: GerberContent, panel: Panel) -> Check:
+    """The outline, and round every tape slots that leave it whole and hold it by its tabs alone."""
+    name, strokes = "profile", content.strokes_mm
+    expected = slots_mm(panel)
+    open_ended = [stroke for stroke in strokes if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9]
+    if len(content.flash_xy_mm) or len(content.areas_mm) or open_ended:
+        return Check(name=name, passed=False, message="objects that are no closed contours")
+    if len(strokes) != 1 + len(expected):
+        return Check(name=name, passed=False, message=f"{len(strokes)} contours instead of {1 + len(expected)}")
+    drawn = [shapely.Polygon(stroke) for stroke in strokes]
+    if not all(polygon.is_valid for polygon in drawn):
+        return Check(name=name, passed=False, message="a contour crosses itself")
+    outline = shapely.Polygon(panel.outline_mm)
+    errors = [float(shapely.hausdorff_distance(drawn[0].exterior, outline.exterior))]
+    errors += [
+        float(shapely.hausdorff_distance(polygon.exterior, shapely.Polygon(slot).exterior))
+        for polygon, slot in zip(drawn[1:], expected, strict=True)
+    ]
+    slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(panel.tape_outline_mm + o) for o in panel.offsets_mm]
+    problems = [
+        f"a slot cuts {shapely.area(shapely.intersection(slots, t)):.3f} mm2 off a tape" for t in tapes if _cuts(slots, t)
+    ]
+    near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), 2 * (panel.tabs_x + panel.tabs_y)
+    uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
+    problems += [f"a tape is held by {len(pieces)} tabs, not {tabs}" for pieces in uncut if len(pieces) != tabs]
+    if max(errors) > PLACE_TOLERANCE_MM:
+        problems.append(f"a contour is {max(errors):.3f} mm off the manifest's panel")
+    size = panel.size_mm
+    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {tabs} tabs"
+    return Check(name=name, passed=not problems, message=named(problems) or right, figure=max(errors) * 1000, unit="um")
+
+
+def _cuts(slots: Any, tape: Any) -> bool:
+    return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
+
+
+def _shown(panel: Panel, tapes: Sequence[_OnPanel]) -> Shown:
+    holes = [(x + on.place.offset_mm[0], y + on.place.offset_mm[1], d) for on in tapes for x, y, d in on.tape.board.holes]
+    return Shown(
+        parts_xy_mm=np.concatenate([on.tape.part_xy_mm() + on.offset for on in tapes]),
+        rotation_deg=tapes[0].tape.part.rotation_deg,
+        size_mm=panel.size_mm,
+        holes=[*holes, *panel.tooling_holes_mm],
+        edge_lines=sides_of(CORNER_RADIUS_MM) + sum(len(slot) for slot in slots_mm(panel)),
+        fiducials_mm=panel.fiducials_mm,
+    )
+
+
+# Tape by tape
+
+
+def _inside(xy_mm: FloatArray, on: _OnPanel) -> BoolArray:
+    """Which points lie on a tape's board; shape (n,)."""
+    local = xy_mm - on.offset
+    high = np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM
+    inside: BoolArray = np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
+    return inside
+
+
+def _whole(shapes: Sequence[FloatArray], on: _OnPanel) -> list[int]:
+    """Which shapes lie on a tape's board."""
+    return [i for i, shape in enumerate(shapes) if _inside(shape, on).all()]
+
+
+def _of_tape(content: GerberContent, on: _OnPanel) -> GerberContent:
+    """What a layer draws on a tape, in the tape's own frame and with its own designators."""
+    keep = np.flatnonzero(_inside(content.flash_xy_mm, on))
+    used, aperture = np.unique(content.flash_aperture[keep], return_inverse=True)
+    strokes = _whole(content.strokes_mm, on)
+    return replace(
+        content,
+        flash_xy_mm=content.flash_xy_mm[keep] - on.offset,
+        flash_aperture=aperture.astype(np.int64),
+        aperture_outlines_mm=tuple(content.aperture_outlines_mm[i] for i in used),
+        aperture_functions=tuple(content.aperture_functions[i] for i in used),
+        flash_component=tuple(_renumbered(content.flash_component[i], on) for i in keep),
+        flash_pin=tuple(content.flash_pin[i] for i in keep),
+        areas_mm=tuple(content.areas_mm[i] - on.offset for i in _whole(content.areas_mm, on)),
+        strokes_mm=tuple(content.strokes_mm[i] - on.offset for i in strokes),
+        stroke_width_mm=content.stroke_width_mm[strokes],
+    )
+
+
+def _renumbered(name: str, on: _OnPanel) -> str:
+    """A panel's designator as the tape's own."""
+    return f"R{int(name[1:]) - on.first}" if name[:1] == "R" and name[1:].isdecimal() else name
+
+
+def _rows_of_tape(cpl: CplContent, on: _OnPanel) -> CplContent:
+    rows = slice(on.first, on.first + on.tape.part_count)
+    return replace(
+        cpl,
+        designators=tuple(_renumbered(name, on) for name in cpl.designators[rows]),
+        xy_mm=cpl.xy_mm[rows] - on.offset,
+        sides=cpl.sides[rows],
+        rotation_deg=cpl.rotation_deg[rows],
+        texts={content: cells[rows] for content, cells in cpl.texts.items()},
+    )
+
+
+def _check_tape(
+    record: _PanelRecord,
+    on: _OnPanel,
+    layers: Mapping[str, GerberContent],
+    holes: FloatArray | None,
+    cpl: CplContent | None,
+    files: Mapping[str, WrittenFile],
+    *,
+    quick: bool,
+) -> list[Check]:
+    """Everything that the panel's files have where this tape lies is the tape's."""
+    checks: list[Check] = []
+    tape, recorded, film = on.tape, record.recorded, record.film
+    own = {role: _of_tape(content, on) for role, content in layers.items() if role != "profile"}
+    if holes is not None:
+        drilled = holes[_inside(holes[:, :2], on)] - (*on.offset, 0.0)
+        checks.append(check_drill(drilled, tape))
+    for role, backing in film.backings.items():
+        if role in own:
+            checks.append(check_backing(role, own[role], files[role].path, backing, record.panel.tape_outline_mm))
+    lands = {"copper-top": recorded.pads, "paste-top": recorded.paste}
+    pairs = {
+        role: pair_lands(own[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
+        for role, land in lands.items()
+        if role in own
+    }
+    rows = None if cpl is None else _rows_of_tape(cpl, on)
+    if rows is not None:
+        checks += check_cpl(rows, tape, record.assembly, recorded.pads)
+        checks += check_layers_with_cpl(own, pairs, recorded, film, tape, rows)
+        checks += check_symbols(tape, rows.xy_mm, "CPL")
+    if film.anchor is not None and "copper-top" in own and "coverlay-top" in own:
+        checks += check_anchors(own["copper-top"], own["coverlay-top"], film.anchor, recorded.pads, tape)
+    if "copper-top" in pairs:
+        checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
+    if "legend-top" in own:
+        checks += check_tag(own["legend-top"], tape, legend_is_light=record.legend_is_light, with_pupil=not quick)
+    return checks
+
+
+# Beside the tapes
+
+
+def _check_rails(
+    layers: Mapping[str, GerberContent], holes: FloatArray | None, panel: Panel, tapes: Sequence[_OnPanel]
+) -> list[Check]:
+    """Beside the tapes there are the fiducials and the tooling holes, and nothing else."""
+    checks = []
+    marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}
+    for role, content in layers.items():
+        if role == "profile":
+            continue
+        on_tape = np.zeros(len(content.flash_xy_mm), dtype=bool)
+        for on in tapes:
+            on_tape |= _inside(content.flash_xy_mm, on)
+        flashes = np.flatnonzero(~on_tape)
+        outlines = [content.aperture_outlines_mm[i] for i in content.flash_aperture[flashes]]
+        wanted = np.array(panel.fiducials_mm if role in marks else ()).reshape(-1, 2)
+        problems = _mark_problems(content.flash_xy_mm[flashes], outlines, wanted, marks.get(role, 0.0))
+        for what, shapes in (("areas", content.areas_mm), ("lines", content.strokes_mm)):
+            strange = len(shapes) - sum(len(_whole(shapes, on)) for on in tapes)
+            if strange:
+                problems.append(f"{strange} {what} lie beside the tapes")
+        message = "; ".join(problems) or (f"{len(wanted)} fiducials" if role in marks else "nothing beside the tapes")
+        checks.append(Check(name=f"{role} of the rails", passed=not problems, message=message, figure=float(len(flashes))))
+    if holes is not None:
+        on_tape = np.zeros(len(holes), dtype=bool)
+        for on in tapes:
+            on_tape |= _inside(holes[:, :2], on)
+        tooling = holes[~on_tape]
+        expected = np.array(sorted(panel.tooling_holes_mm)).reshape(-1, 3)
+        found = np.array(sorted(tooling.tolist())).reshape(-1, 3)
+        passed = found.shape == expected.shape and bool(np.allclose(found, expected, rtol=0.0, atol=PLACE_TOLERANCE_MM))
+        message = f"{len(found)} tooling holes" + ("" if passed else f", not the {len(expected)} of the manifest at their places")
+        checks.append(Check(name="drill-npth of the rails", passed=passed, message=message, figure=float(len(found))))
+    return checks
+
+
+def _mark_problems(xy_mm: FloatArray, outlines: Sequence[FloatArray], wanted_mm: FloatArray, diameter_mm: float) -> list[str]:
+    if len(xy_mm) != len(wanted_mm):
+        where = "" if len(xy_mm) <= len(wanted_mm) else f", one of them at ({xy_mm[-1, 0]:.3f}, {xy_mm[-1, 1]:.3f}) mm"
+        return [f"{len(xy_mm)} flashes beside the tapes instead of {len(wanted_mm)} fiducials{where}"]
+    problems = []
+    if len(xy_mm) and np.abs(xy_mm - wanted_mm).max() > PLACE_TOLERANCE_MM:
+        i = int(np.argmax(np.abs(xy_mm - wanted_mm).max(axis=1)))
+        problems.append(
+            f"a fiducial is at ({xy_mm[i, 0]:.3f}, {xy_mm[i, 1]:.3f}) mm, not at ({wanted_mm[i, 0]:g}, {wanted_mm[i, 1]:g}) mm"
+        )
+    radii = [np.hypot(*outline.T) for outline in outlines]
+    if any(np.abs(2 * r - diameter_mm).max() > _DIAMETER_TOLERANCE_MM for r in radii):
+        problems.append(f"a fiducial is no disc of {diameter_mm:g} mm")
+    return problems

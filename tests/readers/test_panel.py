@@ -1,0 +1,180 @@
+"""Outside readers see a panel's tapes, fiducials, slots and holes where they belong; KiCad opens its board and finds it legal."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from gerbonara import GerberFile
+from gerbonara.excellon import ExcellonFile
+
+from tactape_fab import Tape
+from tactape_fab.make_panel import PanelKit
+from tests.panels import TWO, panel_of
+from tests.readers.pictures import Picture, Reader
+from tests.readers.raster import Window, coverage, polygon_edges_mm
+from tests.roundtrip.kits import OpenKit, flashes, moved
+
+MARGIN_MM, PX_PER_MM = 0.5, 40
+PAD_MM, PAD_RADIUS_MM, PAD_OFFSET_MM = (0.46, 0.40), 0.10, 0.32
+FIDUCIAL_MM = 1.0
+JUDGE = """
+import json, re, sys, pcbnew
+board = pcbnew.LoadBoard(sys.argv[1])
+origin = board.GetDesignSettings().GetAuxOrigin()
+places = {}
+for part in board.GetFootprints():
+    at = part.GetPosition()
+    places[part.GetReference()] = [(at.x - origin.x) / 1e6, (origin.y - at.y) / 1e6]
+assert pcbnew.WriteDRCReport(board, sys.argv[2], pcbnew.EDA_UNITS_MILLIMETRES, False)
+text = open(sys.argv[2], encoding="utf-8").read()
+json.dump({"places": places, "violations": re.findall(r"^\\\\[(\\\\w+)\\\\]:", text, flags=re.MULTILINE)}, sys.stdout)
+"""
+
+
+@pytest.fixture(params=["panel_2", "panel_6"])
+def panel(request: pytest.FixtureRequest) -> PanelKit:
+    made: PanelKit = request.getfixturevalue(request.param)
+    return made
+
+
+def placed(panel: PanelKit) -> list[tuple[Tape, Any]]:
+    """Tapes and offsets as the manifests say."""
+    rows = json.loads((panel.path / "manifest.json").read_bytes())["tapes"]
+    return [(Tape.load(panel.path / row["manifest"]), np.array(row["offset_mm"])) for row in rows]
+
+
+def window(panel: PanelKit) -> Window:
+    width, height = (round((side + 2 * MARGIN_MM) * PX_PER_MM) for side in panel.panel.size_mm)
+    return Window(left_mm=-MARGIN_MM, bottom_mm=-MARGIN_MM, width_px=width, height_px=height)
+
+
+def pads_mm(panel: PanelKit) -> Any:
+    """Every pad as a polygon, from the tapes alone and the 0201's land pattern turned by 45 degrees."""
+    core = shapely.box(*(-(np.array(PAD_MM) / 2 - PAD_RADIUS_MM)), *(np.array(PAD_MM) / 2 - PAD_RADIUS_MM))
+    pad = shapely.affinity.rotate(core.buffer(PAD_RADIUS_MM, quad_segs=8), 45.0, origin=(0, 0))
+    step = PAD_OFFSET_MM * np.sqrt(0.5)
+    centres = np.concatenate([tape.part_xy_mm() + offset for tape, offset in placed(panel)])
+    both = np.concatenate([centres - step, centres + step])
+    return [shapely.affinity.translate(pad, x, y) for x, y in both.tolist()]
+
+
+def copper(panel: PanelKit) -> Picture:
+    marks = [shapely.Point(xy).buffer(FIDUCIAL_MM / 2, quad_segs=32) for xy in panel.panel.fiducials_mm]
+    return coverage(polygon_edges_mm(shapely.MultiPolygon([*pads_mm(panel), *marks])), window(panel))
+
+
+def test_readers_draw_the_copper_of_every_tape_and_the_fiducials(panel_2: PanelKit, reader: Reader) -> None:
+    picture = reader.draw(panel_2.path / panel_2.files["copper-top"], window(panel_2))
+    assert reader.iou(picture, copper(panel_2)) >= reader.least_iou
+
+
+def test_readers_draw_outline_and_slots(panel: PanelKit, reader: Reader) -> None:
+    """What is left of the panel is the rails, the tapes, and tabs."""
+    picture = reader.draw(panel.path / panel.files["profile"], window(panel))
+    width, height = panel.panel.size_mm
+    outer = shapely.box(0, 0, width, height).buffer(-1.0).buffer(1.0)
+    lines = [outer.exterior, *slots_by_hand(panel)]
+    truth = coverage(polygon_edges_mm(shapely.union_all([line.buffer(0.05, quad_segs=16) for line in lines])), window(panel))
+    assert reader.iou(picture, truth) >= reader.least_iou
+
+
+def slots_by_hand(panel: PanelKit) -> list[Any]:
+    """Outlines of the slots, from numbers: rails 5, gaps 2, tabs 1 mm wide and at most 25 mm apart."""
+    (width, height), (w, h) = panel.panel.size_mm, panel.panel.tape_mm
+    tapes = [
+        shapely.box(*offset, *(offset + np.array([w, h]))).buffer(-1.0).buffer(1.0, quad_segs=32) for _, offset in placed(panel)
+    ]
+    room = shapely.box(5, 5, width - 5, height - 5).buffer(-1.0).buffer(1.0, quad_segs=32)
+    bridges = []
+    for _, (x, y) in placed(panel):
+        for side, across in ((w, False), (h, True)):
+            count = int(np.ceil(side / 25))
+            for at in side * (np.arange(count) + 0.5) / count:
+                for edge in (-1.0, (w if across else h) + 1.0):
+                    middle = np.array([x + edge, y + at] if across else [x + at, y + edge])
+                    along = np.array([0.0, 1.5] if across else [1.5, 0.0])
+                    rest = shapely.box(
+                        *(middle - along - (1.0, 1.0) * (along == 0)), *(middle + along + (1.0, 1.0) * (along == 0))
+                    )
+                    ends = [shapely.Point(middle + s * along).buffer(1.0, quad_segs=32) for s in (-1, 1)]
+                    bridges.append(rest.buffer(1e-6).difference(shapely.union_all(ends)))
+    pieces = shapely.get_parts(room.difference(shapely.union_all([*tapes, *bridges])))
+    return [piece.exterior for piece in pieces if piece.area > 0.01]
+
+
+def test_gerbonara_sees_the_worth_of_every_tape(panel: PanelKit) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        layer = GerberFile.open(panel.path / panel.files["copper-top"])
+    flashed = np.array([(o.x, o.y) for o in layer.objects if type(o).__name__ == "Flash"])
+    marks = flashed[-4:]
+    np.testing.assert_allclose(marks, panel.panel.fiducials_mm, atol=1e-6)
+    for tape, offset in placed(panel):
+        inside = ((flashed >= offset) & (flashed <= offset + np.array(panel.panel.tape_mm))).all(axis=1)
+        assert inside.sum() == 2 * tape.part_count
+    assert len(flashed) == 4 + sum(2 * tape.part_count for tape in panel.tapes)
+    # turned round by half a turn, or mirrored, the marks would not fall on each other
+    turned = np.array(panel.panel.size_mm) - marks
+    assert min(np.abs(marks - xy).max(axis=1).min() for xy in turned) < 1e-6
+    assert max(np.abs(marks - xy).max(axis=1).min() for xy in turned) > 4.9
+
+
+def test_gerbonara_reads_every_hole(panel: PanelKit) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        file = ExcellonFile.open(panel.path / panel.files["drill-npth"])
+    read = {(round(hole.x, 4), round(hole.y, 4), round(hole.aperture.diameter, 4)) for hole in file.objects}
+    width, height = panel.panel.size_mm
+    expected = {(x, y, 2.0) for x in (2.5, width - 2.5) for y in (2.5, height - 2.5)}
+    expected |= {(x + dx, y + dy, d) for tape, (dx, dy) in placed(panel) for x, y, d in tape.board.holes}
+    assert read == expected
+
+
+def test_a_fiducial_elsewhere_is_seen(panel_2: PanelKit, reader: Reader, tmp_path: Path) -> None:
+    """The pictures are fine enough to tell a wrong file: a pad's width is enough."""
+    opened = OpenKit(panel_2.path)
+    flashes("copper-top", moved(0.3, 0.3))(opened)
+    path = tmp_path / "wrong.gtl"
+    path.write_bytes(opened.data["copper-top"])
+    assert reader.iou(reader.draw(path, window(panel_2)), copper(panel_2)) < reader.least_iou
+
+
+@pytest.fixture(scope="module")
+def gang_panel(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+    """Two tapes at a fab that opens the coverlay once over all parts of a tape."""
+    return panel_of({**TWO, "fab": "jlcpcb-fpc"}, tmp_path_factory.mktemp("gang") / "panel")
+
+
+@pytest.mark.parametrize("name", ["panel_2", "panel_6", "gang_panel"])
+def test_kicad_opens_the_board_and_finds_it_legal(
+    name: str, request: pytest.FixtureRequest, kicad_python: str, tmp_path: Path
+) -> None:
+    panel: PanelKit = request.getfixturevalue(name)
+    script = tmp_path / "judge.py"
+    script.write_text(JUDGE.replace("\\\\", "\\"))
+    board = panel.path / panel.files["kicad-pcb"]
+    run = subprocess.run(
+        [kicad_python, str(script), str(board), str(tmp_path / "report.txt")],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": ""},
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    answer = json.loads(run.stdout[run.stdout.index("{") :])
+    assert answer["violations"] == []
+    parts = np.concatenate([tape.part_xy_mm() + offset for tape, offset in placed(panel)])
+    found = np.array([answer["places"][f"R{n}"] for n in range(1, len(parts) + 1)])
+    np.testing.assert_allclose(found, parts, atol=1e-5)
+    marks = [answer["places"][f"FID{n}"] for n in range(1, 5)]
+    np.testing.assert_allclose(marks, panel.panel.fiducials_mm, atol=1e-5)
+    assert sum(bool(re.fullmatch(r"H\d+", name)) for name in answer["places"]) == 4 + sum(len(t.board.holes) for t in panel.tapes)
