@@ -15,7 +15,7 @@ from tactape_fab.texture.code import CODE_NAMES, get_code
 
 MOST_TAPES = 4096
 _SECTORS_REMEDY = "give sectors and ranges of them, such as 0-9,20"
-_RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
+_RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 _OF_ONE = ("sector", "sectors", "name")
 """Keys that no two tapes of a list share."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 
 import numpy as np
 
@@ -69,10 +70,7 @@ def _places(found: dict[str, tuple[float, float, float]], count: int, tape: Tape
 
 def _lands(text: str, tape: Tape, lands: Recorded) -> list[str]:
     """Every pad is one of the four that the manifest's land pattern gives, each as often as there are parts."""
-    rows = [m.groups() for m in _PAD.finditer(text)]
-    counts = dict.fromkeys(dict.fromkeys(rows), 0)
-    for row in rows:
-        counts[row] += 1
+    counts = Counter(_PAD.findall(text))
     expected = [
         *(("12"[k], "F.Cu", lands.pads, k) for k in range(2)),
         *(("", "F.Paste", lands.paste, k) for k in range(2)),
@@ -85,12 +83,12 @@ def _lands(text: str, tape: Tape, lands: Recorded) -> list[str]:
             problems.append(f"{what} is there {sum(counts[row] for row in alike)} times in {len(alike)} forms")
         elif not _is_land(alike[0], land, k, tape.part.rotation_deg):
             problems.append(f"{what} is not the land pattern's")
-    if len(rows) != 4 * tape.part_count:
-        problems.append(f"it has {len(rows)} lands, not {4 * tape.part_count}")
+    if counts.total() != 4 * tape.part_count:
+        problems.append(f"it has {counts.total()} lands, not {4 * tape.part_count}")
     return problems
 
 
-def _is_land(row: tuple[str | None, ...], land: LandPattern, k: int, rotation_deg: float) -> bool:
+def _is_land(row: tuple[str, ...], land: LandPattern, k: int, rotation_deg: float) -> bool:
     at_mm, turn_deg, length_mm, width_mm = (float(v or "nan") for v in row[1:5])
     radius_mm = float(row[6] or 0.0) * min(length_mm, width_mm)
     wanted = (land.offset_mm if k else -land.offset_mm, *land.size_mm, land.corner_radius_mm)
