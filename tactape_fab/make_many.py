@@ -150,9 +150,11 @@ def list_tapes(
     door = _Door(packed=packed)
     for entry in entries:
         door.take(entry)
-    problems = [*table.problems, *_folder_problems(folder), *of_list, *door.problems()]
+    of_folder = _folder_problems(folder)
+    problems = [*table.problems, *of_folder, *of_list, *door.problems()]
     if not of_list:  # otherwise some of the tapes are stand-ins
-        problems += [*_shared_names(door.tapes), *_taken(door.tapes, folder, overwrite=overwrite)]
+        problems += _shared_names(door.tapes)
+        problems += [] if of_folder else _taken(door.tapes, folder, overwrite=overwrite)
     broken = [finding for finding in door.findings if finding.blocks]
     if problems:
         raise SpecError(problems, [replace(finding, at_mm=None) for finding in broken])
@@ -289,7 +291,7 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[P
         try:
             refuse_taken(folder / name, overwrite=overwrite)
         except SpecError as error:
-            if (folder / name).is_dir() and not overwrite:
+            if not overwrite and "exists already" in str(error):
                 older.append(name)
             else:
                 problems += error.problems

@@ -191,9 +191,7 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     finer = max(1, min(OVERSAMPLING, int(MOST_PX / (float(extent_mm.max()) * px_per_mm))))
     width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
     image = np.empty((height * finer, width * finer, 3), dtype=np.uint8)
-    cv2.rectangle(
-        image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED
-    )  # np.full is slow
+    cv2.rectangle(image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED)  # np.full is slow
     one = 1 << _SUB_PIXEL_BITS
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
