@@ -290,10 +290,11 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[P
     for name in dict.fromkeys(tape.spec.name for tape in tapes):
         try:
             refuse_taken(folder / name, overwrite=overwrite)
-        except SpecError as error:
-            if not overwrite and "exists already" in str(error):
+        except SpecError:
+            try:
+                refuse_taken(folder / name, overwrite=True)
                 older.append(name)
-            else:
+            except SpecError as error:
                 problems += error.problems
     if older:
         more = f" and {len(older) - _NAMED} more" if len(older) > _NAMED else ""
