@@ -371,7 +371,8 @@ def _make_list(
     as_json: bool,
 ) -> None:
     """Make the kits of a list: a row for each, errors of one beside it; the exit status is the highest of all."""
-    from tactape_fab.make_many import DEFAULT_FOLDER, FailedKit, list_tapes, make_kits, pack_tapes
+    from tactape_fab.list_tapes import list_tapes
+    from tactape_fab.make_many import DEFAULT_FOLDER, FailedKit, make_kits, pack_tapes
     from tactape_fab.many_lines import KitTable, failed_json, made_json, many_summary, packed_json, packed_lines
 
     folder = Path(DEFAULT_FOLDER if output is None else output)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.make_many import FailedKit, MadeKit, PackedFilm, Planned
+from tactape_fab.list_tapes import Planned
+from tactape_fab.make_many import FailedKit, MadeKit, PackedFilm
 
 _NAMED = 3
 

@@ -1,4 +1,4 @@
-"""Every command and every script of docs/solids.md and docs/localization.md runs as it stands there."""
+"""Every command and every script of the how-to pages runs as it stands there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize(("page", "least"), [("solids.md", 6), ("localization.md", 7)])
+@pytest.mark.parametrize(("page", "least"), [("solids.md", 6), ("localization.md", 7), ("many.md", 4)])
 def test_page_runs_from_top_to_bottom(page: str, least: int, tmp_path: Path) -> None:
     blocks = BLOCK.findall((DOCS / page).read_text(encoding="utf-8"))
     assert len(blocks) >= least
