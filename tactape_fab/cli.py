@@ -393,6 +393,7 @@ def _make_list(
                     status, lines = _answer(kit.error)
                     statuses.append(status)
                     failed.append(failed_json(kit, status, lines))
+                    _clear_step()
                     _echo_lines_err(f"error: {kit.name}: {line}" for line in lines)
                 else:
                     made.append(made_json(kit))
@@ -472,6 +473,12 @@ def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: boo
         )
         made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=_step_shown())
         _echo_json(embossed_json(made)) if as_json else _echo_lines(embossed_lines(made))
+
+
+def _clear_step() -> None:
+    """Take progress off the line of the terminal that a message is to stand on."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        click.echo("\r\033[K", err=True, nl=False)
 
 
 def _step_shown() -> Callable[[str, int, int], None]:

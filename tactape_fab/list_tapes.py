@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ class Planned:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listed:
-    """All tapes of a list, their rules, once for all tapes of a table that differ in sector only, and how many processes."""
+    """All tapes of a list, their rules, once for all tapes that differ in sector only, and how many processes."""
 
     tapes: tuple[Planned, ...]
     findings: tuple[Finding, ...]
@@ -69,7 +69,7 @@ def list_tapes(
 ) -> Listed:
     """Check a list of tapes as a whole; nothing is written.
 
-    Every value and every place is checked, rules of the fab once for all tapes of a table that differ in sector only.
+    Every value and every place is checked, rules of the fab once for all tapes that differ in sector only.
 
     Parameters
     ----------
@@ -112,10 +112,15 @@ def list_tapes(
 
 @dataclass(slots=True, kw_only=True)
 class _Kind:
-    """Tapes of a table that differ in sector and name only: the first that passed stands for their rules."""
+    """Tapes that differ in sector and name only: the first that passed stands for their rules.
+
+    ``refusal`` is what every one of them is refused for; ``tables`` are those that it was said of.
+    """
 
     examined: Examined | None = None
-    refusal: list[Problem] | None = None
+    refusal: list[Problem] = field(default_factory=list)
+    findings: tuple[Finding, ...] = ()
+    tables: set[str] = field(default_factory=set)
 
 
 class _Door:
@@ -130,38 +135,40 @@ class _Door:
 
     def take(self, entry: TapeEntry) -> None:
         alike = {key: value for key, value in entry.values.items() if key not in ("sector", "name")}
-        kind = self._kinds.setdefault(entry.where + repr(sorted(alike.items(), key=lambda item: str(item[0]))), _Kind())
-        if kind.examined is None and kind.refusal is None:
+        kind = self._kinds.setdefault(repr(sorted(alike.items(), key=lambda item: str(item[0]))), _Kind())
+        if kind.examined is None and not kind.refusal:
             self._first(entry, kind)
+        else:
+            self._another(entry, kind)
+        if entry.where not in kind.tables:
+            kind.tables.add(entry.where)
+            said = [finding for finding in kind.findings if finding.blocks or len(kind.tables) == 1]
+            self.findings += [replace(finding, message=entry.where + finding.message) for finding in said]
+            self._refuse(entry, kind.refusal)
+
+    def _first(self, entry: TapeEntry, kind: _Kind) -> None:
+        try:
+            kind.examined = examine_values(entry.values)
+        except SpecError as error:
+            kind.findings = error.findings
+            kind.refusal = [problem for problem in error.problems if _root(problem) not in _OF_THE_TAPE]
+            self._refuse(entry, error.problems)
             return
+        kind.findings = kind.examined.findings
+        kind.refusal = _unpackable(kind.examined) if self.packed else []
+        self._pass(kind.examined.spec, kind.examined)
+
+    def _another(self, entry: TapeEntry, kind: _Kind) -> None:
         try:
             spec = TapeSpec.from_mapping(entry.values)
             if kind.examined is not None:
                 _plan(spec, kind.examined)
                 self._pass(spec, kind.examined)
         except SpecError as error:
-            known = kind.refusal or []
-            self._refuse(entry, [problem for problem in error.problems if problem not in known])
-
-    def _first(self, entry: TapeEntry, kind: _Kind) -> None:
-        try:
-            examined = examine_values(entry.values)
-        except SpecError as error:
-            self._keep(entry, error.findings)
-            self._refuse(entry, error.problems)
-            if any(_root(problem) not in _OF_THE_TAPE for problem in error.problems):
-                kind.refusal = list(error.problems)
-            return
-        kind.examined = examined
-        self._keep(entry, examined.findings)
-        self._refuse(entry, _unpackable(examined) if self.packed else ())
-        self._pass(examined.spec, examined)
+            self._refuse(entry, [problem for problem in error.problems if problem not in kind.refusal])
 
     def _pass(self, spec: TapeSpec, examined: Examined) -> None:
         self.tapes.append(Planned(spec=spec, fab=None if examined.film is None else examined.fab))
-
-    def _keep(self, entry: TapeEntry, findings: Sequence[Finding]) -> None:
-        self.findings += [replace(finding, message=entry.where + finding.message) for finding in findings]
 
     def _refuse(self, entry: TapeEntry, problems: Sequence[Problem]) -> None:
         for problem in problems:

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab.cli import main
+from tactape_fab.list_tapes import list_tapes
 
 USAGE, RULES = 2, 3
 
@@ -138,3 +139,29 @@ def test_check_takes_one_tape(here: Path) -> None:
     (here / "lab.toml").write_text("[[tapes]]\nsector = 1\n")
     (line,) = refuse(here, "check lab.toml", USAGE)
     assert "lab.toml is a list of tapes" in line
+
+
+def test_tables_that_are_alike_are_each_named(here: Path) -> None:
+    (here / "lab.toml").write_text(
+        "models = false\n"
+        "[[tapes]]\nsector = 1\ndisplacement_mm = 0.7\n[[tapes]]\nsector = 2\ndisplacement_mm = 0.7\n"
+        "[[tapes]]\nsector = 3\npitch_mm = -1\n[[tapes]]\nsector = 300\npitch_mm = -1\n[[tapes]]\nsector = 5\n"
+    )
+    lines = refuse(here, "make lab.toml", USAGE)
+    for said in (
+        "pad-pad: tapes[0]: gap",
+        "pad-pad: tapes[1]: gap",
+        "tapes[2]: pitch_mm = -1 mm",
+        "tapes[3]: pitch_mm = -1 mm",
+        "tapes[3]: sector = 300",
+    ):
+        assert [said in line for line in lines].count(True) == 1, (said, lines)
+    assert not any("tapes[4]" in line for line in lines)
+
+
+def test_a_warning_of_many_tables_is_said_once(tmp_path: Path) -> None:
+    values = {"models": False, "size_mm": (700.0, 20.0), "tapes": [{"sector": 1}, {"sectors": "2-3"}]}
+    listed = list_tapes(values, {}, tmp_path / "lab")
+    assert [finding.rule for finding in listed.findings if finding.level == "warn" and not finding.passed].count("size") == 1
+    assert [tape.spec.sector for tape in listed.tapes] == [1, 2, 3]
+    assert not (tmp_path / "lab").exists()
