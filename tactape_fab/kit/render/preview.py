@@ -217,7 +217,10 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
             cv2.polylines(image, [px(line)], False, colour, line_px(shape.line_mm), cv2.LINE_8, _SUB_PIXEL_BITS)
     if finer > 1:
         image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    written, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    settings = [cv2.IMWRITE_PNG_COMPRESSION, 3]
+    if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in older OpenCV; even areas come out smaller, and in a third of the time
+        settings += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+    written, data = cv2.imencode(".png", image, settings)
     if not written:
         raise RenderError("the preview picture could not be encoded as PNG")
     return bytes(data)
