@@ -16,12 +16,12 @@ from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG,
 
 _NUMBER = r"(-?\d+(?:\.\d+)?)"
 _FOOTPRINT = re.compile(
-    rf'^  \(footprint "tactape:[^"\n]*" \(layer "F\.Cu"\)[^\n]*\n    \(at {_NUMBER} {_NUMBER}(?: {_NUMBER})?\)\n'
+    rf'\n  \(footprint "tactape:[^"\n]*" \(layer "F\.Cu"\)[^\n]*\n    \(at {_NUMBER} {_NUMBER}(?: {_NUMBER})?\)\n'
     r'[^\n]*\n    \(fp_text reference "([A-Z]\d+)"',
     re.MULTILINE,
 )
 _PAD = re.compile(
-    rf'^    \(pad "([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
+    rf'\n    \(pad "([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
     rf' \(layers "([\w.]+)"\)(?: \(roundrect_rratio {_NUMBER}\))? \(tstamp [0-9a-f-]+\)\)$',
     re.MULTILINE,
 )
