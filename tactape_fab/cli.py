@@ -6,8 +6,9 @@ import json
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from io import TextIOWrapper
 from pathlib import Path
@@ -34,7 +35,7 @@ from tactape_fab.console import (
     simulated_line,
     summary_line,
 )
-from tactape_fab.errors import DesignRuleError, Finding, FrameError, SpecError, TactapeError, VerifyError
+from tactape_fab.errors import DesignRuleError, Finding, FrameError, Problem, SpecError, TactapeError, VerifyError
 
 if TYPE_CHECKING:
     from tactape_fab.localize import Job, Locate, Located
@@ -222,35 +223,59 @@ def _tape_options(command: F) -> F:
     return command
 
 
-def _examined(
-    spec_file: str | None,
-    options: dict[str, Any],
-    avoid: Sequence[str] = (),
-    *,
-    output: str | None = None,
-    overwrite: bool = False,
-) -> Examined | ExaminedPanel:
-    from tactape_fab.kit.spec import read_spec_file
-    from tactape_fab.make import examine_values
-    from tactape_fab.make_panel import examine_order
-    from tactape_fab.tapes import read_tapes
-
-    values = read_spec_file(Path(spec_file)) if spec_file is not None else {}
-    given = {
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    """The values of the options that were given."""
+    return {
         o.name: o.read(options[o.name])
         for o in (*_TAPE_OPTIONS, *_PANEL_OPTIONS)
         if o.name is not None and options[o.name] not in (None, (), False)
     }
-    values |= given
+
+
+def _values(spec_file: str | None) -> dict[str, Any]:
+    from tactape_fab.kit.tape_list import read_list_file
+
+    return read_list_file(Path(spec_file)) if spec_file is not None else {}
+
+
+def _examined(
+    values: dict[str, Any],
+    given: dict[str, Any],
+    avoid: Sequence[str] = (),
+    of_lists: Mapping[str, object] | None = None,
+    *,
+    output: str | None = None,
+    overwrite: bool = False,
+) -> Examined | ExaminedPanel:
+    """One tape or panel examined; options that only a list of tapes has are refused with all the rest."""
+    from tactape_fab.make import examine_values
+    from tactape_fab.make_panel import examine_order
+    from tactape_fab.tapes import read_tapes
+
+    problems = [
+        Problem(name, f"--{name} is for lists of tapes; give --sectors or [[tapes]], or leave it out")
+        for name, value in (of_lists or {}).items()
+        if value
+    ]
+    single = {**values, **given}
+    if "sector" in given and "sectors" not in given:
+        single.pop("sectors", None)
+    tapes: Sequence[Tape] = ()
     try:
         tapes = read_tapes(avoid)
-    except SpecError as refused:  # say what else is refused, too
-        try:
-            examine_values({"sector": 0, **values}, output=output, overwrite=overwrite)
-        except SpecError as error:
-            raise SpecError([*refused.problems, *error.problems], error.findings) from None
-        raise
-    examined, remarks = examine_order(values, output=output, overwrite=overwrite, avoid=tapes)
+    except SpecError as refused:
+        problems += refused.problems
+    try:
+        if problems:
+            examine_values(
+                {"sector": 0, **{k: v for k, v in single.items() if k != "sectors"}}, output=output, overwrite=overwrite
+            )
+        else:
+            examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes)
+    except SpecError as error:
+        raise SpecError([*problems, *error.problems], error.findings) from None
+    if problems:
+        raise SpecError(problems)
     _echo_lines_err(remarks)
     return examined
 
@@ -264,21 +289,25 @@ def _fail(status: int, lines: Sequence[str]) -> NoReturn:
     sys.exit(status)
 
 
+def _answer(error: TactapeError) -> tuple[int, list[str]]:
+    """Exit status and messages of what the package raises."""
+    match error:
+        case SpecError():
+            return USAGE, [*(p.message for p in error.problems), *rule_lines(error.findings)]
+        case DesignRuleError():
+            return RULES, rule_lines(error.findings)
+        case VerifyError():
+            return VERIFICATION, [f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning]
+    return USAGE if isinstance(error, FrameError) else FAILED, str(error).splitlines()
+
+
 @contextmanager
 def _answers() -> Iterator[None]:
     """Turn what the package raises into messages and an exit status."""
     try:
         yield
-    except SpecError as error:
-        _fail(USAGE, [*(p.message for p in error.problems), *rule_lines(error.findings)])
-    except DesignRuleError as error:
-        _fail(RULES, rule_lines(error.findings))
-    except VerifyError as error:
-        _fail(VERIFICATION, [f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning])
-    except FrameError as error:
-        _fail(USAGE, str(error).splitlines())
     except TactapeError as error:
-        _fail(FAILED, str(error).splitlines())
+        _fail(*_answer(error))
 
 
 def _echo_json(content: Any) -> None:
@@ -289,6 +318,13 @@ def _warn(findings: Sequence[Finding]) -> None:
     for finding in findings:
         if finding.level == "warn" and not finding.passed:
             click.echo(f"warning: {finding.rule}: {finding.message}", err=True)
+
+
+def _say_rules(findings: Sequence[Finding], *, force: bool) -> None:
+    """Warnings, and what is made in spite of the rules."""
+    _warn(findings)
+    if force:
+        _echo_lines_err(f"forced: {line}" for line in rule_lines(findings))
 
 
 def _echo_lines(lines: Iterable[str]) -> None:
@@ -331,14 +367,23 @@ _avoid_option = click.option(
 @_tape_options
 @main.command()
 @_avoid_option
-@click.option("-o", "--output", metavar="DIR", help="Folder of the kit.  [default: the tape's name]")
-@click.option("--overwrite", is_flag=True, help="Replace an older kit of this tool.")
+@click.option("--pack", is_flag=True, help="Lay the tapes of a list out on the fab's largest panels, and say how full they are.")
+@click.option("--jobs", metavar="N", help="Processes that make the kits of a list.  [default: one per processor]")
+@click.option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    help="Folder of the kit, or of the kits of a list.  [default: the tape's name, or tactape-kits]",
+)
+@click.option("--overwrite", is_flag=True, help="Replace older kits of this tool.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--force", is_flag=True, help="Write the kit in spite of broken design rules; the manifest records them.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def make(
     spec_file: str | None,
     avoid: Sequence[str],
+    pack: bool,
+    jobs: str | None,
     output: str | None,
     overwrite: bool,
     no_verify: bool,
@@ -348,20 +393,26 @@ def make(
 ) -> None:
     """Write a tape's kit: everything that fab and assembly line need, or printer and mill, verified from the written files.
 
+    With --sectors, or a SPEC.toml with [[tapes]], a kit for each tape of the list.
+
     \b
     Examples: tactape-fab make --sector 7 --w 1.5 --delta 0.25
               tactape-fab make --sectors 7,8,9 --panel auto
               tactape-fab make --sector 7 --part dome --process sla
+              tactape-fab make --sectors 0-9,20 --no-3d -o lab
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a polite end leaves nothing behind
     with _answers():
         from tactape_fab.make import Examined, make_examined
         from tactape_fab.make_panel import make_panel
 
-        examined = _examined(spec_file, options, avoid, output=output, overwrite=overwrite)
-        _warn(examined.findings)
-        if force:
-            _echo_lines_err(f"forced: {line}" for line in rule_lines(examined.findings))
+        values, given = _values(spec_file), _given(options)
+        if _is_list(values, given, avoid):
+            settings = {"overwrite": overwrite, "verify": not no_verify, "force": force}
+            _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
+            return
+        examined = _examined(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=overwrite)
+        _say_rules(examined.findings, force=force)
         how: dict[str, Any] = {
             "overwrite": overwrite,
             "verify": not no_verify,
@@ -378,6 +429,69 @@ def make(
             _echo_json(panel_json(panel)) if as_json else _echo_lines(panel_lines(panel))
 
 
+def _is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = ()) -> bool:
+    """Whether several tapes are asked for, each with a kit of its own; a panel is one thing, whatever stands on it."""
+    from tactape_fab.kit.tape_list import is_list
+
+    if {**values, **given}.get("panel", "none") != "none" or not is_list(values, given):
+        return False
+    if avoid:
+        raise SpecError(Problem("avoid", "avoid cannot be used with a list of tapes; make them one by one, or leave --avoid out"))
+    for of in (values, given):
+        of.pop("panel", None)
+    return True
+
+
+def _make_list(
+    values: dict[str, Any],
+    given: dict[str, Any],
+    output: str | None,
+    settings: dict[str, bool],
+    *,
+    pack: bool,
+    jobs: str | None,
+    as_json: bool,
+) -> None:
+    """Make the kits of a list: a row for each, errors of one beside it; the exit status is the highest of all."""
+    from tactape_fab.list_tapes import list_tapes
+    from tactape_fab.make_many import DEFAULT_FOLDER, FailedKit, make_kits, pack_tapes
+    from tactape_fab.many_lines import KitTable, failed_json, made_json, many_summary, packed_json, packed_lines
+
+    folder = Path(DEFAULT_FOLDER if output is None else output)
+    count = None if jobs is None else _number(jobs)
+    overwrite, force = settings["overwrite"], settings["force"]
+    listed = list_tapes(values, given, folder, jobs=count, overwrite=overwrite, force=force, packed=pack)
+    _say_rules(listed.findings, force=force)
+    packed = pack_tapes(listed.tapes) if pack else []
+    table, begin = KitTable(listed.tapes), time.monotonic()
+    rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
+    show = (lambda *_: None) if rows_shown else _step_shown()  # rows are progress enough
+    made, failed, statuses = [], [], [0]
+    _echo_lines([] if as_json else [table.header()])
+    try:
+        with closing(make_kits(listed.tapes, folder, jobs=listed.jobs, **settings)) as kits:
+            for done, (kit, tape) in enumerate(zip(kits, listed.tapes, strict=True), start=1):
+                if isinstance(kit, FailedKit):
+                    status, lines = _answer(kit.error)
+                    statuses.append(status)
+                    failed.append(failed_json(kit, status, lines))
+                    _clear_step()
+                    _echo_lines_err(f"error: {kit.name}: {line}" for line in lines)
+                else:
+                    made.append(made_json(kit))
+                _echo_lines([] if as_json else [table.row(kit, tape)])
+                show("kits", done, len(listed.tapes))
+    except (KeyboardInterrupt, SystemExit):
+        click.echo(f"stopped; the kits that stand in {folder} are whole", err=True)
+        raise
+    if as_json:
+        _echo_json({"folder": str(folder), "kits": made, "failed": failed, **({"packed": packed_json(packed)} if pack else {})})
+    else:
+        _echo_lines(packed_lines(packed))
+    click.echo(many_summary(len(made), len(listed.tapes), folder, time.monotonic() - begin), err=True)
+    sys.exit(max(statuses))
+
+
 @_tape_options
 @main.command()
 @_avoid_option
@@ -385,7 +499,10 @@ def make(
 def check(spec_file: str | None, avoid: Sequence[str], as_json: bool, **options: Any) -> None:
     """Measure a tape against the design rules of its fab or process; nothing is written."""
     with _answers():
-        findings = _examined(spec_file, options, avoid).findings
+        values, given = _values(spec_file), _given(options)
+        if _is_list(values, given):
+            raise SpecError("check takes one tape, and these are several; make checks them all before it writes any")
+        findings = _examined(values, given, avoid).findings
         if as_json:
             _echo_json([asdict(f) for f in findings])
         else:
@@ -438,6 +555,12 @@ def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: boo
         )
         made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=_step_shown())
         _echo_json(embossed_json(made)) if as_json else _echo_lines(embossed_lines(made))
+
+
+def _clear_step() -> None:
+    """Take progress off the line of the terminal that a message is to stand on."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        click.echo("\r\033[K", err=True, nl=False)
 
 
 def _step_shown() -> Callable[[str, int, int], None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
 Level = Literal["block", "warn", "info"]
 
@@ -111,6 +111,9 @@ class SpecError(TactapeError, ValueError):
         self.findings: tuple[Finding, ...] = tuple(findings)
         super().__init__("\n".join(p.message for p in self.problems))
 
+    def __reduce__(self) -> tuple[type[SpecError], tuple[Any, ...]]:
+        return type(self), (self.problems, self.findings)
+
 
 class CapacityError(SpecError):
     """The tape asks for more of the code plane than the code has."""
@@ -122,6 +125,9 @@ class DesignRuleError(TactapeError):
     def __init__(self, findings: Sequence[Finding]) -> None:
         self.findings: tuple[Finding, ...] = tuple(findings)
         super().__init__("\n".join(f"{f.rule}: {f.message}" for f in self.findings if f.blocks))
+
+    def __reduce__(self) -> tuple[type[DesignRuleError], tuple[Any, ...]]:
+        return type(self), (self.findings,)
 
 
 class RenderError(TactapeError):
@@ -144,3 +150,6 @@ class VerifyError(TactapeError):
     def __init__(self, checks: Sequence[Check]) -> None:
         self.checks: tuple[Check, ...] = tuple(checks)
         super().__init__("\n".join(f"{c.name}: {c.message}" for c in self.checks if not c.passed and not c.warning))
+
+    def __reduce__(self) -> tuple[type[VerifyError], tuple[Any, ...]]:
+        return type(self), (self.checks,)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -92,14 +93,12 @@ def read_gerber(data: bytes) -> GerberContent:
     ReadbackError
         When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
     """
-    from gerbonara.rs274x import GerberFile
-
     try:
         with _collection_paused(), warnings.catch_warnings():
             warnings.simplefilter("error")
             text = data.decode("ascii")
             _refuse_statements(text)
-            content = _content(GerberFile.from_string(text))
+            content = _content(_parsed(text))
     except ReadbackError:
         raise
     except Exception as error:  # gerbonara raises whatever its parser meets
@@ -112,12 +111,26 @@ def read_gerber(data: bytes) -> GerberContent:
     return content
 
 
+def _parsed(text: str) -> Any:
+    """The file as gerbonara has it. Its parser tries one statement after the other: attributes, every other line, come second."""
+    from gerbonara.rs274x import GerberFile, GerberParser
+
+    file = GerberFile()
+    parser = GerberParser(file)
+    known = dict(parser.STATEMENT_REGEXES)
+    first = {name: known.pop(name) for name in ("coord", "attribute") if name in known}
+    parser.STATEMENT_REGEXES = {**first, **known}
+    parser.parse(text)
+    return file
+
+
 def _refuse_statements(text: str) -> None:
     """Refuse what gerbonara passes over in silence though a fab would draw by it."""
     foreign = sorted(set(re.findall(r"%([A-Z]{2})", text)) - _STATEMENTS)
     if foreign:
         raise ReadbackError(f"it holds %{foreign[0]}, which this tool never writes")
-    ends = re.findall(r"(?:^|[*%])\s*(M0*[0-2])\*", text)
+    found = re.finditer(r"(M0*[0-2])\*", text)
+    ends = [end[1] for end in found if not text[max(0, end.start() - 1) : end.start()].strip("*% \t\r\n")]
     if ends != ["M02"] or not text.rstrip().endswith("M02*"):
         raise ReadbackError("its end, M02, does not stand once and last")
 
@@ -125,7 +138,7 @@ def _refuse_statements(text: str) -> None:
 def _content(file: Any) -> GerberContent:
     from gerbonara.graphic_objects import Arc, Flash, Line, Region
 
-    if any(o.unit is None or o.unit.shorthand != "mm" for o in file.objects):
+    if any(unit is None or unit.shorthand != "mm" for unit in {id(o.unit): o.unit for o in file.objects}.values()):
         raise ReadbackError("it is not in millimetres")
     flashes = [o for o in file.objects if isinstance(o, Flash)]
     apertures = list({id(o.aperture): o.aperture for o in flashes}.values())
@@ -141,7 +154,7 @@ def _content(file: Any) -> GerberContent:
         areas_mm=tuple(np.array(o.outline, dtype=np.float64) for o in file.objects if isinstance(o, Region)),
         strokes_mm=strokes,
         stroke_width_mm=widths,
-        clear=any(not o.polarity_dark for o in file.objects),
+        clear=not all(map(attrgetter("polarity_dark"), file.objects)),
         file_attributes={key.lstrip("."): tuple(value) for key, value in file.file_attrs.items()},
     )
 

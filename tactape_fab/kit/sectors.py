@@ -11,7 +11,7 @@ from tactape_fab.fields import shown
 
 MOST_TAPES = 4096
 _SECTORS_REMEDY = "give sectors and ranges of them, such as 0-9,20"
-_RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
+_RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
 
 def read_sectors(value: object, sectors: int) -> tuple[int, ...]:

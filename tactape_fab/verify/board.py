@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil, pi, sqrt
 
 import numpy as np
 import shapely
@@ -17,7 +18,7 @@ from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded
 
 OUTLINE_TOLERANCE_MM = 0.001
 EDGE_TOLERANCE_MM = 0.0005
-_ARC_POINTS = 2048
+_ARC_MISFIT_MM, _MOST_ARC_POINTS = 1e-6, 2048
 
 
 def check_outline(content: GerberContent, tape: Tape) -> Check:
@@ -31,7 +32,7 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     (width, height), radius = board.size_mm, board.corner_radius_mm
     corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
     core = shapely.MultiPoint(corners).convex_hull
-    expected = core.buffer(radius, quad_segs=_ARC_POINTS) if radius else core
+    expected = core.buffer(radius, quad_segs=_arc_points(radius)) if radius else core
     drawn = shapely.Polygon(stroke)
     if not drawn.is_valid:
         return Check(name="profile", passed=False, message="the outline crosses itself")
@@ -40,6 +41,11 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     size = stroke.max(axis=0) - stroke.min(axis=0)
     message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
     return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def _arc_points(radius_mm: float) -> int:
+    """Chords of a quarter of a circle that stay within a thousandth of the tolerance of it: their sagitta is r (pi / 4n)² / 2."""
+    return min(_MOST_ARC_POINTS, ceil(pi / 4 * sqrt(radius_mm / (2 * _ARC_MISFIT_MM))))
 
 
 def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,12 +19,12 @@ from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG,
 
 _NUMBER = r"(-?\d+(?:\.\d+)?)"
 _FOOTPRINT = re.compile(
-    rf'^  \(footprint "tactape:[^"\n]*" \(layer "F\.Cu"\)[^\n]*\n    \(at {_NUMBER} {_NUMBER}(?: {_NUMBER})?\)\n'
+    rf'\n  \(footprint "tactape:[^"\n]*" \(layer "F\.Cu"\)[^\n]*\n    \(at {_NUMBER} {_NUMBER}(?: {_NUMBER})?\)\n'
     r'[^\n]*\n    \(fp_text reference "([A-Z]+\d+)"',
     re.MULTILINE,
 )
 _PAD = re.compile(
-    rf'^    \(pad "([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
+    rf'\n    \(pad "([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
     rf' \(layers "([\w.]+)"\)(?: \(roundrect_rratio {_NUMBER}\))? \(tstamp [0-9a-f-]+\)\)$',
     re.MULTILINE,
 )
@@ -106,11 +107,7 @@ def _places(found: dict[str, tuple[float, float, float]], count: int, shown: Sho
 
 def _lands(text: str, shown: Shown, lands: Recorded) -> list[str]:
     """Every pad is one of the four that the manifest's land pattern gives, each as often as there are parts."""
-    rows = [m.groups() for m in _PAD.finditer(text)]
-    parts = len(shown.parts_xy_mm)
-    counts = dict.fromkeys(dict.fromkeys(rows), 0)
-    for row in rows:
-        counts[row] += 1
+    counts, parts = Counter(_PAD.findall(text)), len(shown.parts_xy_mm)
     expected = [
         *(("12"[k], "F.Cu", lands.pads, k) for k in range(2)),
         *(("", "F.Paste", lands.paste, k) for k in range(2)),
@@ -123,12 +120,12 @@ def _lands(text: str, shown: Shown, lands: Recorded) -> list[str]:
             problems.append(f"{what} is there {sum(counts[row] for row in alike)} times in {len(alike)} forms")
         elif not _is_land(alike[0], land, k, shown.rotation_deg):
             problems.append(f"{what} is not the land pattern's")
-    if len(rows) != 4 * parts:
-        problems.append(f"it has {len(rows)} lands, not {4 * parts}")
+    if counts.total() != 4 * parts:
+        problems.append(f"it has {counts.total()} lands, not {4 * parts}")
     return problems
 
 
-def _is_land(row: tuple[str | None, ...], land: LandPattern, k: int, rotation_deg: float) -> bool:
+def _is_land(row: tuple[str, ...], land: LandPattern, k: int, rotation_deg: float) -> bool:
     at_mm, turn_deg, length_mm, width_mm = (float(v or "nan") for v in row[1:5])
     radius_mm = float(row[6] or 0.0) * min(length_mm, width_mm)
     wanted = (land.offset_mm if k else -land.offset_mm, *land.size_mm, land.corner_radius_mm)

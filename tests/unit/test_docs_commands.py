@@ -20,7 +20,7 @@ BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL
     ("page", "least"),
     [
         *(("solids.md", 6), ("localization.md", 7), ("fabs.md", 5), ("ordering.md", 5)),
-        *(("certify.md", 4), ("verify.md", 1), ("panels.md", 4)),
+        *(("certify.md", 4), ("verify.md", 1), ("panels.md", 4), ("many.md", 4)),
     ],
 )
 def test_page_runs_from_top_to_bottom(page: str, least: int, tmp_path: Path) -> None:

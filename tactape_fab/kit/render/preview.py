@@ -192,7 +192,8 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     px_per_mm = min(PX_PER_MM, MOST_PX / float(extent_mm.max()))
     finer = max(1, min(OVERSAMPLING, int(MOST_PX / (float(extent_mm.max()) * px_per_mm))))
     width, height = (int(np.ceil(v * px_per_mm)) for v in extent_mm)
-    image = np.full((height * finer, width * finer, 3), _bgr(_BACKGROUND), dtype=np.uint8)
+    image = np.empty((height * finer, width * finer, 3), dtype=np.uint8)
+    cv2.rectangle(image, (0, 0), (width * finer, height * finer), _bgr(_BACKGROUND), cv2.FILLED)  # np.full is slow
     one = 1 << _SUB_PIXEL_BITS
 
     def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
@@ -218,7 +219,10 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
             cv2.polylines(image, [px(line)], False, colour, line_px(shape.line_mm), cv2.LINE_8, _SUB_PIXEL_BITS)
     if finer > 1:
         image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    written, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    settings = [cv2.IMWRITE_PNG_COMPRESSION, 3]
+    if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in older OpenCV; even areas come out smaller, and in a third of the time
+        settings += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+    written, data = cv2.imencode(".png", image, settings)
     if not written:
         raise RenderError("the preview picture could not be encoded as PNG")
     return bytes(data)

@@ -1,0 +1,224 @@
+"""Lists of tapes made in several processes: the same kits as one by one, and whole ones only, whatever happens meanwhile."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from tactape_fab import TapeSpec, make_kit, verify_kit
+from tactape_fab.cli import main
+from tactape_fab.texture.tape import UNFINISHED_SUFFIX
+from tests.roundtrip.test_interrupted import Files, contents
+
+SMALL = "--size 20x20 --no-3d"
+PATIENCE_S = 60.0
+
+
+def run(args: str) -> Result:
+    return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def small_kit(sector: int, folder: Path) -> Files:
+    return contents(make_kit(TapeSpec(sector=sector, size_mm=(20.0, 20.0), models=False), folder).path)
+
+
+def test_a_list_is_the_same_kits_as_one_by_one(here: Path) -> None:
+    result = run(f"make --sectors 3-4,9 {SMALL} --jobs 2")
+    assert result.exit_code == 0, result.stderr
+    folder = here / "tactape-kits"
+    assert sorted(p.name for p in folder.iterdir()) == ["tactape-s003", "tactape-s004", "tactape-s009"]
+    for sector in (3, 4, 9):
+        assert contents(folder / f"tactape-s{sector:03d}") == small_kit(sector, here / str(sector))
+    rows = [line.split() for line in result.stdout.splitlines()]
+    assert rows[0] == ["kit", "sector", "size", "mm", "grid", "parts", "result"]
+    assert [row[:5] for row in rows[1:]] == [[f"tactape-s{s:03d}", str(s), "20x20", "8x12", "96"] for s in (3, 4, 9)]
+    assert all(int(row[5]) > 30 and row[6] == "checks" for row in rows[1:])
+    assert "made 3 of 3 kits in tactape-kits" in result.stderr
+
+
+def test_a_file_of_tapes_as_json(here: Path) -> None:
+    (here / "lab.toml").write_text(
+        'models = false\n[[tapes]]\nsectors = "1-2"\nsize_mm = [20, 20]\n'
+        '[[tapes]]\nsector = 7\nname = "seven"\nsize_mm = [30, 20]\ntag = "none"\n'
+    )
+    result = run("make lab.toml -o out/kits --no-verify --pack --json --jobs 1")
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(result.stdout)
+    assert [(k["name"], k["sector"], k["size_mm"], k["checks"]) for k in answer["kits"]] == [
+        ("tactape-s001", 1, [20.0, 20.0], 0),
+        ("tactape-s002", 2, [20.0, 20.0], 0),
+        ("seven", 7, [30.0, 20.0], 0),
+    ]
+    assert answer["failed"] == []
+    assert all((Path(k["path"]) / k["files"]["fab-zip"]).is_file() for k in answer["kits"])
+    (film,) = answer["packed"]
+    (panel,) = film["panels"]
+    assert [tape["name"] for tape in panel["tapes"]] == ["tactape-s001", "tactape-s002", "seven"]
+    assert film["panel_mm"] == [250.0, 250.0]
+    assert panel["share"] == film["share"] == pytest.approx((2 * 400 + 600) / 62500)
+    assert all(v >= 7.0 for tape in panel["tapes"] for v in tape["offset_mm"])
+
+
+def test_kits_join_a_folder_and_replace_only_when_asked(here: Path) -> None:
+    assert run(f"make --sectors 1 {SMALL} -o lab --no-verify").exit_code == 0
+    (here / "lab" / "note.txt").write_text("mine")
+    before = contents(here / "lab")
+    refused = run(f"make --sectors 1-2 {SMALL} -o lab --no-verify")
+    assert refused.exit_code == 2
+    assert "lab holds tactape-s001 already; use --overwrite" in refused.stderr
+    assert contents(here / "lab") == before
+    assert run(f"make --sectors 2 {SMALL} -o lab --no-verify").exit_code == 0
+    assert run(f"make --sectors 1-2 {SMALL} --tag none -o lab --overwrite --no-verify").exit_code == 0
+    after = contents(here / "lab")
+    assert after["note.txt"] == b"mine"
+    assert after["tactape-s001/manifest.json"] != before["tactape-s001/manifest.json"]
+    assert "tactape-s002/manifest.json" in after
+
+
+def test_tapes_that_cannot_be_told_apart_are_warned_of(here: Path) -> None:
+    (here / "lab.toml").write_text(
+        'models = false\nsize_mm = [20, 20]\n[[tapes]]\nsector = 1\nname = "a"\n[[tapes]]\nsector = 1\nname = "b"\n'
+    )
+    result = run("make lab.toml --no-verify")
+    assert result.exit_code == 0
+    assert "warning: copies: a, b show the same texture and cannot be told apart" in result.stderr
+
+
+# What goes wrong on the way
+
+
+def started(folder: Path, args: str, **options: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "tactape_fab", *shlex.split(args)]
+    return subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **options
+    )
+
+
+def no_large_files() -> None:
+    """As on a full disk: writing a file of more than 200 kB fails."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+
+def test_one_kit_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(
+        'models = false\n[[tapes]]\nsectors = "1-2"\nsize_mm = [20, 20]\n[[tapes]]\nsector = 3\n'
+        "[[tapes]]\nsector = 4\nsize_mm = [20, 20]\n"
+    )
+    run = started(tmp_path, "make lab.toml --json --jobs 2", preexec_fn=no_large_files)
+    stdout, stderr = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 1, stderr
+    answer = json.loads(stdout)
+    assert [k["name"] for k in answer["kits"]] == ["tactape-s001", "tactape-s002", "tactape-s004"]
+    (failed,) = answer["failed"]
+    assert (failed["name"], failed["status"]) == ("tactape-s003", 1)
+    assert "error: tactape-s003: the kit cannot be written to" in stderr
+    assert "Traceback" not in stderr
+    assert "made 3 of 4 kits" in stderr
+    folder = tmp_path / "tactape-kits"
+    assert sorted(p.name for p in folder.iterdir()) == ["tactape-s001", "tactape-s002", "tactape-s004"]
+
+
+def processes_of(session: int) -> list[int]:
+    """Living processes of a session."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (place / "stat").read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(place.name))
+    return found
+
+
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, what
+        time.sleep(0.002)
+
+
+def stop_at_work(folder: Path, send: Callable[[int], None], kits: int) -> tuple[int, str]:
+    """Start a list, send a signal while a kit is being built and `kits` stand, and see that no process is left."""
+    run = started(folder, f"make --sectors 0-255 {SMALL} -o kits --jobs 2")
+    place = folder / "kits"
+
+    def names() -> Sequence[str]:
+        return [p.name for p in place.iterdir()] if place.is_dir() else []
+
+    def at_work() -> bool:
+        found = names()
+        unfinished = any(name.endswith(UNFINISHED_SUFFIX) for name in found)
+        return unfinished and sum(not name.startswith(".") for name in found) >= kits
+
+    wait_until(lambda: at_work() or run.poll() is not None, "no kit was begun")
+    send(run.pid)
+    _, stderr = run.communicate(timeout=PATIENCE_S)
+    wait_until(lambda: not processes_of(run.pid), "processes are left")
+    return run.returncode, stderr
+
+
+def assert_whole_only(folder: Path, least: int) -> None:
+    kits = sorted(folder.iterdir()) if folder.exists() else []
+    assert [p.name for p in kits if p.name.startswith(".")] == []
+    assert least <= len(kits) < 256
+    for kit in kits:
+        assert verify_kit(kit, quick=True).passed, kit
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+@pytest.mark.parametrize("kits", [0, 1, 5])
+def test_ctrl_c_leaves_whole_kits_and_no_process(kits: int, tmp_path: Path) -> None:
+    status, stderr = stop_at_work(tmp_path, lambda pid: os.killpg(pid, signal.SIGINT), kits)
+    assert status == 1
+    assert "stopped; the kits that stand in kits are whole" in stderr
+    assert "Traceback" not in stderr
+    assert_whole_only(tmp_path / "kits", kits)
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+def test_a_polite_end_leaves_whole_kits_and_no_process(tmp_path: Path) -> None:
+    status, stderr = stop_at_work(tmp_path, lambda pid: os.kill(pid, signal.SIGTERM), 2)
+    assert status == 128 + signal.SIGTERM
+    assert "Traceback" not in stderr
+    assert_whole_only(tmp_path / "kits", 2)
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+def test_processes_end_when_the_one_that_started_them_is_killed(tmp_path: Path) -> None:
+    status, stderr = stop_at_work(tmp_path, lambda pid: os.kill(pid, signal.SIGKILL), 2)
+    assert status == -signal.SIGKILL
+    assert "Traceback" not in stderr
+    assert_whole_only(tmp_path / "kits", 2)
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
+def test_a_killed_process_costs_one_kit(tmp_path: Path) -> None:
+    run = started(tmp_path, f"make --sectors 0-5 {SMALL} --no-verify -o kits --jobs 1")
+    wait_until(lambda: len(list(tmp_path.glob("kits/tactape*"))) >= 1, "no kit was made")
+    worker = max(processes_of(run.pid))
+    os.kill(worker, signal.SIGKILL)
+    stdout, stderr = run.communicate(timeout=PATIENCE_S)
+    failed = [line.split()[0] for line in stdout.splitlines() if line.endswith("failed")]
+    assert run.returncode == 1
+    assert len(failed) == 1
+    assert f"error: {failed[0]}: its process was ended by signal 9" in stderr
+    assert len(list(tmp_path.glob("kits/tactape*"))) == 5
