@@ -103,7 +103,6 @@ def _start(function: Callable[[A], R], workers: list[_Worker[A, R]]) -> _Worker[
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, function), daemon=True)
     worker: _Worker[A, R] = _Worker(process, ours)
-    resource_tracker.ensure_running()  # it changes the signal mask
     with _interrupts_held():
         workers.append(worker)
         process.start()
@@ -117,6 +116,7 @@ def _interrupts_held() -> Iterator[None]:
     if sys.platform == "win32":
         yield
         return
+    resource_tracker.ensure_running()  # otherwise started with the first process, and it changes the signal mask
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
