@@ -16,6 +16,7 @@ from tactape_fab import Tape, TapeSpec, make_kit, verify_kit
 from tactape_fab.errors import SpecError
 from tactape_fab.kit.writer import RENDERERS, render_all
 from tactape_fab.make import Examined, examine
+from tactape_fab.profiles import BACKING_ROLES
 from tactape_fab.texture.code import CODE_NAMES, get_code
 
 
@@ -70,7 +71,7 @@ def test_any_legal_spec_becomes_a_verified_kit(values: dict[str, Any]) -> None:
         assert np.array_equal(again.symbols, examined.layout.tape.symbols)
         assert again.to_mapping() == examined.layout.tape.to_mapping()
         manifest = json.loads((kit.path / "manifest.json").read_text())
-        resolved = replace(examined.spec, assembly=examined.fab.assembly, x2=examined.fab.x2)
+        resolved = replace(examined.spec, assembly=examined.fab.assembly, x2=examined.fab.x2, coverlay=examined.fab.coverlay_mode)
         assert TapeSpec.from_mapping(manifest["spec"]) == resolved
         listed = {row["path"] for row in manifest["files"]} | {"manifest.json"}
         assert {p.relative_to(kit.path).as_posix() for p in kit.path.rglob("*") if p.is_file()} == listed
@@ -83,7 +84,7 @@ def test_rendering_depends_on_the_spec_alone(values: dict[str, Any]) -> None:
     one, other = render_all(examined.drawing, examined.fab), render_all(legal(values).drawing, examined.fab)
     assert one == other
     roles = {artifact.role for artifact in one}
-    assert roles >= set(RENDERERS) - {"drill-npth", "legend-top"}
+    assert roles >= set(RENDERERS) - {"drill-npth", "legend-top", *BACKING_ROLES}
     assert ("drill-npth" in roles) == bool(values.get("holes_mm"))
     assert len({artifact.path for artifact in one}) == len(one)
     assert all(artifact.data for artifact in one)

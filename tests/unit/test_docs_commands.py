@@ -16,7 +16,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize(("page", "least"), [("solids.md", 6), ("localization.md", 7), ("fabs.md", 5), ("ordering.md", 5), ("panels.md", 4)])
+@pytest.mark.parametrize(
+    ("page", "least"), [("solids.md", 6), ("localization.md", 7), ("fabs.md", 5), ("ordering.md", 5), ("panels.md", 4)]
+)
 def test_page_runs_from_top_to_bottom(page: str, least: int, tmp_path: Path) -> None:
     blocks = BLOCK.findall((DOCS / page).read_text(encoding="utf-8"))
     assert len(blocks) >= least
