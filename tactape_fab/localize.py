@@ -97,9 +97,12 @@ def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
 def _kits_at(path: Path) -> list[Path]:
     """A kit itself, the kits of a panel, or the kits and panels in a folder that is neither."""
     try:
-        if not path.is_dir() or (path / MANIFEST_NAME).exists():
-            return kits_of(path)
-        inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
+        alone = not path.is_dir() or (path / MANIFEST_NAME).exists()
+        inside = (
+            [path]
+            if alone
+            else sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
+        )
     except (OSError, ValueError):  # Tape.load says what is wrong
         return [path]
     return [kit for place in inside for kit in kits_of(place)] or [path]
