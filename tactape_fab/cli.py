@@ -248,6 +248,7 @@ def _examined(
     overwrite: bool = False,
 ) -> Examined | ExaminedPanel:
     """One tape or panel examined; options that only a list of tapes has are refused with all the rest."""
+    from tactape_fab.kit.panel_options import PANEL_KEYS
     from tactape_fab.make import examine_values
     from tactape_fab.make_panel import examine_order
     from tactape_fab.tapes import read_tapes
@@ -260,16 +261,14 @@ def _examined(
     single = {**values, **given}
     if "sector" in given and "sectors" not in given:
         single.pop("sectors", None)
-    tapes: Sequence[Tape] = ()
     try:
         tapes = read_tapes(avoid)
     except SpecError as refused:
         problems += refused.problems
     try:
-        if problems:
-            examine_values(
-                {"sector": 0, **{k: v for k, v in single.items() if k != "sectors"}}, output=output, overwrite=overwrite
-            )
+        if problems:  # say what else is refused, too
+            of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
+            examine_values({"sector": 0, **of_one}, output=output, overwrite=overwrite)
         else:
             examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes)
     except SpecError as error:
@@ -501,7 +500,8 @@ def check(spec_file: str | None, avoid: Sequence[str], as_json: bool, **options:
     with _answers():
         values, given = _values(spec_file), _given(options)
         if _is_list(values, given):
-            raise SpecError("check takes one tape, and these are several; make checks them all before it writes any")
+            what = "sectors names" if spec_file is None else f"{spec_file} is"
+            raise SpecError(f"{what} a list of tapes; check takes one, make checks them all before it writes any")
         findings = _examined(values, given, avoid).findings
         if as_json:
             _echo_json([asdict(f) for f in findings])

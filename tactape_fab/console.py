@@ -92,6 +92,7 @@ def profile_lines(profile: Mapping[str, Any]) -> list[str]:
         *(f"{key}: {', '.join(profile[key]) or 'none'}" for key in ("stiffener", "adhesive")),
         f"Gerber attributes {profile['gerber']['x2']}, job file {'in' if profile['gerber']['job_in_zip'] else 'not in'} the zip, "
         f"part list as {profile['assembly']}",
+        f"panel: {'tapes are put on panels unless told otherwise' if profile['panel'] == 'auto' else 'where it is asked for'}",
         f"files: {', '.join(files.values())}",
         "",
     ]

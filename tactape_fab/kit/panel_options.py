@@ -71,7 +71,7 @@ def read_panel_request(values: Mapping[str, Any]) -> tuple[PanelRequest, list[Pr
             f"name {count}, or use --panel auto",
         )
     if mode == "none":
-        for key in (k for k in PANEL_KEYS[1:] if k in table.values):
+        for key in (k for k in PANEL_KEYS[1:] if table.values.get(k, False) is not False):
             option = f"--{key.replace('_', '-')}"
             table.problem(key, f"{key} is of a panel, but panel = 'none'; leave out {option}, or use --panel auto")
     request = PanelRequest(mode=mode, arrangement=arrangement, sectors=sectors, same_sector=same_sector, tabs=tabs)

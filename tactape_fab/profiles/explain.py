@@ -33,6 +33,7 @@ def explain_fab(fab: FabProfile) -> dict[str, Any]:
         "adhesive": list(fab.adhesive.choices),
         "gerber": {"x2": fab.x2, "job_in_zip": fab.job_in_zip},
         "assembly": fab.assembly,
+        "panel": fab.panel.make,
         "files": dict(fab.file_names),
         "thresholds": _thresholds(fab),
     }

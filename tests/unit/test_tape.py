@@ -328,7 +328,7 @@ TEXT = json.dumps({"format": MANIFEST_FORMAT, **MAPPING})
         (b"[]", "has format None"),
         (b"{}", "has format None"),
         (TEXT.replace("manifest/1", "manifest/2").encode(), "has format 'tactape-manifest/2'; this version reads"),
-        (TEXT.replace(MANIFEST_FORMAT, "tactape-panel/1").encode(), "has format 'tactape-panel/1'"),
+        (TEXT.replace(MANIFEST_FORMAT, "tactape-panel/1").encode(), "is that of a panel, not of one tape"),
     ],
     ids=["empty", "truncated", "binary", "deep", "long-number", "list", "no-format", "newer", "panel"],
 )
