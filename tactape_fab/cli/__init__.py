@@ -1,0 +1,24 @@
+"""Command line: parse, call one function, print. The only modules that know click."""
+
+from tactape_fab.cli.answers import FAILED, RULES, USAGE, VERIFICATION
+from tactape_fab.cli.group import main
+from tactape_fab.cli.locating import decode, simulate
+from tactape_fab.cli.making import check, emboss, make, profiles
+from tactape_fab.cli.proving import certify, registry, verify
+
+__all__ = [
+    "FAILED",
+    "RULES",
+    "USAGE",
+    "VERIFICATION",
+    "certify",
+    "check",
+    "decode",
+    "emboss",
+    "main",
+    "make",
+    "profiles",
+    "registry",
+    "simulate",
+    "verify",
+]
