@@ -41,7 +41,6 @@ from tactape_fab.texture.certify import Certificate, certify, pair_words
 from tactape_fab.texture.choose import Choice, choose_origin, choose_sector
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
-from tactape_fab.verify import verify_folder
 
 T = TypeVar("T")
 _ELEMENT = {"part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm"}
@@ -439,6 +438,8 @@ def make_examined(
         write_kit(folder, content, artifacts)
         if verify:
             progress("verifying")
+            from tactape_fab.verify import verify_folder  # loads what reads the files back, which takes its time
+
             verification = verify_folder(folder / MANIFEST_NAME, quick=True)
             verification.raise_if_failed()
             checks = verification.checks

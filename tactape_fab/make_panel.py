@@ -24,7 +24,6 @@ from tactape_fab.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.panel import KITS_FOLDER
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
-from tactape_fab.verify import verify_folder, verify_panel_folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -305,6 +304,8 @@ def make_panel(
         checks = _write_kits(examined, folder, verify=verify, progress=progress)
         files = _write_panel(examined, folder, blocking, progress)
         if verify:
+            from tactape_fab.verify import verify_panel_folder
+
             progress("verifying the panel")
             verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
             verification.raise_if_failed()
@@ -343,6 +344,8 @@ def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress
         place.mkdir(parents=True)
         write_kit(place, content, artifacts)
         if verify:
+            from tactape_fab.verify import verify_folder
+
             verification = verify_folder(place / MANIFEST_NAME, quick=True)
             if not verification.passed:
                 raise VerifyError([c for c in verification.checks if not c.passed])

@@ -24,9 +24,7 @@ from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
 from tactape_fab.kit.render.job import render_job
 from tactape_fab.kit.render.kicad import render_kicad
-from tactape_fab.kit.render.models import render_assembly, render_solid
 from tactape_fab.kit.render.preview import render_preview
-from tactape_fab.kit.render.solid_preview import render_solid_preview
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.solids.forms import SolidForm
@@ -69,6 +67,9 @@ def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
 
 def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[Artifact]:
     """The 3D models; a film's with its assembly, a texture of solid elements (`fab` None) with previews of the mesh."""
+    from tactape_fab.kit.render.models import render_assembly, render_solid  # only kits with models load what draws them
+    from tactape_fab.kit.render.solid_preview import render_solid_preview
+
     models = render_solid(tape, form)
     if fab is None:
         return [*models, *render_solid_preview(models, tape, form)]

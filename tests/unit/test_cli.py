@@ -270,7 +270,7 @@ def slowness(tmp_path_factory: pytest.TempPathFactory) -> float:
     folder = tmp_path_factory.mktemp("baseline")
     baseline_s = fastest_s((sys.executable, "-c", "import numpy"), folder, 5)
     print(f"\nbaseline, python -c 'import numpy': {baseline_s:.3f} s")
-    return max(1.0, baseline_s / 0.12)
+    return max(1.0, baseline_s / 0.06)
 
 
 @pytest.mark.parametrize(
