@@ -331,7 +331,7 @@ def failing(manifest_file: Path, *, quick: bool) -> verify_kit_module.Verificati
 def test_kit_that_fails_its_verification_never_stands_under_its_name(
     place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(make, "verify_folder", failing)
+    monkeypatch.setattr("tactape_fab.verify.verify_folder", failing)
     with pytest.raises(VerifyError, match=r"off by 0\.02 mm"):
         make_kit(SMALL, tmp_path / place)
     assert list(tmp_path.iterdir()) == []
@@ -340,7 +340,7 @@ def test_kit_that_fails_its_verification_never_stands_under_its_name(
 def test_failed_verification_leaves_the_old_kit_untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_kit(TapeSpec(sector=8, size_mm=(20.0, 20.0)), tmp_path / "kit")
     before = contents(tmp_path / "kit")
-    monkeypatch.setattr(make, "verify_folder", failing)
+    monkeypatch.setattr("tactape_fab.verify.verify_folder", failing)
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["make", "--sector", "100", "--size", "20x20", "-o", "kit", "--overwrite"])
     assert result.exit_code == 4

@@ -322,7 +322,7 @@ def test_overwrite_replaces_a_panel_that_is_wholly_ours(panel_2: PanelKit, copie
 
 def test_a_panel_that_fails_its_verification_never_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failing = Verification(name="panel", checks=(Check(name="profile", passed=False, message="wrong"),))
-    monkeypatch.setattr("tactape_fab.make_panel.verify_panel_folder", lambda *_, **__: failing)
+    monkeypatch.setattr("tactape_fab.verify.verify_panel_folder", lambda *_, **__: failing)
     with pytest.raises(VerifyError):
         panel_of(TWO, tmp_path / "deep" / "panel")
     assert list(tmp_path.iterdir()) == []
