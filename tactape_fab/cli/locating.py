@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import sys
-import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,8 +32,7 @@ from tactape_fab.console import (
 )
 
 if TYPE_CHECKING:
-    from tactape_fab.localize import Job, Locate, Located
-    from tactape_fab.profiles.sensors import SensorProfile
+    from tactape_fab.localize import Job, Located
 
 
 # Localization
@@ -105,7 +103,7 @@ def decode(frames: Sequence[str], kits: Sequence[str], sensor: str, overlay: str
     Example: tactape-fab decode frames.npz --tape tactape-s007
     """
     with answers():
-        from tactape_fab.localize import is_kit, localize, prepare
+        from tactape_fab.localize import is_kit, localize, make_locator, prepare
 
         if kits:  # --tape A B, as a shell would have it
             kits = [*kits, *(f for f in frames if is_kit(f))]
@@ -113,20 +111,7 @@ def decode(frames: Sequence[str], kits: Sequence[str], sensor: str, overlay: str
         reads = {"w": length, "delta": length, "max_p_false": number, "max_p_tape": number}
         options = {name: reads[name](v) if name in reads and v is not None else v for name, v in given.items()}
         job = prepare(frames, kits, sensor, **options)
-        _print_answers(localize(job, _with_a_word), job, as_json=as_json, overlay=overlay)
-
-
-def _with_a_word(job: Job, sensor: SensorProfile) -> Locate:
-    """The locator, with a word on stderr where getting ready takes long: the first time, something is compiled."""
-    from tactape_fab.localize import make_locator
-
-    word = threading.Timer(2.0, lambda: click.echo("getting the decoder ready, which takes longest the first time ...", err=True))
-    word.daemon = True
-    word.start()
-    try:
-        return make_locator(job, sensor)
-    finally:
-        word.cancel()
+        _print_answers(localize(job, make_locator), job, as_json=as_json, overlay=overlay)
 
 
 def _print_answers(answers: Iterator[Located], job: Job, *, as_json: bool, overlay: str | None) -> None:

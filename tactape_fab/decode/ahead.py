@@ -36,9 +36,10 @@ _log = logging.getLogger("tactape_fab")
 
 
 @contextmanager
-def search_compiled() -> Iterator[None]:
-    """While the block runs, another process compiles the search, where compiled functions are not on the disk yet.
+def search_compiled(*, needed: bool = True) -> Iterator[None]:
+    """While the block runs, another process compiles the search, where compiled functions are not on the disk yet; and a word.
 
+    A code without tapes is searched otherwise: the search is not needed then.
     Where no other process can be started, or there is one core, the search is compiled when it is first called.
     """
     misses = _misses()
@@ -47,7 +48,7 @@ def search_compiled() -> Iterator[None]:
         yield
         return
     _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some ten seconds")
-    process = _started()
+    process = _started() if needed else None
     try:
         yield
         if process is not None:

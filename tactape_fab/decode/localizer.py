@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from math import log, pi
 from time import perf_counter
@@ -186,7 +185,7 @@ class Localizer:
         collecting = gc.isenabled()
         gc.disable()  # a compiler makes millions of objects that live: looking through them takes a sixth of its time
         try:
-            with search_compiled() if isinstance(self._world, Registry) else nullcontext():
+            with search_compiled(needed=isinstance(self._world, Registry)):
                 rehearse(dots, ripple, self._view)
             self._locate(dots, None)
         finally:
