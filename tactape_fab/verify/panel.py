@@ -16,7 +16,6 @@ from tactape_fab.fields import Fields
 from tactape_fab.kit.panel import CORNER_RADIUS_MM, Panel, read_panel_record
 from tactape_fab.kit.panel_drawing import slots_mm
 from tactape_fab.kit.readback import CplContent, GerberContent, read_cpl, read_drill, read_gerber
-from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.panel import PlacedTape, read_placed
 from tactape_fab.texture.tape import Tape, read_any_manifest
@@ -39,6 +38,7 @@ from tactape_fab.verify.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.kit import GERBER_ROLES, Verification, check_attributes, check_layers_with_cpl, read_role, verify_folder
 from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded, pair_lands, read_recorded
 from tactape_fab.verify.legend import check_tag
+from tactape_fab.verify.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
 from tactape_fab.verify.round_trip import Contact, Progress
 from tactape_fab.verify.symbols import check_symbols
 
@@ -57,23 +57,6 @@ class _PanelRecord:
     film: FilmRecord
     x2: object
     legend_is_light: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _OnPanel:
-    """A kit's tape and its place."""
-
-    tape: Tape
-    place: PlacedTape
-
-    @property
-    def first(self) -> int:
-        """Row of its first part among all parts of the panel."""
-        return self.place.first_number - 1
-
-    @property
-    def offset(self) -> FloatArray:
-        return np.array(self.place.offset_mm)
 
 
 def verify_panel_folder(
@@ -95,7 +78,7 @@ def verify_panel_folder(
     try:
         manifest = read_any_manifest(manifest_file)
         record = _read_record(manifest)
-        tapes = [_OnPanel(tape=Tape.load(folder / PurePosixPath(p.manifest)), place=p) for p in record.placed]
+        tapes = [OnPanel(tape=Tape.load(folder / PurePosixPath(p.manifest)), place=p) for p in record.placed]
         if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
             raise SpecError("a kit on it is no film with parts")
     except SpecError as error:
@@ -139,7 +122,7 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
     return record
 
 
-def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check:
+def _check_arrangement(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Check:
     """The kits are as many and as large as the panel says, lie where its columns and rows are, and designators run on."""
     panel, problems = record.panel, []
     if len(tapes) != panel.count:
@@ -175,7 +158,7 @@ def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
     return Check(name="kits", passed=not problems, message=message, figure=float(len(placed)))
 
 
-def _roles(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> tuple[str, ...]:
+def _roles(record: _PanelRecord, tapes: Sequence[OnPanel]) -> tuple[str, ...]:
     legend = ("legend-top",) if any(on.tape.tag is not None for on in tapes) else ()
     holes = record.panel.tooling_holes_mm or any(on.tape.board.holes for on in tapes)
     drill = ("drill-npth",) if holes else ()
@@ -185,7 +168,7 @@ def _roles(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> tuple[str, ...]:
 # Files of the panel
 
 
-def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
+def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
     checks: list[Check] = []
     layers: dict[str, GerberContent] = {}
     for role in (*GERBER_ROLES, *record.film.backings):
@@ -270,7 +253,7 @@ def _cuts(slots: Any, tape: Any) -> bool:
     return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
 
 
-def _shown(panel: Panel, tapes: Sequence[_OnPanel]) -> Shown:
+def _shown(panel: Panel, tapes: Sequence[OnPanel]) -> Shown:
     holes = [(x + on.place.offset_mm[0], y + on.place.offset_mm[1], d) for on in tapes for x, y, d in on.tape.board.holes]
     return Shown(
         parts_xy_mm=np.concatenate([on.tape.part_xy_mm() + on.offset for on in tapes]),
@@ -285,58 +268,9 @@ def _shown(panel: Panel, tapes: Sequence[_OnPanel]) -> Shown:
 # Tape by tape
 
 
-def _inside(xy_mm: FloatArray, on: _OnPanel) -> BoolArray:
-    """Which points lie on a tape's board; shape (n,)."""
-    local = xy_mm - on.offset
-    high = np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM
-    inside: BoolArray = np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
-    return inside
-
-
-def _whole(shapes: Sequence[FloatArray], on: _OnPanel) -> list[int]:
-    """Which shapes lie on a tape's board."""
-    return [i for i, shape in enumerate(shapes) if _inside(shape, on).all()]
-
-
-def _of_tape(content: GerberContent, on: _OnPanel) -> GerberContent:
-    """What a layer draws on a tape, in the tape's own frame and with its own designators."""
-    keep = np.flatnonzero(_inside(content.flash_xy_mm, on))
-    used, aperture = np.unique(content.flash_aperture[keep], return_inverse=True)
-    strokes = _whole(content.strokes_mm, on)
-    return replace(
-        content,
-        flash_xy_mm=content.flash_xy_mm[keep] - on.offset,
-        flash_aperture=aperture.astype(np.int64),
-        aperture_outlines_mm=tuple(content.aperture_outlines_mm[i] for i in used),
-        aperture_functions=tuple(content.aperture_functions[i] for i in used),
-        flash_component=tuple(_renumbered(content.flash_component[i], on) for i in keep),
-        flash_pin=tuple(content.flash_pin[i] for i in keep),
-        areas_mm=tuple(content.areas_mm[i] - on.offset for i in _whole(content.areas_mm, on)),
-        strokes_mm=tuple(content.strokes_mm[i] - on.offset for i in strokes),
-        stroke_width_mm=content.stroke_width_mm[strokes],
-    )
-
-
-def _renumbered(name: str, on: _OnPanel) -> str:
-    """A panel's designator as the tape's own."""
-    return f"R{int(name[1:]) - on.first}" if name[:1] == "R" and name[1:].isdecimal() else name
-
-
-def _rows_of_tape(cpl: CplContent, on: _OnPanel) -> CplContent:
-    rows = slice(on.first, on.first + on.tape.part_count)
-    return replace(
-        cpl,
-        designators=tuple(_renumbered(name, on) for name in cpl.designators[rows]),
-        xy_mm=cpl.xy_mm[rows] - on.offset,
-        sides=cpl.sides[rows],
-        rotation_deg=cpl.rotation_deg[rows],
-        texts={content: cells[rows] for content, cells in cpl.texts.items()},
-    )
-
-
 def _check_tape(
     record: _PanelRecord,
-    on: _OnPanel,
+    on: OnPanel,
     layers: Mapping[str, GerberContent],
     holes: FloatArray | None,
     cpl: CplContent | None,
@@ -347,9 +281,9 @@ def _check_tape(
     """Everything that the panel's files have where this tape lies is the tape's."""
     checks: list[Check] = []
     tape, recorded, film = on.tape, record.recorded, record.film
-    own = {role: _of_tape(content, on) for role, content in layers.items() if role != "profile"}
+    own = {role: of_tape(content, on) for role, content in layers.items() if role != "profile"}
     if holes is not None:
-        drilled = holes[_inside(holes[:, :2], on)] - (*on.offset, 0.0)
+        drilled = holes[inside(holes[:, :2], on)] - (*on.offset, 0.0)
         checks.append(check_drill(drilled, tape))
     for role, backing in film.backings.items():
         if role in own:
@@ -360,7 +294,7 @@ def _check_tape(
         for role, land in lands.items()
         if role in own
     }
-    rows = None if cpl is None else _rows_of_tape(cpl, on)
+    rows = None if cpl is None else rows_of_tape(cpl, on)
     if rows is not None:
         checks += check_cpl(rows, tape, record.assembly, recorded.pads)
         checks += check_layers_with_cpl(own, pairs, recorded, film, tape, rows)
@@ -378,7 +312,7 @@ def _check_tape(
 
 
 def _check_rails(
-    layers: Mapping[str, GerberContent], holes: FloatArray | None, panel: Panel, tapes: Sequence[_OnPanel]
+    layers: Mapping[str, GerberContent], holes: FloatArray | None, panel: Panel, tapes: Sequence[OnPanel]
 ) -> list[Check]:
     """Beside the tapes there are the fiducials and the tooling holes, and nothing else."""
     checks = []
@@ -388,13 +322,13 @@ def _check_rails(
             continue
         on_tape = np.zeros(len(content.flash_xy_mm), dtype=bool)
         for on in tapes:
-            on_tape |= _inside(content.flash_xy_mm, on)
+            on_tape |= inside(content.flash_xy_mm, on)
         flashes = np.flatnonzero(~on_tape)
         outlines = [content.aperture_outlines_mm[i] for i in content.flash_aperture[flashes]]
         wanted = np.array(panel.fiducials_mm if role in marks else ()).reshape(-1, 2)
         problems = _mark_problems(content.flash_xy_mm[flashes], outlines, wanted, marks.get(role, 0.0))
         for what, shapes in (("areas", content.areas_mm), ("lines", content.strokes_mm)):
-            strange = len(shapes) - sum(len(_whole(shapes, on)) for on in tapes)
+            strange = len(shapes) - sum(len(whole(shapes, on)) for on in tapes)
             if strange:
                 problems.append(f"{strange} {what} lie beside the tapes")
         message = "; ".join(problems) or (f"{len(wanted)} fiducials" if role in marks else "nothing beside the tapes")
@@ -402,7 +336,7 @@ def _check_rails(
     if holes is not None:
         on_tape = np.zeros(len(holes), dtype=bool)
         for on in tapes:
-            on_tape |= _inside(holes[:, :2], on)
+            on_tape |= inside(holes[:, :2], on)
         tooling = holes[~on_tape]
         expected = np.array(sorted(panel.tooling_holes_mm)).reshape(-1, 3)
         found = np.array(sorted(tooling.tolist())).reshape(-1, 3)
