@@ -137,7 +137,7 @@ def _stranger(name: str) -> str:
 
 def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:
     """Why an answer cannot be trusted; None where it can. Of the good dots so many agree."""
-    p_place, p_false = doubt.p_place, p_tape + doubt.p_place
+    p_place, p_false = doubt.p_place, min(1.0, p_tape + doubt.p_place)
     if doubt.unregistered is not None:
         return _stranger(doubt.unregistered)
     if limits.max_p_tape is None and not p_false <= limits.max_p_false:

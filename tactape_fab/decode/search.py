@@ -28,6 +28,8 @@ _SURELY_SEEN = 30.0
 MOST_RADIUS_MM = 50.0
 _PLENTY = 0.05
 """Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
+_ROUNDING = 0.1
+"""More than bounds in single precision may be too small by (ln)."""
 _RIVALS_NEGLIGIBLE = -14.5
 """As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
 PRECISION = 1e-5
@@ -255,7 +257,7 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
             continue
         tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
         single = np.column_stack([limits[:, :2], np.full(len(limits), -log(tapes.min()))])
-        tally = new_tally(least_score, negligible=0.0)
+        tally = new_tally(least_score, negligible=-_ROUNDING)
         weigh_sites(t, sites, (groups, spans, single), even, cue, tally)
         tally.sums[4] = -inf
         tally.sums[0] += base.max()
