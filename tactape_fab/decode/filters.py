@@ -22,6 +22,8 @@ MOST_TOPS = 4096
 LOWEST = np.float32(-3e38)
 ROUNDING = np.float32(1e-6)
 """Share of a pixel below which a height above its surroundings is the rounding of single precision."""
+RIDGE_ELONGATION, RIDGE_GOES_ON = 0.5, 0.5
+"""The top of a ridge is more elongated than this, and it is as high on both sides along itself, as a share of its height."""
 
 
 @cache
@@ -201,22 +203,33 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     return found[:n]
 
 
-def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def tops(
+    depth: Image, coarse: int, taps: Image, half_box: int, reach: int, far: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
-    Means over coarse x coarse pixels are looked at; places are in pixels of the image.
+    Means over coarse x coarse pixels are looked at; places are in pixels of the image. The last are the depths of the troughs
+    beside ridges, see `_trough`, with what lies `far` coarse pixels off, on the ridge and beside it.
     """
     small = averaged(depth, coarse)
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
-    xy, height, elongation = np.empty((len(pixels), 2)), np.empty(len(pixels)), np.empty((len(pixels), 2))
-    _centres(high, pixels, coarse, xy, height, elongation)
-    return xy, height, elongation
+    n = len(pixels)
+    xy, height, elongation, trough = np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n)
+    _centres(high, pixels, coarse, far, xy, height, elongation, trough)
+    return xy, height, elongation, trough
 
 
 @kernel()
 def _centres(
-    high: Image, pixels: npt.NDArray[np.int64], coarse: int, xy: FloatArray, height: FloatArray, elongation: FloatArray
+    high: Image,
+    pixels: npt.NDArray[np.int64],
+    coarse: int,
+    far: tuple[float, float],
+    xy: FloatArray,
+    height: FloatArray,
+    elongation: FloatArray,
+    trough: FloatArray,
 ) -> None:
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
@@ -238,3 +251,28 @@ def _centres(
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
+        trough[i] = _trough(high, v, u, (hxx, hyy, hxy), far)
+
+
+@inner_kernel()
+def _trough(high: Image, v: int, u: int, bends: tuple[float, float, float], far: tuple[float, float]) -> float:
+    """How deep it is beside a ridge, over the ridge's height; 0 where the top is no longer than a part's, or does not go on."""
+    hxx, hyy, hxy = bends
+    both, difference = hxx + hyy, np.hypot(hxx - hyy, 2.0 * hxy)
+    if both >= 0.0 or difference <= RIDGE_ELONGATION * -both:
+        return 0.0
+    cos_twice = (hxx - hyy) / difference
+    c, s = np.sqrt(0.5 + 0.5 * cos_twice), np.copysign(np.sqrt(0.5 - 0.5 * cos_twice), hxy)
+    top = least_along = least_across = float(high[v, u])
+    for side in (-1.0, 1.0):
+        along, across = side * far[0], side * far[1]
+        least_along = min(least_along, _nearest(high, v + along * s, u + along * c))
+        least_across = min(least_across, _nearest(high, v + across * c, u - across * s))
+    return -least_across / top if least_along > RIDGE_GOES_ON * top else 0.0
+
+
+@inner_kernel()
+def _nearest(image: Image, v: float, u: float) -> float:
+    """The value of the nearest pixel."""
+    h, w = image.shape
+    return float(image[min(max(round(v), 0), h - 1), min(max(round(u), 0), w - 1)])
