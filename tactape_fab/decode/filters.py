@@ -24,6 +24,9 @@ ROUNDING = np.float32(1e-6)
 """Share of a pixel below which a height above its surroundings is the rounding of single precision."""
 RIDGE_ELONGATION, RIDGE_GOES_ON = 0.5, 0.5
 """The top of a ridge is more elongated than this, and it is as high on both sides along itself, as a share of its height."""
+STEP_TROUGH = 0.65
+"""Beside the ridge along a step, such as the board's edge, lies a trough as deep as this over the ridge's height; round a part it
+is shallow, and noise seldom makes one."""
 
 
 @cache
@@ -204,20 +207,20 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
 
 
 def tops(
-    depth: Image, coarse: int, taps: Image, half_box: int, reach: int, far: tuple[float, float]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    depth: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
     Means over coarse x coarse pixels are looked at; places are in pixels of the image. The last are the depths of the troughs
-    beside ridges, see `_trough`, with what lies `far` coarse pixels off, on the ridge and beside it.
+    beside ridges, as `_trough` has them from what lies so many coarse pixels off, and how many are deeper than `STEP_TROUGH`.
     """
     small = averaged(depth, coarse)
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
     n = len(pixels)
     xy, height, elongation, trough = np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n)
-    _centres(high, pixels, coarse, far, xy, height, elongation, trough)
-    return xy, height, elongation, trough
+    deep = _centres(high, pixels, coarse, along, across, xy, height, elongation, trough)
+    return xy, height, elongation, trough, deep
 
 
 @kernel()
@@ -225,12 +228,14 @@ def _centres(
     high: Image,
     pixels: npt.NDArray[np.int64],
     coarse: int,
-    far: tuple[float, float],
+    along: float,
+    across: float,
     xy: FloatArray,
     height: FloatArray,
     elongation: FloatArray,
     trough: FloatArray,
-) -> None:
+) -> int:
+    deep = 0
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
         c = high[v, u]
@@ -240,7 +245,7 @@ def _centres(
         hyy = high[v + 1, u] - 2.0 * c + high[v - 1, u]
         hxy = 0.25 * (high[v + 1, u + 1] - high[v + 1, u - 1] - high[v - 1, u + 1] + high[v - 1, u - 1])
         det = hxx * hyy - hxy * hxy
-        dx = dy = elongation[i, 0] = elongation[i, 1] = 0.0
+        dx = dy = elongation[i, 0] = elongation[i, 1] = trough[i] = 0.0
         if det > 0.0:
             dx = (hxy * gy - hyy * gx) / det
             dy = (hxy * gx - hxx * gy) / det
@@ -251,28 +256,31 @@ def _centres(
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
-        trough[i] = _trough(high, v, u, (hxx, hyy, hxy), far)
+        # the eigenvalues of the second derivatives are their mean and, more or less than it, half of this
+        apart = np.sqrt((hxx - hyy) * (hxx - hyy) + 4.0 * hxy * hxy)
+        if apart > RIDGE_ELONGATION * abs(hxx + hyy):
+            twice = (hxx - hyy) / apart
+            du, dv = np.sqrt(0.5 + 0.5 * twice), np.sqrt(0.5 - 0.5 * twice)
+            trough[i] = _trough(high, v, u, du, dv if hxy > 0.0 else -dv, along, across)
+            deep += trough[i] > STEP_TROUGH
+    return deep
 
 
 @inner_kernel()
-def _trough(high: Image, v: int, u: int, bends: tuple[float, float, float], far: tuple[float, float]) -> float:
-    """How deep it is beside a ridge, over the ridge's height; 0 where the top is no longer than a part's, or does not go on."""
-    hxx, hyy, hxy = bends
-    both, difference = hxx + hyy, np.hypot(hxx - hyy, 2.0 * hxy)
-    if both >= 0.0 or difference <= RIDGE_ELONGATION * -both:
-        return 0.0
-    cos_twice = (hxx - hyy) / difference
-    c, s = np.sqrt(0.5 + 0.5 * cos_twice), np.copysign(np.sqrt(0.5 - 0.5 * cos_twice), hxy)
-    top = least_along = least_across = float(high[v, u])
-    for side in (-1.0, 1.0):
-        along, across = side * far[0], side * far[1]
-        least_along = min(least_along, _nearest(high, v + along * s, u + along * c))
-        least_across = min(least_across, _nearest(high, v + across * c, u - across * s))
-    return -least_across / top if least_along > RIDGE_GOES_ON * top else 0.0
-
-
-@inner_kernel()
-def _nearest(image: Image, v: float, u: float) -> float:
-    """The value of the nearest pixel."""
-    h, w = image.shape
-    return float(image[min(max(round(v), 0), h - 1), min(max(round(u), 0), w - 1)])
+def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, across: float) -> float:
+    """How deep it is beside a ridge in a direction, over the ridge's height; 0 where it does not go on both ways."""
+    h, w = high.shape
+    deepest, far = 0.0, along
+    for k in range(4):  # ahead, behind, and on either side
+        row, column = int(v + far * dv + 0.5), int(u + far * du + 0.5)
+        far = -far
+        if k == 1:
+            far, du, dv = across, -dv, du
+        if row < 0 or row >= h or column < 0 or column >= w:
+            continue
+        share = high[row, column] / high[v, u]
+        if k < 2 and share < RIDGE_GOES_ON:
+            return 0.0
+        if share < -deepest:
+            deepest = -share
+    return deepest
