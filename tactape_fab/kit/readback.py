@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain, pairwise
 from operator import attrgetter
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 
 from tactape_fab.errors import TactapeError
 from tactape_fab.profiles import FORMATS, BomTable, PlacementTable
+from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2
 
@@ -103,8 +105,8 @@ def read_gerber(data: bytes) -> GerberContent:
         raise
     except Exception as error:  # gerbonara raises whatever its parser meets
         raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
-    shapes = [*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm]
-    if not all(_is_on_earth(points) for points in shapes):
+    shapes = (*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm)
+    if not _is_on_earth(np.concatenate(shapes)):
         raise ReadbackError(f"it draws further out than {FURTHEST_MM:g} mm")
     if any(len(area) < 3 or area_mm2(area) == 0.0 for area in content.areas_mm):
         raise ReadbackError("a region of it has no area")
@@ -112,16 +114,28 @@ def read_gerber(data: bytes) -> GerberContent:
 
 
 def _parsed(text: str) -> Any:
-    """The file as gerbonara has it. Its parser tries one statement after the other: attributes, every other line, come second."""
+    """The file as gerbonara has it. Its parser tries one statement after the other: the most frequent ones come first."""
     from gerbonara.rs274x import GerberFile, GerberParser
 
     file = GerberFile()
-    parser = GerberParser(file)
+    parser = GerberParser(file, override_settings=_remembering_settings())
     known = dict(parser.STATEMENT_REGEXES)
-    first = {name: known.pop(name) for name in ("coord", "attribute") if name in known}
+    first = {name: known.pop(name) for name in ("coord", "attribute", "aperture") if name in known}
     parser.STATEMENT_REGEXES = {**first, **known}
     parser.parse(text)
     return file
+
+
+def _remembering_settings() -> Any:
+    """Settings as gerbonara has them, which remember each coordinate they have read: on a grid there are few different ones."""
+    from gerbonara.cam import FileSettings
+
+    class Remembering(FileSettings):  # type: ignore[misc]
+        def __setattr__(self, name: str, value: object) -> None:
+            super().__setattr__(name, value)
+            self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # settings decide on it
+
+    return Remembering()
 
 
 def _refuse_statements(text: str) -> None:
@@ -141,22 +155,29 @@ def _content(file: Any) -> GerberContent:
     if any(unit is None or unit.shorthand != "mm" for unit in {id(o.unit): o.unit for o in file.objects}.values()):
         raise ReadbackError("it is not in millimetres")
     flashes = [o for o in file.objects if isinstance(o, Flash)]
-    apertures = list({id(o.aperture): o.aperture for o in flashes}.values())
-    index = {id(a): i for i, a in enumerate(apertures)}
+    apertures = {id(o.aperture): o.aperture for o in flashes}
+    index = {key: i for i, key in enumerate(apertures)}
+    attributes = [o.attrs for o in flashes]
     strokes, widths = _join_strokes([o for o in file.objects if isinstance(o, Line | Arc)])
     return GerberContent(
-        flash_xy_mm=np.array([(o.x, o.y) for o in flashes], dtype=np.float64).reshape(-1, 2),
+        flash_xy_mm=_table(flashes, "x", "y"),
         flash_aperture=np.array([index[id(o.aperture)] for o in flashes], dtype=np.int64),
-        aperture_outlines_mm=tuple(_aperture_outline(a) for a in apertures),
-        aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures),
-        flash_component=tuple((o.attrs.get(".P") or o.attrs.get(".C") or ("",))[0] for o in flashes),
-        flash_pin=tuple((*o.attrs.get(".P", ()), "", "")[1] for o in flashes),
+        aperture_outlines_mm=tuple(_aperture_outline(a) for a in apertures.values()),
+        aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures.values()),
+        flash_component=tuple([(a.get(".P") or a.get(".C") or ("",))[0] for a in attributes]),
+        flash_pin=tuple([(*a.get(".P", ()), "", "")[1] for a in attributes]),
         areas_mm=tuple(np.array(o.outline, dtype=np.float64) for o in file.objects if isinstance(o, Region)),
         strokes_mm=strokes,
         stroke_width_mm=widths,
         clear=not all(map(attrgetter("polarity_dark"), file.objects)),
         file_attributes={key.lstrip("."): tuple(value) for key, value in file.file_attrs.items()},
     )
+
+
+def _table(objects: list[Any], *names: str) -> FloatArray:
+    """Numbers of many objects, a row each."""
+    values = chain.from_iterable(map(attrgetter(*names), objects))
+    return np.fromiter(values, dtype=np.float64, count=len(objects) * len(names)).reshape(-1, len(names))
 
 
 def _is_on_earth(points_mm: FloatArray) -> bool:
@@ -194,23 +215,45 @@ def _join_strokes(objects: list[Any]) -> tuple[tuple[FloatArray, ...], FloatArra
     from gerbonara.apertures import CircleAperture
     from gerbonara.graphic_objects import Arc
 
-    strokes: list[list[tuple[float, float]]] = []
-    widths: list[float] = []
-    last = None
-    for o in objects:
-        if isinstance(o, Arc) and (o.numeric_error("mm") > _ARC_MISFIT_MM or o.cx == o.cy == 0.0):
-            raise ReadbackError("an arc of it does not fit its centre")
-        lines = o.approximate(max_error=_ARC_ERROR_MM) if isinstance(o, Arc) else [o]
-        points = [*((line.x2, line.y2) for line in lines[:-1]), (o.x2, o.y2)]
-        closed = bool(strokes) and len(strokes[-1]) > 2 and strokes[-1][0] == strokes[-1][-1]
-        if last is None or closed or o.aperture is not last.aperture or (o.x1, o.y1) != (last.x2, last.y2):
-            strokes.append([(o.x1, o.y1)])
-            if not isinstance(o.aperture, CircleAperture):
-                raise ReadbackError("it draws lines with an aperture that is not round")
-            widths.append(o.aperture.diameter)
-        strokes[-1] += points
-        last = o
-    return tuple(np.array(s, dtype=np.float64) for s in strokes), np.array(widths, dtype=np.float64)
+    if not objects:
+        return (), np.empty(0)
+    lines = [line for o in objects for line in (_chords(o) if isinstance(o, Arc) else [o])]
+    used = {id(line.aperture): line.aperture for line in lines}
+    if not all(isinstance(aperture, CircleAperture) for aperture in used.values()):
+        raise ReadbackError("it draws lines with an aperture that is not round")
+    aperture = np.array([id(line.aperture) for line in lines])
+    ends = _table(lines, "x1", "y1", "x2", "y2")
+    begins = np.ones(len(lines), dtype=bool)
+    begins[1:] = (aperture[1:] != aperture[:-1]) | (ends[1:, :2] != ends[:-1, 2:]).any(axis=1)
+    _split_closed(begins, ends)
+    first = np.flatnonzero(begins)
+    points = np.insert(ends[:, 2:], first, ends[first, :2], axis=0)
+    cuts = [*(first + np.arange(len(first))).tolist(), len(points)]
+    widths = [used[key].diameter for key in aperture[first].tolist()]
+    return tuple(points[a:b] for a, b in pairwise(cuts)), np.array(widths, dtype=np.float64)
+
+
+def _chords(arc: Any) -> list[Any]:
+    """An arc as lines, which begin and end where it does."""
+    if arc.numeric_error("mm") > _ARC_MISFIT_MM or arc.cx == arc.cy == 0.0:
+        raise ReadbackError("an arc of it does not fit its centre")
+    lines: list[Any] = arc.approximate(max_error=_ARC_ERROR_MM)
+    lines[0].x1, lines[0].y1, lines[-1].x2, lines[-1].y2 = arc.x1, arc.y1, arc.x2, arc.y2
+    return lines
+
+
+def _split_closed(begins: BoolArray, ends: FloatArray) -> None:
+    """Let a line that follows on a closed polyline begin another one."""
+    first = np.flatnonzero(begins)
+    run = np.cumsum(begins) - 1
+    goes_on = ~np.append(begins[1:], True)
+    suspects = np.unique(run[goes_on & (ends[:, 2:] == ends[first[run], :2]).all(axis=1)])
+    for since, after in zip(first[suspects].tolist(), np.append(first[1:], len(begins))[suspects].tolist(), strict=True):
+        start = since
+        for i in range(since, after - 1):
+            if i > start and (ends[i, 2:] == ends[start, :2]).all():
+                start = i + 1
+                begins[start] = True
 
 
 def read_drill(data: bytes) -> FloatArray:
