@@ -13,6 +13,7 @@ from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecErr
 from tactape_fab.fields import shown
 from tactape_fab.folders import clear_away, put_in_place, refuse_taken
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.certificate import certificate_of
 from tactape_fab.kit.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
@@ -37,7 +38,7 @@ from tactape_fab.profiles import (
 )
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.texture.certify import Certificate, certify, pair_words
+from tactape_fab.texture.certify import Certificate, pair_words
 from tactape_fab.texture.choose import Choice, choose_origin, choose_sector
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
@@ -243,7 +244,7 @@ def _examine_film(
 def _examined(
     spec: TapeSpec, tape: Tape, film: Film | None, process: ProcessProfile | None, findings: Sequence[Finding], search: _Search
 ) -> Examined:
-    certificate = certify(tape)
+    certificate = certificate_of(tape)
     return Examined(
         spec=spec,
         tape=tape,
