@@ -287,7 +287,8 @@ def _check_content(
         sources.append(cpl_source(cpl))
     if "copper-top" in pairs:
         checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
-        sources.append(copper_source(layers["copper-top"].flash_xy_mm, recorded.pads.offset_mm, tape.part.rotation_deg))
+        copper, offset_mm = layers["copper-top"].flash_xy_mm, recorded.pads.offset_mm
+        sources.append(copper_source(copper, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)
