@@ -39,13 +39,14 @@ def _font(name: str):  # type: ignore[no-untyped-def]
     return font
 
 
-def _glyph(character: str) -> tuple[list[FloatArray], float]:
+@cache
+def _glyph(character: str) -> tuple[tuple[FloatArray, ...], float]:
     """Strokes in font units, y up from the base line, and the advance."""
     font, key = ("greeks", "D") if character == "Δ" else ("futural", character)
     glyph = _font(font).all_glyphs[key]
     left = glyph.left_offset
-    strokes = [np.array([(x - left, _BASE_LINE - y) for x, y in stroke], dtype=np.float64) for stroke in glyph.strokes if stroke]
-    return strokes, float(glyph.char_width)
+    strokes = ([(x - left, _BASE_LINE - y) for x, y in stroke] for stroke in glyph.strokes if stroke)
+    return tuple(np.array(stroke, dtype=np.float64) for stroke in strokes), float(glyph.char_width)
 
 
 def stroke_text(text: str, cap_height_mm: float) -> Text:

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import chain, pairwise
 from operator import attrgetter
 from typing import Any
@@ -118,16 +118,18 @@ def _parsed(text: str) -> Any:
     from gerbonara.rs274x import GerberFile, GerberParser
 
     file = GerberFile()
-    parser = GerberParser(file, override_settings=_remembering_settings())
+    parser = GerberParser(file, override_settings=_remembering_settings()())
     known = dict(parser.STATEMENT_REGEXES)
     first = {name: known.pop(name) for name in ("coord", "attribute", "aperture") if name in known}
     parser.STATEMENT_REGEXES = {**first, **known}
     parser.parse(text)
+    parser.graphics_state = None  # it knows the parser: without this ring all objects go as soon as they are done with
     return file
 
 
+@cache
 def _remembering_settings() -> Any:
-    """Settings as gerbonara has them, which remember each coordinate they have read: on a grid there are few different ones."""
+    """A class of gerbonara's settings that remember the coordinates they have read: on a grid there are few different ones."""
     from gerbonara.cam import FileSettings
 
     class Remembering(FileSettings):  # type: ignore[misc]
@@ -135,7 +137,7 @@ def _remembering_settings() -> Any:
             super().__setattr__(name, value)
             self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # settings decide on it
 
-    return Remembering()
+    return Remembering
 
 
 def _refuse_statements(text: str) -> None:
