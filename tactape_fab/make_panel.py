@@ -304,7 +304,7 @@ def make_panel(
         checks = _write_kits(examined, folder, verify=verify, progress=progress)
         files = _write_panel(examined, folder, blocking, progress)
         if verify:
-            from tactape_fab.verify import verify_panel_folder
+            from tactape_fab.verify.panel import verify_panel_folder
 
             progress("verifying the panel")
             verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
