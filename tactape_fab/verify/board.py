@@ -10,7 +10,8 @@ import shapely
 
 from tactape_fab.errors import Check
 from tactape_fab.kit.geometry import gaps_mm, pen_strokes, polygons
-from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.gerber_reader import GerberContent
+from tactape_fab.kit.readback import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
@@ -61,7 +62,7 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
 
     def drawn(content: GerberContent) -> list[FloatArray]:
         stamps = [
-            _outermost(content.flash_xy_mm[content.flash_aperture == i], outline, tape)
+            outermost(content.flash_xy_mm[content.flash_aperture == i], outline, tape)
             for i, outline in enumerate(content.aperture_outlines_mm)
         ]
         return [*stamps, *content.areas_mm, *content.strokes_mm]
@@ -69,7 +70,7 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     checks = []
     half = np.array(tape.part.body_mm[:2]) / 2
     bodies = [
-        _outermost(cpl.xy_mm[cpl.rotation_deg == angle], rotate(half * _CORNERS, float(angle)), tape)
+        outermost(cpl.xy_mm[cpl.rotation_deg == angle], rotate(half * _CORNERS, float(angle)), tape)
         for angle in np.unique(cpl.rotation_deg)
     ]
     cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
@@ -83,7 +84,7 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     return checks
 
 
-def _outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArray:
+def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArray:
     """Points of an outline stamped at many places, of those stamps alone that may be the nearest to the board's outline.
 
     A stamp is nowhere farther from its place than the outline reaches, and so no nearer to the board's outline.

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from tactape_fab.errors import Check, SpecError, VerifyError
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
+from tactape_fab.kit.gerber_reader import GerberContent, ReadbackError, read_gerber
+from tactape_fab.kit.readback import CplContent, read_cpl, read_drill
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.readmesh import MeshError, read_stl

@@ -10,7 +10,8 @@ import shapely
 
 from tactape_fab.errors import Check
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.gerber_reader import GerberContent
+from tactape_fab.kit.readback import CplContent
 from tactape_fab.profiles import LandPattern, read_land
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate

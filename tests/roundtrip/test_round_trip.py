@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from tactape_fab import Kit, Tape, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import read_gerber
+from tactape_fab.kit.gerber_reader import read_gerber
 from tactape_fab.simulate.parts import parts_of
 from tactape_fab.solids.forms import read_form
 from tactape_fab.solids.mesh import Mesh, stl_bytes
