@@ -15,7 +15,7 @@ import numpy as np
 
 from tactape_fab.decode.detect import Dots, detect
 from tactape_fab.decode.elongation import turn_weights
-from tactape_fab.decode.evidence import Tables, tables_of, turned
+from tactape_fab.decode.evidence import tables_of, turned
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.lattice import find_lattices
 from tactape_fab.decode.near import evidence_at
@@ -23,7 +23,7 @@ from tactape_fab.decode.pose import fit_pose
 from tactape_fab.decode.reading import View
 from tactape_fab.decode.rim import settled
 from tactape_fab.decode.search import LARGEST_CONTACT, LEAST_DOTS
-from tactape_fab.decode.sites import Sites, sites_of
+from tactape_fab.decode.sites import sites_of
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.decode.weigh import compile_weighing
 from tactape_fab.texture.code import get_code
@@ -42,9 +42,7 @@ def search_compiled(*, needed: bool = True) -> Iterator[None]:
     A code without tapes is searched otherwise: the search is not needed then.
     Where no other process can be started, or there is one core, the search is compiled when it is first called.
     """
-    misses = _misses()
-    turned(np.empty((0, 2), dtype=np.int64), np.empty((0, 4)), 0, np.empty((0, 2), dtype=np.int64), np.empty((0, 3)))
-    if _misses() == misses:
+    if _compiled():
         yield
         return
     _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some ten seconds")
@@ -60,8 +58,14 @@ def search_compiled(*, needed: bool = True) -> Iterator[None]:
             process.wait()
 
 
-def _misses() -> int:
-    return sum(turned.stats.cache_misses.values())
+def _compiled() -> bool:
+    """Whether a function of the search is here, or on the disk and of these sources; without a file nothing has to be tried."""
+    if turned.signatures:
+        return True
+    if not any(Path(str(turned.stats.cache_path)).glob("*.turned-*")):
+        return False
+    turned(np.empty((0, 2), dtype=np.int64), np.empty((0, 4)), 0, np.empty((0, 2), dtype=np.int64), np.empty((0, 3)))
+    return sum(turned.stats.cache_misses.values()) == 0
 
 
 def _started() -> subprocess.Popen[bytes] | None:
@@ -79,21 +83,13 @@ def _started() -> subprocess.Popen[bytes] | None:
 
 
 def compile_search() -> None:
-    """Compile what makes groups of places and holds dots against them, for one dot and one tape that nobody made."""
+    """Compile what makes tables and groups of places and holds dots against them, for one dot and a tape that nobody made."""
     gc.disable()
-    m, sites = 1, _one_site()
-    tables = Tables(
-        cells=np.zeros((4, m, 2), dtype=np.int64),
-        evidence=np.zeros((4, m, 3)),
-        corner=np.zeros((4, 2), dtype=np.int64),
-        size=np.ones((4, 2), dtype=np.int64),
-        lines=np.zeros((4, 2, m + 1, m, 2 * len(sites.signs) // 3), dtype=np.float32),
-        dots=np.zeros((4, m + 1, m + 1), dtype=np.int64),
-        most=np.zeros((4, 2, m + 1, m + 1)),
-    )
+    one = np.zeros((1, 2), dtype=np.int64)
+    sites = sites_of(get_code("microdots-4x4"), [(8, 8)], origins=one, size_of=one[:, 0], sectors=one)
+    tables = tables_of(one, np.full((1, 4), 0.25), sites.signs, LARGEST_CONTACT)
     groups = groups_of(tables, sites.sizes, LEAST_DOTS)
     compile_weighing(tables, sites, groups)
-    count_places(*groups, sites.classes)
     evidence_at(tables, sites, 0, 0, 0, 0)
 
 
@@ -104,13 +100,10 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View) -> None:
     xy = dots.xy_px - dots.xy_px.mean(axis=0)
     angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()
     grid, nodes, squares, sigma = fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, view.shift, True)
-    q = posteriors(nodes, squares, dots.weights, dots.trust, sigma)
+    posteriors(nodes, squares, dots.weights, dots.trust, sigma)
     if view.part is not None:
         turn_weights(dots.elongation, dots.weights, dots.trust, grid, view.part)
-    tables_of(nodes, q, _one_site().signs, LARGEST_CONTACT)
+    count_places(
+        np.empty((0, 9), dtype=np.int64), np.zeros((4, 1, 2), dtype=np.int64), np.empty((0, 3)), np.empty((0, 6), dtype=np.int64)
+    )
     fit_pose(xy, nodes * np.float64(view.pitch_mm), dots.weights, view.px_per_mm, fixed_scale=False)
-
-
-def _one_site() -> Sites:
-    one = np.zeros((1, 2), dtype=np.int64)
-    return sites_of(get_code("microdots-4x4"), [(8, 8)], origins=one, size_of=one[:, 0], sectors=one)

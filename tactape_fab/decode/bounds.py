@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactape_fab.decode.evidence import Floats
-from tactape_fab.decode.kernels import inner_kernel
+from tactape_fab.decode.kernels import inlined_kernel, inner_kernel
 from tactape_fab.decode.sites import START, Steps
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -30,6 +30,8 @@ class Bounds(NamedTuple):
         Most that lines 2 j and 2 j + 1 can say together, by how much their phases differ.
     pair_most, line_most : ndarray, shapes (k, (m + 1) // 2) and (k, m)
         Most of them, and of each line.
+    room : ndarray of float32, shape (3 L,)
+        Written over and over.
     """
 
     slot: IntArray
@@ -37,6 +39,7 @@ class Bounds(NamedTuple):
     pairs: Floats
     pair_most: FloatArray
     line_most: FloatArray
+    room: Floats
 
 
 def no_bounds(m: int, length: int) -> Bounds:
@@ -48,6 +51,7 @@ def no_bounds(m: int, length: int) -> Bounds:
         np.empty((most, pairs, length), dtype=np.float32),
         np.empty((most, pairs)),
         np.empty((most, m)),
+        np.empty(3 * length, dtype=np.float32),
     )
 
 
@@ -66,17 +70,17 @@ def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int
         slot = of.used[0]
         of.used[0] += 1
         of.slot[turn, axis, low, high] = slot
-        bound_pairs(of.pairs[slot], of.pair_most[slot], of.line_most[slot], lines, low, high, count)
+        bound_pairs(of.pairs[slot], of.pair_most[slot], of.line_most[slot], lines, low, high, count, of.room)
     return int(slot)
 
 
 @inner_kernel(fastmath=True)
 def bound_pairs(
-    pairs: Floats, pair_most: FloatArray, line_most: FloatArray, lines: Floats, low: int, high: int, count: int
+    pairs: Floats, pair_most: FloatArray, line_most: FloatArray, lines: Floats, low: int, high: int, count: int, room: Floats
 ) -> None:
     """Fill `Bounds` for `count` lines (`evidence.add_lines` has the parameters)."""
     length = pairs.shape[1]
-    one, two = np.empty(length, dtype=np.float32), np.empty(2 * length, dtype=np.float32)
+    one, two = room[:length], room[length:]
     for k in range(0, count, 2):
         for p in range(length):
             one[p] = lines[high, k, p] - lines[low, k, p]
@@ -132,7 +136,7 @@ def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, c
         out[site] = most
 
 
-@inner_kernel()
+@inlined_kernel()
 def bound_lines(
     out: FloatArray,
     bounds: Bounds,
@@ -189,7 +193,7 @@ def _follow(
         out[site] = bound
 
 
-@inner_kernel()
+@inlined_kernel()
 def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: float) -> tuple[int, float, float]:
     """Sites whose bound is not below `least`: how many; the others' weight in sites at `least`; and the largest bound of them."""
     count, deep, shallow, most = 0, 0, 0.0, NEVER

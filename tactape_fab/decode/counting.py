@@ -9,8 +9,9 @@ import numpy as np
 from tactape_fab.decode.bounds import NEVER
 from tactape_fab.decode.evidence import Floats, add_lines
 from tactape_fab.decode.groups import COLUMNS, ROWS, X, Y
-from tactape_fab.decode.kernels import inner_kernel
+from tactape_fab.decode.kernels import inlined_kernel, inner_kernel
 from tactape_fab.decode.sites import ORIGIN, SECTOR, START
+from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 NEGLIGIBLE = -14.5
@@ -43,10 +44,21 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE) -> Tally:
 
 
 class Room(NamedTuple):
-    """Evidence of columns and of rows for every phase (2, k, L), and the largest of each (2, k); written over and over."""
+    """Room to work in, written over and over: kernels make no arrays.
+
+    Attributes
+    ----------
+    lines : ndarray of float32, shape (2, k, L)
+        Evidence of columns and of rows for every phase.
+    most : ndarray, shape (2, k)
+        The largest of each.
+    allowed : ndarray of bool, shape (L, L)
+        Sectors that are not barred.
+    """
 
     lines: Floats
     most: FloatArray
+    allowed: BoolArray
 
 
 @inner_kernel()
@@ -138,7 +150,7 @@ def weigh_site(
         _count_sector(where, group[COLUMNS], group[ROWS], phase, place[SECTOR], terms, tally, room, hole, stride)
 
 
-@inner_kernel()
+@inlined_kernel()
 def _count_sector(
     at: tuple[int, int, int, int],
     columns: int,
@@ -193,7 +205,7 @@ def count_at(
         sums[3] = likelihood
 
 
-@inner_kernel()
+@inlined_kernel()
 def _count_every_sector(
     at: tuple[int, int, int, int],
     columns: int,
@@ -226,7 +238,7 @@ def _count_every_sector(
                     among = among or (barred[k, 1] == u and barred[k, 2] == v)
             total -= out
             if among or out > total:
-                most, total, u, v = _without(room.lines[0, i], room.lines[1, j], row + j, column + i, barred, at[1])
+                most, total, u, v = _without(room, (i, j), row + j, column + i, barred, at[1])
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], at[2] + i, at[3] + j, u, v))
 
@@ -242,11 +254,13 @@ def _sum_and_best(line: Floats, most: float) -> tuple[float, int]:
     return total, best
 
 
-@inner_kernel()
-def _without(x: Floats, y: Floats, row: int, column: int, barred: IntArray, site: int) -> tuple[float, float, int, int]:
+@inlined_kernel()
+def _without(
+    room: Room, at: tuple[int, int], row: int, column: int, barred: IntArray, site: int
+) -> tuple[float, float, int, int]:
     """The best of the sectors that are not barred, the weight of all of them as a multiple of it, and which it is."""
+    x, y, allowed = room.lines[0, at[0]], room.lines[1, at[1]], room.allowed
     length = len(x)
-    allowed = np.empty((length, length), dtype=np.bool_)
     for p in range(length):
         for r in range(length):
             allowed[p, r] = True

@@ -12,7 +12,7 @@ from math import exp
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.kernels import inner_kernel, kernel
+from tactape_fab.decode.kernels import inner_kernel, kernel, making_kernel
 from tactape_fab.texture.frames import FloatArray
 
 Image = npt.NDArray[np.float32]
@@ -35,7 +35,7 @@ def gaussian_taps(sigma_px: float) -> Image:
     return taps
 
 
-@kernel()
+@making_kernel()
 def ordinary_value(image: Image) -> float:
     """Median of nine pixels: of the image's level, whatever a single pixel says."""
     h, w = image.shape
@@ -50,7 +50,7 @@ def ordinary_value(image: Image) -> float:
     return float(values[4])
 
 
-@kernel(fastmath=True)
+@making_kernel(fastmath=True)
 def averaged(depth: Image, factor: int) -> Image:
     """Means over blocks of factor x factor whole pixels, less an ordinary value, so that few digits are lost later."""
     h, w = depth.shape[0] // factor, depth.shape[1] // factor
@@ -94,7 +94,7 @@ def _inside(index: int, n: int) -> int:
     return index
 
 
-@kernel(fastmath=True)
+@making_kernel(fastmath=True)
 def banded(depth: Image, taps: Image, half_box: int) -> Image:
     """An image smoothed by a symmetric kernel, less its mean over (2 half_box + 1) squared pixels."""
     h, w = depth.shape
@@ -154,7 +154,7 @@ def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     return False
 
 
-@kernel(fastmath=True)
+@making_kernel(fastmath=True)
 def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]:
     """Positive pixels (v, u) off the border that none within (2 reach + 1) squared pixels exceeds, row by row.
 

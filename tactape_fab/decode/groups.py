@@ -107,27 +107,23 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
 
 
-@kernel()
 def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
     """What the dots on grid points without a part would say: where each site's part begins, -1 without holes, and all of it.
 
     Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
     """
+    holed = np.unique(sites.holes[:, 0])
+    places = (sites.sizes[sites.size_of[holed]] + 2 * tables.dots.shape[1]).prod(axis=1)
+    starts = np.full(len(sites.table), -1, dtype=np.int64)
+    starts[holed] = np.cumsum(places) - places
+    said = np.zeros((4, places.sum()), dtype=np.float32)
+    _add_holes(tables, sites, starts, said)
+    return starts, said
+
+
+@kernel()
+def _add_holes(tables: Tables, sites: Sites, starts: IntArray, said: Floats) -> None:
     pad, length = tables.dots.shape[1], len(sites.signs) // 3
-    starts = np.empty(len(sites.table), dtype=np.int64)
-    for site in range(len(starts)):
-        starts[site] = -1
-    total = 0
-    for k in range(len(sites.holes)):
-        site = sites.holes[k, 0]
-        if starts[site] < 0:
-            size = sites.sizes[sites.size_of[site]]
-            starts[site] = total
-            total += (size[0] + 2 * pad) * (size[1] + 2 * pad)
-    said = np.empty((4, total), dtype=np.float32)
-    for turn in range(4):
-        for k in range(total):
-            said[turn, k] = 0.0
     for k in range(len(sites.holes)):
         site, column, row = sites.holes[k, 0], sites.holes[k, 1], sites.holes[k, 2]
         place = sites.table[site]
@@ -140,4 +136,3 @@ def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
                 said_by = tables.evidence[turn, i]
                 at = (row - tables.cells[turn, i, 1] + pad) * stride + column - tables.cells[turn, i, 0] + pad
                 said[turn, starts[site] + at] += said_by[0] + said_by[1] * x_sign + said_by[2] * y_sign
-    return starts, said

@@ -14,7 +14,7 @@ from tactape_fab.decode.pose import Pose, fit_pose
 from tactape_fab.decode.reading import Reading, View
 from tactape_fab.decode.registry import Registry
 from tactape_fab.decode.result import Localization
-from tactape_fab.decode.search import LEAST_DOTS, Place, rivals
+from tactape_fab.decode.search import LEAST_DOTS, Place, rivals, strangers
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, SymbolArray, texture_to_board
 
@@ -62,8 +62,8 @@ class _Doubt:
 
 def judge(
     empty: Localization, dots: Dots, reading: Reading, view: View, world: Registry | CodePlane, limits: Limits
-) -> Localization:
-    """The answer that a reading gives.
+) -> tuple[Localization, bool]:
+    """The answer that a reading gives, and whether a tape that nobody registered explains the dots instead.
 
     Parameters
     ----------
@@ -75,23 +75,24 @@ def judge(
     p_tape = exp(min(-reading.ln_bound, 0.0))
     doubt = _doubt(place, world, limits, p_tape)
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
+    other = doubt.unregistered is not None
     if inside.sum() < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _stranger(doubt.unregistered)
-        return replace(empty, reason=seen, **said)
+        return replace(empty, reason=seen, **said), other
     cells = place.cells[inside]
     nominal = cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[symbols]
     offset = dots.xy_px[inside] - view.centre_px
     weights = dots.weights[inside] * dots.trust[inside]
     pose = fit_pose(offset, nominal, weights, view.px_per_mm, fixed_scale=view.scale_tolerance == 0.0)
     if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
-        return replace(empty, reason="the dots give no pose", **said)
+        return replace(empty, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(pose.agree.sum())
     reason = _refusal(p_tape, doubt, limits, agree, int((dots.trust[inside] > 0.5).sum()))
     if reason is not None:
-        return replace(empty, reason=reason, **said)
+        return replace(empty, reason=reason, **said), other
     middle = dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px
     nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
-    return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose))
+    return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose)), False
 
 
 def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[BoolArray, SymbolArray]:
@@ -111,16 +112,22 @@ def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[Bo
 def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits, p_tape: float) -> _Doubt:
     """The answer held against all other places, those of tapes that nobody registered among them.
 
-    Where p_tape refuses the answer already, these are looked at only if one of them might be named.
+    Where p_tape refuses the answer already, these only count if one of them is to be named.
     """
-    clear = log(_PLACES) - log(limits.max_p_false)
+    registered = _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
-        return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
-    if p_tape > limits.on_tape and place.most_said < clear:
-        return _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
-    found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa))
-    weight = place.others + found.weight
+        return registered
+    clear, refused = log(_PLACES) - log(limits.max_p_false), p_tape > limits.on_tape
+    if refused and place.most_said < clear:
+        return registered
+    if refused:
+        found = strangers(world.families, place, world.unregistered_share, clear)
+    else:
+        found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa))
     sure = found.score > clear and found.lead < log(limits.kappa)
+    if refused and not sure:
+        return registered
+    weight = place.others + found.weight
     return _Doubt(p_place=weight / (1.0 + weight), lead=min(place.lead, found.lead), unregistered=found.name if sure else None)
 
 
@@ -130,7 +137,7 @@ def _stranger(name: str) -> str:
 
 def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:
     """Why an answer cannot be trusted; None where it can. Of the good dots so many agree."""
-    p_place, p_false = doubt.p_place, p_tape + doubt.p_place
+    p_place, p_false = doubt.p_place, min(1.0, p_tape + doubt.p_place)
     if doubt.unregistered is not None:
         return _stranger(doubt.unregistered)
     if limits.max_p_tape is None and not p_false <= limits.max_p_false:

@@ -1,7 +1,7 @@
 """How functions are compiled: kept on disk, divisions as numpy has them, and no entry from C, which nobody uses.
 
 An entry is a function more to compile. All other options are the same for all: numba compiles its own functions anew for
-others.
+others. Kernels make no arrays: they are given room to work in, and counting references is left out then.
 """
 
 from __future__ import annotations
@@ -10,6 +10,10 @@ from functools import partial
 
 from numba import njit
 
-kernel = partial(njit, cache=True, error_model="numpy", no_cfunc_wrapper=True)
+kernel = partial(njit, cache=True, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
+making_kernel = partial(kernel, _nrt=True)
+"""For what returns an array all the same."""
 inner_kernel = partial(kernel, no_cpython_wrapper=True)
 """For what only kernels call: it has no entry from Python either."""
+inlined_kernel = partial(njit, inline="always", error_model="numpy")
+"""For what one kernel calls in one place, and no loop of which needs `fastmath`: it is compiled as a part of that kernel."""

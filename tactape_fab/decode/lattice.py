@@ -10,9 +10,9 @@ from math import factorial, pi
 
 import numpy as np
 
-from tactape_fab.decode.kernels import inner_kernel, kernel
+from tactape_fab.decode.kernels import inlined_kernel, inner_kernel, kernel
 from tactape_fab.decode.order import select
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, IntArray
 
 ANGLES = 36
 """Directions looked at over a quarter turn: 2.5 degrees, well inside the width of a peak (pitch over contact)."""
@@ -65,16 +65,14 @@ def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tu
 
 
 @kernel(fastmath=True)
-def scanned_power(xy: FloatArray, weights: FloatArray, pitch: float) -> FloatArray:
-    """Power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
+def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, room: FloatArray, power: FloatArray) -> None:
+    """Fill in the power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
 
-    The second wave vector of each is the first one a quarter turn on.
+    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is room to work in.
     """
-    cu, cv = np.empty(2 * ANGLES), np.empty(2 * ANGLES)
+    cu, cv, real, imaginary = room[0], room[1], room[2], room[3]
     for j in range(2 * ANGLES):
         cu[j], cv[j] = np.cos(j * (pi / 2) / ANGLES) / pitch, np.sin(j * (pi / 2) / ANGLES) / pitch
-    real, imaginary, power = np.empty(2 * ANGLES), np.empty(2 * ANGLES), np.empty(ANGLES)
-    for j in range(2 * ANGLES):
         real[j] = imaginary[j] = 0.0
     for i in range(len(weights)):
         x, y, w = xy[i, 0], xy[i, 1], weights[i]
@@ -85,7 +83,6 @@ def scanned_power(xy: FloatArray, weights: FloatArray, pitch: float) -> FloatArr
     for j in range(ANGLES):
         k = j + ANGLES
         power[j] = real[j] * real[j] + imaginary[j] * imaginary[j] + (real[k] * real[k] + imaginary[k] * imaginary[k])
-    return power
 
 
 @inner_kernel()
@@ -100,14 +97,12 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
     return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
 
 
-@inner_kernel()
-def _strongest(xy: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places and weights of the SCANNED strongest dots, or of all where there are fewer."""
+@inlined_kernel()
+def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: FloatArray, few_weights: FloatArray) -> None:
+    """Fill in places and weights of the strongest dots, as many as there is room for; `ordered` is room to work in."""
     n, least = len(weights), 0.0
-    count, equal = min(n, SCANNED), min(n, SCANNED)
-    few, few_weights = np.empty((count, 2)), np.empty(count)
+    count = equal = len(few)
     if count < n:
-        ordered = np.empty(n)
         for i in range(n):
             ordered[i] = weights[i]
         least = select(ordered, n - count)
@@ -122,10 +117,8 @@ def _strongest(xy: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatAr
                 equal -= 1
             few[k, 0], few[k, 1], few_weights[k] = xy[i, 0], xy[i, 1], weights[i]
             k += 1
-    return few, few_weights
 
 
-@kernel()
 def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, tolerance: float, most: int) -> FloatArray:
     """The best grids for some dots.
 
@@ -147,20 +140,40 @@ def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, toleranc
         Angle of the first axis in [0, pi/2), pitch px, phases of both axes (rad), share of the power that a perfect
         grid would have; best first.
     """
+    n, found = len(weights), np.empty((most, 5))
+    few, few_weights, ordered = np.empty((min(n, SCANNED), 2)), np.empty(min(n, SCANNED)), np.empty(n)
+    waves, powers, marks = np.empty((4, 2 * ANGLES)), np.empty((2, ANGLES)), np.empty((2, ANGLES), dtype=np.int64)
+    return found[: _fill_lattices(xy, weights, pitch_px, tolerance, few, few_weights, ordered, waves, powers, marks, found)]
+
+
+@kernel()
+def _fill_lattices(
+    xy: FloatArray,
+    weights: FloatArray,
+    pitch_px: float,
+    tolerance: float,
+    few: FloatArray,
+    few_weights: FloatArray,
+    ordered: FloatArray,
+    waves: FloatArray,
+    powers: FloatArray,
+    marks: IntArray,
+    found: FloatArray,
+) -> int:
+    """Fill what `find_lattices` returns; how many there are. Between them and the dots' is room to work in."""
     steps = int(np.ceil(tolerance / _SCALE_STEP))
-    few, few_weights = _strongest(xy, weights)
-    best, which, taken = np.empty(ANGLES), np.empty(ANGLES, dtype=np.int64), np.empty(ANGLES, dtype=np.int64)
+    _choose(xy, weights, ordered, few, few_weights)
+    power, best, which, taken = powers[0], powers[1], marks[0], marks[1]
     for k in range(2 * steps + 1):
-        power = scanned_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)))
+        scan_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)), waves, power)
         for j in range(ANGLES):
             if k == 0 or power[j] > best[j]:
                 best[j], which[j], taken[j] = power[j], k, 0
     total = 0.0
     for i in range(len(weights)):
         total += weights[i]
-    found = np.empty((most, 5))
     n = 0
-    for _ in range(most):
+    for _ in range(len(found)):
         top = -1
         for j in range(ANGLES):
             if taken[j] == 1 or best[j] < best[(j + 1) % ANGLES] or best[j] < best[(j - 1) % ANGLES]:
@@ -185,4 +198,4 @@ def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, toleranc
         found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)
         found[n, 4] = (ar * ar + ai * ai + br * br + bi * bi) / (2.0 * total * total)
         n += 1
-    return found[:n]
+    return n

@@ -33,6 +33,7 @@ World = Literal["open", "closed"]
 Method = Literal["ml", "paper"]
 
 UNREGISTERED_SHARE = 0.01
+MAX_P_FALSE = 1e-4
 KAPPA = 30.0
 
 
@@ -72,7 +73,7 @@ class Localizer:
         sensor: str | SensorProfile = "gelsight-mini",
         *,
         method: Method = "ml",
-        max_p_false: float = 1e-4,
+        max_p_false: float = MAX_P_FALSE,
         max_p_tape: float | None = None,
         world: World = "open",
         unregistered_share: float = UNREGISTERED_SHARE,
@@ -120,7 +121,7 @@ class Localizer:
         displacement_mm: float,
         sensor: str | SensorProfile = "gelsight-mini",
         *,
-        max_p_false: float = 1e-4,
+        max_p_false: float = MAX_P_FALSE,
         kappa: float = KAPPA,
         fixed_scale: bool = False,
     ) -> Localizer:
@@ -300,11 +301,12 @@ class Localizer:
         if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > LARGE:
             return replace(empty, reason="no dot stands out of the noise")
         reading = read(dots, self._view, self._world, prior, self._limits.on_tape, self._limits.precision)
+        explained = False
         if reading is None:
             found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
-            found = judge(empty, dots, reading, self._view, self._world, self._limits)
-        if found.located or n < SOLID_DOTS:
+            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits)
+        if found.located or explained or n < SOLID_DOTS:
             return found
         behind = self._from_behind(empty, dots)
         if behind is None:
@@ -318,5 +320,5 @@ class Localizer:
         reading = read(dots, self._view, self._world, None, self._limits.on_tape, self._limits.precision)
         if reading is None or -reading.ln_bound > log(self._limits.on_tape):
             return None
-        found = judge(empty, dots, reading, self._view, self._world, self._limits)
+        found, _ = judge(empty, dots, reading, self._view, self._world, self._limits)
         return (found.tape or found.sector) if found.located else None

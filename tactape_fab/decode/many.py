@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactape_fab.decode.bounds import (
@@ -10,13 +12,14 @@ from tactape_fab.decode.bounds import (
     bound_lines,
     bound_starts,
     most_of_sites,
+    no_bounds,
     slot_of,
     survivors,
 )
-from tactape_fab.decode.counting import Room, Tally, weigh_site
+from tactape_fab.decode.counting import Room, Tally, new_tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import COLUMNS, OVER, ROWS
-from tactape_fab.decode.kernels import inner_kernel, kernel
+from tactape_fab.decode.kernels import inlined_kernel, inner_kernel
 from tactape_fab.decode.sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, TAPES, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -28,7 +31,40 @@ _ANYTHING = 1e6
 """A bound that drops nothing, and yet leaves a sum its digits."""
 
 
-@kernel()
+class ManyRoom(NamedTuple):
+    """Room to work in, for many sites.
+
+    Attributes
+    ----------
+    known : Bounds
+    starts : ndarray of float32, shape (4, 2, columns or rows of the plane)
+        From `_bounds_of_starts`.
+    bounds, of_rows : ndarray, shape (n,)
+        From `_bound_sites`.
+    chosen : ndarray of int, shape (n,)
+        From `survivors`.
+    guess : Tally
+        Of `_first_guess`.
+    """
+
+    known: Bounds
+    starts: Floats
+    bounds: FloatArray
+    of_rows: FloatArray
+    chosen: IntArray
+    guess: Tally
+
+
+def many_room(tables: Tables, sites: Sites) -> ManyRoom:
+    """Room for some dots and sites, no bounds known; none to speak of where no sites are many."""
+    count, lines, most = len(sites.table), sites.phases.shape[1], tables.dots.shape[1] - 1
+    if sites.kinds[2] == 0:
+        count = lines = most = 0
+    known, starts = no_bounds(most, len(sites.signs) // 3), np.empty((4, 2, lines), dtype=np.float32)
+    return ManyRoom(known, starts, np.empty(count), np.empty(count), np.empty(count, dtype=np.int64), new_tally())
+
+
+@inlined_kernel()
 def weigh_many(
     tables: Tables,
     sites: Sites,
@@ -39,17 +75,16 @@ def weigh_many(
     cue: FloatArray,
     tally: Tally,
     room: Room,
-    known: Bounds,
+    more: ManyRoom,
 ) -> None:
     """The classes of many sites, places with all dots on a tape first."""
     sums, most_said = tally.sums, NEVER
+    known, starts, bounds, of_rows, chosen = more.known, more.starts, more.bounds, more.of_rows, more.chosen
     for g in range(len(limits)):
         most_said = max(most_said, limits[g, 0] + limits[g, 1])
-    starts = _bounds_of_starts(tables, sites, known)
-    bounds, of_rows = np.empty(len(sites.table)), np.empty(len(sites.table))
-    chosen = np.empty(len(sites.table), dtype=np.int64)
+    _bounds_of_starts(starts, tables, sites, known)
     if sums[0] < base[0, 0] + _FOUND * most_said:  # nothing that fits is known yet
-        sums[0] = max(sums[0], _first_guess(tables, sites, groups, spans, limits, known, starts, base, room, most_said))
+        sums[0] = max(sums[0], _first_guess(tables, sites, groups, spans, limits, base, room, more, most_said))
     for over in range(2):
         for k in range(len(sites.classes)):
             kind = sites.classes[k]
@@ -95,19 +130,14 @@ def weigh_many(
                         )
 
 
-@inner_kernel()
-def _bounds_of_starts(tables: Tables, sites: Sites, known: Bounds) -> Floats:
-    """Bounds of what the x bits say where the dots' column 0 lies on each column of the plane, and the y bits of rows.
-
-    Shape (4, 2, columns or rows).
-    """
-    out = np.empty((4, 2, sites.phases.shape[1]), dtype=np.float32)
+@inlined_kernel()
+def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) -> None:
+    """Bounds of what the x bits say where the dots' column 0 lies on each column of the plane, and the y bits of rows."""
     for turn in range(4):
         for axis in range(2):
             count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
             slot = slot_of(known, tables.lines[turn, axis], turn, axis, axis - axis, across, count)
             bound_starts(out[turn, axis], known.pairs[slot], sites.steps[axis], count)
-    return out
 
 
 @inner_kernel()
@@ -144,25 +174,24 @@ def _bound_sites(
     return float(rest)
 
 
-@inner_kernel()
+@inlined_kernel()
 def _first_guess(
     tables: Tables,
     sites: Sites,
     groups: IntArray,
     spans: IntArray,
     limits: FloatArray,
-    known: Bounds,
-    starts: Floats,
     base: FloatArray,
     room: Room,
+    more: ManyRoom,
     most_said: float,
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
-    guess = Tally(np.empty(6), np.empty(6, dtype=np.int64), np.empty(6, dtype=np.int64))
+    known, starts, bounds, of_rows, guess = more.known, more.starts, more.bounds, more.of_rows, more.guess
     guess.best[0] = -1
     for k in range(6):  # nothing is negligible here
         guess.sums[k] = NEVER
-    bounds, of_rows, likely = np.empty(len(sites.table)), np.empty(len(sites.table)), 0 if base[0, 0] >= base[1, 0] else 1
+    likely = 0 if base[0, 0] >= base[1, 0] else 1
     for over in range(2):
         for turn_k in range(4):
             turn = (2 * turn_k + (turn_k // 2 + likely) % 2) % 4  # the likelier two come first

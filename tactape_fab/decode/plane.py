@@ -102,10 +102,14 @@ class CodePlane:
         )
 
 
-@kernel()
 def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) -> Floats:
     """Evidence of all lines together for every start in the plane and every phase; shape (starts, L)."""
     out = np.empty((len(phases) - count + 1, length), dtype=np.float32)
-    for start in range(len(out)):
-        add_lines(out[start], lines, 0, dots, 0, count, phases, start, length)
+    _add_along(lines, dots, count, phases, out)
     return out
+
+
+@kernel()
+def _add_along(lines: Floats, dots: int, count: int, phases: IntArray, out: Floats) -> None:
+    for start in range(len(out)):
+        add_lines(out[start], lines, 0, dots, 0, count, phases, start, out.shape[1])

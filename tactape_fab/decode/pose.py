@@ -7,7 +7,7 @@ from math import atan2, hypot, inf
 
 import numpy as np
 
-from tactape_fab.decode.kernels import inner_kernel, kernel
+from tactape_fab.decode.kernels import inlined_kernel, inner_kernel, kernel
 from tactape_fab.decode.order import select
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
@@ -120,7 +120,7 @@ def _squares(px: FloatArray, mm: FloatArray, fit: FloatArray, out: FloatArray) -
         out[i] = x * x + y * y
 
 
-@inner_kernel()
+@inlined_kernel()
 def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArray) -> float:
     """Root of the median of squares with a weight; `ordered` is room to work in."""
     n = 0
@@ -139,7 +139,7 @@ def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArr
     return float(0.5 * (lower + upper))
 
 
-@inner_kernel()
+@inlined_kernel()
 def _base_weights(weights: FloatArray, out: FloatArray) -> None:
     """Weights at most 1, zero for dots that may be noise; those of all dots where that leaves too few."""
     count = 0
@@ -204,7 +204,7 @@ def _fitted(
     return free
 
 
-@inner_kernel()
+@inlined_kernel()
 def _scaled(
     px: FloatArray, weights: FloatArray, px_per_mm: float, fixed_scale: bool, sigma: float, count: float, fit: FloatArray
 ) -> bool:
@@ -221,7 +221,7 @@ def _scaled(
     return False
 
 
-@inner_kernel()
+@inlined_kernel()
 def _sum_up(px: FloatArray, weights: FloatArray, fit: FloatArray, sums: FloatArray) -> None:
     """Sums of w, w u, w v and w (u^2 + v^2) over the dots, of their weights and of the squares of those; shape (2, 4)."""
     for power in range(2):

@@ -12,7 +12,7 @@ from tactape_fab.decode.counting import NEGLIGIBLE, Tally, new_tally
 from tactape_fab.decode.evidence import Tables, tables_of
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.near import evidence_at, places_near
-from tactape_fab.decode.sites import Family
+from tactape_fab.decode.sites import FIRST, LAST, TAPES, Family
 from tactape_fab.decode.weigh import weigh_sites
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -26,6 +26,10 @@ OVERHANG_SHARE = 0.1
 _SURELY_SEEN = 30.0
 """More than the weight of an answer and that of a rival can differ by (ln)."""
 MOST_RADIUS_MM = 50.0
+_PLENTY = 0.05
+"""Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
+_ROUNDING = 0.1
+"""More than bounds in single precision may be too small by (ln)."""
 _RIVALS_NEGLIGIBLE = -14.5
 """As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
 PRECISION = 1e-5
@@ -180,7 +184,7 @@ def search(
         of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
         best = float(tallies[of].sums[0])
         total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
-        if total - 1.0 <= precision:  # else what was left out may count
+        if total - 1.0 <= precision or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
     if tallies[of].best[0] < 0:
         return None
@@ -223,10 +227,8 @@ def rivals(
     least_lead : float
         A lead (ln) that is smaller is not told from bounds.
     """
-    cue = np.log(place.turn_weights)
+    cue, base = np.log(place.turn_weights), _unregistered_weights(families, place, share)
     others = [family.unregistered for family in families if family.unregistered is not None]
-    counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
-    base = _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
     strict = _strict(place.groups, precision)
     for negligible in (_RIVALS_NEGLIGIBLE, strict, strict - least_lead - _SURELY_SEEN):
         found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), False
@@ -235,9 +237,39 @@ def rivals(
             weigh_sites(t, sites, g, base, cue, tally)
             found = _strongest(found, tally, family, place, cue)
             bounded = bounded or bool(tally.sums[4] > tally.sums[2])
-        if (found.weight <= precision or found.weight > 1.0) and not (bounded and found.lead < least_lead):
+        known = found.weight <= precision and not (bounded and found.lead < least_lead)
+        if known or found.weight > _PLENTY:
             break
     return found
+
+
+def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
+    """The unregistered tape that fits best, where it has so much evidence (ln): for answers that are refused whatever it is.
+
+    `weight` is a bound, `lead` that of what was found alone; where nothing has so much, they are of what was looked at.
+    """
+    cue, base = np.log(place.turn_weights), _unregistered_weights(families, place, share)
+    even = np.where(np.isfinite(base), 0.0, base)  # every place counts by its evidence
+    found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
+    for t, (groups, spans, limits), family in zip(place.tables, place.groups, families, strict=True):
+        sites = family.unregistered
+        if sites is None:
+            continue
+        tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
+        single = np.column_stack([limits[:, :2], np.full(len(limits), -log(tapes.min()))])
+        tally = new_tally(least_score, negligible=-_ROUNDING)
+        weigh_sites(t, sites, (groups, spans, single), even, cue, tally)
+        tally.sums[4] = -inf
+        tally.sums[0] += base.max()
+        found = _strongest(found, tally, family, place, cue)
+    return found
+
+
+def _unregistered_weights(families: Sequence[Family], place: Place, share: float) -> FloatArray:
+    """`_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
+    others = [family.unregistered for family in families if family.unregistered is not None]
+    counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
+    return _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
 
 
 def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:

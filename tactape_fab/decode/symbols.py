@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.kernels import inner_kernel, kernel
+from tactape_fab.decode.kernels import inlined_kernel, kernel
 from tactape_fab.texture.frames import FloatArray
 
 Ints = npt.NDArray[np.int64]
@@ -130,14 +130,14 @@ def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, square
         squares[i, 3] = e**2 + (f + shift) ** 2
 
 
-@inner_kernel()
+@inlined_kernel()
 def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> Grid:
     """(a, b, x, y) of a grid whose phases are in pitches."""
     a, b = pitch * np.cos(angle), pitch * np.sin(angle)
     return a, b, phase_a * a - phase_b * b, phase_a * b + phase_b * a
 
 
-@inner_kernel()
+@inlined_kernel()
 def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
     """A point in pitches along both axes of a grid."""
     a, b = grid[0], grid[1]
@@ -146,7 +146,7 @@ def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
     return (a * du + b * dv) / norm, (a * dv - b * du) / norm
 
 
-@inner_kernel()
+@inlined_kernel()
 def _variance(weight: float, sigma: float) -> float:
     """Squared error of a dot along one axis: noise moves low dots farther; so does the rim, not as `rim` has it."""
     noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
@@ -196,7 +196,7 @@ def _fitted(
     return grid, sigma, value
 
 
-@inner_kernel()
+@inlined_kernel()
 def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: float) -> bool:
     """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
     expected = 0.0
@@ -208,7 +208,7 @@ def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: fl
     return sigma < SMALL_SIGMA and value > expected - np.sqrt(len(weights))
 
 
-@inner_kernel()
+@inlined_kernel()
 def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> Grid:
     """The grid that fits dots to their places by weighted least squares, of the old pitch unless that is free.
 
@@ -237,15 +237,22 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
     return a, b, mx - (a * mu - b * mv), my - (b * mu + a * mv)
 
 
-@kernel()
 def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
     """What each dot says of its symbol before any tape is looked at; shape (n, 4), rows sum to 1.
 
     Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid point only the
     one that is most likely its part says anything: the bits of a point are tossed once.
     """
+    q = np.empty((len(weights), 4))
+    _fill_posteriors(nodes, squares, weights, trust, sigma, q)
+    return q
+
+
+@kernel()
+def _fill_posteriors(
+    nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float, q: FloatArray
+) -> None:
     n = len(weights)
-    q = np.empty((n, 4))
     for i in range(n):
         part = trust[i] * (1.0 - OUTLIER_SHARE)
         for k in range(n):
@@ -262,4 +269,3 @@ def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: Flo
         for k in range(4):
             q[i, k] = (part * q[i, k] + (1.0 - part) / 4.0) / (part * total + 1.0 - part)
             q[i, k] = (1.0 - WRONG_SHARE) * q[i, k] + WRONG_SHARE / 4.0
-    return q

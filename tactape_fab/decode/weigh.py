@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numba import typeof
 
-from tactape_fab.decode.bounds import no_bounds
 from tactape_fab.decode.counting import Room, Tally, new_tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import OVER, X, Y, hole_evidence
-from tactape_fab.decode.kernels import kernel
-from tactape_fab.decode.many import weigh_many
+from tactape_fab.decode.kernels import inlined_kernel, kernel
+from tactape_fab.decode.many import ManyRoom, many_room, weigh_many
 from tactape_fab.decode.sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -40,30 +39,46 @@ def weigh_sites(
     cue : ndarray, shape (4,)
         ln of what speaks for each turn besides the bits; L = E times it.
     """
-    _, few, many = sites.kinds.tolist()
-    room = _room(sites)
-    if many:
-        bounds = no_bounds(tables.dots.shape[1] - 1, len(sites.signs) // 3)
-        weigh_many(tables, sites, *groups, base, cue, tally, room, bounds)
-    if few:
-        starts, said = hole_evidence(tables, sites) if len(sites.holes) else (np.full(len(sites.table), -1), _NOTHING)
-        weigh_few(tables, sites, *groups, base, cue, tally, room, starts, said)
+    starts, said = hole_evidence(tables, sites) if len(sites.holes) else (np.full(len(sites.table), -1), _NOTHING)
+    _weigh(tables, sites, *groups, base, cue, tally, _room(sites), many_room(tables, sites), starts, said)
 
 
 def compile_weighing(tables: Tables, sites: Sites, groups: tuple[IntArray, IntArray, FloatArray]) -> None:
     """Compile what `weigh_sites` calls, for arguments of these types; their values do not matter."""
-    given = (tables, sites, *groups, np.empty((4, 2)), np.empty(4), new_tally(), _room(sites))
-    for function, more in ((weigh_few, (np.empty(0, dtype=np.int64), _NOTHING)), (weigh_many, (no_bounds(1, 1),))):
-        function.compile(tuple(typeof(value) for value in (*given, *more)))  # type: ignore[no-untyped-call]
+    room = (_room(sites), many_room(tables, sites), np.empty(0, dtype=np.int64), _NOTHING)
+    given = (tables, sites, *groups, np.empty((4, 2)), np.empty(4), new_tally(), *room)
+    _weigh.compile(tuple(typeof(value) for value in given))  # type: ignore[no-untyped-call]
 
 
 def _room(sites: Sites) -> Room:
     length, widest = len(sites.signs) // 3, int(sites.kinds[0])
-    return Room(np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest)))
+    lines, most = np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest))
+    return Room(lines, most, np.empty((length, length), dtype=np.bool_))
 
 
 @kernel()
-def weigh_few(
+def _weigh(
+    tables: Tables,
+    sites: Sites,
+    groups: IntArray,
+    spans: IntArray,
+    limits: FloatArray,
+    base: FloatArray,
+    cue: FloatArray,
+    tally: Tally,
+    room: Room,
+    more: ManyRoom,
+    hole_starts: IntArray,
+    said: Floats,
+) -> None:
+    if sites.kinds[2] == 1:
+        weigh_many(tables, sites, groups, spans, limits, base, cue, tally, room, more)
+    if sites.kinds[1] == 1:
+        _weigh_few(tables, sites, groups, spans, limits, base, cue, tally, room, hole_starts, said)
+
+
+@inlined_kernel()
+def _weigh_few(
     tables: Tables,
     sites: Sites,
     groups: IntArray,

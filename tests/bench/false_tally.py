@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from math import floor, log10
 from typing import Any, Literal
 
+from tactape_fab.decode.localizer import MAX_P_FALSE
 from tactape_fab.decode.result import Localization
 
 Bound = Literal["p_false", "p_tape", "p_place"]
@@ -27,7 +28,8 @@ class Tally:
     least, where : dict
         Smallest value of each bound, and the frame.
     decades : dict
-        For each bound, how many frames had one of at most 0.1, 0.01, ...
+        For each bound, how many frames had one of at most 0.1, 0.01, ...; p_place where p_tape does not refuse the frame, for
+        unregistered tapes are in it only there.
     accepted : list of str
         The located frames.
     made_s, located_s : float
@@ -53,7 +55,7 @@ class Tally:
             self.accepted.append(name)
         for bound in BOUNDS:
             value = getattr(fix, bound)
-            if value is None:
+            if value is None or (bound == "p_place" and fix.p_tape is not None and fix.p_tape > MAX_P_FALSE):
                 continue
             if value < self.least[bound]:
                 self.least[bound], self.where[bound] = value, name

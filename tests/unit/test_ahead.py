@@ -11,8 +11,7 @@ import pytest
 
 from tactape_fab.decode import ahead
 from tactape_fab.decode.localizer import Localizer
-from tactape_fab.decode.many import weigh_many
-from tactape_fab.decode.weigh import weigh_few
+from tactape_fab.decode.weigh import _weigh
 
 from ..contacts import tape_of
 
@@ -36,8 +35,8 @@ class Process:
 @pytest.fixture
 def process(monkeypatch: pytest.MonkeyPatch) -> Process:
     """Nothing is on the disk, and another process is at work."""
-    found, misses = Process(), iter(range(9))
-    monkeypatch.setattr(ahead, "_misses", lambda: next(misses))
+    found = Process()
+    monkeypatch.setattr(ahead, "_compiled", lambda: False)
     monkeypatch.setattr(ahead, "_started", lambda: found)
     return found
 
@@ -45,7 +44,7 @@ def process(monkeypatch: pytest.MonkeyPatch) -> Process:
 def test_what_is_compiled_ahead_is_what_is_called() -> None:
     ahead.compile_search()
     Localizer([tape_of(7)])
-    assert len(weigh_few.signatures) == len(weigh_many.signatures) == 1
+    assert len(_weigh.signatures) == 1
 
 
 def test_it_is_said_and_waited_for(process: Process, caplog: pytest.LogCaptureFixture) -> None:
@@ -64,7 +63,7 @@ def test_no_process_is_left_behind(process: Process) -> None:
 def test_what_is_on_the_disk_is_not_compiled_again(
     process: Process, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(ahead, "_misses", lambda: 0)
+    monkeypatch.setattr(ahead, "_compiled", lambda: True)
     with caplog.at_level(logging.DEBUG), ahead.search_compiled():
         pass
     assert caplog.text == "" and process.told == []

@@ -12,7 +12,7 @@ import pytest
 from tactape_fab.decode.detect import band_pass, detect
 from tactape_fab.decode.door import canonical_frame
 from tactape_fab.decode.filters import Image, averaged, local_tops, ordinary_value
-from tactape_fab.decode.lattice import ANGLES, scanned_power
+from tactape_fab.decode.lattice import ANGLES, scan_power
 from tactape_fab.profiles import load_sensor
 
 DEPTH = np.random.default_rng(0).random((240, 320)).astype(np.float32)
@@ -54,14 +54,16 @@ def test_holes_become_the_median_and_the_frame_stays_as_it_was(hole: float) -> N
 
 
 @pytest.mark.parametrize("count", [1, 5, 28, 61])
-def test_scanned_power_is_that_of_plain_sums(count: int) -> None:
+def test_the_power_scanned_is_that_of_plain_sums(count: int) -> None:
     rng = np.random.default_rng(count)
     xy, weights = rng.uniform(-150, 150, (count, 2)), rng.uniform(0.0, 1.0, count)
     angles = np.arange(ANGLES) * (np.pi / 2) / ANGLES
     axes = np.stack([np.cos(angles), np.sin(angles)]), np.stack([-np.sin(angles), np.cos(angles)])
     for pitch in (9.0, 24.0, 61.7):
         expected = sum(np.abs(weights @ np.exp(2j * np.pi / pitch * (xy @ axis))) ** 2 for axis in axes)
-        assert scanned_power(xy, weights, pitch) == pytest.approx(expected, abs=1e-9 * count**2)
+        power = np.empty(ANGLES)
+        scan_power(xy, weights, pitch, np.empty((4, 2 * ANGLES)), power)
+        assert power == pytest.approx(expected, abs=1e-9 * count**2)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 5), (3, 16), (40, 1), (17, 24)])

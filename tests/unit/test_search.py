@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import Tape, TapeSpec, default_origin
-from tactape_fab.decode.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, Prior, rivals, search
+from tactape_fab.decode.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, Prior, rivals, search, strangers
 from tactape_fab.decode.sites import families
 from tactape_fab.errors import SpecError
 from tactape_fab.make import examine
@@ -209,6 +209,12 @@ def test_rivals_are_a_plain_enumeration(name: str, sector: int, corner: tuple[in
     if lead < 5.0:
         assert shown.name.split()[1] == str(of[int(likelihood.argmax())])
         assert shown.score == pytest.approx(found.value[int(likelihood.argmax())], abs=1e-3)
+    top = int(likelihood.argmax())
+    asked = strangers(world, place, SHARE, float(found.value[top]) - 1e-3)
+    assert asked.name.split()[1] == str(of[top])
+    assert asked.score == pytest.approx(found.value[top], abs=1e-3)
+    assert asked.lead == pytest.approx(lead, abs=1e-3)
+    assert asked.weight >= np.exp(score - place.score - place.weight)[top] * (1 - 1e-3)
 
 
 def test_a_prior_weighs_half_near_the_last_fix() -> None:
