@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 from tactape_fab.errors import TactapeError
@@ -134,7 +132,6 @@ def _make(order: _Order) -> MadeKit | FailedKit:
         return _failed(order, error)
     except Exception as error:  # the others go on
         return _failed(order, TactapeError(f"{type(error).__name__}: {error}; this should not happen, please report it"))
-    _settle()
     tape = kit.tape
     width_mm, height_mm = tape.board.size_mm
     return MadeKit(
@@ -150,13 +147,6 @@ def _make(order: _Order) -> MadeKit | FailedKit:
         checks=len(kit.checks),
         files=kit.files,
     )
-
-
-@cache
-def _settle() -> None:
-    """Tell the collector, once, that what the first kit has loaded stays: no need to look at it with every kit."""
-    gc.collect()
-    gc.freeze()
 
 
 def _failed(order: _Order, error: TactapeError) -> FailedKit:
