@@ -66,8 +66,8 @@ def _examined(
     overwrite: bool = False,
 ) -> Examined | ExaminedPanel:
     """One tape or panel examined; options that only a list of tapes has are refused with all the rest."""
+    from tactape_fab.examine_values import examine_values
     from tactape_fab.kit.panel_options import PANEL_KEYS
-    from tactape_fab.make import examine_values
     from tactape_fab.make_panel import examine_order
     from tactape_fab.tapes import read_tapes
 

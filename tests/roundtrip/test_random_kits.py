@@ -15,7 +15,8 @@ import pytest
 from tactape_fab.decode.localizer import KAPPA, Localizer
 from tactape_fab.errors import SpecError
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import read_cpl, read_gerber
+from tactape_fab.kit.gerber_reader import read_gerber
+from tactape_fab.kit.readback import read_cpl
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.make import Examined, examine, make_examined
 from tactape_fab.solids.forms import read_form

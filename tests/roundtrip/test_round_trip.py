@@ -17,7 +17,7 @@ from tactape_fab import Kit, Tape, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.decode import Localizer
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import read_gerber
+from tactape_fab.kit.gerber_reader import read_gerber
 from tactape_fab.make import examine
 from tactape_fab.simulate import dots_of
 from tactape_fab.simulate.parts import parts_of
