@@ -18,7 +18,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import tactape_fab
 from tactape_fab.simulate import SURFACES
 
 from .false_tally import Bound, Tally, total
@@ -34,7 +33,7 @@ SECTORS_DOTS = "other sectors, dots"
 SECTORS_DEPTH = "other sectors, depth maps"
 WORST_DEPTH = "worst sector, depth maps"
 COMMON_DOTS = "other sectors at a common origin, dots"
-_ROOMS = ("texture", "profiles", "simulate", "decode")
+_ROOMS = tuple(f"tactape_fab.{room}." for room in ("texture", "profiles", "simulate", "decode"))
 _FRAMES = ("localization_false.py", "localization_rows.py", "dot_records.py")
 
 Done = dict[Job, Tally]
@@ -175,10 +174,10 @@ def _line(item: tuple[Job, Tally]) -> str:
 
 
 def about() -> Mapping[str, Any]:
-    """Seed, and a digest of everything that decides an answer."""
-    digest, package = hashlib.sha256(), Path(tactape_fab.__file__).parent
-    sources = [path for room in _ROOMS for path in (package / room).rglob("*.py")]
-    for path in sorted([*sources, *(Path(__file__).parent / name for name in _FRAMES)]):
+    """Seed, and a digest of everything that decides an answer: what has to be loaded to draw and to locate frames."""
+    digest = hashlib.sha256()
+    loaded = [Path(str(module.__file__)) for name, module in sys.modules.items() if name.startswith(_ROOMS)]
+    for path in sorted([*loaded, *(Path(__file__).parent / name for name in _FRAMES)]):
         digest.update(path.name.encode() + path.read_bytes())
     return {"seed": SEED, "sources": digest.hexdigest()[:16]}
 
