@@ -221,6 +221,17 @@ def test_displaced_dots_give_the_grid_and_their_symbols(angle_deg: float) -> Non
     assert q.max(axis=1).min() > 0.99
 
 
+def test_a_dot_between_grid_points_is_no_overflow() -> None:
+    shift, rng = 0.24, np.random.default_rng(3)
+    k, row = np.divmod(np.arange(42), 6)
+    across = np.array([(0.0, -shift), (-shift, 0.0), (shift, 0.0), (0.0, shift)])[rng.integers(0, 4, 42)]
+    at = np.concatenate([np.stack([k - 3.0, row - 2.5], axis=1) + across, [(0.49, -0.5)]])  # half a pitch from all four places
+    ones = np.ones(43)
+    grid, nodes, squares, sigma = fit_grid(at * PITCH, ones, ones, 0.0, PITCH, 0.0, np.pi, shift, True)
+    assert sigma == pytest.approx(0.012) and np.hypot(grid[0], grid[1]) == pytest.approx(PITCH, rel=1e-6)
+    assert np.isfinite(posteriors(nodes, squares, ones, ones, sigma)).all()
+
+
 def test_the_pitch_stays_where_the_scale_is_fixed() -> None:
     symbols = np.random.default_rng(3).integers(0, 4, 42)
     xy = grid_dots(0.2, PITCH * 1.01, symbols)
