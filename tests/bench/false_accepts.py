@@ -141,20 +141,26 @@ class Record:
         SystemExit
             When it is of another seed or of other sources.
         """
-        record = cls(path, {})
         if path is None:
-            return record
+            return cls(path, {})
         lines = path.read_text().splitlines() if path.exists() else []
         if lines and json.loads(lines[0]) != about():
             sys.exit(f"{path} was counted with another seed or other sources; give another file")
-        for line in lines[1:]:
+        record = cls(path, cls.read(path) if lines else {})
+        path.write_text("".join(line + "\n" for line in [json.dumps(about()), *map(_line, record.done.items())]))
+        return record
+
+    @classmethod
+    def read(cls, path: Path) -> Done:
+        """What a file holds, of whatever sources; a last line that was cut off does not count."""
+        done: Done = {}
+        for line in path.read_text().splitlines()[1:]:
             try:
                 values = json.loads(line)
             except json.JSONDecodeError:
                 continue
-            record.done[Job(**values["job"])] = Tally.from_mapping(values["tally"])
-        path.write_text("".join(line + "\n" for line in [json.dumps(about()), *map(_line, record.done.items())]))
-        return record
+            done[Job(**values["job"])] = Tally.from_mapping(values["tally"])
+        return done
 
     def add(self, job: Job, tally: Tally) -> None:
         """Keep a job's counts."""
