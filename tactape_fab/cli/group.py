@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import sys
 from io import TextIOWrapper
 from typing import Any
@@ -10,9 +9,6 @@ from typing import Any
 import click
 
 from tactape_fab import __version__
-
-_OBJECTS_A_COLLECTION = 50_000
-"""Loading modules makes many objects and hardly any rings of them: the collector would look at all of them over and over."""
 
 
 class _Group(click.Group):
@@ -22,7 +18,6 @@ class _Group(click.Group):
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")
-        gc.set_threshold(_OBJECTS_A_COLLECTION)
         try:
             return super().main(*args, **kwargs)
         except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -48,6 +49,10 @@ from tactape_fab.errors import DesignRuleError, Problem, SpecError
 if TYPE_CHECKING:
     from tactape_fab.make import Examined
     from tactape_fab.make_panel import ExaminedPanel
+
+
+_OBJECTS_A_COLLECTION = 50_000
+"""Loading modules makes many objects and hardly any rings of them: the collector would look at all of them over and over."""
 
 
 def _values(spec_file: str | None) -> dict[str, Any]:
@@ -143,6 +148,7 @@ def make(
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a polite end leaves nothing behind
+    gc.set_threshold(_OBJECTS_A_COLLECTION)
     with answers():
         from tactape_fab.make import Examined, make_examined
         from tactape_fab.make_panel import make_panel
