@@ -18,7 +18,7 @@ from tactape_fab.decode.elongation import turn_weights
 from tactape_fab.decode.evidence import tables_of, turned
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.lattice import find_lattices
-from tactape_fab.decode.near import evidence_at
+from tactape_fab.decode.near import compile_near
 from tactape_fab.decode.pose import fit_pose
 from tactape_fab.decode.reading import View
 from tactape_fab.decode.rim import settled
@@ -90,7 +90,6 @@ def compile_search() -> None:
     tables = tables_of(one, np.full((1, 4), 0.25), sites.signs, LARGEST_CONTACT)
     groups = groups_of(tables, sites.sizes, LEAST_DOTS)
     compile_weighing(tables, sites, groups)
-    evidence_at(tables, sites, 0, 0, 0, 0)
 
 
 def rehearse(dots: Dots, ripple: FloatArray, view: View) -> None:
@@ -106,4 +105,5 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View) -> None:
     count_places(
         np.empty((0, 9), dtype=np.int64), np.zeros((4, 1, 2), dtype=np.int64), np.empty((0, 3)), np.empty((0, 6), dtype=np.int64)
     )
+    compile_near()
     fit_pose(xy, nodes * np.float64(view.pitch_mm), dots.weights, view.px_per_mm, fixed_scale=False)

@@ -180,7 +180,8 @@ def _count_sector(
             if stride > 0:
                 value -= float(hole[j * stride + i])
             if value + terms[0] > sums[0] - FAR_BELOW or value + terms[1] > sums[3]:
-                count_at(tally, value, 1.0, terms, (at[0], at[1], at[2] + i, at[3] + j, sector[0], sector[1]))
+                place = (at[0], at[1], at[2] + i, at[3] + j, sector[0], sector[1])
+                count_at(tally, np.float64(value), 1.0, terms, place)  # single precision would be another function to compile
 
 
 @inner_kernel()

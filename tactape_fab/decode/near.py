@@ -30,6 +30,13 @@ def places_near(
     return places[enough], values[enough]
 
 
+def compile_near() -> None:
+    """Compile what holds dots against single places, for no dots and no places."""
+    none, two = np.empty(0, dtype=np.int64), np.zeros((3, 2), dtype=np.int64)
+    cells, holes, floats = two[:0], np.empty((0, 3), dtype=np.int64), np.empty(0)
+    _add_evidence(cells, np.empty((0, 3)), floats.astype(np.float32), two, two, two[0], holes, 0, cells, floats, none)
+
+
 def _evidence(tables: Tables, sites: Sites, turn: int, site: int, places: IntArray) -> tuple[FloatArray, IntArray]:
     """Ln E of the dots' corner on some columns and rows (n, 2) of a site, and how many dots lie on it."""
     values, dots = np.empty(len(places)), np.empty(len(places), dtype=np.int64)

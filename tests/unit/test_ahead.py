@@ -11,6 +11,7 @@ import pytest
 
 from tactape_fab.decode import ahead
 from tactape_fab.decode.localizer import Localizer
+from tactape_fab.decode.near import _add_evidence, compile_near
 from tactape_fab.decode.weigh import _weigh
 
 from ..contacts import tape_of
@@ -43,8 +44,9 @@ def process(monkeypatch: pytest.MonkeyPatch) -> Process:
 
 def test_what_is_compiled_ahead_is_what_is_called() -> None:
     ahead.compile_search()
+    compile_near()
     Localizer([tape_of(7)])
-    assert len(_weigh.signatures) == 1
+    assert len(_weigh.signatures) == len(_add_evidence.signatures) == 1
 
 
 def test_it_is_said_and_waited_for(process: Process, caplog: pytest.LogCaptureFixture) -> None:
