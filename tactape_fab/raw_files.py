@@ -106,7 +106,7 @@ def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
         return []
     if not found:
         problems.append(Problem("raw", f"raw {shown_path(path)} is a folder without a PNG or JPEG; give images"))
-    return sorted(found, key=lambda file: _by_number(file.name))
+    return sorted(found, key=lambda file: (_by_number(file.name), file.name))
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
@@ -120,10 +120,9 @@ def _checked(path: Path, key: str, sensor: SensorProfile) -> Path:
     with _refused(path, key):
         (h, w), (height, width) = read_colour_header(path), sensor.frame_shape
         if (h, w) != (height, width):
-            remedy = (
-                f"those of sensor '{sensor.name}' are {height} x {width}; crop and scale images as for the network's calibration"
-            )
-            raise SpecError(f"has {h} x {w} px (height x width), {remedy}, or give another --sensor")
+            asked = f"frames of sensor '{sensor.name}' are {height} x {width} (height x width)"
+            remedy = "crop and scale it as the images of the network's calibration were, or give another --sensor"
+            raise SpecError(f"it is {h} x {w} px, {asked}; {remedy}")
     return path
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
+import zipfile
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +50,7 @@ def _with_jacobian(rows: npt.NDArray[np.float32], layers: Layers) -> tuple[npt.N
         active.append(rows > 0.0)
     jacobian = np.broadcast_to(layers[-1][0], (len(rows), *layers[-1][0].shape))
     for (weight, _), on in zip(reversed(layers[:-1]), reversed(active), strict=True):
-        jacobian = (jacobian * on[:, None, :]) @ weight
+        jacobian = ((jacobian * on[:, None, :]).reshape(-1, len(weight)) @ weight).reshape(len(rows), -1, weight.shape[1])
     return rows @ layers[-1][0].T + layers[-1][1], jacobian[:, :, :3]
 
 
@@ -58,7 +61,7 @@ def image_of(
     px_per_mm: float,
     noise_grey: float = 0.0,
     seed: int = 0,
-    steps: int = 5,
+    steps: int = 3,
 ) -> Image:
     """The image, of 8 bits, in which the network sees the slopes of a depth map: for each pixel the nearest such colour.
 
@@ -80,3 +83,73 @@ def image_of(
     rows[felt] = rows_felt
     grey = 255.0 * rows[:, :3] + np.random.default_rng(seed).normal(0.0, 1.0, (len(rows), 3)) * noise_grey
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8).reshape(background.shape)
+
+
+# Weights as torch.save writes them, by hand (pickle protocol 2)
+
+
+def text(value: str) -> bytes:
+    data = value.encode()
+    return b"X" + len(data).to_bytes(4, "little") + data
+
+
+def whole(value: int) -> bytes:
+    return b"J" + value.to_bytes(4, "little", signed=True)
+
+
+def several(values: Sequence[int]) -> bytes:
+    return b"(" + b"".join(whole(value) for value in values) + b"t"
+
+
+def storage(key: str, count: int, kind: str = "FloatStorage") -> bytes:
+    return b"(" + text("storage") + b"ctorch\n" + kind.encode() + b"\n" + text(key) + text("cpu") + whole(count) + b"tQ"
+
+
+def tensor(stored: bytes, shape: Sequence[int], offset: int = 0, strides: Sequence[int] | None = None) -> bytes:
+    if strides is None:
+        strides = [int(np.prod(shape[i + 1 :])) for i in range(len(shape))]
+    arguments = stored + whole(offset) + several(shape) + several(strides) + b"\x89" + EMPTY
+    return b"ctorch._utils\n_rebuild_tensor_v2\n(" + arguments + b"tR"
+
+
+EMPTY = b"ccollections\nOrderedDict\n)R"
+
+
+def table(tensors: dict[str, bytes]) -> bytes:
+    return b"\x80\x02" + EMPTY + b"(" + b"".join(text(name) + value for name, value in tensors.items()) + b"u."
+
+
+def archive(entries: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", compression) as file:
+        for name, data in entries.items():
+            file.writestr(zipfile.ZipInfo(name), data, compress_type=compression)
+    return stream.getvalue()
+
+
+def tensors_of(layers: Layers) -> dict[str, npt.NDArray[np.float32]]:
+    return {
+        f"fc{i + 1}.{what}": array for i, pair in enumerate(layers) for what, array in zip(("weight", "bias"), pair, strict=True)
+    }
+
+
+def weights_file(path: Path, tensors: dict[str, npt.NDArray[np.float32]]) -> Path:
+    """A .pth with these tensors."""
+    pickled = table({name: tensor(storage(str(k), a.size), a.shape) for k, (name, a) in enumerate(tensors.items())})
+    data = {f"net/data/{k}": a.astype("<f4").tobytes() for k, a in enumerate(tensors.values())}
+    path.write_bytes(archive({"net/data.pkl": pickled, **data, "net/version": b"3\n"}))
+    return path
+
+
+def random_layers(widths: Sequence[int], seed: int = 0) -> Layers:
+    rng = np.random.default_rng(seed)
+    pairs = [(rng.normal(0.0, (2.0 / a) ** 0.5, (b, a)), rng.normal(0.0, 0.1, b)) for a, b in pairwise(widths)]
+    return [(weight.astype(np.float32), bias.astype(np.float32)) for weight, bias in pairs]
+
+
+def plain_network() -> Layers:
+    """Two layers in which blue tells the slope along u, and green that along v: an angle of 0 where they are half."""
+    hidden = np.zeros((4, 5), dtype=np.float32)
+    hidden[[0, 1], [0, 1]], hidden[[2, 3], [0, 1]] = 1.0, -1.0
+    out = np.array([[2, 0, -2, 0], [0, 2, 0, -2]], dtype=np.float32)
+    return [(hidden, np.array([-0.5, -0.5, 0.5, 0.5], dtype=np.float32)), (out, np.zeros(2, dtype=np.float32))]

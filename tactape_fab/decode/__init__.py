@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tactape_fab.decode.localizer import Localizer
-    from tactape_fab.decode.reconstruct import Reconstruction, load_network, make_reconstruction, reconstruct
+    from tactape_fab.decode.reconstruct import Reconstruction, load_network, make_reconstruction
     from tactape_fab.decode.result import Localization
     from tactape_fab.decode.search import Prior
 
-__all__ = ["Localization", "Localizer", "Prior", "Reconstruction", "load_network", "make_reconstruction", "reconstruct"]
+__all__ = ["Localization", "Localizer", "Prior", "Reconstruction", "load_network", "make_reconstruction"]
 
 _HOMES = {
     **{"Localizer": "localizer", "Localization": "result", "Prior": "search"},
-    **dict.fromkeys(("Reconstruction", "load_network", "make_reconstruction", "reconstruct"), "reconstruct"),
+    **dict.fromkeys(("Reconstruction", "load_network", "make_reconstruction"), "reconstruct"),
 }
 
 

@@ -9,6 +9,7 @@ surface that falls where something is pressed in, so that depth is minus its int
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -84,7 +85,7 @@ def load_network(path: str | Path) -> Network:
     return make_network(layers)
 
 
-def make_network(layers: list[tuple[Floats, Floats]]) -> Network:
+def make_network(layers: Sequence[tuple[Floats, Floats]]) -> Network:
     """A network from (weight (n_out, n_in), bias (n_out,)) of each layer, which must fit each other."""
     sizes = (layers[0][0].shape[1], *(len(bias) for _, bias in layers))
     widths = np.array([-(-size // 4) * 4 for size in sizes], dtype=np.int64)
@@ -203,13 +204,6 @@ def make_reconstruction(background: npt.ArrayLike, network: Network, px_per_mm: 
         When it is no such image.
     """
     return Reconstruction(network=network, untouched=slopes_of(_checked(background, "background"), network), px_per_mm=px_per_mm)
-
-
-def reconstruct(
-    image: npt.ArrayLike, background: npt.ArrayLike, network: Network, px_per_mm: tuple[float, float] = (16.0, 16.0)
-) -> Floats:
-    """The depth map of one image; for many make a `Reconstruction` first. Arguments and errors as there."""
-    return make_reconstruction(background, network, px_per_mm).depth(image)
 
 
 def _checked(image: npt.ArrayLike, what: str) -> Image:

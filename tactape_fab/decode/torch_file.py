@@ -132,6 +132,8 @@ def _table_of(data: bytes) -> dict[str, _Planned]:
     """What a pickle builds, where that is a table of tensors."""
     try:
         table = _built(data)
+    except SpecError:
+        raise
     except (IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise SpecError(f"has a damaged table of tensors; {_REMEDY}") from error
     if isinstance(table, dict) and "state_dict" in table:
@@ -200,7 +202,9 @@ def _combine(name: str, argument: Any, stack: list[Any]) -> None:
 
 def _marked(stack: list[Any]) -> list[Any]:
     """What was pushed since the last mark; it and the mark leave the stack."""
-    start = max(i for i, value in enumerate(stack) if value is _MARK)
+    start = len(stack) - 1
+    while stack[start] is not _MARK:  # runs out of the stack where there is none
+        start -= 1
     taken = stack[start + 1 :]
     del stack[start:]
     return taken
@@ -229,7 +233,7 @@ def _made(called: Any, arguments: Any) -> Any:
     if not isinstance(storage, _Storage) or not isinstance(shape, tuple) or not isinstance(strides, tuple) or len(sizes) > 2:
         raise TypeError("no tensor")
     if strides != tuple(prod(sizes[i + 1 :]) for i in range(len(sizes))):
-        raise SpecError(f"holds a tensor that does not lie in one piece; save tensor.contiguous() of it, and {_REMEDY}")
+        raise SpecError(f"holds a tensor that does not lie in one piece, as tensor.contiguous() does; {_REMEDY}")
     if _count(offset) + prod(sizes) > storage.count:
         raise ValueError("a tensor reaches beyond its storage")
     return _Planned(storage=storage, offset=offset, shape=tuple(sizes))
