@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,9 @@ import pytest
 
 Layers = Sequence[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]]
 Image = npt.NDArray[np.uint8]
+
+MOST_AT_ONCE = 64
+"""Pixels in one product of matrices: so few that no library shares it out between processors, which costs more than it saves."""
 
 
 def sensor_data() -> Path:
@@ -44,19 +48,20 @@ def angles(rows: npt.NDArray[np.float32], layers: Layers) -> npt.NDArray[np.floa
 
 
 def _with_jacobian(rows: npt.NDArray[np.float32], layers: Layers) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Angles (blocks, n, 2) of rows (blocks, n, 5), and what they change by with each colour, (blocks, 2, n, 3)."""
     active = []
     for weight, bias in layers[:-1]:
         rows = np.maximum(rows @ weight.T + bias, 0.0)
         active.append(rows > 0.0)
-    jacobian = np.broadcast_to(layers[-1][0], (len(rows), *layers[-1][0].shape))
+    jacobian: npt.NDArray[np.float32] = layers[-1][0][:, None, :]
     for (weight, _), on in zip(reversed(layers[:-1]), reversed(active), strict=True):
-        jacobian = ((jacobian * on[:, None, :]).reshape(-1, len(weight)) @ weight).reshape(len(rows), -1, weight.shape[1])
-    return rows @ layers[-1][0].T + layers[-1][1], jacobian[:, :, :3]
+        jacobian = (jacobian * on[:, None]) @ weight
+    return rows @ layers[-1][0].T + layers[-1][1], jacobian[..., :3]
 
 
 def image_of(
     depth_mm: npt.NDArray[np.float32],
-    background: Image,
+    background: npt.NDArray[Any],
     layers: Layers,
     px_per_mm: float,
     noise_grey: float = 0.0,
@@ -67,22 +72,21 @@ def image_of(
 
     Newton's method from the background's colours, each step as short as can be; noise is white, in grey levels.
     """
-    slopes = np.stack([-np.gradient(depth_mm, axis=axis) * px_per_mm for axis in (1, 0)], axis=-1).reshape(-1, 2)
-    rows = features(background)
-    felt = np.flatnonzero(np.abs(slopes).max(axis=1) > 1e-3)
-    rows_felt = rows[felt]
-    wanted = np.arctan(np.tan(angles(rows_felt, layers)) + slopes[felt]).astype(np.float32)
+    slopes = np.stack([-np.gradient(depth_mm, axis=axis) * px_per_mm for axis in (1, 0)], axis=-1)
+    count = slopes.size // 2
+    few = next(n for n in range(MOST_AT_ONCE, 0, -1) if count % n == 0)
+    rows = features(np.asarray(background, dtype=np.uint8)).reshape(-1, few, 5)
+    wanted = np.arctan(np.tan(_with_jacobian(rows, layers)[0]) + slopes.reshape(-1, few, 2)).astype(np.float32)
     for _ in range(steps):
-        found, jacobian = _with_jacobian(rows_felt, layers)
+        found, jacobian = _with_jacobian(rows, layers)
         along, across = jacobian[:, 0], jacobian[:, 1]
-        a, b, c = ((x * y).sum(axis=1) for x, y in ((along, along), (along, across), (across, across)))
+        a, b, c = ((x * y).sum(axis=-1) for x, y in ((along, along), (along, across), (across, across)))
         a, c = a + np.float32(1e-3), c + np.float32(1e-3)
-        du, dv = (wanted - found).T / (a * c - b * b)
-        step = (c * du - b * dv)[:, None] * along + (a * dv - b * du)[:, None] * across
-        rows_felt[:, :3] = np.clip(rows_felt[:, :3] + np.clip(step, -0.1, 0.1), 0.0, 1.0)
-    rows[felt] = rows_felt
-    grey = 255.0 * rows[:, :3] + np.random.default_rng(seed).normal(0.0, 1.0, (len(rows), 3)) * noise_grey
-    return np.clip(np.rint(grey), 0, 255).astype(np.uint8).reshape(background.shape)
+        du, dv = np.moveaxis(wanted - found, -1, 0) / (a * c - b * b)
+        step = (c * du - b * dv)[..., None] * along + (a * dv - b * du)[..., None] * across
+        rows[..., :3] = np.clip(rows[..., :3] + np.clip(step, -0.1, 0.1), 0.0, 1.0)
+    grey = 255.0 * rows[..., :3].reshape(-1, 3) + np.random.default_rng(seed).normal(0.0, 1.0, (count, 3)) * noise_grey
+    return np.asarray(np.clip(np.rint(grey), 0, 255), dtype=np.uint8).reshape(background.shape)
 
 
 # Weights as torch.save writes them, by hand (pickle protocol 2)
