@@ -110,7 +110,7 @@ def decode(
 ) -> None:
     """Locate contacts: which tape each frame touches, where and at what angle, or why that cannot be said.
 
-    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; with --raw, more PNG and JPEG images.
+    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; after --raw, further PNG and JPEG images.
 
     \b
     Example: tactape-fab decode frames.npz --tape tactape-s007

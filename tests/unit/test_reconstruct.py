@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -139,7 +143,7 @@ def raw_folder(folder: Path, sensor: str, count: int) -> npt.NDArray[np.float64]
         image = image_of(depth * profile.sign * unit_mm, background, plain_network(), profile.px_per_mm[0], 1.0, seed=k)
         assert cv2.imwrite(str(folder / "images" / f"contact-{8 + k}.png"), image)
     cv2.imwrite(str(folder / "background.png"), background)
-    weights_file(folder / "w.pth", tensors_of(plain_network()))
+    weights_file(folder / "nnmodel.pth", tensors_of(plain_network()))
     return np.column_stack([frames.position_mm, frames.theta_deg])
 
 
@@ -162,7 +166,7 @@ def check(result: Result, poses: npt.NDArray[np.float64]) -> None:
 def test_images_are_located(raw: Taken, default_kit: Kit) -> None:
     """A folder in the order of the numbers in its names, 8, 9, 10, 11; or files, as a shell lists them."""
     folder, poses = raw
-    given = f"--background {folder}/background.png --weights {folder}/w.pth --tape {default_kit.path} --json"
+    given = f"--background {folder}/background.png --weights {folder}/nnmodel.pth --tape {default_kit.path} --json"
     check(run(f"decode --raw {folder}/images {given}"), poses)
     files = [folder / "images" / f"contact-{k}.png" for k in (9, 8)]
     check(run(f"decode {given} --raw {files[0]} {files[1]}"), poses[[1, 0]])
@@ -183,7 +187,7 @@ def test_images_lie_as_the_profile_says(tmp_path: Path, default_kit: Kit) -> Non
         text = text.replace(f"\n{old}\n", f"\n{new}\n")
     sensor.write_text(text, encoding="utf-8")
     poses = raw_folder(tmp_path, str(sensor), 2)
-    given = f"--background {tmp_path}/background.png --weights {tmp_path}/w.pth --tape {default_kit.path} --json"
+    given = f"--background {tmp_path}/background.png --weights {tmp_path}/nnmodel.pth --tape {default_kit.path} --json"
     check(run(f"decode --raw {tmp_path}/images {given} --sensor {sensor}"), poses)
 
 
@@ -222,7 +226,7 @@ def test_many_wrong_images_are_counted(tmp_path: Path, raw: Taken, default_kit: 
     folder, _ = raw
     for k in range(30):
         (tmp_path / f"{k}.png").write_bytes(b"no picture")
-    given = f"--background {folder}/background.png --weights {folder}/w.pth --tape {default_kit.path}"
+    given = f"--background {folder}/background.png --weights {folder}/nnmodel.pth --tape {default_kit.path}"
     lines = run(f"decode --raw {tmp_path} {given}").stderr.splitlines()
     assert len(lines) == 11
     assert "20 more of 30 images" in lines[-1]
@@ -246,7 +250,7 @@ def test_raw_background_and_weights_go_together(given: str, says: str) -> None:
 def test_an_image_that_ends_early_is_named(tmp_path: Path, raw: Taken, default_kit: Kit) -> None:
     folder, _ = raw
     (tmp_path / "half.png").write_bytes((folder / "images" / "contact-8.png").read_bytes()[:60])
-    given = f"--background {folder}/background.png --weights {folder}/w.pth --tape {default_kit.path}"
+    given = f"--background {folder}/background.png --weights {folder}/nnmodel.pth --tape {default_kit.path}"
     result = run(f"decode --raw {tmp_path}/half.png {given}")
     assert result.exit_code == 2
     assert f"raw {tmp_path}/half.png: it is damaged" in result.stderr
@@ -261,13 +265,29 @@ def test_jpegs_are_read_as_they_lie(tmp_path: Path, raw: Taken, default_kit: Kit
     (tmp_path / "a.JPG").write_bytes(data[:2] + upside_down + data[2:])
     upright = picture(tmp_path / "a.JPG")
     assert np.abs(upright.astype(int) - image).mean() > np.abs(upright[::-1, ::-1].astype(int) - image).mean()
-    given = f"--background {folder}/background.png --weights {folder}/w.pth --tape {default_kit.path} --json"
+    given = f"--background {folder}/background.png --weights {folder}/nnmodel.pth --tape {default_kit.path} --json"
     check(run(f"decode --raw {tmp_path}/a.JPG {given}"), poses[:1])
 
 
 def test_the_weights_of_a_file_are_the_network(tmp_path: Path) -> None:
     layers = random_layers((5, 6, 9, 2))
-    read, made = load_network(weights_file(tmp_path / "w.pth", tensors_of(layers))), make_network(layers)
+    read, made = load_network(weights_file(tmp_path / "nnmodel.pth", tensors_of(layers))), make_network(layers)
     assert read.sizes == (5, 6, 9, 2)
     for name in ("weights", "biases", "widths"):
         np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
+
+
+def test_the_page_runs_as_it_stands(tmp_path: Path, raw: Taken, default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, poses = raw
+    page = (Path(__file__).parents[2] / "docs" / "raw-images.md").read_text(encoding="utf-8")
+    for name in ("images", "background.png", "nnmodel.pth"):
+        (tmp_path / name).symlink_to(folder / name)
+    (tmp_path / "tactape-s007").symlink_to(default_kit.path)
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"^```(sh|python)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert [language for language, _ in blocks] == ["sh", "python"]
+    check(run(blocks[0][1].removeprefix("tactape-fab ") + " --json"), poses)
+    script = subprocess.run([sys.executable, "-c", blocks[1][1]], capture_output=True, text=True, check=True)
+    np.testing.assert_allclose(ast.literal_eval(script.stdout), poses[0, :2], atol=0.02)
+    for picture_of_it in re.findall(r"!\[[^]]+\]\(([^)]+)\)", page):
+        assert picture(Path(__file__).parents[2] / "docs" / picture_of_it).shape == (360, 1456, 3)
