@@ -23,6 +23,7 @@ _MOST_TAGS = 200
 _WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
 _REMEDY = "write it with one channel of 16 bits"
 _COLOUR_REMEDY = "give a PNG or JPEG with three channels of 8 bits"
+_MOST_MARKERS = 1000
 _NO_SIZE = {0xC4, 0xC8, 0xCC}
 """Of the JPEG markers C0 to CF those that start no frame (ITU-T T.81, table B.1)."""
 
@@ -127,7 +128,9 @@ def _png_header(data: bytes) -> tuple[int, int, int, int]:
 def _jpeg_header(data: bytes) -> tuple[int, int, int, int]:
     """Height, width, bits, channels of the first frame (ITU-T T.81, B.2.2)."""
     at = 2
-    while at + 10 <= len(data) and data[at] == 0xFF:
+    for _ in range(_MOST_MARKERS):
+        if at + 10 > len(data) or data[at] != 0xFF:
+            break
         marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
         if 0xC0 <= marker <= 0xCF and marker not in _NO_SIZE:
             height, width = int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big")

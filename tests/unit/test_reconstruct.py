@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,9 +21,10 @@ from tactape_fab import Kit
 from tactape_fab.cli import main
 from tactape_fab.decode import load_network, make_reconstruction
 from tactape_fab.decode.perceptron import BLOCK, of_pixels
-from tactape_fab.decode.reconstruct import integrated, make_network
+from tactape_fab.decode.reconstruct import integrated, make_network, slopes_of
 from tactape_fab.errors import FrameError
 from tactape_fab.profiles import load_sensor
+from tactape_fab.raw_files import open_raw
 from tactape_fab.simulate import Scene, simulate_frames
 from tests.contacts import TAPE
 from tests.raw_images import angles, features, image_of, plain_network, random_layers, tensors_of, weights_file
@@ -98,10 +100,12 @@ def test_what_the_untouched_gel_shows_is_taken_off() -> None:
     np.testing.assert_array_equal(reconstruction.depth(background), np.zeros((24, 32)))
 
 
-def test_angles_beyond_any_gel_stay_finite() -> None:
-    layers = [(np.full((2, 5), 1e3, dtype=np.float32), np.zeros(2, dtype=np.float32))]
-    depth = make_reconstruction(noise_image(24, 32), make_network(layers), SCALE).depth(noise_image(24, 32, seed=2))
-    assert np.isfinite(depth).all()
+def test_angles_beyond_any_gel_are_as_steep_as_one_can_be() -> None:
+    """A tangent would grow without end at a right angle, and turn its sign beyond."""
+    layers = [(np.array([[1e3] * 5, [-1e3] * 5], dtype=np.float32), np.zeros(2, dtype=np.float32))]
+    slopes = slopes_of(noise_image(24, 32)[1:], make_network(layers))
+    np.testing.assert_allclose(slopes[0], np.tan(1.4), rtol=1e-5)
+    np.testing.assert_allclose(slopes[1], -np.tan(1.4), rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -191,13 +195,23 @@ def test_images_lie_as_the_profile_says(tmp_path: Path, default_kit: Kit) -> Non
     check(run(f"decode --raw {tmp_path}/images {given} --sensor {sensor}"), poses)
 
 
+def test_scales_are_those_of_the_images_as_they_lie(raw: Taken) -> None:
+    folder, _ = raw
+    for quarters, along in ((0, (15.0, 17.0)), (2, (15.0, 17.0)), (1, (17.0, 15.0)), (3, (17.0, 15.0))):
+        sensor = replace(load_sensor("gelsight-mini"), px_per_mm=(15.0, 17.0), rotate90=quarters)
+        if quarters % 2:
+            sensor = replace(sensor, width_px=240, height_px=320)  # the images of the folder, then, turned upright
+        (image, *_) = open_raw([str(folder / "images")], str(folder / "background.png"), str(folder / "nnmodel.pth"), sensor)
+        assert image.reconstruction.px_per_mm == along
+
+
 def test_everything_that_is_wrong_is_said_at_once(raw: Taken, tmp_path: Path, default_kit: Kit) -> None:
     folder, _ = raw
     image = picture(folder / "images" / "contact-8.png")
     for name, wrong in {"small.png": image[:100], "grey.png": image[..., 0], "deep.png": image.astype(np.uint16)}.items():
         cv2.imwrite(str(tmp_path / name), wrong)
     (tmp_path / "text.jpg").write_text("no picture")
-    (tmp_path / "bare.jpg").write_bytes(b"\xff\xd8\xff\xe0\x00\x04ab\xff\xda")
+    (tmp_path / "bare.jpg").write_bytes(b"\xff\xd8" + b"\xff" * 10_000_000)
     (tmp_path / "empty").mkdir()
     names = ["small.png", "grey.png", "deep.png", "text.jpg", "bare.jpg", "none.png"]
     images = " ".join(str(tmp_path / name) for name in names)
