@@ -101,7 +101,8 @@ def make_network(layers: Sequence[tuple[Floats, Floats]]) -> Network:
 
 def slopes_of(image: Image, network: Network) -> Floats:
     """Slopes of the surface that an image shows, along u and along v; shape (2, h, w), the untouched gel's not taken off."""
-    angles = of_pixels(np.ascontiguousarray(image), network.weights, network.biases, network.widths)
+    plain = np.require(image, np.uint8, ("C", "A", "W"))  # one that may not be written would be compiled for anew
+    angles = of_pixels(plain, network.weights, network.biases, network.widths)
     np.clip(angles, -STEEPEST_RAD, STEEPEST_RAD, out=angles)
     slopes: Floats = np.tan(angles, out=angles)
     return slopes

@@ -100,6 +100,19 @@ def test_what_the_untouched_gel_shows_is_taken_off() -> None:
     np.testing.assert_array_equal(reconstruction.depth(background), np.zeros((24, 32)))
 
 
+def test_nothing_is_compiled_for_an_image_that_lies_otherwise() -> None:
+    network = make_network(random_layers((5, 6, 2)))
+    large = noise_image(48, 64)
+    reconstruction = make_reconstruction(large[::2, ::2], network, SCALE)
+    compiled = list(of_pixels.signatures)
+    locked = large.copy()
+    locked.setflags(write=False)
+    for image in (large[::2, ::2], large[:24, :32], locked[24:, 32:], np.asfortranarray(large[:24, :32])):
+        found = reconstruction.depth(image)
+        np.testing.assert_array_equal(found, reconstruction.depth(image.copy(order="C")))
+    assert of_pixels.signatures == compiled
+
+
 def test_angles_beyond_any_gel_are_as_steep_as_one_can_be() -> None:
     """A tangent would grow without end at a right angle, and turn its sign beyond."""
     layers = [(np.array([[1e3] * 5, [-1e3] * 5], dtype=np.float32), np.zeros(2, dtype=np.float32))]
