@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from tactape_fab import __version__
-from tactape_fab.errors import Check, SpecError, TactapeError, VerifyError
+from tactape_fab.errors import Check, SpecError, VerifyError
 from tactape_fab.fields import shown_path
-from tactape_fab.folders import clear_away, put_in_place, refuse_taken
+from tactape_fab.folders import finished, refuse_taken
 from tactape_fab.kit.artifact import Artifact, build_date, zip_date
 from tactape_fab.kit.render.certificate import render_certificate
 from tactape_fab.kit.writer import write_kit
@@ -34,7 +33,7 @@ from tactape_fab.solids.surface_files import (
 )
 from tactape_fab.solids.surface_mesh import MeshChart
 from tactape_fab.texture.certify import certify
-from tactape_fab.texture.tape import UNFINISHED_SUFFIX, Tape, find_manifest, read_manifest
+from tactape_fab.texture.tape import Tape, find_manifest, read_manifest
 from tactape_fab.verify.embossed import check_embossed
 
 STEP_FORMATS = ("step", "stp")
@@ -152,7 +151,8 @@ def emboss_kit(
     checks = tuple(check_embossed(manifest, data["stl"], data["placements"]))
     if not all(check.passed or check.warning for check in checks):
         raise VerifyError(checks)
-    _put(target, manifest, artifacts, overwrite=overwrite)
+    with finished(target, "part", overwrite=overwrite) as folder:
+        write_kit(folder, manifest, artifacts)
     files = {a.role: a.path for a in artifacts}
     return Embossed(path=target, tape=tape, surface=surface, checks=checks, files=files)
 
@@ -227,17 +227,3 @@ def _surface(source: _Source, made: _Made, unit: str) -> dict[str, Any]:
         "volume_mm3": round(made.fused.volume_mm3, 6),
         "source_volume_mm3": round(made.fused.host_volume_mm3, 6),
     }
-
-
-def _put(target: Path, manifest: Mapping[str, Any], artifacts: list[Artifact], *, overwrite: bool) -> None:
-    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
-    new_parents = [parent for parent in target.parents if not parent.exists()]
-    try:
-        folder.mkdir(parents=True)
-        write_kit(folder, manifest, artifacts)
-        put_in_place(folder, target, overwrite=overwrite)
-    except OSError as error:
-        reason = error.strerror or error
-        raise TactapeError(f"the part cannot be written to {target}: {reason}; use -o to name another folder") from error
-    finally:
-        clear_away(folder, new_parents)

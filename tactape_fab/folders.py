@@ -5,18 +5,49 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import secrets
 import shutil
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
-from tactape_fab.errors import SpecError
+from tactape_fab.errors import SpecError, TactapeError
 from tactape_fab.fields import Fields, shown_path
 from tactape_fab.texture.panel import is_panel, read_placed
 from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, read_any_manifest
 
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
+
+
+@contextmanager
+def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
+    """A new folder beside `target`, which takes its place at the end of the block; nothing stays of it where that is not reached.
+
+    Parameters
+    ----------
+    target : Path
+    what : str
+        What is written, for the message where that cannot be.
+    overwrite : bool
+        Replace an older kit of this tool.
+
+    Raises
+    ------
+    TactapeError
+        When the folder or a file in it cannot be written.
+    """
+    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    new_parents = [parent for parent in target.parents if not parent.exists()]
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+        put_in_place(folder, target, overwrite=overwrite)
+    except OSError as error:
+        reason = error.strerror or error
+        raise TactapeError(f"the {what} cannot be written to {target}: {reason}; use -o to name another folder") from error
+    finally:
+        clear_away(folder, new_parents)
 
 
 def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:

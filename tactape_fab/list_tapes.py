@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.errors import DesignRuleError, Finding, Problem, SpecError
+from tactape_fab.examine_values import examine_values
 from tactape_fab.fields import Fields, shown_path
 from tactape_fab.folders import refuse_taken
 from tactape_fab.kit.packing import misfit
 from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tape_list import TapeEntry, read_list
-from tactape_fab.make import Examined, examine_values
+from tactape_fab.make import Examined
 from tactape_fab.profiles import ElementProfile, FabProfile, read_part
 from tactape_fab.texture.tape import MANIFEST_NAME
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import re
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError
+from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError
 from tactape_fab.fields import shown
-from tactape_fab.folders import clear_away, put_in_place, refuse_taken
+from tactape_fab.folders import finished, refuse_taken
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.certificate import certificate_of
 from tactape_fab.kit.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.layout import Layout, build_layout
@@ -22,7 +21,7 @@ from tactape_fab.kit.process_rules import check_models, check_texture
 from tactape_fab.kit.render.certificate import render_certificate
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.rules import check
-from tactape_fab.kit.spec import BEST, KEYS, TapeSpec
+from tactape_fab.kit.spec import BEST, TapeSpec
 from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, search_record, texture_record, write_kit
 from tactape_fab.profiles import (
     ElementProfile,
@@ -37,35 +36,12 @@ from tactape_fab.profiles import (
 )
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.texture.certify import Certificate, certify, pair_words
-from tactape_fab.texture.choose import Choice, choose_origin, choose_sector
+from tactape_fab.texture.certify import Certificate, pair_words
+from tactape_fab.texture.choose import Choice, choose_origin
 from tactape_fab.texture.code import get_code
-from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
+from tactape_fab.texture.tape import MANIFEST_NAME, Tape
 
 T = TypeVar("T")
-_ELEMENT = {"part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm"}
-"""Where one of these was set aside, the rules would measure other parts than those asked for."""
-_RESTS_ON = {
-    "displacement_mm": {"pitch_mm"},
-    "size_mm": {"code", "fab", "process", "tag_cell_mm", "corner_radius_mm", *_ELEMENT},
-    "origin": {"code", "sector", "size_mm", "pitch_mm"},
-    "corner_radius_mm": {"size_mm", "tag_cell_mm", "part", "cylinder_mm"},
-    "holes_mm": {"size_mm", "corner_radius_mm"},
-    "part": _ELEMENT,
-    "body_mm": {"part", "dome_top_mm"},
-    "dome_top_mm": {"part", "body_mm"},
-    "part_number": {"assembly", "fab", "part"},
-    "cylinder_mm": {"size_mm", "base_mm", "around", *_ELEMENT},
-    "around": {"cylinder_mm"},
-    "shell": {"cylinder_mm", "size_mm", "around"},
-    "coverlay": {"fab", "part"},
-    "anchor": {"coverlay", "rotation_deg", "part"},
-    "stiffener": {"fab", "part"},
-    "adhesive": {"fab", "part"},
-    "bend_radius_mm": {"fab", "part", "bend_axis"},
-    "bend_axis": {"part", "bend_radius_mm"},
-}
-"""What else decides whether a value is refused: where that was set aside, the value cannot be judged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,7 +132,7 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
     part = _loaded(read_part, spec.part, problems)
     process = _loaded(load_process, spec.process, problems)
     if avoid and spec.origin != BEST:
-        problems.append(_fixed_origin(spec.origin))
+        problems.append(fixed_origin(spec.origin))
     if problems:
         raise SpecError(problems)
     if isinstance(part, PartProfile) and fab is not None:
@@ -181,7 +157,8 @@ class _Search:
     avoided: tuple[str, ...] = ()
 
 
-def _fixed_origin(origin: object) -> Problem:
+def fixed_origin(origin: object) -> Problem:
+    """An origin that is given where one is to be chosen."""
     message = f"origin = {shown(origin)} contradicts avoid, which chooses the origin; give --origin best, or leave --origin out"
     return Problem("origin", message)
 
@@ -243,7 +220,7 @@ def _examine_film(
 def _examined(
     spec: TapeSpec, tape: Tape, film: Film | None, process: ProcessProfile | None, findings: Sequence[Finding], search: _Search
 ) -> Examined:
-    certificate = certify(tape)
+    certificate = certificate_of(tape)
     return Examined(
         spec=spec,
         tape=tape,
@@ -285,81 +262,6 @@ def _examine_texture(spec: TapeSpec, part: ElementProfile, process: ProcessProfi
     if problems := form_problems(tape, spec.form):
         raise SpecError(problems, [f for f in findings if f.blocks])
     return _examined(spec, tape, None, process, findings, search)
-
-
-def _root(key: str) -> str:
-    """The key of the spec that a problem's key belongs to."""
-    return re.split(r"[ .\[:]", key)[0]
-
-
-def examine_values(
-    values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False, avoid: Sequence[Tape] = ()
-) -> Examined:
-    """Examine untrusted values, and the place that the kit is to take.
-
-    With tapes to avoid the origin is chosen, and the sector where none is given.
-
-    A refusal lists everything: what is refused is set aside for its default and the rest is examined again, until
-    nothing new is found; broken design rules are listed where the values that they measure were not refused.
-
-    Raises
-    ------
-    SpecError
-        With every problem, and in `findings` the rules that the remaining values break.
-    """
-    problems: list[Problem] = []
-    raised: list[type[SpecError]] = []
-    if output is not None:
-        try:
-            refuse_taken(Path(output), overwrite=overwrite)
-        except SpecError as error:
-            problems += error.problems
-            raised.append(SpecError)
-    findings: Sequence[Finding] = ()
-    kept = dict(values)
-    set_aside: set[str] = set()
-    if avoid and kept.setdefault("origin", BEST) != BEST:
-        problems.append(_fixed_origin(kept["origin"]))
-        raised.append(SpecError)
-        kept["origin"] = BEST
-    while True:
-        try:
-            if problems:
-                examined = examine(TapeSpec.from_mapping(_unsearched(kept, avoid)))
-            else:
-                if avoid and "sector" not in kept:
-                    kept["sector"] = _free_sector(kept, avoid)
-                examined = examine(TapeSpec.from_mapping(kept), avoid=avoid)
-        except SpecError as error:
-            new = [p for p in error.problems if p not in problems and not _RESTS_ON.get(_root(p.key), set()) & set_aside]
-            if not new:
-                break
-            problems += new
-            raised.append(type(error))
-            if not set_aside & _ELEMENT:
-                findings = [replace(finding, at_mm=None) for finding in error.findings] or findings
-            refused = {_root(problem.key) for problem in new}
-            set_aside |= refused
-            kept = {"sector": 0, **{k: v for k, v in kept.items() if k in KEYS and k not in refused}}
-        else:
-            if not problems:
-                return examined
-            if not set_aside & _ELEMENT and not findings:
-                findings = [replace(finding, at_mm=None) for finding in examined.findings if finding.blocks]
-            break
-    raise (raised[0] if len(set(raised)) == 1 else SpecError)(problems, findings)
-
-
-def _unsearched(values: Mapping[str, Any], avoid: Sequence[Tape]) -> dict[str, Any]:
-    """The values without a search, which has nothing to say where something else is refused."""
-    plain = {key: value for key, value in values.items() if key != "origin" or value != BEST}
-    return {"sector": 0, **plain} if avoid else plain
-
-
-def _free_sector(values: Mapping[str, Any], avoid: Sequence[Tape]) -> int:
-    """The sector farthest from tapes to avoid, for a tape of these values; its grid is the same in every sector."""
-    tape = examine(TapeSpec.from_mapping({**values, "sector": 0, "origin": (0, 0)})).tape
-    return choose_sector(get_code(tape.code), tape.placed, avoid)
 
 
 def make_kit(
@@ -417,23 +319,13 @@ def make_examined(
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
     target = Path(examined.tape.name if path is None else path)
-    blocking = [finding for finding in examined.findings if finding.blocks]
-    try:
-        refuse_taken(target, overwrite=overwrite)
-    except SpecError as error:
-        raise SpecError(error.problems, blocking) from None
-    never = undrawable(examined) if force else []
-    if blocking and (never or not force):
-        raise DesignRuleError(never or examined.findings)
+    blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
     progress("rendering")
     artifacts, content = rendered(examined)
     if blocking:
         content["forced"] = [forced(finding) for finding in blocking]
     checks: tuple[Check, ...] = ()
-    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
-    new_parents = [parent for parent in target.parents if not parent.exists()]
-    try:
-        folder.mkdir(parents=True)
+    with finished(target, "kit", overwrite=overwrite) as folder:
         progress("writing")
         write_kit(folder, content, artifacts)
         if verify:
@@ -443,12 +335,6 @@ def make_examined(
             verification = verify_folder(folder / MANIFEST_NAME, quick=True)
             verification.raise_if_failed()
             checks = verification.checks
-        put_in_place(folder, target, overwrite=overwrite)
-    except OSError as error:
-        reason = error.strerror or error
-        raise TactapeError(f"the kit cannot be written to {target}: {reason}; use -o to name another folder") from error
-    finally:
-        clear_away(folder, new_parents)
     return Kit(
         path=target,
         tape=examined.tape,
@@ -476,7 +362,23 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
 
 
-def undrawable(examined: Examined) -> list[Finding]:
+def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: bool, force: bool) -> list[Finding]:
+    """Refuse a place that is taken, and broken rules unless they are forced; returns the broken ones.
+
+    `drawn` is the tape, or any of those on a panel: what cannot be drawn at all is refused all the same.
+    """
+    blocking = [finding for finding in findings if finding.blocks]
+    try:
+        refuse_taken(target, overwrite=overwrite)
+    except SpecError as error:
+        raise SpecError(error.problems, blocking) from None
+    never = _undrawable(drawn) if force else []
+    if blocking and (never or not force):
+        raise DesignRuleError(never or findings)
+    return blocking
+
+
+def _undrawable(examined: Examined) -> list[Finding]:
     """Rules without which the models cannot be drawn at all, whatever is forced."""
     form = examined.spec.form
     if form is None or examined.film is None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.errors import Check, DesignRuleError, Finding, Problem, SpecError, TactapeError, VerifyError
-from tactape_fab.folders import clear_away, put_in_place, refuse_taken
+from tactape_fab.errors import Check, Finding, Problem, SpecError, VerifyError
+from tactape_fab.examine_values import examine_values
+from tactape_fab.folders import finished
 from tactape_fab.kit.drawing import Drawing
 from tactape_fab.kit.film_rules import assembly_findings
 from tactape_fab.kit.order import panel_order_facts
@@ -19,11 +19,11 @@ from tactape_fab.kit.panel_options import PANEL_KEYS, PanelRequest, read_panel_r
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.spec import DEFAULT_FAB, TapeSpec
 from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, render_all, write_kit
-from tactape_fab.make import Examined, examine, examine_values, forced, rendered, undrawable
+from tactape_fab.make import Examined, examine, forced, refuse_broken, rendered
 from tactape_fab.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.panel import KITS_FOLDER
-from tactape_fab.texture.tape import MANIFEST_NAME, UNFINISHED_SUFFIX, Tape
+from tactape_fab.texture.tape import MANIFEST_NAME, Tape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -289,39 +289,24 @@ def make_panel(
         When the written files are not what they should be; nothing stands at `path` then.
     """
     target = Path(examined.name if path is None else path)
-    blocking = [finding for finding in examined.findings if finding.blocks]
-    try:
-        refuse_taken(target, overwrite=overwrite)
-    except SpecError as error:
-        raise SpecError(error.problems, blocking) from None
-    never = undrawable(examined.tapes[0]) if force else []
-    if blocking and (never or not force):
-        raise DesignRuleError(never or examined.findings)
-    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
-    new_parents = [parent for parent in target.parents if not parent.exists()]
-    try:
-        folder.mkdir(parents=True)
+    findings = examined.findings
+    blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
+    with finished(target, "panel", overwrite=overwrite) as folder:
         checks = _write_kits(examined, folder, verify=verify, progress=progress)
         files = _write_panel(examined, folder, blocking, progress)
         if verify:
-            from tactape_fab.verify import verify_panel_folder
+            from tactape_fab.verify.panel import verify_panel_folder
 
             progress("verifying the panel")
             verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
             verification.raise_if_failed()
             checks += verification.checks
-        put_in_place(folder, target, overwrite=overwrite)
-    except OSError as error:
-        reason = error.strerror or error
-        raise TactapeError(f"the panel cannot be written to {target}: {reason}; use -o to name another folder") from error
-    finally:
-        clear_away(folder, new_parents)
     return PanelKit(
         path=target,
         name=examined.name,
         panel=examined.panel,
         tapes=tuple(tape.tape for tape in examined.tapes),
-        findings=examined.findings,
+        findings=findings,
         checks=tuple(checks),
         files=files,
         kits=tuple(_kit_folder(tape) for tape in examined.tapes),

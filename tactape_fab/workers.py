@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -128,6 +129,7 @@ def _serve(theirs: Connection, function: Callable[[Any], Any]) -> None:
     """What a process does: answer until nobody asks."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    settled = False
     while True:
         try:
             argument = theirs.recv()
@@ -138,6 +140,10 @@ def _serve(theirs: Connection, function: Callable[[Any], Any]) -> None:
             theirs.send(answer)
         except OSError:
             return
+        if not settled:  # what the first answer has loaded stays: the collector need not look at it with each of the others
+            gc.collect()
+            gc.freeze()
+            settled = True
 
 
 def _stop(workers: Sequence[_Worker[Any, Any]]) -> None:

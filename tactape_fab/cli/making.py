@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -50,6 +51,10 @@ if TYPE_CHECKING:
     from tactape_fab.make_panel import ExaminedPanel
 
 
+_OBJECTS_A_COLLECTION = 50_000
+"""Loading modules makes many objects and hardly any rings of them: the collector would look at all of them over and over."""
+
+
 def _values(spec_file: str | None) -> dict[str, Any]:
     from tactape_fab.kit.tape_list import read_list_file
 
@@ -66,8 +71,8 @@ def _examined(
     overwrite: bool = False,
 ) -> Examined | ExaminedPanel:
     """One tape or panel examined; options that only a list of tapes has are refused with all the rest."""
+    from tactape_fab.examine_values import examine_values
     from tactape_fab.kit.panel_options import PANEL_KEYS
-    from tactape_fab.make import examine_values
     from tactape_fab.make_panel import examine_order
     from tactape_fab.tapes import read_tapes
 
@@ -143,6 +148,7 @@ def make(
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a polite end leaves nothing behind
+    gc.set_threshold(_OBJECTS_A_COLLECTION)
     with answers():
         from tactape_fab.make import Examined, make_examined
         from tactape_fab.make_panel import make_panel

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactape_fab.decode.filters import Image, banded, gaussian_taps, tops
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.decode.filters import STEP_TROUGH, Image, banded, gaussian_taps, tops
+from tactape_fab.texture.frames import FloatArray, IntArray
 
 SMOOTHING_MM = 0.125
 BACKGROUND_MM = 1.5625
@@ -19,6 +19,12 @@ STRONGEST = 8
 LEAST_SHARE = 0.3
 """A dot is at least this high compared with the median of the strongest ones."""
 MOST_DOTS = 400
+RIDGE_ALONG_MM, RIDGE_ACROSS_MM = 0.375, 0.6
+"""How far from a top it is looked whether it is of a ridge: farther than parts reach, and where a step's trough is deepest."""
+RIDGE_TROUGH, STEP_SHARE, STEP_TOPS = 0.4, 0.45, 2
+"""There is a step where so many ridge tops beside a trough as deep as a step's are this high over the median of the strongest
+tops. Then no top of a ridge is a dot, if the trough beside it has the first depth over its height.
+"""
 COARSE_PX_PER_MM = 7.0
 """Finer images are averaged down to no less than this."""
 USUAL_NOISE, LEAST_NOISE = 0.15, 0.03
@@ -76,22 +82,32 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     """
     coarse = max(int(px_per_mm / COARSE_PX_PER_MM), 1)  # a part is still several pixels wide there
     coarse_px_per_mm = px_per_mm / coarse
-    xy, height, elongation = tops(
+    xy, height, elongation, trough, deep = tops(
         depth,
         coarse,
         gaussian_taps(SMOOTHING_MM * coarse_px_per_mm),
         round(BACKGROUND_MM * coarse_px_per_mm / 2),
         max(round(NEIGHBOURHOOD_MM * coarse_px_per_mm), 1),
+        RIDGE_ALONG_MM * coarse_px_per_mm,
+        RIDGE_ACROSS_MM * coarse_px_per_mm,
     )
-    if len(height) == 0:
-        return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
     order = np.argsort(-height, kind="stable")
+    if deep >= STEP_TOPS:
+        order = _off_ridges(order, height, trough)
+    if len(order) == 0:
+        return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
     falling = height[order]
     scale = _middle(falling[:STRONGEST])
     kept = order[: min(int(np.searchsorted(-falling, -LEAST_SHARE * scale, side="right")), MOST_DOTS)]
     weights = height[kept] / scale
     noise = max(_middle(falling) / scale, LEAST_NOISE)
     return Dots(xy_px=xy[kept], weights=weights, trust=trusted(weights, noise), elongation=elongation[kept])
+
+
+def _off_ridges(order: IntArray, height: FloatArray, trough: FloatArray) -> IntArray:
+    """Tops, highest first, without those of ridges where enough of them are as high as dots."""
+    high = height[trough > STEP_TROUGH] >= STEP_SHARE * _middle(height[order[:STRONGEST]])
+    return order if np.count_nonzero(high) < STEP_TOPS else order[trough[order] < RIDGE_TROUGH]
 
 
 def _middle(ordered: FloatArray) -> float:

@@ -22,6 +22,11 @@ MOST_TOPS = 4096
 LOWEST = np.float32(-3e38)
 ROUNDING = np.float32(1e-6)
 """Share of a pixel below which a height above its surroundings is the rounding of single precision."""
+RIDGE_ELONGATION, RIDGE_GOES_ON = 0.5, 0.5
+"""The top of a ridge is more elongated than this, and it is as high on both sides along itself, as a share of its height."""
+STEP_TROUGH = 0.65
+"""Beside the ridge along a step, such as the board's edge, lies a trough as deep as this over the ridge's height; round a part it
+is shallow, and noise seldom makes one."""
 
 
 @cache
@@ -201,23 +206,36 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
     return found[:n]
 
 
-def tops(depth: Image, coarse: int, taps: Image, half_box: int, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def tops(
+    depth: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
-    Means over coarse x coarse pixels are looked at; places are in pixels of the image.
+    Means over coarse x coarse pixels are looked at; places are in pixels of the image. The last are the depths of the troughs
+    beside ridges, as `_trough` has them from what lies so many coarse pixels off, and how many are deeper than `STEP_TROUGH`.
     """
     small = averaged(depth, coarse)
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
-    xy, height, elongation = np.empty((len(pixels), 2)), np.empty(len(pixels)), np.empty((len(pixels), 2))
-    _centres(high, pixels, coarse, xy, height, elongation)
-    return xy, height, elongation
+    n = len(pixels)
+    xy, height, elongation, trough = np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n)
+    deep = _centres(high, pixels, coarse, along, across, xy, height, elongation, trough)
+    return xy, height, elongation, trough, deep
 
 
 @kernel()
 def _centres(
-    high: Image, pixels: npt.NDArray[np.int64], coarse: int, xy: FloatArray, height: FloatArray, elongation: FloatArray
-) -> None:
+    high: Image,
+    pixels: npt.NDArray[np.int64],
+    coarse: int,
+    along: float,
+    across: float,
+    xy: FloatArray,
+    height: FloatArray,
+    elongation: FloatArray,
+    trough: FloatArray,
+) -> int:
+    deep = 0
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
         c = high[v, u]
@@ -227,7 +245,7 @@ def _centres(
         hyy = high[v + 1, u] - 2.0 * c + high[v - 1, u]
         hxy = 0.25 * (high[v + 1, u + 1] - high[v + 1, u - 1] - high[v - 1, u + 1] + high[v - 1, u - 1])
         det = hxx * hyy - hxy * hxy
-        dx = dy = elongation[i, 0] = elongation[i, 1] = 0.0
+        dx = dy = elongation[i, 0] = elongation[i, 1] = trough[i] = 0.0
         if det > 0.0:
             dx = (hxy * gy - hyy * gx) / det
             dy = (hxy * gx - hxx * gy) / det
@@ -238,3 +256,31 @@ def _centres(
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
+        # the eigenvalues of the second derivatives are their mean and, more or less than it, half of this
+        apart = np.sqrt((hxx - hyy) * (hxx - hyy) + 4.0 * hxy * hxy)
+        if apart > RIDGE_ELONGATION * abs(hxx + hyy):
+            twice = (hxx - hyy) / apart
+            du, dv = np.sqrt(0.5 + 0.5 * twice), np.sqrt(0.5 - 0.5 * twice)
+            trough[i] = _trough(high, v, u, du, dv if hxy > 0.0 else -dv, along, across)
+            deep += trough[i] > STEP_TROUGH
+    return deep
+
+
+@inner_kernel()
+def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, across: float) -> float:
+    """How deep it is beside a ridge in a direction, over the ridge's height; 0 where it does not go on both ways."""
+    h, w = high.shape
+    deepest, far = 0.0, along
+    for k in range(4):  # ahead, behind, and on either side
+        row, column = int(v + far * dv + 0.5), int(u + far * du + 0.5)
+        far = -far
+        if k == 1:
+            far, du, dv = across, -dv, du
+        if row < 0 or row >= h or column < 0 or column >= w:
+            continue
+        share = high[row, column] / high[v, u]
+        if k < 2 and share < RIDGE_GOES_ON:
+            return 0.0
+        if share < -deepest:
+            deepest = -share
+    return deepest

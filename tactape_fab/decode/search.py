@@ -183,11 +183,11 @@ def search(
             weigh_sites(t, family.registered, g, base, cue, tally)
         of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
         best = float(tallies[of].sums[0])
+        if tallies[of].best[0] < 0:
+            return None
         total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
         if total - 1.0 <= precision or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
-    if tallies[of].best[0] < 0:
-        return None
     answer = (of, *(int(v) for v in tallies[of].best[:4]))
     if near is not None:
         without, raised = _raised(near, turn_weights, base)

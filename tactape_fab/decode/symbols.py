@@ -33,6 +33,8 @@ STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0
     0.06,
 )
 """Turns (rad), changes of pitch (share) and of both phases (pitches) of those other starts."""
+LARGEST_LN = 700.0
+"""Exponentials of more are no numbers; a dot so far from all four places fits none of them anyway."""
 SMALL_SIGMA = 0.02
 """Up to this error a fit as likely as it should be is the right one."""
 
@@ -175,7 +177,8 @@ def _fitted(
             e, f = k - node_k, j - node_j
             variance = _variance(weights[i], sigma)
             # exp(-d / 2 variance) of the four places share all but exp(+-shift e / variance), exp(+-shift f / variance)
-            east, south = np.exp(shift * e / variance), np.exp(shift * f / variance)
+            east = np.exp(min(max(shift * e / variance, -LARGEST_LN), LARGEST_LN))
+            south = np.exp(min(max(shift * f / variance, -LARGEST_LN), LARGEST_LN))
             west, north = 1.0 / east, 1.0 / south
             total = east + west + south + north
             common = e * e + f * f + shift * shift

@@ -15,6 +15,11 @@ from tactape_fab.texture.shapes import rotate
 _CAP_UNITS = 21.0
 """Capital height of the Hershey simplex fonts in font units: cap line -12 to base line 9 (y down)."""
 _BASE_LINE = 9.0
+_DELTA = (
+    (np.array([(9.0, 21.0), (1.0, 0.0)]), np.array([(9.0, 21.0), (17.0, 0.0)]), np.array([(1.0, 0.0), (17.0, 0.0)])),
+    18.0,
+)
+"""Strokes and advance of Delta in the Hershey Greek simplex font, which takes as long to load as the one with all the rest."""
 
 LINE_PITCH = 1.65
 """Distance of two lines of text in capital heights: a capital, the descender (a third of it), the ink and a gap."""
@@ -31,21 +36,23 @@ class Text:
 
 
 @cache
-def _font(name: str):  # type: ignore[no-untyped-def]
+def _font():  # type: ignore[no-untyped-def]
     from HersheyFonts import HersheyFonts
 
     font = HersheyFonts()
-    font.load_default_font(name)
+    font.load_default_font("futural")
     return font
 
 
-def _glyph(character: str) -> tuple[list[FloatArray], float]:
+@cache
+def _glyph(character: str) -> tuple[tuple[FloatArray, ...], float]:
     """Strokes in font units, y up from the base line, and the advance."""
-    font, key = ("greeks", "D") if character == "Δ" else ("futural", character)
-    glyph = _font(font).all_glyphs[key]
+    if character == "Δ":
+        return _DELTA
+    glyph = _font().all_glyphs[character]
     left = glyph.left_offset
-    strokes = [np.array([(x - left, _BASE_LINE - y) for x, y in stroke], dtype=np.float64) for stroke in glyph.strokes if stroke]
-    return strokes, float(glyph.char_width)
+    strokes = ([(x - left, _BASE_LINE - y) for x, y in stroke] for stroke in glyph.strokes if stroke)
+    return tuple(np.array(stroke, dtype=np.float64) for stroke in strokes), float(glyph.char_width)
 
 
 def stroke_text(text: str, cap_height_mm: float) -> Text:

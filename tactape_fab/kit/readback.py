@@ -1,216 +1,18 @@
-"""Reads fabrication files back through gerbonara, software that is not ours, into plain arrays (board frame, mm)."""
+"""Reads drill files through gerbonara, placement and part lists through csv, into plain arrays (board frame, mm)."""
 
 from __future__ import annotations
 
 import csv
-import gc
 import io
 import re
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
-from operator import attrgetter
-from typing import Any
 
 import numpy as np
 
-from tactape_fab.errors import TactapeError
+from tactape_fab.kit.gerber_reader import FURTHEST_MM, ReadbackError, is_on_earth, one_line
 from tactape_fab.profiles import FORMATS, BomTable, PlacementTable
-from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.shapes import area_mm2
-
-FURTHEST_MM = 1e5
-_ARC_ERROR_MM = 1e-4
-_ARC_MISFIT_MM = 1e-5
-_CIRCLE_POINTS = 64
-_STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
-
-
-class ReadbackError(TactapeError):
-    """A fabrication file that its reader does not accept."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GerberContent:
-    """What a Gerber file draws.
-
-    Attributes
-    ----------
-    flash_xy_mm : ndarray, shape (m, 2)
-        Flashes in file order.
-    flash_aperture : ndarray of int64, shape (m,)
-        Index into `aperture_outlines_mm`.
-    aperture_outlines_mm : tuple of ndarray, each (k, 2)
-        Outline of each flashed aperture about its origin.
-    aperture_functions : tuple of str
-        .AperFunction of each flashed aperture, '' where the file has none.
-    flash_component, flash_pin : tuple of str
-        .P or .C reference of each flash and its pin, '' where the file has none.
-    areas_mm : tuple of ndarray
-        Regions as polygons.
-    strokes_mm : tuple of ndarray, each (k, 2)
-        Drawn lines and arcs as polylines, in file order, joined where one begins at the open end of the one before.
-    stroke_width_mm : ndarray, shape (s,)
-    clear : bool
-        Whether any object is drawn in clear polarity.
-    file_attributes : dict
-        .FileFunction and so on, without the leading dot.
-    """
-
-    flash_xy_mm: FloatArray
-    flash_aperture: IntArray
-    aperture_outlines_mm: tuple[FloatArray, ...]
-    aperture_functions: tuple[str, ...]
-    flash_component: tuple[str, ...]
-    flash_pin: tuple[str, ...]
-    areas_mm: tuple[FloatArray, ...]
-    strokes_mm: tuple[FloatArray, ...]
-    stroke_width_mm: FloatArray
-    clear: bool
-    file_attributes: dict[str, tuple[str, ...]]
-
-
-@contextmanager
-def _collection_paused() -> Iterator[None]:
-    """Parsing makes hundreds of thousands of objects and no cycles; the collector would look at them over and over."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-@lru_cache(maxsize=8)
-def read_gerber(data: bytes) -> GerberContent:
-    """Read a Gerber file. Equal bytes are parsed once: the preview and the verification of a kit read the same files.
-
-    Raises
-    ------
-    ReadbackError
-        When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
-    """
-    try:
-        with _collection_paused(), warnings.catch_warnings():
-            warnings.simplefilter("error")
-            text = data.decode("ascii")
-            _refuse_statements(text)
-            content = _content(_parsed(text))
-    except ReadbackError:
-        raise
-    except Exception as error:  # gerbonara raises whatever its parser meets
-        raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
-    shapes = [*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm]
-    if not all(_is_on_earth(points) for points in shapes):
-        raise ReadbackError(f"it draws further out than {FURTHEST_MM:g} mm")
-    if any(len(area) < 3 or area_mm2(area) == 0.0 for area in content.areas_mm):
-        raise ReadbackError("a region of it has no area")
-    return content
-
-
-def _parsed(text: str) -> Any:
-    """The file as gerbonara has it. Its parser tries one statement after the other: attributes, every other line, come second."""
-    from gerbonara.rs274x import GerberFile, GerberParser
-
-    file = GerberFile()
-    parser = GerberParser(file)
-    known = dict(parser.STATEMENT_REGEXES)
-    first = {name: known.pop(name) for name in ("coord", "attribute") if name in known}
-    parser.STATEMENT_REGEXES = {**first, **known}
-    parser.parse(text)
-    return file
-
-
-def _refuse_statements(text: str) -> None:
-    """Refuse what gerbonara passes over in silence though a fab would draw by it."""
-    foreign = sorted(set(re.findall(r"%([A-Z]{2})", text)) - _STATEMENTS)
-    if foreign:
-        raise ReadbackError(f"it holds %{foreign[0]}, which this tool never writes")
-    found = re.finditer(r"(M0*[0-2])\*", text)
-    ends = [end[1] for end in found if not text[max(0, end.start() - 1) : end.start()].strip("*% \t\r\n")]
-    if ends != ["M02"] or not text.rstrip().endswith("M02*"):
-        raise ReadbackError("its end, M02, does not stand once and last")
-
-
-def _content(file: Any) -> GerberContent:
-    from gerbonara.graphic_objects import Arc, Flash, Line, Region
-
-    if any(unit is None or unit.shorthand != "mm" for unit in {id(o.unit): o.unit for o in file.objects}.values()):
-        raise ReadbackError("it is not in millimetres")
-    flashes = [o for o in file.objects if isinstance(o, Flash)]
-    apertures = list({id(o.aperture): o.aperture for o in flashes}.values())
-    index = {id(a): i for i, a in enumerate(apertures)}
-    strokes, widths = _join_strokes([o for o in file.objects if isinstance(o, Line | Arc)])
-    return GerberContent(
-        flash_xy_mm=np.array([(o.x, o.y) for o in flashes], dtype=np.float64).reshape(-1, 2),
-        flash_aperture=np.array([index[id(o.aperture)] for o in flashes], dtype=np.int64),
-        aperture_outlines_mm=tuple(_aperture_outline(a) for a in apertures),
-        aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures),
-        flash_component=tuple((o.attrs.get(".P") or o.attrs.get(".C") or ("",))[0] for o in flashes),
-        flash_pin=tuple((*o.attrs.get(".P", ()), "", "")[1] for o in flashes),
-        areas_mm=tuple(np.array(o.outline, dtype=np.float64) for o in file.objects if isinstance(o, Region)),
-        strokes_mm=strokes,
-        stroke_width_mm=widths,
-        clear=not all(map(attrgetter("polarity_dark"), file.objects)),
-        file_attributes={key.lstrip("."): tuple(value) for key, value in file.file_attrs.items()},
-    )
-
-
-def _is_on_earth(points_mm: FloatArray) -> bool:
-    """Whether points can be places on a board: finite, and not absurdly far out."""
-    return bool(np.isfinite(points_mm).all() and np.abs(points_mm).max(initial=0.0) <= FURTHEST_MM)
-
-
-def _one_line(error: Exception) -> str:
-    lines = str(error).splitlines()
-    return (lines[0] if lines else type(error).__name__)[:200]
-
-
-def _aperture_outline(aperture: Any) -> FloatArray:
-    """Outline of an aperture about its origin."""
-    from gerbonara.graphic_primitives import ArcPoly, Circle
-    from gerbonara.utils import MM
-
-    (shape,) = aperture.flash(0.0, 0.0, MM, True)
-    if not shape.polarity_dark:
-        raise ReadbackError("an aperture of it draws nothing: its exposure is off")
-    if isinstance(shape, ArcPoly) and not any(shape.arc_centers or ()):
-        outline = np.array(shape.outline, dtype=np.float64)
-        outline = outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
-        if len(outline) < 3 or area_mm2(outline) == 0.0:
-            raise ReadbackError("a flashed aperture of it has no area")
-        return outline
-    if isinstance(shape, Circle):
-        angle = np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS, endpoint=False)
-        return np.asarray(shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=np.float64)
-    raise ReadbackError(f"aperture shape {type(shape).__name__} is none that this tool writes")
-
-
-def _join_strokes(objects: list[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
-    """Lines and arcs as polylines, joined where one begins at the open end of the one before with the same aperture."""
-    from gerbonara.apertures import CircleAperture
-    from gerbonara.graphic_objects import Arc
-
-    strokes: list[list[tuple[float, float]]] = []
-    widths: list[float] = []
-    last = None
-    for o in objects:
-        if isinstance(o, Arc) and (o.numeric_error("mm") > _ARC_MISFIT_MM or o.cx == o.cy == 0.0):
-            raise ReadbackError("an arc of it does not fit its centre")
-        lines = o.approximate(max_error=_ARC_ERROR_MM) if isinstance(o, Arc) else [o]
-        points = [*((line.x2, line.y2) for line in lines[:-1]), (o.x2, o.y2)]
-        closed = bool(strokes) and len(strokes[-1]) > 2 and strokes[-1][0] == strokes[-1][-1]
-        if last is None or closed or o.aperture is not last.aperture or (o.x1, o.y1) != (last.x2, last.y2):
-            strokes.append([(o.x1, o.y1)])
-            if not isinstance(o.aperture, CircleAperture):
-                raise ReadbackError("it draws lines with an aperture that is not round")
-            widths.append(o.aperture.diameter)
-        strokes[-1] += points
-        last = o
-    return tuple(np.array(s, dtype=np.float64) for s in strokes), np.array(widths, dtype=np.float64)
+from tactape_fab.texture.frames import FloatArray
 
 
 def read_drill(data: bytes) -> FloatArray:
@@ -230,7 +32,7 @@ def read_drill(data: bytes) -> FloatArray:
             text = data.decode("ascii")
             file = ExcellonFile.from_string(text, plated=False)
     except Exception as error:  # gerbonara raises whatever its parser meets
-        raise ReadbackError(f"gerbonara cannot read it: {_one_line(error)}") from error
+        raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
     if not text.rstrip().endswith("\nM30"):
         raise ReadbackError("its end, M30, is missing")
     if re.search(r"TF\.FileFunction,(?!NonPlated,)", text):
@@ -238,7 +40,7 @@ def read_drill(data: bytes) -> FloatArray:
     if not all(isinstance(o, Flash) and o.unit is not None and o.unit.shorthand == "mm" for o in file.objects):
         raise ReadbackError("it holds other things than round holes in millimetres")
     holes = np.array([(o.x, o.y, o.aperture.diameter) for o in file.objects], dtype=np.float64).reshape(-1, 3)
-    if not _is_on_earth(holes):
+    if not is_on_earth(holes):
         raise ReadbackError(f"a hole of it lies further out than {FURTHEST_MM:g} mm")
     return holes
 
@@ -288,8 +90,8 @@ def read_cpl(data: bytes) -> CplContent:
         xy = np.array([cells.pop(axis, ()) for axis in "xy"], dtype=np.float64).T.reshape(-1, 2) * table.unit_mm
         rotation = np.array(cells.pop("rotation", ()), dtype=np.float64)
     except ValueError as error:
-        raise ReadbackError(f"a coordinate or rotation is no number: {_one_line(error)}") from error
-    if not (_is_on_earth(xy) and _is_on_earth(rotation)):
+        raise ReadbackError(f"a coordinate or rotation is no number: {one_line(error)}") from error
+    if not (is_on_earth(xy) and is_on_earth(rotation)):
         raise ReadbackError(f"a coordinate or rotation is not finite, or beyond {FURTHEST_MM:g}")
     return CplContent(
         table=table,
@@ -318,7 +120,7 @@ def _decoded(data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ReadbackError(f"it is no text: {_one_line(error)}") from error
+        raise ReadbackError(f"it is no text: {one_line(error)}") from error
 
 
 def _refuse_header(found: list[str], known: tuple[str, ...]) -> None:
@@ -333,7 +135,7 @@ def csv_lines(text: str, separator: str = ",") -> list[list[str]]:
     try:
         lines = list(csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator))
     except csv.Error as error:
-        raise ReadbackError(f"it is no CSV: {_one_line(error)}") from error
+        raise ReadbackError(f"it is no CSV: {one_line(error)}") from error
     return _even(lines)
 
 

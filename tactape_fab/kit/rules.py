@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from tactape_fab.errors import Finding
+from tactape_fab.kit.geometry import Geometries, gaps_mm, pen_strokes, polygons
 from tactape_fab.kit.layout import Layout
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.profiles import FabProfile, ProcessProfile
@@ -82,15 +83,16 @@ def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
     shifts, places : ndarray, shape (m, 2)
         One row for each grid offset and each pair of symbols that occurs at it; board frame.
     """
-    pairs = list(_neighbours(tape, reach))
-    return np.array([shift for shift, _ in pairs]).reshape(-1, 2), np.array([place for _, place in pairs]).reshape(-1, 2)
+    found = [*_neighbours(tape, reach), (np.empty((0, 2)), np.empty((0, 2)))]
+    shifts, places = (np.concatenate(rows) for rows in zip(*found, strict=True))
+    return shifts, places
 
 
 def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Pairs of placed parts that may come nearer than `reach`, by grid offset.
 
-    Yields, for each offset and each of the 16 pairs of symbols that occur at it, the centre distance as a vector, and
-    the board position half way between the first such pair.
+    Yields, for each offset, the centre distances of those of the 16 pairs of symbols that occur at it, and the board
+    positions half way between the first such pairs; shapes (k, 2).
     """
     placed = tape.placed
     furthest = int((reach + 2 * tape.displacement_mm) / tape.pitch_mm) + 1
@@ -104,13 +106,13 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
             first = (slice(0, rows), slice(max(-right, 0), max(-right, 0) + columns))
             second = (slice(down, down + rows), slice(max(right, 0), max(right, 0) + columns))
             pair = np.where(placed[first] & placed[second], tape.symbols[first] * 4 + tape.symbols[second], 16)
-            for value in np.flatnonzero(np.bincount(pair.ravel(), minlength=17)[:16]):
-                row, column = divmod(int(np.argmax(pair == value)), columns)
-                a, b = divmod(int(value), 4)
-                step = np.array([right, down]) * tape.pitch_mm
-                shift = step + tape.displacement_mm * (DIRECTIONS_XY[b] - DIRECTIONS_XY[a])
-                middle = np.array([column + max(-right, 0), row]) * tape.pitch_mm + step / 2
-                yield texture_to_board(shift, (0.0, 0.0)), texture_to_board(middle, tape.board.texture_origin_mm)
+            value, place = np.unique(pair, return_index=True)
+            a, b = np.divmod(value[value < 16], 4)
+            row, column = np.divmod(place[value < 16], columns)
+            step = np.array([right, down]) * tape.pitch_mm
+            shift = step + tape.displacement_mm * (DIRECTIONS_XY[b] - DIRECTIONS_XY[a])
+            middle = np.column_stack([column + max(-right, 0), row]) * tape.pitch_mm + step / 2
+            yield texture_to_board(shift, (0.0, 0.0)), texture_to_board(middle, tape.board.texture_origin_mm)
 
 
 def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
@@ -192,31 +194,32 @@ def worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
 # Legend
 
 
-def _legend_shapes(layout: Layout) -> shapely.Geometry:
+def _ink(layout: Layout) -> Geometries:
+    """Everything that the legend prints, piece by piece."""
     legend = layout.legend
-    areas = [shapely.Polygon(area) for area in legend.areas_mm]
-    strokes = [shapely.LineString(s).buffer(legend.line_mm / 2) for s in legend.strokes_mm if len(s) > 1]
-    return shapely.union_all([*areas, *strokes])
+    return np.concatenate([polygons(legend.areas_mm), pen_strokes([s for s in legend.strokes_mm if len(s) > 1], legend.line_mm)])
 
 
 def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     legend = layout.legend
     if not legend.areas_mm:
         return
-    ink = _legend_shapes(layout)
-    right_end = ink.bounds[2] + _NEAR_LEGEND_MM
+    ink = _ink(layout)
+    right_end = shapely.total_bounds(ink)[2] + _NEAR_LEGEND_MM
     near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
+    openings = shapely.polygons(near[:, None] + layout.openings.outline_mm)
     if layout.window_mm is not None:
-        near = layout.window_mm.mean(axis=0)[None]
-        gaps = np.array([shapely.distance(ink, shapely.Polygon(layout.window_mm))])
-    else:
-        gaps = shapely.distance(ink, shapely.polygons(near[:, None] + layout.openings.outline_mm))
+        near, openings = layout.window_mm.mean(axis=0)[None], polygons([layout.window_mm])
     yield finding(
-        fab, "opening-legend", worst_at(gaps, near), "legend to coverlay opening", "use another --rotation or --tag none"
+        fab,
+        "opening-legend",
+        worst_at(gaps_mm(openings, ink), near),
+        "legend to coverlay opening",
+        "use another --rotation or --tag none",
     )
     if layout.tape.board.holes:
         holes = np.array(layout.tape.board.holes)
-        gaps = shapely.distance(ink, shapely.points(holes[:, :2])) - holes[:, 2] / 2
+        gaps = gaps_mm(shapely.points(holes[:, :2]), ink) - holes[:, 2] / 2
         yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", "move the hole or use --tag none")
     if legend.left_out:
         yield Finding(

@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from xml.sax.saxutils import escape, quoteattr
+from html import escape
 
 import numpy as np
 
@@ -107,8 +107,8 @@ def _model_xml(mesh: Mesh, title: str, metadata: Mapping[str, str]) -> bytes:
         '<model unit="millimeter" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
     ]
     for name, value in {"Title": title, **metadata}.items():
-        head.append(f"<metadata name={quoteattr(name)}>{escape(value)}</metadata>\n")
-    head.append(f'<resources>\n<object id="1" type="model" name={quoteattr(title)}>\n<mesh>\n<vertices>\n')
+        head.append(f'<metadata name="{escape(name)}">{escape(value, quote=False)}</metadata>\n')
+    head.append(f'<resources>\n<object id="1" type="model" name="{escape(title)}">\n<mesh>\n<vertices>\n')
     vertices = '<vertex x="%.6f" y="%.6f" z="%.6f"/>\n' * len(mesh.vertices_mm) % tuple(mesh.vertices_mm.ravel().tolist())
     faces = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(mesh.faces) % tuple(mesh.faces.ravel().tolist())
     tail = '</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'

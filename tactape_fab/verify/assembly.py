@@ -11,7 +11,8 @@ import numpy as np
 
 from tactape_fab.errors import Check
 from tactape_fab.fields import Fields, shown
-from tactape_fab.kit.readback import CplContent, ReadbackError, read_bom
+from tactape_fab.kit.gerber_reader import ReadbackError
+from tactape_fab.kit.readback import CplContent, read_bom
 from tactape_fab.profiles import ASSEMBLY_FORMATS, FORMATS, LandPattern
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named

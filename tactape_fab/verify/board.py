@@ -9,16 +9,19 @@ import numpy as np
 import shapely
 
 from tactape_fab.errors import Check
-from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.geometry import gaps_mm, pen_strokes, polygons
+from tactape_fab.kit.gerber_reader import GerberContent
+from tactape_fab.kit.readback import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
-from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded
+from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded, nearest
 
 OUTLINE_TOLERANCE_MM = 0.001
 EDGE_TOLERANCE_MM = 0.0005
 _ARC_MISFIT_MM, _MOST_ARC_POINTS = 1e-6, 2048
+_CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
 
 
 def check_outline(content: GerberContent, tape: Tape) -> Check:
@@ -33,10 +36,11 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
     core = shapely.MultiPoint(corners).convex_hull
     expected = core.buffer(radius, quad_segs=_arc_points(radius)) if radius else core
-    drawn = shapely.Polygon(stroke)
-    if not drawn.is_valid:
+    if not shapely.Polygon(stroke).is_valid:
         return Check(name="profile", passed=False, message="the outline crosses itself")
-    error_mm = float(shapely.hausdorff_distance(drawn.exterior, expected.exterior))
+    sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)))
+    from_drawn_mm = nearest(shapely.get_coordinates(expected.exterior), sides)[1]
+    error_mm = float(max(np.abs(inset_mm(stroke, board.size_mm, radius)).max(), from_drawn_mm.max()))
     passed = error_mm <= OUTLINE_TOLERANCE_MM
     size = stroke.max(axis=0) - stroke.min(axis=0)
     message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
@@ -58,7 +62,7 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
 
     def drawn(content: GerberContent) -> list[FloatArray]:
         stamps = [
-            (content.flash_xy_mm[content.flash_aperture == i, None] + outline).reshape(-1, 2)
+            outermost(content.flash_xy_mm[content.flash_aperture == i], outline, tape)
             for i, outline in enumerate(content.aperture_outlines_mm)
         ]
         return [*stamps, *content.areas_mm, *content.strokes_mm]
@@ -66,10 +70,7 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     checks = []
     half = np.array(tape.part.body_mm[:2]) / 2
     bodies = [
-        (
-            cpl.xy_mm[cpl.rotation_deg == angle, None]
-            + rotate(half * np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)]), float(angle))
-        ).reshape(-1, 2)
+        outermost(cpl.xy_mm[cpl.rotation_deg == angle], rotate(half * _CORNERS, float(angle)), tape)
         for angle in np.unique(cpl.rotation_deg)
     ]
     cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
@@ -83,24 +84,32 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
     return checks
 
 
+def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArray:
+    """Points of an outline stamped at many places, of those stamps alone that may be the nearest to the board's outline.
+
+    A stamp is nowhere farther from its place than the outline reaches, and so no nearer to the board's outline.
+    """
+    inset = inset_mm(xy_mm, tape.board.size_mm, tape.board.corner_radius_mm)
+    reach_mm = np.hypot(*outline_mm.T).max()
+    near = xy_mm[inset <= inset.min(initial=np.inf) + 2 * reach_mm + EDGE_TOLERANCE_MM]
+    stamped: FloatArray = (near[:, None] + outline_mm).reshape(-1, 2)
+    return stamped
+
+
 def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:
     """Ink stays as far from every coverlay opening as the recorded limit asks."""
-    strokes = [
-        shapely.LineString(stroke).buffer(width / 2) if len(stroke) > 1 else shapely.Point(stroke[0]).buffer(width / 2)
-        for stroke, width in zip(legend.strokes_mm, legend.stroke_width_mm.tolist(), strict=True)
+    areas = shapely.make_valid(polygons(legend.areas_mm))
+    ink = np.concatenate([areas, pen_strokes(legend.strokes_mm, legend.stroke_width_mm)])
+    bounds = shapely.total_bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
+    close = ((coverlay.flash_xy_mm >= bounds[:2]) & (coverlay.flash_xy_mm <= bounds[2:])).all(axis=1)
+    stamps = [
+        shapely.polygons(coverlay.flash_xy_mm[close & (coverlay.flash_aperture == i), None] + outline)
+        for i, outline in enumerate(coverlay.aperture_outlines_mm)
     ]
-    ink = shapely.union_all([*(shapely.make_valid(shapely.Polygon(area)) for area in legend.areas_mm), *strokes])
-    outlines = [coverlay.aperture_outlines_mm[i] for i in coverlay.flash_aperture]
-    bounds = shapely.bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
-    near = [
-        shapely.Polygon(outline + xy)
-        for xy, outline in zip(coverlay.flash_xy_mm, outlines, strict=True)
-        if bounds[0] <= xy[0] <= bounds[2] and bounds[1] <= xy[1] <= bounds[3]
-    ]
-    near += [shapely.make_valid(shapely.Polygon(area)) for area in coverlay.areas_mm]
-    value = float(shapely.distance(ink, near).min()) if near else float("inf")
+    near = np.concatenate([*stamps, shapely.make_valid(polygons(coverlay.areas_mm))])
+    value = float(gaps_mm(near, ink).min(initial=np.inf))
     passed = value >= recorded.opening_legend_mm - EDGE_TOLERANCE_MM
-    message = f"{value:.3f} mm from the nearest opening" if near else "far from every opening"
+    message = f"{value:.3f} mm from the nearest opening" if len(near) else "far from every opening"
     limit = "" if passed else f", less than {recorded.opening_legend_mm:g} mm"
     return Check(name="legend-top to openings", passed=passed, message=message + limit, figure=value, unit="mm")
 

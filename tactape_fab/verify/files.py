@@ -184,12 +184,13 @@ def check_job(board_mm: tuple[float, float], files: Mapping[str, WrittenFile]) -
 
 def check_signature(role: str, data: bytes) -> str | None:
     """What is wrong with a Gerber file's .MD5 (Gerber 2024.05 section 5.6.9), None where it is right or absent."""
-    found = re.search(rb"(?:%|G04 #@! )TF\.MD5,([0-9a-f]{32})\*", data)
-    if found is None:
-        return None
-    signed = data[: found.start()].replace(b"\n", b"").replace(b"\r", b"")
-    right = hashlib.md5(signed, usedforsecurity=False).hexdigest().encode() == found.group(1)
-    return None if right else f"{role}: its .MD5 signature does not fit its content"
+    for found in re.finditer(rb"TF\.MD5,([0-9a-f]{32})\*", data):
+        before = next((mark for mark in (b"%", b"G04 #@! ") if data.endswith(mark, 0, found.start())), None)
+        if before is not None:
+            signed = data[: found.start() - len(before)].replace(b"\n", b"").replace(b"\r", b"")
+            right = hashlib.md5(signed, usedforsecurity=False).hexdigest().encode() == found.group(1)
+            return None if right else f"{role}: its .MD5 signature does not fit its content"
+    return None
 
 
 def check_picture(files: Mapping[str, WrittenFile]) -> Check:

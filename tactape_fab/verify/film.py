@@ -13,7 +13,8 @@ from tactape_fab.errors import Check
 from tactape_fab.fields import Fields
 from tactape_fab.kit.anchors import AnchorPlan, Anchors, build_anchors, nearest_foreign
 from tactape_fab.kit.coverlay import gang_window
-from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.gerber_reader import GerberContent
+from tactape_fab.kit.readback import CplContent
 from tactape_fab.profiles import COVERLAY_MODES, LandPattern, material_words
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm

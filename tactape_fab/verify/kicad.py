@@ -24,10 +24,10 @@ _FOOTPRINT = re.compile(
     re.MULTILINE,
 )
 _PAD = re.compile(
-    rf'\n    \(pad "([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
-    rf' \(layers "([\w.]+)"\)(?: \(roundrect_rratio {_NUMBER}\))? \(tstamp [0-9a-f-]+\)\)$',
-    re.MULTILINE,
+    rf'"([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
+    rf' \(layers "([\w.]+)"\)(?: \(roundrect_rratio {_NUMBER}\))?'
 )
+_ANY_PAD = re.compile(r"\n    \(pad ([^\n]*) \(tstamp [0-9a-f-]+\)\)$", re.MULTILINE)
 _DRILL = re.compile(rf"\(drill {_NUMBER}\)")
 _ORIGIN = re.compile(rf"\(aux_axis_origin {_NUMBER} {_NUMBER}\)")
 _POINT = re.compile(rf"\((?:start|mid|end) {_NUMBER} {_NUMBER}\)")
@@ -74,12 +74,13 @@ def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded) -> 
         return [Check(name="kicad board", passed=False, message="it is no board of KiCad with an origin, or it was cut off")]
     x0_mm, y0_mm = float(origin[1]), float(origin[2])
     found = {m[4]: (float(m[1]) - x0_mm, y0_mm - float(m[2]), float(m[3] or 0.0)) for m in _FOOTPRINT.finditer(text)}
+    others = {name: at for name, at in found.items() if name[0] in "HF"}
     problems = [
         *_places(found, text.count('\n  (footprint "'), shown),
         *_lands(text, shown, lands),
         *_outline(text, (x0_mm, y0_mm), shown),
-        *_holes(found, text, shown),
-        *_fiducials(found, shown),
+        *_holes(others, text, shown),
+        *_fiducials(others, shown),
         *_rules(project),
     ]
     right = f"{len(shown.parts_xy_mm)} footprints with their lands, outline and holes as the manifest has them"
@@ -107,7 +108,9 @@ def _places(found: dict[str, tuple[float, float, float]], count: int, shown: Sho
 
 def _lands(text: str, shown: Shown, lands: Recorded) -> list[str]:
     """Every pad is one of the four that the manifest's land pattern gives, each as often as there are parts."""
-    counts, parts = Counter(_PAD.findall(text)), len(shown.parts_xy_mm)
+    parts = len(shown.parts_xy_mm)
+    pads = ((_PAD.fullmatch(words), count) for words, count in Counter(_ANY_PAD.findall(text)).items())
+    counts = {pad.groups(default=""): count for pad, count in pads if pad is not None}
     expected = [
         *(("12"[k], "F.Cu", lands.pads, k) for k in range(2)),
         *(("", "F.Paste", lands.paste, k) for k in range(2)),
@@ -120,8 +123,8 @@ def _lands(text: str, shown: Shown, lands: Recorded) -> list[str]:
             problems.append(f"{what} is there {sum(counts[row] for row in alike)} times in {len(alike)} forms")
         elif not _is_land(alike[0], land, k, shown.rotation_deg):
             problems.append(f"{what} is not the land pattern's")
-    if counts.total() != 4 * parts:
-        problems.append(f"it has {counts.total()} lands, not {4 * parts}")
+    if (total := sum(counts.values())) != 4 * parts:
+        problems.append(f"it has {total} lands, not {4 * parts}")
     return problems
 
 
@@ -137,7 +140,7 @@ def _is_land(row: tuple[str, ...], land: LandPattern, k: int, rotation_deg: floa
 
 
 def _outline(text: str, origin_mm: tuple[float, float], shown: Shown) -> list[str]:
-    lines = [line for line in text.splitlines() if '(layer "Edge.Cuts")' in line]
+    lines = _lines_with(text, '(layer "Edge.Cuts")')
     points = np.array([(float(x), float(y)) for line in lines for x, y in _POINT.findall(line)]).reshape(-1, 2)
     if len(lines) != shown.edge_lines:
         return [f"its outline has {len(lines)} sides and corners, not {shown.edge_lines}"]
@@ -145,6 +148,16 @@ def _outline(text: str, origin_mm: tuple[float, float], shown: Shown) -> list[st
     width_mm, height_mm = shown.size_mm
     wrong = np.abs(box_mm - (0.0, -height_mm, width_mm, 0.0)).max() > PLACE_TOLERANCE_MM
     return [f"its outline is {box_mm[2] - box_mm[0]:g} x {box_mm[3] - box_mm[1]:g} mm about another place"] if wrong else []
+
+
+def _lines_with(text: str, words: str) -> list[str]:
+    """Lines of a long text with words that stand in few of them."""
+    lines, at = [], text.find(words)
+    while at >= 0:
+        end = (text.find("\n", at) + 1 or len(text) + 1) - 1
+        lines.append(text[text.rfind("\n", 0, at) + 1 : end])
+        at = text.find(words, end)
+    return lines
 
 
 def _holes(found: dict[str, tuple[float, float, float]], text: str, shown: Shown) -> list[str]:

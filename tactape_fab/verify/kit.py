@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from tactape_fab.errors import Check, SpecError, VerifyError
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import CplContent, GerberContent, ReadbackError, read_cpl, read_drill, read_gerber
+from tactape_fab.kit.gerber_reader import GerberContent, ReadbackError, read_gerber
+from tactape_fab.kit.readback import CplContent, read_cpl, read_drill
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.readmesh import MeshError, read_stl
@@ -19,8 +20,7 @@ from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_an
 from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
 from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
 from tactape_fab.verify.certificate import check_certificate
-from tactape_fab.verify.embossed import check_embossed
-from tactape_fab.verify.expected import expected_of_embossed, expected_of_kit
+from tactape_fab.verify.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.files import (
     CERTIFICATE,
     WrittenFile,
@@ -43,7 +43,6 @@ from tactape_fab.verify.film import (
     pardoned,
     read_film_record,
 )
-from tactape_fab.verify.kernels import check_with_others
 from tactape_fab.verify.kicad import check_kicad, shown_tape
 from tactape_fab.verify.lands import (
     LandPairs,
@@ -198,6 +197,8 @@ def verify_folder(
 
 def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
     """The models of a texture on a part of the user's own, and its certificate."""
+    from tactape_fab.verify.embossed import check_embossed  # loaded where it is needed: a film is verified sooner without it
+
     checks = [check_certificate(files[CERTIFICATE], tape)]
     checks += check_embossed(manifest, files["stl"].data, files["placements"].data)
     try:
@@ -209,7 +210,7 @@ def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFi
     bodies = surface.integer("bodies", low=1, high=1_000_000, default=1)
     if quick or surface.problems:
         return checks
-    return [*checks, *check_with_others(tape, expected_of_embossed(volume_mm3, bodies, files), files)]
+    return [*checks, *_check_with_others(tape, expected_of_embossed(volume_mm3, bodies, files), files)]
 
 
 def _check_solids(
@@ -219,7 +220,15 @@ def _check_solids(
     if problems:
         return [Check(name="solid", passed=False, message="; ".join(p.message for p in problems))]
     checks = check_models(tape, form, files, cpl)
-    return checks if quick else [*checks, *check_with_others(tape, expected_of_kit(tape, form, files), files, cpl)]
+    return checks if quick else [*checks, *_check_with_others(tape, expected_of_kit(tape, form, files), files, cpl)]
+
+
+def _check_with_others(
+    tape: Tape, expected: Expected, files: dict[str, WrittenFile], cpl: CplContent | None = None
+) -> list[Check]:
+    from tactape_fab.verify.kernels import check_with_others
+
+    return check_with_others(tape, expected, files, cpl)
 
 
 def _read_solid(tape: Tape, form: SolidForm, files: dict[str, WrittenFile]) -> list[Source]:
@@ -287,7 +296,8 @@ def _check_content(
         sources.append(cpl_source(cpl))
     if "copper-top" in pairs:
         checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
-        sources.append(copper_source(layers["copper-top"].flash_xy_mm, recorded.pads.offset_mm, tape.part.rotation_deg))
+        copper, offset_mm = layers["copper-top"].flash_xy_mm, recorded.pads.offset_mm
+        sources.append(copper_source(copper, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
     if "legend-top" in layers:
         light = manifest.get("fab", {}).get("legend_colour") != "black"
         checks += check_tag(layers["legend-top"], tape, legend_is_light=light, with_pupil=not quick)

@@ -10,7 +10,8 @@ import shapely
 
 from tactape_fab.errors import Check
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.gerber_reader import GerberContent
+from tactape_fab.kit.readback import CplContent
 from tactape_fab.profiles import LandPattern, read_land
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
@@ -87,14 +88,7 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
     if len(xy_mm) < 2:
         nothing, none = np.empty((0, 2)), np.empty(0, dtype=np.int64)
         return LandPairs(centre_mm=nothing, axis_mm=nothing, first=none, second=none, alone=np.arange(len(xy_mm)))
-    tree = point_tree(xy_mm)
-    step = rotate((2 * offset_mm, 0.0), rotation_deg)
-    partner, distance = nearest(xy_mm + step, tree)
-    back, back_distance = nearest(xy_mm - step, tree)
-    index = np.arange(len(xy_mm))
-    linked = (distance < _PARTNER_TOLERANCE_MM) & (back[partner] == index) & (back_distance[partner] < _PARTNER_TOLERANCE_MM)
-    following = np.where(linked, partner, -1)
-    first, second = _alternate(following)
+    first, second = _alternate(_following(xy_mm, rotate((2 * offset_mm, 0.0), rotation_deg)))
     used = np.zeros(len(xy_mm), dtype=bool)
     used[first], used[second] = True, True
     return LandPairs(
@@ -104,6 +98,18 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
         second=second,
         alone=np.flatnonzero(~used),
     )
+
+
+def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
+    """The flash nearest to a step away from each, -1 where there is none or another one is nearer to it; shape (m,)."""
+    partner, distance = nearest(xy_mm + step_mm, point_tree(xy_mm))
+    by_distance = np.argsort(distance, kind="stable")
+    by_distance = by_distance[distance[by_distance] < _PARTNER_TOLERANCE_MM]
+    _, first = np.unique(partner[by_distance], return_index=True)
+    linked = by_distance[first]
+    following = np.full(len(xy_mm), -1)
+    following[linked] = partner[linked]
+    return following
 
 
 def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:

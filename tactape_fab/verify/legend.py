@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.errors import Check
-from tactape_fab.kit.readback import GerberContent
+from tactape_fab.kit.gerber_reader import GerberContent
 from tactape_fab.kit.tag import CODE_CELLS
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import rotate

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactape_fab.kit.readback import CplContent, GerberContent
+from tactape_fab.kit.gerber_reader import GerberContent
+from tactape_fab.kit.readback import CplContent
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.panel import PlacedTape

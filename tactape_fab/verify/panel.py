@@ -13,9 +13,10 @@ import shapely
 
 from tactape_fab.errors import Check, SpecError
 from tactape_fab.fields import Fields
+from tactape_fab.kit.gerber_reader import GerberContent, read_gerber
 from tactape_fab.kit.panel import CORNER_RADIUS_MM, Panel, read_panel_record
 from tactape_fab.kit.panel_drawing import slots_mm
-from tactape_fab.kit.readback import CplContent, GerberContent, read_cpl, read_drill, read_gerber
+from tactape_fab.kit.readback import CplContent, read_cpl, read_drill
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.panel import PlacedTape, read_placed
 from tactape_fab.texture.tape import Tape, read_any_manifest

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +30,7 @@ def cpl_source(cpl: CplContent) -> Source:
     return Source(name="CPL", parts=Parts(xy_mm=cpl.xy_mm.copy(), rotation_deg=cpl.rotation_deg.copy()))
 
 
-def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Source:
+def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float, pairs: LandPairs | None = None) -> Source:
     """Parts between the pairs of pads that a copper layer flashes.
 
     Parameters
@@ -39,14 +38,15 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
     flash_xy_mm : ndarray, shape (m, 2)
     offset_mm, rotation_deg : float
         Half the distance of a pair, and its direction: tried as it is, mirrored, and turned by a right angle.
+    pairs : LandPairs, optional
+        Those found in that direction, where they are known.
     """
-    turns = dict.fromkeys((rotation_deg, 180.0 - rotation_deg, rotation_deg + 90.0))
-    pairs: Sequence[LandPairs] = ()
-    for turn_deg in turns:
-        pairs = [*pairs, pair_lands(flash_xy_mm, offset_mm, turn_deg)]
-        if not len(pairs[-1].alone):
+    tried = [pair_lands(flash_xy_mm, offset_mm, rotation_deg) if pairs is None else pairs]
+    for turn_deg in dict.fromkeys((180.0 - rotation_deg, rotation_deg + 90.0)):
+        if not len(tried[-1].alone):
             break
-    best = max(pairs, key=lambda found: len(found.centre_mm))
+        tried.append(pair_lands(flash_xy_mm, offset_mm, turn_deg))
+    best = max(tried, key=lambda found: len(found.centre_mm))
     rotation = np.degrees(np.arctan2(best.axis_mm[:, 1], best.axis_mm[:, 0]))
     return Source(name="copper", parts=Parts(xy_mm=best.centre_mm.copy(), rotation_deg=rotation))
 

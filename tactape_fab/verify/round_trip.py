@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from tactape_fab.errors import Check, Problem, SpecError
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
-from tactape_fab.simulate import DotErrors, Scene, dots_of, draw_poses, iterate_frames
+from tactape_fab.simulate import DotErrors, Frame, Scene, dots_of, draw_poses, iterate_frames
 from tactape_fab.simulate.contact import contact_outline_mm
 from tactape_fab.simulate.gel import FloatImage
 from tactape_fab.simulate.view import make_view
@@ -32,11 +33,11 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 Locate = Callable[[FloatImage], "Localization"]
-Reachable = Callable[[FloatArray], bool]
+Excuse = Callable[[FloatArray], int]
 
-RIGHT, LIMITED, OVERHANG, MISSED, WRONG = range(5)
-"""What became of a contact: located at its place; not located where error-free symbols would hardly do; not located where it
-hangs over the board's edge, whose imprint is none of a part; not located though error-free symbols would do; located elsewhere.
+RIGHT, LIMITED, NOISY, MISSED, WRONG = range(5)
+"""What became of a contact: located at its place; not located where error-free symbols would hardly do; not located, but it is
+without the sensor's noise; not located for neither reason; located elsewhere.
 """
 
 INSIDE, EDGE = 96, 48
@@ -45,9 +46,10 @@ MANY_SECTORS, FEWER = 1000, 4
 """A code of many sectors holds every contact against all of them: so many times fewer contacts."""
 QUICK = 6
 STRICTER = 1000.0
-"""A contact must be located where error-free symbols keep the rule so many times over: one misread symbol costs as much."""
-NOISE_SHARE = 0.05
-"""Share of the contacts that the sensor's noise may cost though error-free symbols would do."""
+"""A contact must be located where error-free symbols keep the rule so many times over: a wrong bit costs as much."""
+SWALLOWED_MM = 1.0
+"""Parts nearer to the outline have no top of their own where the contact hangs over the board's edge, or hardly one: at 0.84 to
+1.0 mm half of them, farther off none was lost."""
 ERROR_FREE = DotErrors(
     sigma_px=0.0,
     rim_sigma_px=0.0,
@@ -80,7 +82,7 @@ class Trip:
     poses : ndarray, shape (n, 3)
         x mm, y mm (texture frame), theta deg.
     outcome : ndarray of int, shape (n,)
-        RIGHT, LIMITED, OVERHANG, MISSED or WRONG.
+        RIGHT, LIMITED, NOISY, MISSED or WRONG.
     error_um : ndarray, shape (n,)
         Distance from the true position; NaN where nothing was located.
     reasons : Counter of str
@@ -101,8 +103,8 @@ class Trip:
 
     @property
     def failed(self) -> bool:
-        count = len(self.outcome)
-        return self.count(WRONG) > self.tolerated * count or self.count(MISSED) > max(self.tolerated, NOISE_SHARE) * count
+        most = self.tolerated * len(self.outcome)
+        return self.count(WRONG) > most or self.count(MISSED) > most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -159,15 +161,15 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
     size = (float(side_px), float(side_px))
 
-    def reachable(pose: FloatArray) -> bool:
+    def excuse(pose: FloatArray) -> int:
         xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
-        return locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0].located
+        return MISSED if locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0].located else LIMITED
 
     def locate(depth: FloatImage) -> Localization:
         return locate_paper(depth, [tape], px_per_mm=px_per_mm)[0]
 
     poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
-    trip = replace(_trip(tape, source, poses, sensor, scene, locate, reachable, lambda: None), tolerated=_QUICK_TOLERATED)
+    trip = replace(_trip(tape, source, poses, sensor, scene, locate, excuse, lambda: None), tolerated=_QUICK_TOLERATED)
     if trip.failed and explain(tape, source.parts.xy_mm) is None:  # what this method misses of parts in their places is its own
         return replace(trip, tolerated=1.0)
     return trip
@@ -210,25 +212,33 @@ def full_trips(
     localizer = Localizer([tape], sensor)
     strict = Localizer([tape], sensor, max_p_false=1e-4 / STRICTER, kappa=KAPPA * STRICTER)
 
-    def reachable(pose: FloatArray) -> bool:
-        return error_free(strict, tape, pose, scene).located
+    def excuse(source: Source, pose: FloatArray) -> int:
+        if not error_free(strict, tape, pose, scene).located:
+            return LIMITED
+        silent = next(iterate_frames(tape, 1, _SEED, sensor, replace(scene, noise=0.0), poses=pose[None], parts=source.parts))
+        return NOISY if _is_right(tape, silent, localizer.locate(silent.depth)) else MISSED
 
     def step() -> None:
         nonlocal done
         done += 1
         progress(_STEP, done, count)
 
-    trips = [
-        _trip(tape, source, at, sensor, scene, localizer.locate, reachable, step)
+    return [
+        _trip(tape, source, at, sensor, scene, localizer.locate, partial(excuse, source), step)
         for source, at in zip(sources, poses, strict=True)
     ]
-    return [_with_edges_excused(tape, source, trip, contact) for source, trip in zip(sources, trips, strict=True)]
 
 
 def error_free(localizer: Localizer, tape: Tape, pose: FloatArray, scene: Scene) -> Localization:
-    """What the decoder's rule says of the dots that are really there, each exactly in its place: the information limit."""
+    """What the decoder's rule says of the dots that can be seen there, each exactly in its place: the information limit."""
     dots = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=localizer.sensor)
-    return localizer.locate_dots(dots.xy_px)
+    view = make_view(tape, pose[:2], float(pose[2]), localizer.sensor, scene)
+    outline, board = view.to_board(contact_outline_mm(scene, view.half_field_mm)), tape.board
+    seen = np.ones(len(dots.weights), dtype=np.bool_)
+    if inset_mm(outline, board.size_mm, board.corner_radius_mm).min() < 0.0:
+        there = view.to_board((dots.xy_px - view.profile.centre_px) / view.px_per_mm)
+        seen = inset_mm(there, board.size_mm, board.corner_radius_mm) >= SWALLOWED_MM
+    return localizer.locate_dots(dots.xy_px[seen])
 
 
 def _trip(
@@ -238,7 +248,7 @@ def _trip(
     sensor: SensorProfile,
     scene: Scene,
     locate: Locate,
-    reachable: Reachable,
+    excuse: Excuse,
     step: Callable[[], None],
 ) -> Trip:
     outcome, error_um = np.full(len(poses), LIMITED), np.full(len(poses), np.nan)
@@ -247,30 +257,25 @@ def _trip(
     frames = iterate_frames(tape, len(poses), _SEED, sensor, scene, poses=poses, parts=source.parts)
     for k, frame in enumerate(frames):
         fix = locate(frame.depth)
-        if fix.located and fix.position_mm is not None and fix.theta_deg is not None:
-            error_um[k] = np.hypot(*(np.asarray(fix.position_mm) - frame.position_mm)) * 1000.0
-            turn_deg = abs((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
-            right = error_um[k] <= _RIGHT_PITCHES * tape.pitch_mm * 1000.0 and turn_deg <= _RIGHT_DEG
-            outcome[k] = RIGHT if right else WRONG
+        if fix.located and fix.position_mm is not None:
+            error_um[k] = _off_mm(frame, fix.position_mm) * 1000.0
+            outcome[k] = RIGHT if _is_right(tape, frame, fix) else WRONG
         else:
             reasons[fix.reason or "no answer"] += 1
-            outcome[k] = MISSED if reachable(poses[k]) else LIMITED
+            outcome[k] = excuse(poses[k])
         step()
     return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
 
 
-def _with_edges_excused(tape: Tape, source: Source, trip: Trip, contact: Contact) -> Trip:
-    """The same with OVERHANG for what is MISSED over the board's edge; parts in the wrong place are no excuse for anything."""
-    missed = np.flatnonzero(trip.outcome == MISSED)
-    if not len(missed) or explain(tape, source.parts.xy_mm) is not None:
-        return trip
-    outcome = trip.outcome.copy()
-    for k in missed:
-        view = make_view(tape, trip.poses[k, :2], float(trip.poses[k, 2]), contact.sensor, contact.scene)
-        outline = view.to_board(contact_outline_mm(contact.scene, view.half_field_mm))
-        if inset_mm(outline, tape.board.size_mm, tape.board.corner_radius_mm).min() < 0.0:
-            outcome[k] = OVERHANG
-    return replace(trip, outcome=outcome)
+def _off_mm(frame: Frame, position_mm: tuple[float, float]) -> float:
+    return float(np.hypot(*(np.asarray(position_mm) - frame.position_mm)))
+
+
+def _is_right(tape: Tape, frame: Frame, fix: Localization) -> bool:
+    if not fix.located or fix.position_mm is None or fix.theta_deg is None:
+        return False
+    turn_deg = abs((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
+    return _off_mm(frame, fix.position_mm) <= _RIGHT_PITCHES * tape.pitch_mm and turn_deg <= _RIGHT_DEG
 
 
 def trip_checks(tape: Tape, sources: Sequence[Source], trips: Sequence[Trip]) -> list[Check]:
@@ -293,8 +298,8 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
     p50, p95, p99 = np.percentile(trip.error_um[trip.outcome == RIGHT], [50, 95, 99])
     said = (
         (LIMITED, "shows too little to be located"),
-        (OVERHANG, "hangs over the board's edge and is not located"),
-        (MISSED, "not located by the quick method" if trip.tolerated else "not located in the sensor's noise"),
+        (NOISY, "not located in the sensor's noise"),
+        (MISSED, "not located by the quick method"),
         (WRONG, "misplaced by the quick method, which has no bound"),
     )
     rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))

@@ -18,7 +18,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import tactape_fab
 from tactape_fab.simulate import SURFACES
 
 from .false_tally import Bound, Tally, total
@@ -34,7 +33,7 @@ SECTORS_DOTS = "other sectors, dots"
 SECTORS_DEPTH = "other sectors, depth maps"
 WORST_DEPTH = "worst sector, depth maps"
 COMMON_DOTS = "other sectors at a common origin, dots"
-_ROOMS = ("texture", "profiles", "simulate", "decode")
+_ROOMS = tuple(f"tactape_fab.{room}." for room in ("texture", "profiles", "simulate", "decode"))
 _FRAMES = ("localization_false.py", "localization_rows.py", "dot_records.py")
 
 Done = dict[Job, Tally]
@@ -141,20 +140,26 @@ class Record:
         SystemExit
             When it is of another seed or of other sources.
         """
-        record = cls(path, {})
         if path is None:
-            return record
+            return cls(path, {})
         lines = path.read_text().splitlines() if path.exists() else []
         if lines and json.loads(lines[0]) != about():
             sys.exit(f"{path} was counted with another seed or other sources; give another file")
-        for line in lines[1:]:
+        record = cls(path, cls.read(path) if lines else {})
+        path.write_text("".join(line + "\n" for line in [json.dumps(about()), *map(_line, record.done.items())]))
+        return record
+
+    @classmethod
+    def read(cls, path: Path) -> Done:
+        """What a file holds, of whatever sources; a last line that was cut off does not count."""
+        done: Done = {}
+        for line in path.read_text().splitlines()[1:]:
             try:
                 values = json.loads(line)
             except json.JSONDecodeError:
                 continue
-            record.done[Job(**values["job"])] = Tally.from_mapping(values["tally"])
-        path.write_text("".join(line + "\n" for line in [json.dumps(about()), *map(_line, record.done.items())]))
-        return record
+            done[Job(**values["job"])] = Tally.from_mapping(values["tally"])
+        return done
 
     def add(self, job: Job, tally: Tally) -> None:
         """Keep a job's counts."""
@@ -169,10 +174,10 @@ def _line(item: tuple[Job, Tally]) -> str:
 
 
 def about() -> Mapping[str, Any]:
-    """Seed, and a digest of everything that decides an answer."""
-    digest, package = hashlib.sha256(), Path(tactape_fab.__file__).parent
-    sources = [path for room in _ROOMS for path in (package / room).rglob("*.py")]
-    for path in sorted([*sources, *(Path(__file__).parent / name for name in _FRAMES)]):
+    """Seed, and a digest of everything that decides an answer: what has to be loaded to draw and to locate frames."""
+    digest = hashlib.sha256()
+    loaded = [Path(str(module.__file__)) for name, module in sys.modules.items() if name.startswith(_ROOMS)]
+    for path in sorted([*loaded, *(Path(__file__).parent / name for name in _FRAMES)]):
         digest.update(path.name.encode() + path.read_bytes())
     return {"seed": SEED, "sources": digest.hexdigest()[:16]}
 

@@ -61,13 +61,13 @@ class Figures:
         return {**asdict(self), "rate": self.rate, "limit_rate": None if self.limit is None else self.limit_rate}
 
 
-def measure(row: Row) -> dict[str, Figures]:
-    """Figures of a row by method: "open", "closed" and "paper"."""
+def measure(row: Row, count: int | None = None) -> dict[str, Figures]:
+    """Figures of a row by method: "open", "closed" and "paper"; of the benchmark's number of frames unless said."""
     tapes = tapes_of(row)
     localizers = {world: localizer_of(row.tapes, world, row.max_p_tape) for world in WORLDS}
     rng = np.random.default_rng(row.seed)
     gathered: dict[str, _Gathered] = {name: _Gathered() for name in (*WORLDS, "paper")}
-    for frame in frames_of(row, max(COUNT // row.fewer, 20)):
+    for frame in frames_of(row, max(COUNT // row.fewer, 20) if count is None else count):
         prior = prior_of(frame, rng) if row.prior else None
         for world, localizer in localizers.items():
             limit = ideal(localizer, frame, registered_tape(), prior)

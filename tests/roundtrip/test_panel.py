@@ -28,7 +28,8 @@ from tactape_fab.simulate import simulate
 from tactape_fab.tapes import read_tapes
 from tactape_fab.texture.code import get_code, locate_windows
 from tactape_fab.texture.frames import rows_to_symbols
-from tactape_fab.verify import Verification, verify_panel_folder
+from tactape_fab.verify import Verification
+from tactape_fab.verify.panel import verify_panel_folder
 from tests.panels import TWO, examined_panel, panel_of
 from tests.roundtrip.kits import OpenKit, exchanged, failed, flashes, map_points, moved, points, replaced, rows, text_of
 
@@ -322,7 +323,7 @@ def test_overwrite_replaces_a_panel_that_is_wholly_ours(panel_2: PanelKit, copie
 
 def test_a_panel_that_fails_its_verification_never_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failing = Verification(name="panel", checks=(Check(name="profile", passed=False, message="wrong"),))
-    monkeypatch.setattr("tactape_fab.verify.verify_panel_folder", lambda *_, **__: failing)
+    monkeypatch.setattr("tactape_fab.verify.panel.verify_panel_folder", lambda *_, **__: failing)
     with pytest.raises(VerifyError):
         panel_of(TWO, tmp_path / "deep" / "panel")
     assert list(tmp_path.iterdir()) == []

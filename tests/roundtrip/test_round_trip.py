@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from click.testing import CliRunner, Result
 
 from tactape_fab import Kit, Tape, TapeSpec, make_kit
 from tactape_fab.cli import main
+from tactape_fab.decode import Localizer
 from tactape_fab.fields import Fields
-from tactape_fab.kit.readback import read_gerber
+from tactape_fab.kit.gerber_reader import read_gerber
+from tactape_fab.make import examine
+from tactape_fab.simulate import dots_of
 from tactape_fab.simulate.parts import parts_of
 from tactape_fab.solids.forms import read_form
 from tactape_fab.solids.mesh import Mesh, stl_bytes
@@ -26,11 +30,15 @@ from tactape_fab.verify.misplaced import explain
 from tactape_fab.verify.positions import Source, copper_source, stl_source
 from tactape_fab.verify.round_trip import (
     EDGE,
+    ERROR_FREE,
     INSIDE,
+    MISSED,
+    NOISY,
     QUICK,
     RIGHT,
     WRONG,
     Trip,
+    error_free,
     full_trips,
     quick_trip,
     read_contact,
@@ -222,6 +230,39 @@ def test_too_small_a_contact_is_a_warning_and_no_failure(flat_kit: Kit) -> None:
     found = [c for c in verification.checks if c.name.startswith("round trip")]
     assert len(found) == 2 and all(c.warning and not c.passed and "larger one" in c.message for c in found)
     assert verification.passed
+
+
+def test_noise_excuses_what_is_located_without_it(default_kit: Kit) -> None:
+    source, contact = Source(name="CPL", parts=parts_of(default_kit.tape)), read_contact()
+    loud = replace(contact, scene=replace(contact.scene, noise=4.0))
+    (trip,) = full_trips(default_kit.tape, [source], loud, counts=(8, 4))
+    (check,) = trip_checks(default_kit.tape, [source], [trip])
+    assert trip.count(RIGHT) > 0 < trip.count(NOISY) and trip.count(MISSED) == 0
+    assert check.passed and f"{trip.count(NOISY)} not located in the sensor's noise" in check.message
+
+
+def test_noise_is_no_excuse_for_parts_that_are_not_there(default_kit: Kit) -> None:
+    parts = parts_of(default_kit.tape)
+    source = Source(name="CPL", parts=parts.taken(np.arange(0, len(parts.xy_mm), 4)))
+    (trip,) = full_trips(default_kit.tape, [source], counts=(4, 1))
+    (check,) = trip_checks(default_kit.tape, [source], [trip])
+    assert trip.count(NOISY) == 0 < trip.count(MISSED) and trip.failed
+    assert not check.passed and "are not located though the tape says enough there" in check.message
+
+
+def test_what_the_edge_swallows_does_not_count_where_the_edge_shows() -> None:
+    def counts(tape: Tape, x_mm: float) -> tuple[int, int]:
+        pose, scene = np.array([x_mm, 15.0, 20.0]), read_contact().scene
+        return error_free(Localizer([tape]), tape, pose, scene).n_dots, len(
+            dots_of(tape, pose.tolist(), scene, 0, ERROR_FREE).weights
+        )
+
+    solid, film = (examine(TapeSpec(sector=7, size_mm=(60.0, 40.0), part=part)).tape for part in ("block", "r0201"))
+    seen, there = counts(solid, 0.5)
+    assert 15 < seen < there
+    for tape, x_mm in ((solid, 15.0), (film, (film.columns - 1) * 1.5 - 0.5)):
+        seen, there = counts(tape, x_mm)
+        assert seen == there > 15
 
 
 def test_a_wrong_answer_fails_however_many_are_right(default_kit: Kit) -> None:

@@ -12,7 +12,8 @@ import pytest
 
 from tactape_fab import TapeSpec
 from tactape_fab.errors import Check
-from tactape_fab.kit.readback import ReadbackError, read_cpl
+from tactape_fab.kit.gerber_reader import ReadbackError
+from tactape_fab.kit.readback import read_cpl
 from tactape_fab.kit.render.assembly import render_bom, render_cpl
 from tactape_fab.kit.render.gerber import render_copper
 from tactape_fab.make import Examined, examine

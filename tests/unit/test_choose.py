@@ -10,7 +10,8 @@ import pytest
 
 from tactape_fab import Kit, Tape, TapeSpec, default_origin, make_kit, verify_kit
 from tactape_fab.errors import SpecError
-from tactape_fab.make import examine, examine_values
+from tactape_fab.examine_values import examine_values
+from tactape_fab.make import examine
 from tactape_fab.texture import choose
 from tactape_fab.texture.certify import closest
 from tactape_fab.texture.choose import choose_origin, choose_sector

@@ -287,3 +287,14 @@ def test_whole_process_is_done_in_time(args: tuple[str, ...], target_s: float, s
     took_s = fastest_s((*PROGRAM, *args), tmp_path, 5)
     print(f"\ntactape-fab {' '.join(args)}: {took_s:.3f} s; target {target_s} s, times {slowness:.2f} for a busy machine")
     assert took_s <= target_s * slowness
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("args", [("profiles",), ("--version",), ("profiles", "--json")])
+def test_a_full_disk_is_said_in_one_line(args: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*PROGRAM, *args], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "error: standard output cannot be written: No space left on device; give it room, or another place"
+    ]

@@ -16,7 +16,7 @@ from tactape_fab.certified import certified, default_tapes, registry
 from tactape_fab.certify_lines import certified_lines, registry_lines
 from tactape_fab.certify_picture import draw_certified
 from tactape_fab.cli import main
-from tactape_fab.make import examine_values
+from tactape_fab.examine_values import examine_values
 from tactape_fab.texture.certify import certify
 from tests.tapes import tape_at
 

@@ -6,6 +6,7 @@ from math import cos, log, radians, sin
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from tactape_fab import Tape, TapeSpec
 from tactape_fab.decode.detect import detect, trusted
@@ -14,6 +15,7 @@ from tactape_fab.decode.lattice import find_lattices
 from tactape_fab.decode.pose import Pose, fit_pose
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.make import examine
+from tactape_fab.simulate import Scene, iterate_frames
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 R, PITCH = 16.0, 24.0
@@ -120,6 +122,36 @@ def test_a_single_wild_pixel_hides_no_dots() -> None:
         assert np.median(found_near(detect(depth.astype(np.float32), R).xy_px, at)) < 0.05
 
 
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 110.0])
+@pytest.mark.parametrize("height", [0.09, 0.15, 0.3])
+def test_the_ridge_along_a_step_has_no_dots_and_hides_none(height: float, angle_deg: float) -> None:
+    v, u = np.mgrid[:240, :320]
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    across, along = (u - 160) * c + (v - 120) * s, (v - 120) * c - (u - 160) * s
+    at = np.array([(x + 0.3, y - 0.2) for x in range(40, 300, 24) for y in range(40, 220, 24)])
+    at = at[(at - (160, 120)) @ (c, s) > 18.0]  # nearer no part stands to the outline: a body 1 mm from it
+    uneven = 1.0 + 0.08 * np.cos(along / 9.0) * np.exp(-(along**2) / 60.0**2)  # so that the ridge has tops at all
+    depth = bumps(at) + height * uneven * np.array(norm.cdf(across / 2.4))
+    dots = detect(depth.astype(np.float32), R)
+    assert len(dots.weights) == len(at)
+    assert found_near(dots.xy_px, at).max() < 1.0
+    assert 0.85 < np.median(dots.weights) < 1.1  # nor do its tops say how high a good dot is
+
+
+def test_a_round_plateau_has_no_dots() -> None:
+    v, u = np.mgrid[:240, :320]
+    assert len(detect((0.3 * norm.cdf((80.0 - np.hypot(u - 160, v - 120)) / 2.4)).astype(np.float32), R).weights) == 0
+
+
+def test_where_there_is_no_step_all_dots_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    tape = examine(TapeSpec(sector=7)).layout.tape
+    frames = list(iterate_frames(tape, 40, scene=Scene(noise=1.5)))
+    found = [detect(frame.depth, R) for frame in frames]
+    monkeypatch.setattr("tactape_fab.decode.detect.STEP_TOPS", 10**6)
+    for dots, frame in zip(found, frames, strict=True):
+        assert np.array_equal(dots.xy_px, detect(frame.depth, R).xy_px)
+
+
 # Grid
 
 
@@ -187,6 +219,17 @@ def test_displaced_dots_give_the_grid_and_their_symbols(angle_deg: float) -> Non
     q = posteriors(nodes, squares, ones, ones, sigma)
     assert q.sum(axis=1) == pytest.approx(ones)
     assert q.max(axis=1).min() > 0.99
+
+
+def test_a_dot_between_grid_points_is_no_overflow() -> None:
+    shift, rng = 0.24, np.random.default_rng(3)
+    k, row = np.divmod(np.arange(42), 6)
+    across = np.array([(0.0, -shift), (-shift, 0.0), (shift, 0.0), (0.0, shift)])[rng.integers(0, 4, 42)]
+    at = np.concatenate([np.stack([k - 3.0, row - 2.5], axis=1) + across, [(0.49, -0.5)]])  # half a pitch from all four places
+    ones = np.ones(43)
+    grid, nodes, squares, sigma = fit_grid(at * PITCH, ones, ones, 0.0, PITCH, 0.0, np.pi, shift, True)
+    assert sigma == pytest.approx(0.012) and np.hypot(grid[0], grid[1]) == pytest.approx(PITCH, rel=1e-6)
+    assert np.isfinite(posteriors(nodes, squares, ones, ones, sigma)).all()
 
 
 def test_the_pitch_stays_where_the_scale_is_fixed() -> None:

@@ -10,11 +10,12 @@ import pytest
 
 from tactape_fab import Kit
 from tactape_fab.cli import certify, check, make, profiles, registry, verify
+from tactape_fab.decode.symbols import WRONG_SHARE
 from tactape_fab.kit.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec import KEYS
 from tactape_fab.profiles import BACKING_ROLES, FORMATS
 from tactape_fab.verify.files import roles_of
-from tactape_fab.verify.round_trip import EDGE, INSIDE, NOISE_SHARE, QUICK, STRICTER
+from tactape_fab.verify.round_trip import EDGE, INSIDE, QUICK, STRICTER, SWALLOWED_MM
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,6 +73,6 @@ def test_the_page_on_verify_has_the_round_trip_s_numbers() -> None:
     page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
     assert (QUICK, INSIDE, EDGE) == (6, 96, 48) and "take six contacts" in page
     assert f"{INSIDE + EDGE} contacts" in page and f"of {(INSIDE + EDGE) // 3} contacts" in page
-    assert f"Up to {100 * NOISE_SHARE:g} % of the contacts" in page
+    assert f"nearer than {SWALLOWED_MM:g} mm to the outline" in page
     assert "a third of them over its edge" in page
-    assert f"by a factor\n  of {STRICTER:g}" in page
+    assert f"by a factor\n  of {STRICTER:g}" in page and STRICTER == 2 / WRONG_SHARE

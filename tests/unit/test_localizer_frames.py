@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from tactape_fab import TapeSpec
 from tactape_fab.decode.localizer import Localizer
 from tactape_fab.errors import FrameError
+from tactape_fab.make import examine
 from tactape_fab.profiles import load_sensor
 from tactape_fab.profiles.sensors import SensorProfile
 from tactape_fab.simulate import simulate
@@ -27,6 +29,25 @@ def localizer() -> Localizer:
 @pytest.fixture(scope="module")
 def depth() -> npt.NDArray[np.float32]:
     return simulate(TAPE, POSE[0], POSE[1], seed=4)
+
+
+# Contacts over the board's edge
+
+
+@pytest.mark.parametrize(
+    ("options", "poses"),
+    [
+        ({}, [((40.0, -0.5), 34.0), ((12.0, -0.4), 60.0), ((30.0, 36.4), -110.0)]),
+        ({"part": "block"}, [((41.0, -0.5), 4.0), ((18.0, 0.0), 112.0), ((0.4, 35.1), 32.0), ((45.0, 37.3), 20.0)]),
+    ],
+    ids=["film", "solid"],
+)
+def test_the_edge_of_the_board_hides_no_place(options: dict[str, Any], poses: list[tuple[tuple[float, float], float]]) -> None:
+    tape = examine(TapeSpec(sector=7, size_mm=(60.0, 40.0), **options)).tape
+    localizer = Localizer([tape])
+    for position_mm, theta_deg in poses:
+        fix = localizer.locate(simulate(tape, position_mm, theta_deg))
+        assert fix.located and is_near(fix, position_mm, theta_deg, mm=0.05, deg=0.5), (position_mm, fix.reason)
 
 
 # Sensors

@@ -105,9 +105,9 @@ def test_nothing_is_compiled_for_an_image_that_lies_otherwise() -> None:
     large = noise_image(48, 64)
     reconstruction = make_reconstruction(large[::2, ::2], network, SCALE)
     compiled = list(of_pixels.signatures)
-    locked = large.copy()
+    locked = large[:24, :32].copy()
     locked.setflags(write=False)
-    for image in (large[::2, ::2], large[:24, :32], locked[24:, 32:], np.asfortranarray(large[:24, :32])):
+    for image in (large[::2, ::2], locked, np.asfortranarray(large[:24, :32])):
         found = reconstruction.depth(image)
         np.testing.assert_array_equal(found, reconstruction.depth(image.copy(order="C")))
     assert of_pixels.signatures == compiled

@@ -240,6 +240,14 @@ def test_a_prior_weighs_half_near_the_last_fix() -> None:
     assert wrong.weight == pytest.approx(plain.weight + np.log(1 - PRIOR_SHARE))
 
 
+@pytest.mark.parametrize("open_world", [False, True])
+def test_dots_too_far_apart_for_a_tape_have_no_place(open_world: bool) -> None:
+    tapes = [tape_of(7, (8, 8))]
+    nodes = np.array([(3 * k, k % 2) for k in range(7)])
+    q = np.full((7, 4), 0.25)
+    assert search(tapes, families(tapes, open_world=open_world), nodes, q, TURNS, GRID, CENTRE, None) is None
+
+
 def test_two_tapes_at_one_origin_are_no_strangers_to_each_other() -> None:
     tapes = [tape_of(7, origin=(0, 0)), tape_of(8, origin=(0, 0))]
     world = families(tapes, open_world=True)

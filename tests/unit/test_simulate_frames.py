@@ -34,6 +34,7 @@ from tactape_fab.simulate.contact import imprint
 from tactape_fab.simulate.gel import delivered
 from tactape_fab.simulate.parts import parts_of
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.verify.round_trip import ERROR_FREE
 
 CENTRE = np.array([159.5, 119.5])
 
@@ -217,18 +218,8 @@ def test_dots_err_as_said(tape: Tape) -> None:
 
 
 def test_dots_are_where_frames_have_them(tape: Tape) -> None:
-    perfect = DotErrors(
-        sigma_px=0.0,
-        rim_sigma_px=0.0,
-        rim_pull_px=0.0,
-        outliers=0.0,
-        lost=0.0,
-        least_imprint=0.5,
-        false_dots=0.0,
-        weight_sigma=0.0,
-    )
     for frame in iterate_frames(tape, 5, 4):
-        dots = dots_of(tape, (*frame.position_mm, frame.theta_deg), Scene(), 1, perfect)
+        dots = dots_of(tape, (*frame.position_mm, frame.theta_deg), Scene(), 1, ERROR_FREE)
         felt = frame.dots_imprint >= 0.5
         assert (dots.part == frame.dots_part[felt]).all()
         assert dots.xy_px == pytest.approx(frame.dots_px[felt])

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from tactape_fab import TapeSpec
 from tactape_fab.errors import CapacityError, SpecError
+from tactape_fab.examine_values import examine_values
 from tactape_fab.kit.spec import KEYS, read_spec_file
-from tactape_fab.make import examine, examine_values
+from tactape_fab.make import examine
 from tests.unit.test_fields import JSON
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
+from typing import Any
+
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.order import OrderFacts
 from tactape_fab.profiles import COSTS, FORMATS, templates_folder
@@ -22,21 +26,7 @@ def _one_line(value: object) -> str:
 
 def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
     """The notes of one order; for people, and never in the fab's zip."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(templates_folder() / "order"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-        finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
-    )
-    environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
-    environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
-    environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
-    template = environment.get_template(f"{facts.fab.order.template}.j2")
+    template = _environment(templates_folder() / "order").get_template(f"{facts.fab.order.template}.j2")
     text = template.render(
         f=facts,
         tape=facts.tape,
@@ -50,3 +40,23 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
     )
     path = f"{facts.name}-order-notes.txt"
     return (Artifact(role="order-notes", path=path, data=text.encode("utf-8")),)
+
+
+@cache
+def _environment(folder: Path) -> Any:
+    """Where templates are loaded and compiled: once for all the notes of a process."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(folder),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+        finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
+    )
+    environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
+    environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
+    environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
+    return environment

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from tactape_fab.errors import RenderError
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.colours import BODY, COVERLAY_COLOURS, Colour, rgb8
-from tactape_fab.kit.readback import GerberContent, read_cpl, read_drill, read_gerber
+from tactape_fab.kit.gerber_reader import GerberContent, read_gerber
+from tactape_fab.kit.readback import read_cpl, read_drill
 from tactape_fab.profiles import FabProfile
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import rotate

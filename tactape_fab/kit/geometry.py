@@ -1,0 +1,43 @@
+"""Many outlines at once as shapely's geometries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from tactape_fab.texture.frames import FloatArray
+
+Geometries = npt.NDArray[Any]
+"""Geometries of shapely, one an element."""
+
+
+def polygons(outlines_mm: Sequence[FloatArray]) -> Geometries:
+    """A polygon of each outline, shapes (k, 2)."""
+    if not outlines_mm:
+        return np.empty(0, dtype=object)
+    return np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(outlines_mm), indices=_numbers(outlines_mm))))
+
+
+def pen_strokes(lines_mm: Sequence[FloatArray], width_mm: float | FloatArray) -> Geometries:
+    """What a round pen covers along each polyline, shapes (k, 2), k >= 2; one width, or one for each."""
+    if not lines_mm:
+        return np.empty(0, dtype=object)
+    lines = shapely.linestrings(np.concatenate(lines_mm), indices=_numbers(lines_mm))
+    return np.asarray(shapely.buffer(lines, np.asarray(width_mm) / 2, quad_segs=16))
+
+
+def gaps_mm(shapes: Geometries, ink: Geometries) -> FloatArray:
+    """Distance of each shape from the nearest piece of ink; shape of `shapes`, infinite where there is no ink."""
+    gaps = np.full(len(shapes), np.inf)
+    (asked, _), distance = shapely.STRtree(ink).query_nearest(shapes, return_distance=True, all_matches=False)
+    gaps[asked] = distance
+    return gaps
+
+
+def _numbers(lines_mm: Sequence[FloatArray]) -> npt.NDArray[np.intp]:
+    """The number of the line that each point of all belongs to."""
+    return np.repeat(np.arange(len(lines_mm)), [len(line) for line in lines_mm])

@@ -1,0 +1,83 @@
+"""Measure everything that docs/evidence.md says, and make the page: `python -m tests.bench [--quick]`.
+
+Results go to the file as they come; the same command takes up again what was interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+
+from .evidence import counts
+from .evidence.job import FULL, QUICK, Job
+from .evidence.page import FIGURES_JSON, jobs, page_of, write_page
+from .evidence.record import Record
+
+
+def say(words: str) -> None:
+    """A line on stderr."""
+    print(words, file=sys.stderr, flush=True)
+
+
+def measure(wanted: Iterable[Job], record: Record, processes: int) -> None:
+    """Run all jobs that have no result yet."""
+    todo = [job for job in wanted if job.key not in record.results]
+    start = perf_counter()
+
+    def told(k: int, job: Job, seconds: float) -> None:
+        left_min = (perf_counter() - start) / k * (len(todo) - k) / 60
+        say(f"{k} of {len(todo)}, {left_min:.1f} min left; {job.section}: {job.name}, {seconds:.1f} s")
+
+    if processes == 1:
+        for k, job in enumerate(todo, 1):
+            result, seconds = job.timed()
+            record.keep(job, result, seconds)
+            told(k, job, seconds)
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(job.timed): job for job in todo}
+        try:
+            for k, future in enumerate(as_completed(waiting), 1):
+                result, seconds = future.result()
+                record.keep(waiting[future], result, seconds)
+                told(k, waiting[future], seconds)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer contacts: some minutes")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="JSON lines; taken up again where it exists")
+    parser.add_argument("--counts", type=Path, metavar="FILE", help="what tests.bench.false_accepts --json wrote")
+    parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument(
+        "--page", type=Path, metavar="FOLDER", help="where evidence.json, the page and its plots go; docs/ unless said"
+    )
+    chosen = parser.parse_args()
+    size = QUICK if chosen.quick else FULL
+    record = Record.opened(chosen.json or Path(f"evidence-{size.name}.jsonl"))
+    wanted = jobs(size)
+    measure(wanted, record, chosen.processes)
+    content = {
+        "size": size.name,
+        "about": record.about,
+        "results": [record.results[job.key] for job in wanted] + (counts.entries(chosen.counts) if chosen.counts else []),
+    }
+    folder = chosen.page or FIGURES_JSON.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / FIGURES_JSON.name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    for path in write_page(content, folder):
+        say(str(path))
+    print(page_of(content))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""The page that is made of the figures: docs/evidence.md, and its plots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from . import codes, counts, curves, table_one
+from .job import Job, Size
+from .record import results_of
+
+DOCS = Path(__file__).parents[3] / "docs"
+FIGURES_JSON, PAGE = DOCS / "evidence.json", DOCS / "evidence.md"
+MEASURED = (table_one, curves, codes)
+
+
+def jobs(size: Size) -> list[Job]:
+    """Everything that is measured here, section by section."""
+    return [job for section in MEASURED for job in section.jobs(size)]
+
+
+def page_of(content: dict[str, Any]) -> str:
+    """The page's text."""
+    about = content["about"]
+    out = [
+        "# Evidence",
+        "",
+        "Every figure on this page stands in `evidence.json` beside it, and was made by `python -m tests.bench` (all of it, or",
+        "`--quick` for fewer contacts), but for the counts of false accepts, which `python -m tests.bench.false_accepts` makes.",
+        f"Size `{content['size']}`, seed {about['seed']}, {about['machine']}; Python {about['python']}, numpy {about['numpy']}, "
+        f"numba {about['numba']}.",
+        "",
+        "All contacts are simulated (see [localization](localization.md)); the default scene is a contact of 11x9 mm with 7.1 µm",
+        "of noise after the high-pass, where a real GelSight Mini without contact has 4.3 µm.",
+        "",
+    ]
+    for section in (*MEASURED, counts):
+        found = results_of(content, section.SECTION)
+        if found:
+            out += section.lines(found)
+    return "\n".join(out)
+
+
+def write_page(content: dict[str, Any], folder: Path) -> list[Path]:
+    """Write the page, and plots into a folder below its own.
+
+    Raises
+    ------
+    SystemExit
+        Without matplotlib.
+    """
+    try:
+        import matplotlib as mpl
+    except ModuleNotFoundError as error:
+        raise SystemExit(f'{error.name} is not installed; pip install -e ".[evidence]"') from error
+    mpl.rcParams["svg.hashsalt"] = "tactape-fab"
+    page = folder / PAGE.name
+    page.write_text(page_of(content), encoding="utf-8")
+    written = [page]
+    (folder / "figures").mkdir(exist_ok=True)
+    found = results_of(content, curves.SECTION)
+    for name, figure in curves.pictures(found).items() if found else ():
+        path = folder / "figures" / name
+        figure.savefig(path, dpi=110, metadata={"Software": None})
+        written.append(path)
+    return written
