@@ -15,7 +15,7 @@ from pathlib import Path
 from time import perf_counter
 
 from .evidence import counts
-from .evidence.job import FULL, QUICK, Job
+from .evidence.job import FULL, QUICK, Job, Result
 from .evidence.page import FIGURES_JSON, jobs, page_of, write_page
 from .evidence.record import Record
 
@@ -26,27 +26,28 @@ def say(words: str) -> None:
 
 
 def measure(wanted: Iterable[Job], record: Record, processes: int) -> None:
-    """Run all jobs that have no result yet."""
+    """Run all jobs that have no result yet, those that measure times first and one by one."""
     todo = [job for job in wanted if job.key not in record.results]
-    start = perf_counter()
+    start, done = perf_counter(), 0
 
-    def told(k: int, job: Job, seconds: float) -> None:
-        left_min = (perf_counter() - start) / k * (len(todo) - k) / 60
-        say(f"{k} of {len(todo)}, {left_min:.1f} min left; {job.section}: {job.name}, {seconds:.1f} s")
+    def keep(job: Job, result: Result, seconds: float) -> None:
+        nonlocal done
+        done += 1
+        record.keep(job, result, seconds)
+        left_min = (perf_counter() - start) / done * (len(todo) - done) / 60
+        say(f"{done} of {len(todo)}, {left_min:.1f} min left; {job.section}: {job.name}, {seconds:.1f} s")
 
-    if processes == 1:
-        for k, job in enumerate(todo, 1):
-            result, seconds = job.timed()
-            record.keep(job, result, seconds)
-            told(k, job, seconds)
+    for job in todo:
+        if job.alone or processes == 1:
+            keep(job, *job.timed())
+    rest = [job for job in todo if not job.alone and processes > 1]
+    if not rest:
         return
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(job.timed): job for job in todo}
+        waiting = {pool.submit(job.timed): job for job in rest}
         try:
-            for k, future in enumerate(as_completed(waiting), 1):
-                result, seconds = future.result()
-                record.keep(waiting[future], result, seconds)
-                told(k, waiting[future], seconds)
+            for future in as_completed(waiting):
+                keep(waiting[future], *future.result())
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.bench.__main__ import measure
-from tests.bench.evidence import codes, counts, curves, table_one
+from tests.bench.evidence import codes, counts, curves, table_one, table_two
 from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
 from tests.bench.evidence.page import FIGURES_JSON, PAGE, jobs, page_of
 from tests.bench.evidence.record import Record, results_of
@@ -33,7 +33,12 @@ def job(value: int) -> Job:
 def test_the_page_is_made_of_the_figures_beside_it() -> None:
     content = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))
     assert page_of(content) == PAGE.read_text(encoding="utf-8"), "run python -m tests.bench"
-    assert {entry["section"] for entry in content["results"]} >= {table_one.SECTION, curves.SECTION, codes.SECTION}
+    assert {entry["section"] for entry in content["results"]} >= {
+        table_one.SECTION,
+        table_two.SECTION,
+        curves.SECTION,
+        codes.SECTION,
+    }
 
 
 def test_a_regression_is_that_of_the_textbook() -> None:
@@ -72,6 +77,13 @@ def test_a_point_holds_both_worlds_and_the_paper_s_method() -> None:
     assert set(found) == set(curves.METHODS)
     assert found["open"]["right"] == found["closed"]["right"] == found["open"]["limit"] == 3
     assert found["open"]["position_um"] < 20.0
+
+
+def test_the_baseline_finds_contacts_now_and_then() -> None:
+    found = table_two.measure_setting("tuned", 8)
+    assert found["ours"]["right"] == found["frames"] == 8
+    assert found["baseline"]["right"] >= 3
+    assert found["baseline"]["position_um"] < 200.0 and found["baseline"]["theta_deg"] < 3.0
 
 
 def test_windows_and_tapes_are_counted() -> None:

@@ -48,12 +48,15 @@ class Job:
         A function of a module, so that another process finds it; it takes `options`.
     options : mapping
         Plain values.
+    alone : bool
+        Whether times are measured: nothing else runs beside it.
     """
 
     section: str
     name: str
     measure: Callable[..., Result]
     options: Mapping[str, Any] = field(default_factory=dict)
+    alone: bool = False
 
     @property
     def key(self) -> str:
