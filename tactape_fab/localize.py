@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -13,6 +14,7 @@ from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import Fields
 from tactape_fab.frame_files import FrameFile, open_frames, tried
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
+from tactape_fab.raw_files import RawImage, open_raw
 from tactape_fab.tapes import read_tapes
 from tactape_fab.texture.code import CODE_NAMES
 from tactape_fab.texture.tape import Tape
@@ -68,18 +70,27 @@ class BareCode:
     displacement_mm: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raw:
+    """Colour images instead of depth maps, and what turns them into some; see `raw_files.open_raw`."""
+
+    images: Sequence[str]
+    background: str | None
+    weights: str | None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Job:
     """What is to be located: files of frames, the sensor, the registry or only the code, and settings of `Localizer`."""
 
-    files: Sequence[FrameFile]
+    files: Sequence[FrameFile | RawImage]
     sensor: SensorProfile
     tapes: Sequence[Tape]
     code: BareCode | None
     settings: Mapping[str, Any]
 
 
-def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, **options: Any) -> Job:
+def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | None = None, **options: Any) -> Job:
     """Read everything that can be wrong before the first frame.
 
     Parameters
@@ -88,6 +99,8 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, **options: 
         See `open_frames` and `read_tapes`.
     sensor : str
         Profile name or the path of its TOML file.
+    raw : Raw, optional
+        Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
     **options
         code, w, delta: the code and its grid (mm) instead of kits; method, world, max_p_false, max_p_tape, fixed_scale: as
         `Localizer` takes them. None is what is not given.
@@ -102,15 +115,26 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, **options: 
     bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
     code = _read_code(bare, bool(kits), problems)
     problems += _setting_problems(given, "code" in bare)
-    if not frames:
+    if raw is not None and not raw.images:
+        message = "--background and --weights are for colour images, and none is given; name them with --raw, or leave those out"
+        problems.append(Problem("raw", message))
+    elif raw is None and not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
     tapes = tried(lambda: read_tapes(kits), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
-    files = None if profile is None else tried(lambda: open_frames(frames, profile), problems)
+    files = None if profile is None else tried(partial(_open, frames, raw, profile), problems)
     if problems:
         raise SpecError(problems)
     assert tapes is not None and profile is not None and files is not None
+    if raw is not None:
+        profile = replace(profile, sign=1, depth_unit_mm=1.0)
     return Job(files=files, sensor=profile, tapes=tapes, code=code, settings=given)
+
+
+def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile) -> Sequence[FrameFile | RawImage]:
+    if raw is None:
+        return open_frames(frames, profile)
+    return open_raw(raw.images, raw.background, raw.weights, profile) if raw.images else []
 
 
 def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:

@@ -87,6 +87,9 @@ def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, f
 @click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]")
 @click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]")
 @click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
+@click.option("--raw", multiple=True, metavar="IMAGES", help="Colour images of the gel, or a folder of them, instead of FRAMES.")
+@click.option("--background", metavar="IMAGE", help="With --raw: the gel while it touches nothing.")
+@click.option("--weights", metavar="FILE.pth", help="With --raw: the network that turns the sensor's colours into slopes.")
 @click.option("--method", metavar="ml|paper", default="ml", help="How frames are located.  [default: ml]")
 @click.option("--world", metavar="open|closed", help="Whether tapes that are not named may be touched, too.  [default: open]")
 @click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]")
@@ -94,23 +97,37 @@ def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, f
 @click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame.")
 @click.option("--overlay", metavar="DIR", help="Write a picture of every frame: dots, grid, axes.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame.")
-def decode(frames: Sequence[str], kits: Sequence[str], sensor: str, overlay: str | None, as_json: bool, **given: Any) -> None:
+def decode(
+    frames: Sequence[str],
+    kits: Sequence[str],
+    sensor: str,
+    raw: Sequence[str],
+    background: str | None,
+    weights: str | None,
+    overlay: str | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
     """Locate contacts: which tape each frame touches, where and at what angle, or why that cannot be said.
 
-    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif.
+    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; after --raw, further PNG and JPEG images.
 
     \b
     Example: tactape-fab decode frames.npz --tape tactape-s007
+    Example: tactape-fab decode --raw images --background bg.png --weights nnmodel.pth --tape tactape-s007
     """
     with answers():
-        from tactape_fab.localize import is_kit, localize, make_locator, prepare
+        from tactape_fab.localize import Raw, is_kit, localize, make_locator, prepare
 
         if kits:  # --tape A B, as a shell would have it
             kits = [*kits, *(f for f in frames if is_kit(f))]
             frames = [f for f in frames if not is_kit(f)]
         reads = {"w": length, "delta": length, "max_p_false": number, "max_p_tape": number}
         options = {name: reads[name](v) if name in reads and v is not None else v for name, v in given.items()}
-        job = prepare(frames, kits, sensor, **options)
+        colour = None
+        if raw or background is not None or weights is not None:
+            colour = Raw(images=[*raw, *frames] if raw else [], background=background, weights=weights)
+        job = prepare(frames, kits, sensor, colour, **options)
         _print_answers(localize(job, make_locator), job, as_json=as_json, overlay=overlay)
 
 

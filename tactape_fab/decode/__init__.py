@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tactape_fab.decode.localizer import Localizer
+    from tactape_fab.decode.reconstruct import Reconstruction, load_network, make_reconstruction
     from tactape_fab.decode.result import Localization
     from tactape_fab.decode.search import Prior
 
-__all__ = ["Localization", "Localizer", "Prior"]
+__all__ = ["Localization", "Localizer", "Prior", "Reconstruction", "load_network", "make_reconstruction"]
 
-_HOMES = {"Localizer": "localizer", "Localization": "result", "Prior": "search"}
+_HOMES = {
+    **{"Localizer": "localizer", "Localization": "result", "Prior": "search"},
+    **dict.fromkeys(("Reconstruction", "load_network", "make_reconstruction"), "reconstruct"),
+}
 
 
 def __getattr__(name: str) -> Any:
