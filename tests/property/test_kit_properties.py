@@ -18,6 +18,7 @@ from tactape_fab.kit.writer import RENDERERS, render_all
 from tactape_fab.make import Examined, examine
 from tactape_fab.profiles import BACKING_ROLES
 from tactape_fab.texture.code import CODE_NAMES, get_code
+from tests.thorough import some
 
 
 @st.composite
@@ -58,7 +59,7 @@ def legal(values: dict[str, Any]) -> Examined:
     return examined
 
 
-@settings(deadline=None, derandomize=True, max_examples=15)
+@settings(deadline=None, derandomize=True, max_examples=some(15))
 @given(values=specs())
 def test_any_legal_spec_becomes_a_verified_kit(values: dict[str, Any]) -> None:
     examined = legal(values)
@@ -77,7 +78,7 @@ def test_any_legal_spec_becomes_a_verified_kit(values: dict[str, Any]) -> None:
         assert {p.relative_to(kit.path).as_posix() for p in kit.path.rglob("*") if p.is_file()} == listed
 
 
-@settings(deadline=None, derandomize=True, max_examples=8)
+@settings(deadline=None, derandomize=True, max_examples=some(8))
 @given(values=specs())
 def test_rendering_depends_on_the_spec_alone(values: dict[str, Any]) -> None:
     examined = legal(values)

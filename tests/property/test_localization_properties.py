@@ -20,6 +20,7 @@ from tactape_fab.errors import FrameError
 from tactape_fab.make import examine
 from tactape_fab.simulate import DotErrors, Dots, Scene, dots_of, simulate
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tests.thorough import some
 
 TAPE = examine(TapeSpec(sector=7)).layout.tape
 OPEN = Localizer([TAPE])
@@ -169,7 +170,7 @@ def test_random_dots_are_never_located(localizer: Localizer, count: int, seed: i
     assert not fix.located
 
 
-@settings(quick, max_examples=200)
+@settings(quick, max_examples=some(200))
 @given(localizer=BOTH, pose=poses, seed=st.integers(0, 2**32 - 1))
 def test_contacts_at_any_pose_are_right(localizer: Localizer, pose: tuple[float, float, float], seed: int) -> None:
     dots = contact(pose, seed)
@@ -178,7 +179,7 @@ def test_contacts_at_any_pose_are_right(localizer: Localizer, pose: tuple[float,
     assert fix.located and is_right(fix, pose)
 
 
-@settings(quick, max_examples=200)
+@settings(quick, max_examples=some(200))
 @given(localizer=BOTH, pose=poses, seed=st.integers(0, 2**32 - 1), share=st.floats(0.0, 1.0))
 def test_wrong_symbols_are_right_or_not_located(
     localizer: Localizer, pose: tuple[float, float, float], seed: int, share: float
@@ -201,7 +202,7 @@ def test_wrong_symbols_are_right_or_not_located(
         assert fix.located
 
 
-@settings(quick, max_examples=200)
+@settings(quick, max_examples=some(200))
 @given(
     localizer=BOTH,
     pose=poses,
@@ -229,7 +230,7 @@ def test_bad_contacts_are_right_or_not_located(
     assert not fix.located or is_right(fix, pose)
 
 
-@settings(quick, max_examples=150)
+@settings(quick, max_examples=some(150))
 @given(
     localizer=BOTH,
     pose=poses,

@@ -22,12 +22,13 @@ from tactape_fab.verify.models import mesh_volume_tolerance_mm3
 from tactape_fab.verify.raised import find_raised
 from tests.part21 import check_solids
 from tests.solids import BLOCK, CONE, DOME, step_of, tape_of, volume_mm3
+from tests.thorough import some
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 
 LEAST_CYLINDER_MM = 5.0
 """Below it the spline of a dome's foot leaves its surfaces by more than 1e-7 mm."""
-_SOME = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
+_SOME = settings(max_examples=some(40), deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 
 
 def mm(low: float, high: float) -> st.SearchStrategy[float]:

@@ -24,8 +24,9 @@ from click.testing import CliRunner
 from tactape_fab import Tape, TapeSpec, make_kit, verify_kit
 from tactape_fab.cli import main
 from tactape_fab.errors import SpecError
+from tests.thorough import some
 
-KILLS = 50
+KILLS = some(50)
 AT_A_TIME = 2
 NEW, OLD = 7, 8
 SIZE_MM = (40.0, 30.0)

@@ -39,9 +39,10 @@ from tactape_fab.verify.round_trip import (
     read_contact,
 )
 from tests.roundtrip.kits import OpenKit
+from tests.thorough import some
 
 KITS = os.environ.get("TACTAPE_KITS", "")
-FIRST, LAST = (int(v) for v in KITS.split(":")) if KITS else (0, 12)
+FIRST, LAST = (int(v) for v in KITS.split(":")) if KITS else (0, some(12))
 COUNTS = (INSIDE, EDGE) if KITS else (8, 4)  # from each source
 SOLID = ("block", "dome", "cone")
 

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.thorough import only_thorough
+
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
+@only_thorough
 @pytest.mark.parametrize(
     ("page", "least"),
     [

@@ -1,0 +1,15 @@
+"""How much is tried: CI asks for all of it by TACTAPE_THOROUGH=1, and a run at a desk does with fewer examples of the same."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+THOROUGH = os.environ.get("TACTAPE_THOROUGH") == "1"
+only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_THOROUGH=1 asks for it")
+
+
+def some(many: int) -> int:
+    """How many of so many examples are tried."""
+    return many if THOROUGH else -(-many // 4)
