@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.bench.__main__ import measure
-from tests.bench.evidence import codes, counts, curves, table_one, table_two
+from tests.bench.evidence import accuracy, codes, counts, curves, table_one, table_two
 from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
 from tests.bench.evidence.page import FIGURES_JSON, PAGE, jobs, page_of
 from tests.bench.evidence.record import Record, results_of
@@ -84,6 +84,15 @@ def test_the_baseline_finds_contacts_now_and_then() -> None:
     assert found["ours"]["right"] == found["frames"] == 8
     assert found["baseline"]["right"] >= 3
     assert found["baseline"]["position_um"] < 200.0 and found["baseline"]["theta_deg"] < 3.0
+
+
+def test_errors_are_held_against_the_bound() -> None:
+    found = accuracy.measure_scene("default scene", 20)
+    assert found["frames"] == 20
+    assert 0.7 < found["position_ratio"] < 1.5 and 0.5 < found["theta_ratio"] < 1.6
+    assert found["position_um"] < found["paper_position_um"] / 3  # some thirty dots instead of one
+    said = accuracy.lines(dict.fromkeys(accuracy.SCENES, found))
+    assert f"| default scene | 20 | {found['dot_px']:.2f} | {found['position_um']:.1f} |" in "\n".join(said)
 
 
 def test_windows_and_tapes_are_counted() -> None:

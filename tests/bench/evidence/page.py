@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from . import codes, counts, curves, table_one, table_two
+from . import accuracy, codes, counts, curves, table_one, table_two
 from .job import Job, Size
 from .record import results_of
 
 DOCS = Path(__file__).parents[3] / "docs"
 FIGURES_JSON, PAGE = DOCS / "evidence.json", DOCS / "evidence.md"
-MEASURED = (table_one, table_two, curves, codes)
+MEASURED = (table_one, table_two, accuracy, curves, codes)
 
 
 def jobs(size: Size) -> list[Job]:
