@@ -55,7 +55,7 @@ def lines(results: Mapping[str, Result]) -> list[str]:
     out = [
         "## How near to the bound",
         "",
-        "Errors (rms) of contacts located and right; over the Cramér–Rao bound for the dots' own error, the scale being known; and",
+        "Errors (rms) of contacts located and right; over the Cramér–Rao bound for the dots' own error and a known scale; and",
         "what the paper's Eq. 17 and 18 give for the same dots, where the angle comes from two of them 8 mm apart and the place",
         "from one. `nees` is the mean error squared over the covariance that was reported, 1 where that is calibrated.",
         "",
