@@ -63,6 +63,10 @@ def main() -> None:
     about_page = "where evidence.json, the page and its plots go; docs/ unless said, and then the README's numbers, too"
     parser.add_argument("--page", type=Path, metavar="FOLDER", help=about_page)
     chosen = parser.parse_args()
+    try:
+        counted = counts.entries(chosen.counts)
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        parser.error(f"--counts: {error}; give files that tests.bench.false_accepts --json wrote")
     size = QUICK if chosen.quick else FULL
     record = Record.opened(chosen.json or Path(f"evidence-{size.name}.jsonl"))
     wanted = jobs(size)
@@ -70,7 +74,7 @@ def main() -> None:
     content = {
         "size": size.name,
         "about": record.about,
-        "results": [record.results[job.key] for job in wanted] + counts.entries(chosen.counts),
+        "results": [record.results[job.key] for job in wanted] + counted,
     }
     folder = chosen.page or FIGURES_JSON.parent
     folder.mkdir(parents=True, exist_ok=True)

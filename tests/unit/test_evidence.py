@@ -157,6 +157,10 @@ def test_counts_of_several_files_are_put_together(tmp_path: Path) -> None:
     found = {entry["name"]: entry["result"]["located"] for entry in counts.entries(paths)}
     assert found == {"ball, dots, open world": 1, "of first, dots": 5, "of second, dots": 1}
     assert counts.entries([]) == []
+    other = tmp_path / "other.jsonl"
+    other.write_text("no\ncounts\n")
+    with pytest.raises(ValueError, match=r"other\.jsonl has no counts"):
+        counts.entries([*paths, other])
 
 
 def test_bounds_that_are_too_small_too_often_are_named() -> None:

@@ -19,10 +19,19 @@ STEPS = tuple(10.0**-k for k in range(1, DECADES + 1))
 
 
 def entries(paths: Sequence[Path]) -> list[dict[str, Any]]:
-    """Results of files of counts, as `record.Record` keeps those of jobs; of a job that two of them hold, the later file's."""
+    """Results of files of counts, as `record.Record` keeps those of jobs; of a job that two of them hold, the later file's.
+
+    Raises
+    ------
+    OSError, LookupError, TypeError, ValueError
+        For a file that is none, or has no counts.
+    """
     done: Done = {}
     for path in paths:
-        done |= Record.read(path)
+        read = Record.read(path)
+        if not read:
+            raise ValueError(f"{path} has no counts")
+        done |= read
     found = []
     for kind in sorted({job.kind for job in done}):
         tallies = by_subject(done, kind)
