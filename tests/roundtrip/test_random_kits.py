@@ -6,6 +6,7 @@ TACTAPE_KITS=FIRST:LAST takes those kits instead of the first twelve, from each 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,8 @@ from tests.thorough import some
 KITS = os.environ.get("TACTAPE_KITS", "")
 FIRST, LAST = (int(v) for v in KITS.split(":")) if KITS else (0, some(12))
 COUNTS = (INSIDE, EDGE) if KITS else (8, 4)  # from each source
-MOST_MISSED = 0.02
-"""Share of a source's contacts that the decoder may miss though their dots say enough."""
+ONE_MISSED_OF = 500
+"""The decoder may miss one contact, and one of every so many more, though their dots say enough."""
 SOLID = ("block", "dome", "cone")
 
 
@@ -74,8 +75,14 @@ def sources_of(folder: Path, tape: Tape) -> list[Source]:
     return [cpl_source(read_cpl(kit.data["cpl"])), copper_source(flashes, pads["offset_mm"], tape.part.rotation_deg)]
 
 
+@pytest.fixture(scope="module")
+def tally() -> Counter[str]:
+    """What became of the contacts of all kits so far."""
+    return Counter()
+
+
 @pytest.mark.parametrize("number", range(FIRST, LAST))
-def test_a_random_kit_comes_back(number: int, tmp_path: Path) -> None:
+def test_a_random_kit_comes_back(number: int, tally: Counter[str], tmp_path: Path) -> None:
     kit = make_examined(drawn(number), tmp_path / "kit")
     assert len([c for c in kit.checks if c.name.startswith("round trip") and c.passed]) == (1 if "stl" in kit.files else 2)
     tape = Tape.load(kit.path)
@@ -86,7 +93,15 @@ def test_a_random_kit_comes_back(number: int, tmp_path: Path) -> None:
         print(f"\nkit {number} {tape.code} {tape.part.name} W {tape.pitch_mm} {trip.source}: {counted}, {worst:.0f} um")
         assert counted["wrong"] == 0, trip.poses[trip.outcome == WRONG]
         assert counted["lost"] == 0, (trip.poses[trip.outcome == LOST], trip.reasons)
-        assert counted["missed"] <= MOST_MISSED * len(trip.outcome), trip.poses[trip.outcome == MISSED]
+        if counted["missed"]:
+            print("missed:", trip.poses[trip.outcome == MISSED].tolist(), dict(trip.reasons))
+        tally.update(counted)
+
+
+def test_the_decoder_misses_hardly_any_that_say_enough(tally: Counter[str]) -> None:
+    print(f"\n{LAST - FIRST} kits, {tally.total()} contacts: {dict(tally)}")
+    assert tally["right"] > 0.5 * tally.total()
+    assert tally["missed"] <= 1 + tally.total() // ONE_MISSED_OF
 
 
 _NAMES = {"right": RIGHT, "limited": LIMITED, "noisy": NOISY, "missed": MISSED, "lost": LOST, "wrong": WRONG}
