@@ -1,7 +1,8 @@
 """The information limit of a contact: what the decoder's rule says where nothing is lost on the way to the symbols.
 
 Whoever reads a contact without a fault knows how the grid lies, which dots are parts under the contact, and their symbols. What
-can still keep him from an answer is that these are too few, or tops of the noise beside them that nobody can tell from parts.
+can still keep him from an answer is that these are too few, or tops of the noise beside them, whose heights and places are those
+of parts. It is the limit of such dots, not of the depth map: who knows how a part is imprinted could tell more tops from parts.
 Neither the detection of parts nor the fit of the grid plays a part in what is said here: only the rule that answers have to keep.
 """
 
@@ -87,7 +88,7 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage) -> Lo
     """The same of a frame: all those symbols as they are, and beside them every other dot that the frame shows.
 
     Those dots are parts at the rim, outside the contact's outline, and tops of the noise or of the board's edge. Which of them
-    are which is what nobody can know for sure: each counts as the decoder takes it.
+    are which is not given: each counts as far as the decoder trusts it, a trust that is not judged here.
 
     Parameters
     ----------
