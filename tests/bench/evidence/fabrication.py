@@ -31,6 +31,17 @@ GERBER_PEERS_MOST, UNION_MOST, KERNEL_MOST = 50_000, 10_000, 2_000
 """Parts of the largest tape that the others write: some seconds each, for a CAD kernel a minute."""
 FILES = (COPPER, SOLID, ASSEMBLY, STL, THREEMF, ONLY_STL, ONLY_THREEMF, KIT)
 PLOTTED = (COPPER, SOLID, ASSEMBLY, STL, THREEMF, KIT)
+STYLES = {
+    US: ("#0072b2", "o"),
+    "build123d": ("#d55e00", "^"),
+    "gerber_writer": ("#cc79a7", "D"),
+    "gerbonara": ("#009e73", "s"),
+    "gerbonara, pads with sharp corners": ("#56b4e9", "v"),
+    "manifold3d, trimesh": ("#e69f00", "P"),
+    "manifold3d, lib3mf": ("#e69f00", "X"),
+}
+LEGEND_ROOM = 100.0
+"""Of the axes above the largest value, as a ratio."""
 PROCESSES = "whole processes"
 Points = dict[str, dict[str, list[tuple[int, float]]]]
 """Parts and seconds by file and by who wrote it, the smallest tape first."""
@@ -216,19 +227,21 @@ def pictures(results: Mapping[str, Result]) -> dict[str, Any]:
     from matplotlib.figure import Figure
 
     points = points_of(results)
-    figure = Figure(figsize=(12.0, 7.2), layout="constrained")
-    grid = figure.subplots(2, 3, sharex=True)
-    styles = (("#d55e00", "^"), ("#009e73", "s"), ("#cc79a7", "D"))
+    seconds = [value for file in PLOTTED for curve in points.get(file, {}).values() for _, value in curve]
+    figure = Figure(figsize=(12.0, 7.6), layout="constrained")
+    grid = figure.subplots(2, 3, sharex=True, sharey=True)
     for axes, file in zip(grid.flat, PLOTTED, strict=True):
-        others = [who for who in points.get(file, {}) if who != US]
-        for who, (colour, marker) in zip([US, *others], (("#0072b2", "o"), *styles), strict=False):
-            curve = points.get(file, {}).get(who, [])
+        for who, curve in points.get(file, {}).items():
+            colour, marker = STYLES[who]
             slope = slope_of(curve)
             label = who if slope is None else f"{who}: {slope:.2f}"
-            axes.plot(*np.array(curve).reshape(-1, 2).T, color=colour, marker=marker, label=label, markersize=4)
-        axes.set(title=file, xscale="log", yscale="log")
+            axes.plot(*np.array(curve).T, color=colour, marker=marker, label=label, markersize=4)
+        axes.set(title=file, xscale="log", yscale="log", ylim=(min(seconds) / 2, max(seconds) * LEGEND_ROOM))
         axes.grid(alpha=0.3)
-        axes.legend(frameon=False, title="slope", fontsize="small", title_fontsize="small")
+        if axes.lines:
+            axes.legend(
+                loc="upper left", frameon=False, title="slope", fontsize="small", title_fontsize="small", alignment="left"
+            )
     for axes in grid[-1]:
         axes.set_xlabel("parts")
     for axes in grid[:, 0]:
