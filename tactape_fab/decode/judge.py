@@ -20,6 +20,8 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, Symb
 
 _PLACES = 1e6
 """Rivals are named where they are as sure as an answer would have to be among so many places."""
+_BY_CHANCE = 1e-5
+"""What p_tape may be, of all that p_false may be, where a tape that only looks like ours by chance need not be thought of."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +125,8 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     if refused:
         found = strangers(world.families, place, world.unregistered_share, clear)
     else:
-        found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa))
+        chance = p_tape > _BY_CHANCE * limits.max_p_false
+        found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa), beyond=chance)
     sure = found.score > clear and found.lead < log(limits.kappa)
     if refused and not sure:
         return registered

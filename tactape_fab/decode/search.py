@@ -12,7 +12,7 @@ from tactape_fab.decode.counting import NEGLIGIBLE, Tally, new_tally
 from tactape_fab.decode.evidence import Tables, tables_of
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.near import evidence_at, places_near
-from tactape_fab.decode.sites import FIRST, LAST, TAPES, Family
+from tactape_fab.decode.sites import FIRST, LAST, TAPES, Family, Sites
 from tactape_fab.decode.weigh import weigh_sites
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -23,8 +23,6 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
-_SURELY_SEEN = 30.0
-"""More than the weight of an answer and that of a rival can differ by (ln)."""
 MOST_RADIUS_MM = 50.0
 _PLENTY = 0.05
 """Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
@@ -214,7 +212,13 @@ def search(
 
 
 def rivals(
-    families: Sequence[Family], place: Place, share: float, precision: float = PRECISION, least_lead: float = 0.0
+    families: Sequence[Family],
+    place: Place,
+    share: float,
+    precision: float = PRECISION,
+    least_lead: float = 0.0,
+    *,
+    beyond: bool = True,
 ) -> Rivals:
     """Hold the dots of an answer against every place of the tapes that nobody registered.
 
@@ -226,21 +230,24 @@ def rivals(
         What `Rivals.weight` may be too large by where it matters.
     least_lead : float
         A lead (ln) that is smaller is not told from bounds.
+    beyond : bool
+        Whether dots may hang over the edges of tapes at default origins.
     """
-    cue, base = np.log(place.turn_weights), _unregistered_weights(families, place, share)
-    others = [family.unregistered for family in families if family.unregistered is not None]
-    strict = _strict(place.groups, precision)
-    for negligible in (_RIVALS_NEGLIGIBLE, strict, strict - least_lead - _SURELY_SEEN):
-        found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), False
+    kept = [family.beyond if beyond else family.unregistered for family in families]
+    others = [sites for sites in kept if sites is not None]
+    cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
+    likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
+    negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, precision)
+    while True:
+        found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), 0.0
         for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
-            tally = new_tally(place.score + place.weight, negligible)
+            tally = new_tally(place.score + place.weight, negligible, likely)
             weigh_sites(t, sites, g, base, cue, tally)
             found = _strongest(found, tally, family, place, cue)
-            bounded = bounded or bool(tally.sums[4] > tally.sums[2])
-        known = found.weight <= precision and not (bounded and found.lead < least_lead)
-        if known or found.weight > _PLENTY:
-            break
-    return found
+            bounded += float(tally.sums[7]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
+        if bounded <= precision or found.weight - bounded > _PLENTY or negligible <= strict:
+            return found
+        negligible = max(negligible - log(2.0 * bounded / precision), strict)
 
 
 def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
@@ -248,7 +255,8 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
 
     `weight` is a bound, `lead` that of what was found alone; where nothing has so much, they are of what was looked at.
     """
-    cue, base = np.log(place.turn_weights), _unregistered_weights(families, place, share)
+    others = [family.unregistered for family in families if family.unregistered is not None]
+    cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     even = np.where(np.isfinite(base), 0.0, base)  # every place counts by its evidence
     found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
     for t, (groups, spans, limits), family in zip(place.tables, place.groups, families, strict=True):
@@ -265,9 +273,8 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
     return found
 
 
-def _unregistered_weights(families: Sequence[Family], place: Place, share: float) -> FloatArray:
+def _unregistered_weights(others: Sequence[Sites], place: Place, share: float) -> FloatArray:
     """`_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
-    others = [family.unregistered for family in families if family.unregistered is not None]
     counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
     return _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
 

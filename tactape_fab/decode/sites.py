@@ -78,12 +78,15 @@ class Family:
     registered : Sites
     unregistered : Sites or None
         All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed world.
+    beyond : Sites or None
+        The same, where dots may hang over the edges of those at default origins as well.
     """
 
     code: str
     tapes: tuple[int, ...]
     registered: Sites
     unregistered: Sites | None
+    beyond: Sites | None
 
 
 def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
@@ -106,7 +109,8 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
             holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
         )
         unregistered = _unregistered(code, sizes, members) if open_world else None
-        found.append(Family(code=name, tapes=tuple(order), registered=registered, unregistered=unregistered))
+        beyond = None if unregistered is None else _over_all_edges(unregistered)
+        found.append(Family(code=name, tapes=tuple(order), registered=registered, unregistered=unregistered, beyond=beyond))
     return found
 
 
@@ -114,7 +118,8 @@ def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape
     """Every other sector at its default origin, and all but the registered ones at each origin of a registered tape.
 
     Only at the latter may dots hang over an edge: there another sector is a shift of ours, and a contact over its edge looks
-    like one over ours. Elsewhere in the plane a tape looks like chance, which p_tape bounds.
+    like one over ours. Elsewhere in the plane a tape's edge looks like chance, and counts where chance may matter
+    (`_over_all_edges`).
     """
     length = code.main.length
     largest = sizes.index((max(columns for columns, _ in sizes), max(rows for _, rows in sizes)))
@@ -136,6 +141,13 @@ def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape
         barred=np.array(barred, dtype=np.int64).reshape(-1, 3),
         overhang=False,
     )
+
+
+def _over_all_edges(sites: Sites) -> Sites:
+    """The same sites, where dots may hang over the edges of all."""
+    classes = sites.classes.copy()
+    classes[:, OVERHANG] = 1
+    return sites._replace(classes=classes)
 
 
 def _least_size(sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> int:

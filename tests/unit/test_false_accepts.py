@@ -24,7 +24,7 @@ from tests.bench.false_accepts import (
     worst_jobs,
 )
 from tests.bench.false_tally import Tally, total, upper_bound
-from tests.bench.localization_false import PART, SCENES, Job, count, depth_frames, dots_frames, draw_part, fewest_lines
+from tests.bench.localization_false import PART, SCENES, Job, count, depth_frames, dots_frames, draw_part, fewest_lines, replay
 from tests.bench.localization_false import _poses as poses_of
 from tests.bench.localization_rows import tape_of
 
@@ -52,6 +52,14 @@ def test_a_tally_counts_decades_and_keeps_the_least() -> None:
     assert (both.frames, both.located, dict(both.by), both.accepted) == (5, 1, {"8x8 mm": 1}, ["frame 0"])
     assert both.decades["p_tape"][:6] == [4, 3, 3, 2, 2, 2]
     assert Tally.from_mapping(both.to_mapping()) == both
+
+
+@pytest.mark.parametrize(("sector", "part", "frame"), [(104, 0, 719), (4, 1, 383)])
+def test_a_tape_that_nobody_registered_is_known_over_its_own_edge(sector: int, part: int, frame: int) -> None:
+    job = Job(kind=SECTORS_DOTS, subject=f"sector {sector}", level="dots", part=part)
+    found = replay(job, frame)
+    assert found.p_tape is not None and found.p_tape < 1e-5  # nothing else refuses it
+    assert not found.located
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 10000), (1, 10000), (7, 2000), (0, 5)])

@@ -173,17 +173,28 @@ def test_search_is_a_plain_enumeration(name: str, corner: tuple[int, int], doubt
 
 @pytest.mark.parametrize("name", ["one", "mixed"])
 @pytest.mark.parametrize(
-    ("sector", "corner", "doubt"), [(7, (28, 9), 0.02), (7, (-2, 3), 0.05), (9, (20, 9), 0.02), (8, (3, 3), 0.3)]
+    ("sector", "corner", "doubt", "at_default", "beyond"),
+    [
+        (7, (28, 9), 0.02, False, False),
+        (7, (-2, 3), 0.05, False, False),
+        (9, (20, 9), 0.02, False, False),
+        (8, (3, 3), 0.3, False, True),
+        (7, (-2, 3), 0.05, False, True),
+        (104, (-3, 12), 0.02, True, True),
+        (104, (59, -1), 0.05, True, True),
+    ],
 )
-def test_rivals_are_a_plain_enumeration(name: str, sector: int, corner: tuple[int, int], doubt: float) -> None:
+def test_rivals_are_a_plain_enumeration(
+    name: str, sector: int, corner: tuple[int, int], doubt: float, at_default: bool, beyond: bool
+) -> None:
     tapes = REGISTRIES[name]
     rng = np.random.default_rng([sector, *(v + 10 for v in corner)])
-    origin = tapes[0].origin
+    origin = None if at_default else tapes[0].origin
     nodes, q = seen(tape_of(sector, origin=origin), corner, 1, rng, dots=22, doubt=doubt)
     world = families(tapes, open_world=True)
     place = search(tapes, world, nodes, q, TURNS, GRID, CENTRE, None)
     assert place is not None
-    shown = rivals(world, place, SHARE)
+    shown = rivals(world, place, SHARE, beyond=beyond)
     each, sectors = [], []
     default = {tape.sector for tape in tapes if tape.origin == default_origin(tape.code, tape.sector)}
     largest = (max(62, *(tape.columns for tape in tapes)), max(32, *(tape.rows for tape in tapes)))
@@ -196,7 +207,7 @@ def test_rivals_are_a_plain_enumeration(name: str, sector: int, corner: tuple[in
             each.append(enumerate_places(tape_of(7, size, there), other, nodes, q))
             sectors.append(other)
     for other in set(range(256)) - default:
-        each.append(enumerate_places(tape_of(other, largest), other, nodes, q, overhang=False))
+        each.append(enumerate_places(tape_of(other, largest), other, nodes, q, overhang=beyond))
         sectors.append(other)
     found, of = joined(each), np.repeat(sectors, [len(here.turn) for here in each])
     score = found.value + np.log(weights_of(found, TURNS)) + np.log(SHARE / (1 - SHARE))
@@ -209,6 +220,8 @@ def test_rivals_are_a_plain_enumeration(name: str, sector: int, corner: tuple[in
     if lead < 5.0:
         assert shown.name.split()[1] == str(of[int(likelihood.argmax())])
         assert shown.score == pytest.approx(found.value[int(likelihood.argmax())], abs=1e-3)
+    if beyond:  # strangers are asked for where they lie, or over an edge at a common origin
+        return
     top = int(likelihood.argmax())
     asked = strangers(world, place, SHARE, float(found.value[top]) - 1e-3)
     assert asked.name.split()[1] == str(of[top])
@@ -265,7 +278,7 @@ def test_the_last_strangers_at_an_origin_weigh_what_they_are(count: int) -> None
     nodes, q = seen(tape_of(255, origin=(0, 0)), (10, 7), 1, np.random.default_rng(0), dots=26, doubt=0.05)
     place = search(tapes, world, nodes, q, TURNS, GRID, CENTRE, None)
     assert place is not None
-    shown = rivals(world, place, SHARE)
+    shown = rivals(world, place, SHARE, beyond=False)
     here = [enumerate_places(tape_of(7, origin=(0, 0)), sector, nodes, q) for sector in range(count, 256)]
     default = set(range(256)) - {0}
     there = [enumerate_places(tape_of(sector), sector, nodes, q, overhang=False) for sector in default]
