@@ -58,7 +58,7 @@ def jobs(size: Size) -> list[Job]:
             _job(f"models, {parts} parts", measure_models, said | {"union": parts <= UNION_MOST, "kernel": parts <= kernel_most}),
             _job(f"kit, {parts} parts", measure_kit, said),
         ]
-    return [*wanted, _job(PROCESSES, measure_processes, {"turns": _turns(0, size)})]
+    return [*wanted, _job(PROCESSES, measure_processes, {"turns": _turns(UNION_MOST, size)})]
 
 
 def _turns(parts: int, size: Size) -> int:
