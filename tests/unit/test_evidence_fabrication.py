@@ -108,6 +108,7 @@ def test_times_are_measured_alone_and_up_to_the_largest_tape() -> None:
     assert max(one.options.get("parts", 0) for one in quick) == 10_000
     asked = {one.options["parts"]: one.options for one in full if one.name.startswith("models")}
     assert [parts for parts, said in asked.items() if said["kernel"]] == [500, 1_000, 2_000]
+    assert [parts for parts, said in asked.items() if not said["writers"]] == [200_000]
     assert [parts for parts, said in asked.items() if said["union"]] == [500, 1_000, 2_000, 10_000]
     assert sum(one.options.get("kernel", False) for one in quick) == 1
     assert min(one.options["turns"] for one in full) >= 2
@@ -135,7 +136,7 @@ def test_copper_and_kit_are_measured() -> None:
 
 
 def test_models_are_measured_with_everyone_s_files() -> None:
-    found = fabrication_measure.measure_models(100, 1, True, True)
+    found = fabrication_measure.measure_models(100, 1, True, True, True)
     assert {file: set(who) for file, who in found["seconds"].items()} == {
         SOLID: {US, "build123d"},
         ASSEMBLY: {US, "build123d"},
@@ -149,8 +150,9 @@ def test_models_are_measured_with_everyone_s_files() -> None:
         assert max(sizes.values()) < 8 * min(sizes.values())  # the same content
     assert found["bytes"][ONLY_STL][US] == found["bytes"][ONLY_STL]["trimesh"]
     assert found["memory_mb"][SOLID]["build123d"] > found["memory_mb"][SOLID][US]
-    alone = fabrication_measure.measure_models(100, 1, False, False)
-    assert all(set(who) == {US} for file, who in alone["seconds"].items() if not file.endswith("of one mesh"))
+    alone = fabrication_measure.measure_models(100, 1, False, False, False)
+    assert set(alone["seconds"]) == set(found["seconds"])
+    assert all(set(who) == {US} for who in alone["seconds"].values())
 
 
 def test_whole_processes_are_measured_with_the_versions_of_libraries() -> None:

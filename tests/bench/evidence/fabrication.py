@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from .job import Job, Result, Size
 
 SECTION = "fabrication"
 SIZES = (500, 1_000, 2_000, 10_000, 50_000, 200_000)
-GERBER_PEERS_MOST, UNION_MOST, KERNEL_MOST = 50_000, 10_000, 2_000
+WRITERS_MOST, UNION_MOST, KERNEL_MOST = 50_000, 10_000, 2_000
 """Parts of the largest tape that the others write: some seconds each, for a CAD kernel a minute."""
 FILES = (COPPER, SOLID, ASSEMBLY, STL, THREEMF, ONLY_STL, ONLY_THREEMF, KIT)
 PLOTTED = (COPPER, SOLID, ASSEMBLY, STL, THREEMF, KIT)
@@ -53,9 +54,10 @@ def jobs(size: Size) -> list[Job]:
     wanted = []
     for parts in (parts for parts in SIZES if parts <= size.parts):
         said: dict[str, Any] = {"parts": parts, "turns": _turns(parts, size)}
+        others = {"writers": parts <= WRITERS_MOST, "union": parts <= UNION_MOST, "kernel": parts <= kernel_most}
         wanted += [
-            _job(f"copper, {parts} parts", measure_copper, said | {"peers": parts <= GERBER_PEERS_MOST}),
-            _job(f"models, {parts} parts", measure_models, said | {"union": parts <= UNION_MOST, "kernel": parts <= kernel_most}),
+            _job(f"copper, {parts} parts", measure_copper, said | {"peers": others["writers"]}),
+            _job(f"models, {parts} parts", measure_models, said | others),
             _job(f"kit, {parts} parts", measure_kit, said),
         ]
     return [*wanted, _job(PROCESSES, measure_processes, {"turns": _turns(UNION_MOST, size)})]
@@ -128,7 +130,7 @@ def lines(results: Mapping[str, Result]) -> list[str]:
     ]
     for file in FILES:
         out += [_against(_largest(results, file, who), file, who) for who in points.get(file, {}) if who != US]
-    out += ["", f"Below 1, where ours is slower or larger: {_lost(results, points)}.", ""]
+    out += ["", *wrap(f"Below 1, where ours is slower or larger: {_lost(results, points)}.", 120), ""]
     return [*out, *_memory(results), *_growth(points), *_processes(whole)]
 
 
@@ -146,7 +148,7 @@ def _lost(results: Mapping[str, Result], points: Points) -> str:
         for unit, ratio in _ratios(_largest(results, file, who), file, who).items()
         if ratio < 0.995
     ]
-    return ", ".join(found) or "nowhere"
+    return "; ".join(found) or "nowhere"
 
 
 def _against(one: Result, file: str, who: str) -> str:

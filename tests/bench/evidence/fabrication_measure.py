@@ -108,14 +108,20 @@ class _Files:
         self.bytes.setdefault(file, {})[who] = path.stat().st_size
 
 
-def measure_models(parts: int, turns: int, union: bool, kernel: bool) -> Result:
-    """All models from the tape to files: ours, those of a mesh library where `union`, of a CAD kernel where `kernel`."""
+def measure_models(parts: int, turns: int, writers: bool, union: bool, kernel: bool) -> Result:
+    """All models from the tape to files: ours, and others'.
+
+    Parameters
+    ----------
+    writers, union, kernel : bool
+        Whether others write our mesh; whether a mesh library makes its own; whether a CAD kernel makes all of it.
+    """
     tape, found = planned(large_spec(parts)), _Files({}, {})
     memory_mb: dict[str, dict[str, float]] = {}
     with TemporaryDirectory() as name:
         folder = Path(name)
         _exact_models(tape, turns, folder, found)
-        _meshes(tape, turns, union, folder, found)
+        _meshes(tape, turns, writers, union, folder, found)
         if kernel:
             said = _kernel_models(tape, folder, found)
             memory_mb[SOLID] = {US: _memory_of_a_solid_mb(tape, folder), "build123d": said}
@@ -138,7 +144,7 @@ def _exact_models(tape: Tape, turns: int, folder: Path, found: _Files) -> None:
     found.add(ASSEMBLY, US, best[ASSEMBLY], assembly)
 
 
-def _meshes(tape: Tape, turns: int, union: bool, folder: Path, found: _Files) -> None:
+def _meshes(tape: Tape, turns: int, writers: bool, union: bool, folder: Path, found: _Files) -> None:
     """Meshes and their files, and the files of one mesh by writers alone."""
     form = SolidForm()
     meshes: dict[str, Mesh] = {}
@@ -151,7 +157,8 @@ def _meshes(tape: Tape, turns: int, union: bool, folder: Path, found: _Files) ->
         builders["union"] = lambda: build("union", lambda: united(tape, form.base_mm))
     built = in_turns(builders, turns)
     write = _writers(meshes[US], folder / "ours", US, stl_with_us, threemf_with_us)
-    write |= _writers(meshes[US], folder / "same", "same", stl_with_trimesh, threemf_with_lib3mf)
+    if writers:
+        write |= _writers(meshes[US], folder / "same", "same", stl_with_trimesh, threemf_with_lib3mf)
     if union:
         assert abs(meshes["union"].volume_mm3 / meshes[US].volume_mm3 - 1.0) < VOLUME_TOLERANCE
         write |= _writers(meshes["union"], folder / "theirs", "union", stl_with_trimesh, threemf_with_lib3mf)
@@ -163,7 +170,8 @@ def _meshes(tape: Tape, turns: int, union: bool, folder: Path, found: _Files) ->
             theirs_s = built["union"] + written[f"union {ending}"]
             found.add(file, f"manifold3d, {library}", theirs_s, folder / f"theirs.{ending}")
         found.add(alone, US, written[f"{US} {ending}"], path)
-        found.add(alone, library, written[f"same {ending}"], same)
+        if writers:
+            found.add(alone, library, written[f"same {ending}"], same)
 
 
 def _writers(
