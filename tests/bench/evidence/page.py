@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, codes, counts, curves, force, table_one, table_two
+from . import accuracy, codes, counts, curves, fabrication, force, table_one, table_two
 from .job import Job, Size
 from .record import results_of
 
 DOCS = Path(__file__).parents[3] / "docs"
 FIGURES_JSON, PAGE = DOCS / "evidence.json", DOCS / "evidence.md"
-MEASURED = (table_one, table_two, accuracy, curves, force, codes)
+MEASURED = (table_one, table_two, accuracy, curves, force, codes, fabrication)
 
 
 def jobs(size: Size) -> list[Job]:
@@ -58,7 +58,7 @@ def write_page(content: dict[str, Any], folder: Path) -> list[Path]:
     page.write_text(page_of(content), encoding="utf-8")
     written = [page]
     (folder / "figures").mkdir(exist_ok=True)
-    for section in (curves, force, counts):
+    for section in (curves, force, fabrication, counts):
         found = results_of(content, section.SECTION)
         for name, figure in section.pictures(found).items() if found else ():
             path = folder / "figures" / name
