@@ -18,6 +18,7 @@ from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
 from tests.bench.evidence.page import FIGURES_JSON, PAGE, jobs, page_of
 from tests.bench.evidence.record import Record, results_of
 from tests.bench.false_accepts import Record as Counts
+from tests.bench.false_accepts import about
 from tests.bench.false_tally import Tally
 from tests.bench.localization_false import Job as Count
 from tests.bench.localization_rows import Row, frames_of
@@ -145,7 +146,8 @@ def test_counts_of_false_accepts_come_from_their_file(tmp_path: Path) -> None:
     (entry,) = counts.entries([path])
     said = counts.lines({entry["name"]: entry["result"]})
     assert said[0] == f"## {counts.TITLE}" and "Above the line, beyond chance: none." in said
-    assert "| other sectors, dots | 2,000 (2 sectors, 1,000 or more each) | 2 | sector 2: 2 of 1000 | 3.1e-03 |" in said
+    digest = f"`{about()['sources'][:8]}`"
+    assert f"| other sectors, dots | 2,000 (2 sectors, 1,000 or more each) | 2 | sector 2: 2 of 1000 | 3.1e-03 | {digest} |" in said
 
 
 def test_counts_of_several_files_are_put_together(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..false_accepts import Done, Record, bound_of, by_subject, worst_subject
 from ..false_tally import DECADES, total, upper_bound
+from ..localization_false import Job
 from .job import Result
 
 SECTION = "false accepts"
@@ -27,11 +29,13 @@ def entries(paths: Sequence[Path]) -> list[dict[str, Any]]:
         For a file that is none, or has no counts.
     """
     done: Done = {}
+    sources: dict[Job, str] = {}
     for path in paths:
         read = Record.read(path)
         if not read:
             raise ValueError(f"{path} has no counts")
         done |= read
+        sources |= dict.fromkeys(read, str(json.loads(path.read_text().partition("\n")[0])["sources"]))
     found = []
     for kind in sorted({job.kind for job in done}):
         tallies = by_subject(done, kind)
@@ -48,6 +52,7 @@ def entries(paths: Sequence[Path]) -> list[dict[str, Any]]:
             "worst_located": tallies[worst].located,
             "worst_frames": tallies[worst].frames,
             "decades": whole.decades["p_false"],
+            "sources": sorted({sources[job] for job in done if job.kind == kind}),
         }
         found.append({"section": SECTION, "name": kind, "options": {}, "result": result})
     return found
@@ -69,15 +74,18 @@ def lines(results: Mapping[str, Result]) -> list[str]:
         "`p_false` holds where tapes that nobody registered are as rare as its prior says (1 %), and contacts over an edge too;",
         "here every frame is of that kind. What refuses them then is the lead that an answer must have over any other place.",
         "",
-        "| texture | frames | located | worst of them | rate below |",
-        "|---|---|---|---|---|",
+        "`sources` is the digest of decoder, simulator and frames that the count was made with.",
+        "",
+        "| texture | frames | located | worst of them | rate below | sources |",
+        "|---|---|---|---|---|---|",
     ]
     for kind, one in results.items():
         worst = f"{one['worst']}: {one['worst_located']} of {one['worst_frames']}" if one["subjects"] > 1 else ""
+        said = ", ".join(f"`{digest[:8]}`" for digest in one["sources"])
         frames = f"{one['frames']:,}" + (
             f" ({one['subjects']} sectors, {one['fewest']:,} or more each)" if one["subjects"] > 1 else ""
         )
-        out.append(f"| {kind} | {frames} | {one['located']} | {worst} | {one['below']:.1e} |")
+        out.append(f"| {kind} | {frames} | {one['located']} | {worst} | {one['below']:.1e} | {said} |")
     return [*out, ""]
 
 
