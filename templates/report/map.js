@@ -223,12 +223,14 @@ function frame(now) {
   work(slice);
   show();
   ticking = job !== null || isStale();
+  canvas.setAttribute("aria-busy", String(ticking));
   if (ticking) requestAnimationFrame(frame);
 }
 
 function refresh() {
   if (ticking) return;
   ticking = true;
+  canvas.setAttribute("aria-busy", "true");
   lastFrame = performance.now();
   requestAnimationFrame(frame);
 }
