@@ -232,8 +232,9 @@ overlays.push((brush) => {
 
 function placeWindow(x, y) {
   const [left, top] = toTexture(0, data.size_mm[1]), [right, bottom] = toTexture(data.size_mm[0], 0);
-  sensor.x = Math.min(right, Math.max(left, x));
-  sensor.y = Math.min(bottom, Math.max(top, y));
+  const reach = Math.max(...WINDOW_MM) / 2;
+  sensor.x = Math.min(right + reach, Math.max(left - reach, x));
+  sensor.y = Math.min(bottom + reach, Math.max(top - reach, y));
   senseAgain();
 }
 

@@ -70,6 +70,7 @@ function solidView(solid, screen) {
       fill(s, colour, pixels, depth, w, h);
     }
     pen.putImageData(image, 0, 0);
+    screen.setAttribute("aria-busy", "false");
   }
 
   function fill(s, colour, pixels, depth, w, h) {
@@ -102,6 +103,7 @@ function solidView(solid, screen) {
   const later = () => {
     if (waiting || !visible) return;
     waiting = true;
+    screen.setAttribute("aria-busy", "true");
     requestAnimationFrame(draw);
   };
   const change = (values) => {
