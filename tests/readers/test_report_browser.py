@@ -277,6 +277,8 @@ def test_symbols_are_told_by_shape_and_by_colours_for_all_eyes(open_report: Open
     page, tape = open_report(report), default_kit.tape
     page.uncheck("#window-shown")
     page.check("#layer-symbols")
+    for _ in range(12):
+        page.click("#zoom-in")
     for symbol, colour in enumerate(["#0072b2", "#009e73", "#e69f00", "#d55e00"]):
         row, column = np.argwhere(tape.symbols[10:20, 20:40] == symbol)[0] + (10, 20)
         search(page, f"{column},{row}")
