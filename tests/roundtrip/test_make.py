@@ -38,7 +38,7 @@ ROLES = (
     FAB_ROLES
     | MODEL_ROLES
     | {"components-top", "cpl", "bom", "order-notes", "kicad-pcb", "kicad-project", "preview-svg", "preview-png"}
-    | {"certificate", "fab-zip"}
+    | {"certificate", "fab-zip", "report"}
 )
 PINNED_KEYS = {
     "format", "name", "tool", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm", "board", "part",
