@@ -26,31 +26,41 @@ Image = npt.NDArray[np.uint8]
 
 OPENS_MS = 1000.0
 FRAME_MS = 50.0
-ATTEMPTS = 8
+MOST_BYTES = 3_000_000
 WINDOW_MM = np.array([20.0, 15.0])
 
-_STEPS = """async (steps) => {
-  const canvas = document.getElementById("board"), box = canvas.getBoundingClientRect(), frames = [];
+_STEP = """async (i) => {
+  const canvas = document.getElementById("board"), box = canvas.getBoundingClientRect();
   canvas.setPointerCapture = () => {};
   const at = (type, x, y) => canvas.dispatchEvent(new PointerEvent(type, {
     clientX: box.left + x, clientY: box.top + y, button: 0, buttons: 1, pointerId: 1, bubbles: true }));
-  const next = () => new Promise((resolve) => requestAnimationFrame(resolve));
-  let before = await next();
-  for (let i = 0; i < steps; i++) {
-    if (i % 20 < 10) canvas.dispatchEvent(new WheelEvent("wheel", {
-      clientX: box.left + 300, clientY: box.top + 200, deltaY: i % 40 < 20 ? -100 : 100, bubbles: true, cancelable: true }));
-    else { at("pointerdown", 40, 20); at("pointermove", 46, 24); at("pointermove", 70, 40); at("pointerup", 70, 40); }
-    const now = await next();
-    frames.push(now - before);
-    before = now;
-  }
-  while (canvas.getAttribute("aria-busy") === "true") {
-    const now = await next();
-    frames.push(now - before);
-    before = now;
-  }
-  return frames;
+  if (i % 20 < 10) canvas.dispatchEvent(new WheelEvent("wheel", {
+    clientX: box.left + 300, clientY: box.top + 200, deltaY: i % 40 < 20 ? -100 : 100, bubbles: true, cancelable: true }));
+  else { at("pointerdown", 40, 20); at("pointermove", 46, 24); at("pointermove", 70, 40); at("pointerup", 70, 40); }
+  await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)));
 }"""
+
+
+def steps_ms(page: Any, count: int) -> list[float]:
+    """Time of its own that the page takes for each of so many steps of zooming and moving, and for the frames after them.
+
+    It is the processor time of its thread: frames that are late because the machine does other things are not the page's.
+    """
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})
+
+    def taken_ms() -> float:
+        metrics = {row["name"]: row["value"] for row in session.send("Performance.getMetrics")["metrics"]}
+        return 1000.0 * float(metrics["TaskDuration"])
+
+    times = [taken_ms()]
+    for i in range(count):
+        page.evaluate(_STEP, i)
+        times.append(taken_ms())
+    while page.get_attribute("#board", "aria-busy") == "true":
+        page.evaluate("new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)))")
+        times.append(taken_ms())
+    return np.diff(times).tolist()
 
 
 @pytest.fixture
@@ -150,23 +160,26 @@ def seen(tape: Tape, centre_mm: tuple[float, float], theta_deg: float) -> int:
 # Opening and speed
 
 
-def test_it_opens_within_a_second_and_is_no_larger_than_three_megabytes(open_report: Open, report: Path) -> None:
-    times = [
-        open_report(report).evaluate("performance.getEntriesByType('navigation')[0].loadEventEnd") for _ in range(ATTEMPTS // 2)
-    ]
-    assert min(times) < OPENS_MS
-    assert report.stat().st_size <= 3_000_000
+def test_it_opens_within_a_second_and_is_no_larger_than_three_megabytes(browser: Any, report: Path) -> None:
+    """Processor time from the first byte to the drawn map, the least of some."""
+    times_ms = []
+    for _ in range(3):
+        page = browser.new_page()
+        session = page.context.new_cdp_session(page)
+        session.send("Performance.enable", {"timeDomain": "threadTicks"})
+        page.goto(report.as_uri())
+        drawn(page)
+        metrics = {row["name"]: row["value"] for row in session.send("Performance.getMetrics")["metrics"]}
+        times_ms.append(1000.0 * metrics["TaskDuration"])
+        page.close()
+    assert 1.0 < min(times_ms) < OPENS_MS
+    assert report.stat().st_size <= MOST_BYTES
 
 
 def test_no_frame_of_sixty_steps_takes_long(open_report: Open, report: Path) -> None:
-    """The quietest of several runs: a machine that does other things makes frames late that the page has long done."""
     page = open_report(report)
-    longest = []
-    for _ in range(ATTEMPTS):
-        longest.append(max(page.evaluate(_STEPS, 60)))
-        if longest[-1] <= FRAME_MS:
-            break
-    assert min(longest) <= FRAME_MS, longest
+    longest_ms = [max(steps_ms(page, 60)) for _ in range(3)]
+    assert 0.1 < min(longest_ms) <= FRAME_MS, longest_ms
 
 
 def test_twenty_thousand_parts_are_usable(open_report: Open, tmp_path: Path) -> None:
@@ -175,8 +188,9 @@ def test_twenty_thousand_parts_are_usable(open_report: Open, tmp_path: Path) -> 
     page = open_report(tmp_path / "report.html")
     count = kit.tape.part_count
     assert count > 20_000
-    frames = [max(page.evaluate(_STEPS, 20)) for _ in range(3)]
-    assert min(frames) < 250.0, frames
+    assert len(render_report(kit).data) <= MOST_BYTES
+    longest_ms = [max(steps_ms(page, 20)) for _ in range(2)]
+    assert min(longest_ms) <= 2 * FRAME_MS, longest_ms
     assert search(page, str(count)) == f"R{count}: column 214, row 97, {LETTERS[kit.tape.symbols[97, 214]]}"
     assert rows(page, "part")["designator"] == f"R{count}"
 
