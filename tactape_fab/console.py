@@ -25,6 +25,7 @@ PURPOSES = (
     ("for the order", ("order-notes",)),
     ("for CAD and milling", ("step-assembly", "step-solid")),
     ("for printing", ("stl", "3mf")),
+    ("to look at", ("report",)),
 )
 """What a user does with which files, in the order in which make names them."""
 

@@ -18,6 +18,7 @@ from tactape_fab.folders import finished, refuse_taken
 from tactape_fab.kit.artifact import Artifact, build_date, zip_date
 from tactape_fab.kit.render.certificate import render_certificate
 from tactape_fab.kit.writer import write_kit
+from tactape_fab.report import add_report
 from tactape_fab.solids.charts import Placement
 from tactape_fab.solids.emboss import LaidOut, lay_out, record, refuse_tape, texture_size_mm
 from tactape_fab.solids.fuse import Fused, Progress, fuse_mesh
@@ -153,6 +154,7 @@ def emboss_kit(
         raise VerifyError(checks)
     with finished(target, "part", overwrite=overwrite) as folder:
         write_kit(folder, manifest, artifacts)
+        artifacts.append(add_report(folder, manifest, tape, checks=checks))
     files = {a.role: a.path for a in artifacts}
     return Embossed(path=target, tape=tape, surface=surface, checks=checks, files=files)
 

@@ -34,6 +34,7 @@ from tactape_fab.profiles import (
     part_number_problem,
     read_part,
 )
+from tactape_fab.report import add_report
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify import Certificate, pair_words
@@ -335,6 +336,8 @@ def make_examined(
             verification = verify_folder(folder / MANIFEST_NAME, quick=True)
             verification.raise_if_failed()
             checks = verification.checks
+        progress("reporting")
+        artifacts.append(add_report(folder, content, examined.tape, checks=checks, findings=examined.findings))
     return Kit(
         path=target,
         tape=examined.tape,

@@ -21,6 +21,7 @@ from tactape_fab.kit.spec import DEFAULT_FAB, TapeSpec
 from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, render_all, write_kit
 from tactape_fab.make import Examined, examine, forced, refuse_broken, rendered
 from tactape_fab.profiles import FabProfile, PartProfile, load_fab, read_part
+from tactape_fab.report import add_report
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.panel import KITS_FOLDER
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape
@@ -328,13 +329,16 @@ def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress
         place = folder / _kit_folder(tape)
         place.mkdir(parents=True)
         write_kit(place, content, artifacts)
+        verified: tuple[Check, ...] = ()
         if verify:
             from tactape_fab.verify import verify_folder
 
             verification = verify_folder(place / MANIFEST_NAME, quick=True)
             if not verification.passed:
                 raise VerifyError([c for c in verification.checks if not c.passed])
-            checks += verification.checks
+            verified = verification.checks
+        add_report(place, content, tape.tape, checks=verified, findings=tape.findings)
+        checks += verified
     return checks
 
 

@@ -15,8 +15,15 @@ COVERLAY_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
     "green": ("#1f6b3a", "#164d2a"),
 }
 """Coverlay as seen on bare film, and its edge."""
+LEGEND_COLOURS: Mapping[str, Colour] = {"white": "#f7f7f2", "black": "#151515"}
+BACKING_COLOURS: Mapping[str, Colour] = {"adhesive-bottom": "#7fb2d9", "stiffener-bottom": "#6f7f58"}
+BASE_FILM = "#8a5a12"
+"""Film that no coverlay covers."""
+GOLD = "#e9c46a"
+"""Pads."""
 BODY = "#1d1f24"
 """A resistor's body."""
+TERMINAL = "#d9dce1"
 TEXTURE = "#c6ccd4"
 """A printed or milled texture."""
 MOULD = "#d9cdb8"

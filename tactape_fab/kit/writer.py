@@ -114,6 +114,12 @@ def _rows(artifacts: Iterable[Artifact]) -> list[dict[str, Any]]:
     ]
 
 
+def with_file(content: Mapping[str, Any], artifact: Artifact) -> dict[str, Any]:
+    """The content of a manifest with one file more."""
+    rows = sorted([*content["files"], *_rows([artifact])], key=lambda row: str(row["path"]))
+    return {**content, "files": rows}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedKit:
     """A kit on a panel: its manifest's path and bytes, where it lies, and the number of its first designator."""

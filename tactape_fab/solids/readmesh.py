@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.errors import TactapeError
 from tactape_fab.solids.mesh import Mesh
@@ -24,17 +25,29 @@ def read_stl(data: bytes) -> Mesh:
     MeshError
         When the data is no binary STL, too large, or holds coordinates that are no numbers.
     """
+    corners = stl_corners(data).reshape(-1, 3)
+    vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0
+    return Mesh(vertices_mm=vertices.astype(np.float64), faces=faces.reshape(-1, 3))
+
+
+def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
+    """Corners of every triangle of a binary STL; shape (f, 3, 3).
+
+    Raises
+    ------
+    MeshError
+        As `read_stl` does.
+    """
     if len(data) < _HEADER_BYTES:
         raise MeshError(f"{len(data)} bytes are too few for a binary STL")
     count = int.from_bytes(data[80:84], "little")
     if len(data) != _HEADER_BYTES + count * _TRIANGLE_BYTES or not 0 < count <= MOST_TRIANGLES:
         raise MeshError(f"its header announces {count} triangles, its {len(data)} bytes do not fit them")
     rows = np.frombuffer(data, dtype=np.uint8, offset=_HEADER_BYTES).reshape(count, _TRIANGLE_BYTES)
-    corners = np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(-1, 3)
+    corners = np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(-1, 3, 3)
     if not np.isfinite(corners).all():
         raise MeshError("it holds coordinates that are no numbers")
-    vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0
-    return Mesh(vertices_mm=vertices.astype(np.float64), faces=faces.reshape(-1, 3))
+    return corners
 
 
 def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:

@@ -127,8 +127,9 @@ def read_inside(root: Path, place: Path) -> bytes:
 
 
 def check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]], allowed: Sequence[str] = ()) -> Check:
-    """Every expected role once, and no other but the allowed ones."""
+    """Every expected role once, and no other but the allowed ones, these once at most."""
     wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
+    wrong += [f"{role} {len(files[role])} times" for role in allowed if len(files.get(role, [])) > 1]
     wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed)]
     message = f"the kit holds {named(wrong)}" if wrong else f"{len(expected)} roles, one file each"
     return Check(name="roles", passed=not wrong, message=message)

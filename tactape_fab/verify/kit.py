@@ -57,6 +57,7 @@ from tactape_fab.verify.lands import (
 from tactape_fab.verify.legend import check_tag
 from tactape_fab.verify.models import check_models, check_threemf
 from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
+from tactape_fab.verify.report import REPORT, check_report
 from tactape_fab.verify.round_trip import Contact, Progress, Trip, full_trips, quick_trips, trip_checks
 from tactape_fab.verify.symbols import check_symbols
 
@@ -168,8 +169,10 @@ def verify_folder(
     checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols as code '{tape.code}' has them")]
     files, file_checks = read_files(folder, manifest)
     expected = roles_of(tape, kind, models=form is not None, backings=tuple(film.backings) if film is not None else ())
-    checks += [*file_checks, check_roles(expected, files, ("step-solid",) if kind == "embossed" else ())]
+    checks += [*file_checks, check_roles(expected, files, (REPORT, "step-solid") if kind == "embossed" else (REPORT,))]
     single = {role: rows[0] for role, rows in files.items() if rows}
+    if REPORT in single:
+        checks.append(check_report(single[REPORT], manifest))
     missing = [role for role in expected if role not in single]
     if missing:
         checks.append(Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}"))

@@ -25,7 +25,7 @@ LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
 ROLES = (
     *(*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "order-notes"),
-    *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "certificate", "fab-zip"),
+    *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "certificate", "fab-zip", "report"),
 )
 
 _POINT = re.compile(r"X(-?\d+)Y(-?\d+)(?=(?:I-?\d+J-?\d+)?(D0[123])\*)")
@@ -50,7 +50,7 @@ class OpenKit:
     def save(self, *, consistent: bool) -> Path:
         """Write what has changed.
 
-        A consistent save hides it: signatures, the copies in the fab zip, and the manifest's sizes and SHA-256 fit.
+        A consistent save hides it: signatures, the copies in the fab zip, and sizes and SHA-256 in manifest and report fit.
         """
         changed = [role for role, data in self.data.items() if data != self._before[role]]
         if consistent:
@@ -60,6 +60,8 @@ class OpenKit:
                 self.zip_members(
                     lambda members: members.update({self.name(r): self.data[r] for r in changed if r in (*IN_ZIP, *BACKINGS)})
                 )
+            for role in changed if "report" in self.data and "report" not in changed else ():
+                self.data["report"] = self.data["report"].replace(_listed(self._before[role]), _listed(self.data[role]))
             for row in self.manifest["files"]:
                 if (data := self.data.get(row["role"])) is not None:
                     row.update(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
@@ -94,6 +96,11 @@ class OpenKit:
             for name, data in members.items():
                 archive.writestr(name, data)
         self.data["fab-zip"] = stream.getvalue()
+
+
+def _listed(data: bytes) -> bytes:
+    """Size and SHA-256 of a file as the report's data has them."""
+    return f'"bytes":{len(data)},"sha256":"{hashlib.sha256(data).hexdigest()}"'.encode()
 
 
 def signed(data: bytes) -> bytes:

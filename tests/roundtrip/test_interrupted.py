@@ -178,7 +178,7 @@ def stop_in_the_middle(folder: Path, number: int, after_s: float) -> int:
 def test_a_run_that_is_asked_to_stop_leaves_nothing_behind(
     number: signal.Signals, statuses: set[int], tmp_path: Path, whole: dict[int, Files]
 ) -> None:
-    old = make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "old", verify=False)
+    old = make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "old")
 
     def stop(after_s: float, had_old: bool) -> int:
         folder = tmp_path / f"{after_s} {had_old}"
@@ -202,7 +202,7 @@ def test_a_run_that_is_asked_to_stop_leaves_nothing_behind(
 def test_a_signal_between_two_calls_leaves_nothing_behind(
     call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: dict[int, Files]
 ) -> None:
-    make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "tape", verify=False)
+    make_kit(TapeSpec(sector=OLD, size_mm=SIZE_MM), tmp_path / "tape")
     real = getattr(os, call)
     pending = [signal.SIGINT]
 

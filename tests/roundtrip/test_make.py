@@ -38,7 +38,7 @@ ROLES = (
     FAB_ROLES
     | MODEL_ROLES
     | {"components-top", "cpl", "bom", "order-notes", "kicad-pcb", "kicad-project", "preview-svg", "preview-png"}
-    | {"certificate", "fab-zip"}
+    | {"certificate", "fab-zip", "report"}
 )
 PINNED_KEYS = {
     "format", "name", "tool", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm", "board", "part",
@@ -133,7 +133,7 @@ def test_source_date_epoch_changes_the_dates_and_nothing_else(
     dated, plain = contents(make_kit(SMALL, tmp_path / "kit").path), contents(small_kit.path)
     assert dated.keys() == plain.keys()
     for path, data in dated.items():
-        if path.endswith((".zip", ".3mf", "manifest.json")):
+        if path.endswith((".zip", ".3mf", "manifest.json", "report.html")):
             continue
         undated = without_signature(
             data.replace(b"2026-01-02T03:04:05", b"1980-01-01T00:00:00").replace(b"2026-01-02", b"1980-01-01")
@@ -277,7 +277,7 @@ def test_make_kit_without_a_path_takes_the_tape_s_name(tmp_path: Path, monkeypat
     told: list[str] = []
     kit = make_kit(TapeSpec(sector=42, size_mm=(20, 20)), progress=told.append)
     assert kit.path == Path("tactape-s042")
-    assert told == ["rendering", "writing", "verifying"]
+    assert told == ["rendering", "writing", "verifying", "reporting"]
 
 
 # Into place

@@ -13,6 +13,7 @@ from tactape_fab.cli import certify, check, make, profiles, registry, verify
 from tactape_fab.kit.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec import KEYS
 from tactape_fab.profiles import BACKING_ROLES, FORMATS
+from tactape_fab.report.solid import MOST_TRIANGLES
 from tactape_fab.verify.files import roles_of
 from tactape_fab.verify.round_trip import EDGE, INSIDE, QUICK
 from tactape_fab.verify.shown import IN_PLACE_MM, SWALLOWED_MM
@@ -59,6 +60,11 @@ def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
         assert f"`{name}`" in reference, name
+
+
+def test_reference_says_how_much_of_a_solid_the_report_shows() -> None:
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    assert f"a piece of {MOST_TRIANGLES:,} triangles" in reference
 
 
 def test_ordering_names_the_columns_of_every_format() -> None:

@@ -191,7 +191,7 @@ def test_folder_is_complete_and_the_manifest_loads(kit: Path, tape: Tape) -> Non
     manifest = json.loads((made.path / "manifest.json").read_bytes())
     assert made.path == kit.parent / f"my-ball-{tape.name}"
     assert np.array_equal(Tape.load(made.path).symbols, tape.symbols)
-    assert {row["role"] for row in manifest["files"]} == {"stl", "3mf", "placements", "certificate"} == set(made.files)
+    assert {row["role"] for row in manifest["files"]} == {"stl", "3mf", "placements", "certificate", "report"} == set(made.files)
     for row in manifest["files"]:
         data = (made.path / row["path"]).read_bytes()
         assert (len(data), hashlib.sha256(data).hexdigest()) == (row["bytes"], row["sha256"])

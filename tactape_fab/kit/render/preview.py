@@ -10,7 +10,17 @@ import numpy.typing as npt
 
 from tactape_fab.errors import RenderError
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.colours import BODY, COVERLAY_COLOURS, Colour, rgb8
+from tactape_fab.kit.colours import (
+    BACKING_COLOURS,
+    BASE_FILM,
+    BODY,
+    COVERLAY_COLOURS,
+    GOLD,
+    LEGEND_COLOURS,
+    TERMINAL,
+    Colour,
+    rgb8,
+)
 from tactape_fab.kit.gerber_reader import GerberContent, read_gerber
 from tactape_fab.kit.readback import read_cpl, read_drill
 from tactape_fab.profiles import FabProfile
@@ -25,12 +35,7 @@ EDGE_MM = 0.1
 _TERMINAL_SHARE = 0.2
 _SUB_PIXEL_BITS = 4
 
-_BASE_FILM = "#8a5a12"
-_GOLD = "#e9c46a"
-_TERMINAL = "#d9dce1"
-_LEGEND = {"white": "#f7f7f2", "black": "#151515"}
 _BACKGROUND = "#ffffff"
-_BACKING = {"adhesive-bottom": "#7fb2d9", "stiffener-bottom": "#6f7f58"}
 _RIM_MM = 0.3
 
 
@@ -48,7 +53,7 @@ class _Shapes:
     edge_mm: float = EDGE_MM
 
 
-def _stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]:
+def stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]:
     return tuple(
         (outline, content.flash_xy_mm[content.flash_aperture == i]) for i, outline in enumerate(content.aperture_outlines_mm)
     )
@@ -63,22 +68,22 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
     if copper.strokes_mm:
         web_mm = float(copper.stroke_width_mm[0])
         shapes.append(_Shapes(name="anchors", colour=edge, lines=copper.strokes_mm, line_mm=web_mm))
-    shapes.append(_Shapes(name="openings", colour=_BASE_FILM, stamps=_stamps(openings), polygons=openings.areas_mm))
-    shapes.append(_Shapes(name="pads", colour=_GOLD, stamps=_stamps(copper)))
+    shapes.append(_Shapes(name="openings", colour=BASE_FILM, stamps=stamps(openings), polygons=openings.areas_mm))
+    shapes.append(_Shapes(name="pads", colour=GOLD, stamps=stamps(copper)))
     if "legend-top" in files:
         legend = read_gerber(files["legend-top"])
         line_mm = float(legend.stroke_width_mm[0]) if len(legend.stroke_width_mm) else 0.0
-        colour = _LEGEND[fab.legend_colour]
+        colour = LEGEND_COLOURS[fab.legend_colour]
         shapes.append(_Shapes(name="legend", colour=colour, polygons=legend.areas_mm, lines=legend.strokes_mm, line_mm=line_mm))
     cpl = read_cpl(files["cpl"])
     bodies, terminals = [], []
-    body = _body_outline(files["components-top"])
+    body = body_outline(files["components-top"])
     for angle in np.unique(cpl.rotation_deg):
         xy = cpl.xy_mm[cpl.rotation_deg == angle]
         bodies.append((rotate(body, float(angle)), xy))
-        terminals += [(rotate(end, float(angle)), xy) for end in _terminals(body)]
+        terminals += [(rotate(end, float(angle)), xy) for end in terminals_of(body)]
     shapes.append(_Shapes(name="bodies", colour=BODY, stamps=tuple(bodies)))
-    shapes.append(_Shapes(name="terminals", colour=_TERMINAL, stamps=tuple(terminals)))
+    shapes.append(_Shapes(name="terminals", colour=TERMINAL, stamps=tuple(terminals)))
     if "drill-npth" in files:
         angle_rad = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
         circle = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
@@ -95,10 +100,10 @@ def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
     for place, role in enumerate(given):
         rim_mm = _RIM_MM * (len(given) - place)
         areas = read_gerber(files[role]).areas_mm
-        yield _Shapes(name=role, colour=_BACKING[role], polygons=areas, edge=_BACKING[role], edge_mm=2 * rim_mm)
+        yield _Shapes(name=role, colour=BACKING_COLOURS[role], polygons=areas, edge=BACKING_COLOURS[role], edge_mm=2 * rim_mm)
 
 
-def _body_outline(components: bytes) -> FloatArray:
+def body_outline(components: bytes) -> FloatArray:
     """The unturned body as a rectangle, from the first part of the component layer; the others are not read."""
     first_part = components.split(b"%TO.C,R2*%")[0]
     corners = read_gerber(first_part + b"M02*\n").strokes_mm[0][:4]
@@ -107,7 +112,7 @@ def _body_outline(components: bytes) -> FloatArray:
     return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
 
 
-def _terminals(body: FloatArray) -> tuple[FloatArray, FloatArray]:
+def terminals_of(body: FloatArray) -> tuple[FloatArray, FloatArray]:
     length, width = body[1]
     inner = length * (1 - 2 * _TERMINAL_SHARE)
     end = np.array([(length, -width), (length, width), (inner, width), (inner, -width)])

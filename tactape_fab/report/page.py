@@ -1,0 +1,191 @@
+"""A written kit as one HTML page: what its files hold, drawn and listed, and how it was verified."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.errors import Check, Finding
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.readback import csv_lines, read_cpl
+from tactape_fab.profiles import templates_folder
+from tactape_fab.report.layers import HIDDEN, TITLES, Shapes, film_shapes, solid_shapes
+from tactape_fab.report.places import Places, measured_places, nominal_places
+from tactape_fab.report.solid import solid_view
+from tactape_fab.solids.placements import read_placements
+from tactape_fab.texture.frames import LETTERS
+from tactape_fab.texture.tape import Tape
+
+REPORT_NAME = "report.html"
+READ_ROLES = (
+    *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
+    *("components-top", "cpl", "bom", "order-notes", "certificate", "stl", "placements", "preview-png"),
+)
+"""Roles of the files that the page is made from."""
+_SCRIPTS = ("arrays.js", "map.js", "solid.js", "page.js")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Written:
+    """A kit as it was written.
+
+    Attributes
+    ----------
+    manifest : mapping
+        Its content; ``files`` lists all files but the report and the manifest itself.
+    tape : Tape
+    files : mapping of str to bytes
+        By role: those of `READ_ROLES` that the kit has.
+    checks : sequence of Check
+        Lines of its verification; empty where it was not verified.
+    findings : sequence of Finding
+        Its design rules, measured; empty where there are none.
+    """
+
+    manifest: Mapping[str, Any]
+    tape: Tape
+    files: Mapping[str, bytes]
+    checks: Sequence[Check] = ()
+    findings: Sequence[Finding] = ()
+
+    @property
+    def is_film(self) -> bool:
+        return "cpl" in self.files
+
+
+def render_report(kit: Written) -> Artifact:
+    """The report of a kit: the same bytes for the same kit; it holds neither date nor duration."""
+    folder = templates_folder() / "report"
+    script, style = _script(folder), (folder / "report.css").read_text(encoding="utf-8")
+    text = (
+        _template(folder)
+        .render(
+            manifest=kit.manifest,
+            tape=kit.tape,
+            is_film=kit.is_film,
+            facts=_facts(kit),
+            checks=kit.checks,
+            findings=kit.findings,
+            certificate=json.loads(kit.files["certificate"]),
+            notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
+            bom=csv_lines(kit.files["bom"].decode("utf-8-sig")) if "bom" in kit.files else None,
+            picture=None
+            if kit.is_film or "preview-png" not in kit.files
+            else b64encode(kit.files["preview-png"]).decode("ascii"),
+            data=_script_json(report_data(kit)),
+            script=script,
+            style=style,
+            policy=f"default-src 'none'; img-src data:; script-src {_digest(script)}; style-src {_digest(style)}; "
+            "base-uri 'none'; form-action 'none'",
+        )
+        .encode("utf-8")
+    )
+    return Artifact(role="report", path=REPORT_NAME, data=text)
+
+
+def report_data(kit: Written) -> dict[str, Any]:
+    """What the page's script draws and counts with; arrays as `packed` gives them."""
+    tape = kit.tape
+    shapes, places = _drawn(kit)
+    return {
+        "name": tape.name,
+        "texture_origin_mm": list(tape.board.texture_origin_mm),
+        "size_mm": list(tape.board.size_mm),
+        "pitch_mm": tape.pitch_mm,
+        "origin": list(tape.origin),
+        "grid": [tape.columns, tape.rows],
+        "letters": LETTERS,
+        "body_mm": list(tape.part.body_mm),
+        "places": places.to_mapping(),
+        "shapes": [shape.to_mapping() for shape in shapes],
+        "layers": [
+            {"id": layer, "title": title, "shown": layer not in HIDDEN}
+            for layer, title in TITLES.items()
+            if any(shape.layer == layer for shape in shapes)
+        ],
+        "contact": json.loads(kit.files["certificate"])["smallest_contact"],
+        "solid": _solid(kit),
+        "files": [dict(row) for row in kit.manifest["files"]],
+    }
+
+
+def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
+    """Everything on the map, and its parts."""
+    tape, files = kit.tape, kit.files
+    if not kit.is_film:
+        on_part = read_placements(files["placements"], tape.part_count) if "placements" in files else None
+        return list(solid_shapes(tape)), nominal_places(tape, on_part)
+    cpl = read_cpl(files["cpl"])
+    places = measured_places(tape, cpl.designators, cpl.xy_mm, cpl.rotation_deg)
+    return list(film_shapes(files, cpl, kit.manifest["fab"])), places
+
+
+def _solid(kit: Written) -> dict[str, Any] | None:
+    surface = kit.tape.surface
+    return None if "stl" not in kit.files else solid_view(kit.files["stl"], None if surface is None else surface.centre_mm)
+
+
+def _picture(kit: Written) -> str | None:
+    """The preview of a solid texture, which shows the whole of it shaded; that of a film is a drawing, as the map is."""
+    shown = not kit.is_film and "preview-png" in kit.files
+    return b64encode(kit.files["preview-png"]).decode("ascii") if shown else None
+
+
+def _facts(kit: Written) -> Iterator[tuple[str, str]]:
+    """What the tape is, in a few words each."""
+    tape, surface = kit.tape, kit.manifest.get("surface")
+    width_mm, height_mm = tape.board.size_mm
+    yield "sector", f"{tape.sector} of {tape.code}"
+    yield "origin in the code", f"column {tape.origin[0]}, row {tape.origin[1]}"
+    yield "parts", f"{tape.part_count} on {tape.columns} x {tape.rows} grid points"
+    yield "pitch W, displacement Δ", f"{tape.pitch_mm:g} mm, {tape.displacement_mm:g} mm"
+    if surface is not None:
+        yield "on", f"{surface['source']}, round ({', '.join(f'{v:.3f}' for v in surface['centre_mm'])}) mm"
+    else:
+        yield "size", f"{width_mm:g} x {height_mm:g} mm"
+    yield "part", f"{tape.part.name}, {' x '.join(f'{v:g}' for v in tape.part.body_mm)} mm, turned by {tape.part.rotation_deg:g}°"
+    if surface is None:
+        yield ("fab" if kit.is_film else "process"), str(kit.manifest["fab"]["name"])
+    yield "made by", "{name} {version}".format(**kit.manifest["tool"])
+
+
+# The page
+
+
+def _script_json(content: Any) -> str:
+    """JSON that can stand in a script element: no character in it ends one or begins a comment."""
+    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _digest(text: str) -> str:
+    """A source of a content security policy that allows exactly this text."""
+    return f"'sha256-{b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
+
+
+@cache
+def _script(folder: Path) -> str:
+    """The parts of the page's script in one scope."""
+    parts = "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}}})();\n'
+
+
+@cache
+def _template(folder: Path) -> Any:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(folder),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    return environment.get_template("report.html.j2")

@@ -1,0 +1,72 @@
+"""Where the parts stand, which grid points these are, and which symbols they show there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.report.arrays import packed
+from tactape_fab.solids.placements import Placed
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, SymbolArray, board_to_texture
+from tactape_fab.texture.tape import Tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Places:
+    """Parts in the order of the list they were read from.
+
+    Attributes
+    ----------
+    designators : sequence of str
+    xy_mm : ndarray, shape (n, 2)
+        Board frame.
+    cells : ndarray of int64, shape (n, 2)
+        Column and row.
+    symbols : ndarray of uint8, shape (n,)
+    rotation_deg : ndarray, shape (n,)
+        Counter-clockwise.
+    on_part : Placed or None
+        Of a texture on a user's own part: where on it each element stands.
+    """
+
+    designators: Sequence[str]
+    xy_mm: FloatArray
+    cells: IntArray
+    symbols: SymbolArray
+    rotation_deg: FloatArray
+    on_part: Placed | None = None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """As the page's script takes it."""
+        return {
+            "designators": "\n".join(self.designators),
+            "xy_mm": packed(self.xy_mm, "<f8"),
+            "cells": packed(self.cells, "<i4"),
+            "symbols": packed(self.symbols, "u1"),
+            "rotation_deg": packed(self.rotation_deg, "<f4"),
+            "model_mm": None if self.on_part is None else packed(self.on_part.points_mm, "<f8"),
+        }
+
+
+def measured_places(tape: Tape, designators: Sequence[str], xy_mm: FloatArray, rotation_deg: FloatArray) -> Places:
+    """Parts from a list of places alone: only the tape's grid is used, none of its symbols."""
+    texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
+    cells = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
+    symbols = ((texture_mm - cells * tape.pitch_mm) @ DIRECTIONS_XY.T).argmax(axis=1).astype(np.uint8)
+    return Places(designators=designators, xy_mm=xy_mm, cells=cells, symbols=symbols, rotation_deg=rotation_deg)
+
+
+def nominal_places(tape: Tape, on_part: Placed | None = None) -> Places:
+    """Elements where the tape has them, designators and grid points as a placements file lists them where there is one."""
+    cells = tape.cells()
+    return Places(
+        designators=tape.designators() if on_part is None else on_part.designators,
+        xy_mm=tape.part_xy_mm(),
+        cells=cells,
+        symbols=tape.symbols[cells[:, 1], cells[:, 0]],
+        rotation_deg=np.full(len(cells), tape.part.rotation_deg),
+        on_part=on_part,
+    )

@@ -1,0 +1,38 @@
+"""The report joins a kit that stands in its folder: made from the files there, and listed in the manifest as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.errors import Check, Finding
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.writer import with_file, write_kit
+from tactape_fab.report.page import READ_ROLES, Written, render_report
+from tactape_fab.texture.tape import Tape
+
+
+def add_report(
+    folder: Path, content: Mapping[str, Any], tape: Tape, *, checks: Sequence[Check] = (), findings: Sequence[Finding] = ()
+) -> Artifact:
+    """Write the report of the kit in `folder`, and its manifest again.
+
+    Parameters
+    ----------
+    folder : Path
+    content : mapping
+        What its manifest holds.
+    tape : Tape
+    checks, findings : sequences
+        How it was verified, and which rules it keeps.
+
+    Returns
+    -------
+    Artifact
+        The report as it was written.
+    """
+    files = {row["role"]: (folder / row["path"]).read_bytes() for row in content["files"] if row["role"] in READ_ROLES}
+    report = render_report(Written(manifest=content, tape=tape, files=files, checks=checks, findings=findings))
+    write_kit(folder, with_file(content, report), [report])
+    return report
