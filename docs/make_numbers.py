@@ -1,6 +1,7 @@
-"""Prints the table of numbers in the README; with --write, writes it there. Run: python docs/make_numbers.py [--write]
+"""Prints the table of docs/verify.md on the default kit; with --write, writes it there.
 
-The last row is a time of the machine that ran this; the others are the same everywhere, and a test holds the README to them.
+Run: python docs/make_numbers.py [--write]. The last row is a time of the machine that ran this; the others are the same
+everywhere, and a test holds the page to them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from tactape_fab import Kit, TapeSpec, make_kit
 
-README = Path(__file__).parent.parent / "README.md"
+PAGE = Path(__file__).parent / "verify.md"
 BEGIN, END = "<!-- numbers -->\n", "<!-- /numbers -->\n"
 
 
@@ -53,10 +54,10 @@ def main() -> None:
     sys.stdout.write(table)
     if "--write" not in sys.argv[1:]:
         return
-    text = README.read_text(encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     head, rest = text.split(BEGIN)
     tail = rest.split(END)[1]
-    README.write_text(f"{head}{BEGIN}{table}{END}{tail}", encoding="utf-8")
+    PAGE.write_text(f"{head}{BEGIN}{table}{END}{tail}", encoding="utf-8")
 
 
 if __name__ == "__main__":

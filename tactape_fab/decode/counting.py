@@ -25,9 +25,10 @@ class Tally(NamedTuple):
 
     Attributes
     ----------
-    sums : ndarray, shape (6,)
+    sums : ndarray, shape (8,)
         ln of the best weight, the weight of all together as a multiple of it, ln L of the strongest place and of the next,
-        the bound of ln L of all that were not looked at, and what is negligible.
+        the bound of ln L of all that were not looked at, what is negligible, the ln L from which on a place is looked at
+        however little it weighs, and the share of the weight that is of bounds.
     best, strongest : ndarray of int, shape (6,)
         Turn, site, column, row, u and v of the place of most weight, and of that of largest L.
     """
@@ -37,9 +38,9 @@ class Tally(NamedTuple):
     strongest: IntArray
 
 
-def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE) -> Tally:
-    """A tally with nothing in it; weights are held against `floor` from the start."""
-    sums = np.array([floor, 0.0, -np.inf, -np.inf, -np.inf, negligible])
+def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: float = np.inf) -> Tally:
+    """A tally with nothing in it; weights are held against `floor` from the start, and places as `likely` are looked at."""
+    sums = np.array([floor, 0.0, -np.inf, -np.inf, -np.inf, negligible, likely, 0.0])
     return Tally(sums, np.full(6, -1, dtype=np.int64), np.full(6, -1, dtype=np.int64))
 
 
@@ -62,6 +63,12 @@ class Room(NamedTuple):
 
 
 @inner_kernel()
+def least_of(of: float, terms: tuple[float, float], sums: FloatArray) -> float:
+    """The least ln E that may matter in a group of places; `drop` has the parameters."""
+    return float(min(sums[0] + sums[5] - of - terms[0], sums[6] - terms[1]))
+
+
+@inner_kernel()
 def drop(bound: float, places: float, of: float, terms: tuple[float, float], sums: FloatArray) -> bool:
     """Whether some places cannot matter; they are counted then as if each were as good as their bound.
 
@@ -74,11 +81,18 @@ def drop(bound: float, places: float, of: float, terms: tuple[float, float], sum
     terms : tuple of float
         ln of the weight of each, and ln of what speaks for its turn besides the bits.
     """
-    if bound + terms[0] + of >= sums[0] + sums[5]:
+    if bound >= least_of(of, terms, sums):
         return False
-    sums[1] += places * np.exp(bound + terms[0] - sums[0])
-    sums[4] = max(sums[4], bound + terms[1])
+    count_bound(places * np.exp(bound + terms[0] - sums[0]), bound + terms[1], sums)
     return True
+
+
+@inner_kernel()
+def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
+    """Add places that are not looked at, at a bound of their weight and of their ln L."""
+    sums[1] += weight
+    sums[7] += weight
+    sums[4] = max(sums[4], likelihood)
 
 
 @inner_kernel()
@@ -193,6 +207,7 @@ def count_at(
     score, likelihood = value + terms[0], value + terms[1]
     if score > sums[0] or (tally.best[0] < 0 and score > sums[0] - 1e-6):
         sums[1] *= np.exp(sums[0] - score)
+        sums[7] *= np.exp(sums[0] - score)
         sums[0] = score
         for k in range(6):
             tally.best[k] = at[k]

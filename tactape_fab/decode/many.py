@@ -16,7 +16,7 @@ from tactape_fab.decode.bounds import (
     slot_of,
     survivors,
 )
-from tactape_fab.decode.counting import Room, Tally, new_tally, weigh_site
+from tactape_fab.decode.counting import Room, Tally, count_bound, least_of, new_tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import COLUMNS, OVER, ROWS
 from tactape_fab.decode.kernels import inlined_kernel, inner_kernel
@@ -97,16 +97,14 @@ def weigh_many(
                     if groups[g, OVER] != over:
                         continue
                     bound, of = limits[g, 0] + limits[g, 1], limits[g, 2] + tapes
-                    if bound + of + terms[0] < sums[0] + sums[5]:
-                        sums[1] += np.exp(bound + of + terms[0] - sums[0])
-                        sums[4] = max(sums[4], bound + terms[1])
+                    least = least_of(of, terms, sums)
+                    if bound < least:
+                        count_bound(np.exp(bound + of + terms[0] - sums[0]), bound + terms[1], sums)
                         continue
-                    least = sums[0] + sums[5] - of - terms[0]
                     span, group = (first, last), groups[g]
                     rest = _bound_sites(bounds, of_rows, known, tables, sites, group, limits[g], turn, span, least, starts)
                     left, dropped, most = survivors(chosen, bounds, first, last, least - rest)
-                    sums[1] += dropped / count * np.exp(sums[5])
-                    sums[4] = max(sums[4], most + rest + terms[1])
+                    count_bound(dropped / count * np.exp(least + of + terms[0] - sums[0]), most + rest + terms[1], sums)
                     for c in range(left):
                         site = chosen[c]
                         start, width, limit = sites.table[site, START, 0], 0, (limits[g, 0], limits[g, 1])

@@ -23,8 +23,6 @@ LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
-_SURELY_SEEN = 30.0
-"""More than the weight of an answer and that of a rival can differ by (ln)."""
 MOST_RADIUS_MM = 50.0
 _PLENTY = 0.05
 """Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
@@ -238,18 +236,18 @@ def rivals(
     kept = [family.beyond if beyond else family.unregistered for family in families]
     others = [sites for sites in kept if sites is not None]
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
-    strict = _strict(place.groups, precision)
-    for negligible in (_RIVALS_NEGLIGIBLE, strict, strict - least_lead - _SURELY_SEEN):
-        found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), False
+    likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
+    negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, precision)
+    while True:
+        found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), 0.0
         for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
-            tally = new_tally(place.score + place.weight, negligible)
+            tally = new_tally(place.score + place.weight, negligible, likely)
             weigh_sites(t, sites, g, base, cue, tally)
             found = _strongest(found, tally, family, place, cue)
-            bounded = bounded or bool(tally.sums[4] > tally.sums[2])
-        known = found.weight <= precision and not (bounded and found.lead < least_lead)
-        if known or found.weight > _PLENTY:
-            break
-    return found
+            bounded += float(tally.sums[7]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
+        if bounded <= precision or found.weight - bounded > _PLENTY or negligible <= strict:
+            return found
+        negligible = max(negligible - log(2.0 * bounded / precision), strict)
 
 
 def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import typeof
 
-from tactape_fab.decode.counting import Room, Tally, new_tally, weigh_site
+from tactape_fab.decode.counting import Room, Tally, count_bound, least_of, new_tally, weigh_site
 from tactape_fab.decode.evidence import Floats, Tables
 from tactape_fab.decode.groups import OVER, X, Y, hole_evidence
 from tactape_fab.decode.kernels import inlined_kernel, kernel
@@ -106,9 +106,8 @@ def _weigh_few(
                         continue
                     bound = limits[g, 0] + limits[g, 1]
                     of = limits[g, 2] + np.log(float(kind[TAPES] * (last - first)))
-                    if hole_starts[first] < 0 and bound + of + terms[0] < sums[0] + sums[5]:
-                        sums[1] += np.exp(bound + of + terms[0] - sums[0])
-                        sums[4] = max(sums[4], bound + terms[1])
+                    if hole_starts[first] < 0 and bound < least_of(of, terms, sums):
+                        count_bound(np.exp(bound + of + terms[0] - sums[0]), bound + terms[1], sums)
                         continue
                     for site in range(first, last):
                         hole, stride = said[turn, :0], pad - pad

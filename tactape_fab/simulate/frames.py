@@ -152,8 +152,22 @@ def iterate_frames(
     drawn = draw_poses(tape, count, seed, profile, scene, edge=edge) if poses is None else _checked_poses(poses, count)
     standing = as_parts(tape, parts)
     for k, pose in enumerate(drawn):
-        stream = np.random.SeedSequence(checked_seed(seed), spawn_key=(k,))
-        yield _frame(make_view(tape, pose[:2], float(pose[2]), profile, scene), standing, stream)
+        yield _frame(make_view(tape, pose[:2], float(pose[2]), profile, scene), standing, _stream(seed, k))
+
+
+def frame_at(
+    tape: Tape,
+    number: int,
+    pose: FloatArray,
+    seed: int = 0,
+    sensor: str | SensorProfile = "gelsight-mini",
+    scene: Scene | None = None,
+    *,
+    parts: Parts | npt.ArrayLike | None = None,
+) -> Frame:
+    """Frame `number` of those that `iterate_frames` makes with this pose there; it raises the same."""
+    view = make_view(tape, pose[:2], float(pose[2]), as_sensor(sensor), scene or DEFAULT_SCENE)
+    return _frame(view, as_parts(tape, parts), _stream(seed, number))
 
 
 def simulate_frames(
@@ -263,6 +277,10 @@ def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
         dots_part=index[felt],
         dots_imprint=share[felt],
     )
+
+
+def _stream(seed: int, number: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(checked_seed(seed), spawn_key=(number,))
 
 
 def parts_in_view(view: View, parts: Parts, rng: np.random.Generator) -> tuple[IntArray, Parts, FloatArray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.round_trip import Contact, Progress, error_free
+from tactape_fab.verify.round_trip import Contact, Progress
 
 TURNS = 3
 """Angles tried at each place: they cover the half turn after which an ellipse is the same."""
@@ -44,9 +44,9 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
         Its noise and its elastomer play no part.
     progress : callable
     """
-    from tactape_fab.decode.localizer import Localizer
+    from tactape_fab.verify.limit import error_free, rule_of
 
-    localizer = Localizer([tape], contact.sensor)
+    rule = rule_of(tape, contact.sensor)
     width_mm, height_mm = tape.board.size_mm
     x0, y0 = tape.board.texture_origin_mm
     step_mm = max(sqrt(width_mm * height_mm / _PLACES), _LEAST_STEP_MM)
@@ -56,7 +56,7 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
     for place, (j, i) in enumerate(np.ndindex(share.shape)):
         for turn in range(TURNS):
             theta_deg = (place * _GOLDEN_DEG + turn * 180.0 / TURNS) % 360.0 - 180.0
-            share[j, i] += error_free(localizer, tape, np.array([x_mm[i], y_mm[j], theta_deg]), contact.scene).located
+            share[j, i] += error_free(rule, np.array([x_mm[i], y_mm[j], theta_deg]), contact.scene).located
         progress("map: place", place + 1, share.size)
     return Coverage(x_mm=x_mm, y_mm=y_mm, share=share / TURNS)
 

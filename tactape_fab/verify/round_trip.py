@@ -16,28 +16,27 @@ import numpy as np
 
 from tactape_fab.errors import Check, Problem, SpecError
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
-from tactape_fab.simulate import DotErrors, Frame, Scene, dots_of, draw_poses, iterate_frames
-from tactape_fab.simulate.contact import contact_outline_mm
+from tactape_fab.simulate import Frame, Scene, dots_of, draw_poses, iterate_frames
+from tactape_fab.simulate.frames import frame_at
 from tactape_fab.simulate.gel import FloatImage
-from tactape_fab.simulate.view import make_view
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.misplaced import explain
 from tactape_fab.verify.positions import Source
+from tactape_fab.verify.shown import ERROR_FREE, in_place, parts_shown
 
 if TYPE_CHECKING:
-    from tactape_fab.decode.localizer import Localizer
     from tactape_fab.decode.result import Localization
 
 Progress = Callable[[str, int, int], None]
 Locate = Callable[[FloatImage], "Localization"]
-Excuse = Callable[[FloatArray], int]
+Excuse = Callable[[int, FloatArray], int]
 
-RIGHT, LIMITED, NOISY, MISSED, WRONG = range(5)
-"""What became of a contact: located at its place; not located where error-free symbols would hardly do; not located, but it is
-without the sensor's noise; not located for neither reason; located elsewhere.
+RIGHT, LIMITED, NOISY, MISSED, LOST, WRONG = range(6)
+"""What became of a contact: located at its place; not located where error-free symbols would not do either; nor would they with
+the tops of the sensor's noise beside them; not located though they do, which is the decoder's own miss; the same where the file
+does not have the parts in their places; located elsewhere.
 """
 
 INSIDE, EDGE = 96, 48
@@ -45,22 +44,6 @@ INSIDE, EDGE = 96, 48
 MANY_SECTORS, FEWER = 1000, 4
 """A code of many sectors holds every contact against all of them: so many times fewer contacts."""
 QUICK = 6
-STRICTER = 1000.0
-"""A contact must be located where error-free symbols keep the rule so many times over: a wrong bit costs as much."""
-SWALLOWED_MM = 1.0
-"""Parts nearer to the outline have no top of their own where the contact hangs over the board's edge, or hardly one: at 0.84 to
-1.0 mm half of them, farther off none was lost."""
-ERROR_FREE = DotErrors(
-    sigma_px=0.0,
-    rim_sigma_px=0.0,
-    rim_pull_px=0.0,
-    outliers=0.0,
-    lost=0.0,
-    least_imprint=0.5,
-    false_dots=0.0,
-    weight_sigma=0.0,
-)
-"""Dots where the parts inside the contact really stand."""
 
 _SEED = 0
 _STEP = "round trip: contact"
@@ -82,13 +65,13 @@ class Trip:
     poses : ndarray, shape (n, 3)
         x mm, y mm (texture frame), theta deg.
     outcome : ndarray of int, shape (n,)
-        RIGHT, LIMITED, NOISY, MISSED or WRONG.
+        RIGHT, LIMITED, NOISY, MISSED, LOST or WRONG.
     error_um : ndarray, shape (n,)
         Distance from the true position; NaN where nothing was located.
     reasons : Counter of str
         Why contacts were not located.
     tolerated : float
-        Share of the contacts that may be MISSED, or WRONG: of the latter none where the decoder bounds its errors.
+        Share of the contacts that may be LOST, or WRONG: none where the decoder bounds its errors.
     """
 
     source: str
@@ -104,7 +87,7 @@ class Trip:
     @property
     def failed(self) -> bool:
         most = self.tolerated * len(self.outcome)
-        return self.count(WRONG) > most or self.count(MISSED) > most
+        return self.count(WRONG) > most or self.count(LOST) > most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,9 +144,9 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
     size = (float(side_px), float(side_px))
 
-    def excuse(pose: FloatArray) -> int:
+    def excuse(_: int, pose: FloatArray) -> int:
         xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
-        return MISSED if locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0].located else LIMITED
+        return LOST if locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0].located else LIMITED
 
     def locate(depth: FloatImage) -> Localization:
         return locate_paper(depth, [tape], px_per_mm=px_per_mm)[0]
@@ -197,7 +180,8 @@ def full_trips(
     counts : (int, int)
         Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
     """
-    from tactape_fab.decode.localizer import KAPPA, Localizer
+    from tactape_fab.decode.localizer import Localizer
+    from tactape_fab.verify.limit import as_seen, error_free, rule_of
 
     contact = contact or read_contact()
     sensor, scene = contact.sensor, contact.scene
@@ -210,13 +194,13 @@ def full_trips(
     count, done = sum(map(len, poses)), 0
     progress(_STEP, done, count)  # the first Localizer ever compiles
     localizer = Localizer([tape], sensor)
-    strict = Localizer([tape], sensor, max_p_false=1e-4 / STRICTER, kappa=KAPPA * STRICTER)
+    rule = rule_of(tape, sensor)
 
-    def excuse(source: Source, pose: FloatArray) -> int:
-        if not error_free(strict, tape, pose, scene).located:
-            return LIMITED
-        silent = next(iterate_frames(tape, 1, _SEED, sensor, replace(scene, noise=0.0), poses=pose[None], parts=source.parts))
-        return NOISY if _is_right(tape, silent, localizer.locate(silent.depth)) else MISSED
+    def excuse(source: Source, number: int, pose: FloatArray) -> int:
+        own = frame_at(tape, number, pose, _SEED, sensor, scene)
+        if as_seen(rule, pose, scene, own.depth).located:
+            return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
+        return NOISY if error_free(rule, pose, scene).located else LIMITED
 
     def step() -> None:
         nonlocal done
@@ -227,18 +211,6 @@ def full_trips(
         _trip(tape, source, at, sensor, scene, localizer.locate, partial(excuse, source), step)
         for source, at in zip(sources, poses, strict=True)
     ]
-
-
-def error_free(localizer: Localizer, tape: Tape, pose: FloatArray, scene: Scene) -> Localization:
-    """What the decoder's rule says of the dots that can be seen there, each exactly in its place: the information limit."""
-    dots = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=localizer.sensor)
-    view = make_view(tape, pose[:2], float(pose[2]), localizer.sensor, scene)
-    outline, board = view.to_board(contact_outline_mm(scene, view.half_field_mm)), tape.board
-    seen = np.ones(len(dots.weights), dtype=np.bool_)
-    if inset_mm(outline, board.size_mm, board.corner_radius_mm).min() < 0.0:
-        there = view.to_board((dots.xy_px - view.profile.centre_px) / view.px_per_mm)
-        seen = inset_mm(there, board.size_mm, board.corner_radius_mm) >= SWALLOWED_MM
-    return localizer.locate_dots(dots.xy_px[seen])
 
 
 def _trip(
@@ -262,7 +234,7 @@ def _trip(
             outcome[k] = RIGHT if _is_right(tape, frame, fix) else WRONG
         else:
             reasons[fix.reason or "no answer"] += 1
-            outcome[k] = excuse(poses[k])
+            outcome[k] = excuse(k, poses[k])
         step()
     return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
 
@@ -299,7 +271,8 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
     said = (
         (LIMITED, "shows too little to be located"),
         (NOISY, "not located in the sensor's noise"),
-        (MISSED, "not located by the quick method"),
+        (MISSED, "missed by the decoder"),
+        (LOST, "not located by the quick method"),
         (WRONG, "misplaced by the quick method, which has no bound"),
     )
     rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))
@@ -309,12 +282,12 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
 
 def _problems(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Iterable[str]:
     count = len(trip.outcome)
-    for outcome, what in ((WRONG, "decode to another place"), (MISSED, "are not located though the tape says enough there")):
+    for outcome, what in ((WRONG, "decode to another place"), (LOST, "are not located though the tape says enough there")):
         if trip.count(outcome):
             x, y, theta = trip.poses[trip.outcome == outcome][0]
             far = f", {trip.error_um[trip.outcome == WRONG][0] / 1000:.3f} mm off" if outcome == WRONG else ""
             yield f"{trip.count(outcome)} of {count} contacts {what}, first at x {x:.2f}, y {y:.2f} mm, {theta:.0f} deg{far}"
-    if trip.count(MISSED):
+    if trip.count(LOST):
         reason, times = trip.reasons.most_common(1)[0]
         yield f"the decoder says {times} times: {reason}"
     cause = explain(tape, source.parts.xy_mm)

@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
-from .evidence import counts
+from .evidence import counts, readme
 from .evidence.job import FULL, QUICK, Job, Result
 from .evidence.page import FIGURES_JSON, jobs, page_of, write_page
 from .evidence.record import Record
@@ -57,12 +57,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer contacts: some minutes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON lines; taken up again where it exists")
-    parser.add_argument("--counts", type=Path, metavar="FILE", help="what tests.bench.false_accepts --json wrote")
+    about_counts = "what tests.bench.false_accepts --json wrote; a job in two of them counts as the later file has it"
+    parser.add_argument("--counts", type=Path, nargs="+", default=[], metavar="FILE", help=about_counts)
     parser.add_argument("--processes", type=int, default=2, metavar="N")
-    parser.add_argument(
-        "--page", type=Path, metavar="FOLDER", help="where evidence.json, the page and its plots go; docs/ unless said"
-    )
+    about_page = "where evidence.json, the page and its plots go; docs/ unless said, and then the README's numbers, too"
+    parser.add_argument("--page", type=Path, metavar="FOLDER", help=about_page)
     chosen = parser.parse_args()
+    try:
+        counted = counts.entries(chosen.counts)
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        parser.error(f"--counts: {error}; give files that tests.bench.false_accepts --json wrote")
     size = QUICK if chosen.quick else FULL
     record = Record.opened(chosen.json or Path(f"evidence-{size.name}.jsonl"))
     wanted = jobs(size)
@@ -70,13 +74,15 @@ def main() -> None:
     content = {
         "size": size.name,
         "about": record.about,
-        "results": [record.results[job.key] for job in wanted] + (counts.entries(chosen.counts) if chosen.counts else []),
+        "results": [record.results[job.key] for job in wanted] + counted,
     }
     folder = chosen.page or FIGURES_JSON.parent
     folder.mkdir(parents=True, exist_ok=True)
     (folder / FIGURES_JSON.name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     for path in write_page(content, folder):
         say(str(path))
+    if chosen.page is None:
+        say(str(readme.write(content)))
     print(page_of(content))
 
 

@@ -14,7 +14,9 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab import TapeSpec
+from tactape_fab import Tape, TapeSpec
+from tactape_fab.kit.plan import plan
+from tactape_fab.profiles import load_fab, load_part
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -57,6 +59,11 @@ def large_spec(parts: int) -> TapeSpec:
     """A spec of about square outline whose tape carries at least `parts` parts, and hardly more."""
     side_mm = 1.5 * isqrt(parts)
     return TapeSpec(sector=7, origin=(0, 0), size_mm=(side_mm + _STRIP_AND_MARGINS_MM, side_mm + _MARGINS_MM))
+
+
+def planned(spec: TapeSpec) -> Tape:
+    """The tape of a spec of a film."""
+    return plan(spec, load_fab(spec.fab or "generic-fpc"), load_part(spec.part))
 
 
 def command() -> str:

@@ -17,14 +17,13 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from tactape_fab import Tape, TapeSpec
-from tactape_fab.kit.plan import plan
-from tactape_fab.profiles import load_fab, load_part
 from tactape_fab.solids.assembly import assembly_step
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh import stl_bytes, threemf_bytes
 from tactape_fab.solids.sheet import texture_mesh
 from tactape_fab.solids.step import solid_step
-from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, run, show
+from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, planned, run, show
+from tests.bench.solid_peers import OURS, READ, answer, with_build123d
 from tests.solids import DATE, step_of
 
 PARTS = 100_000
@@ -33,73 +32,6 @@ REFERENCE_SIZE = 10_000
 MOST_GROWTH = 2.0
 RUNS = 5
 BOARD_RGB, PART_RGB = (0.8, 0.5, 0.1), (0.1, 0.1, 0.1)
-
-PEER = """
-import json, sys
-from time import perf_counter
-from build123d import Box, Pos, Rot, Rectangle, extrude, export_step, fillet
-tape = json.load(open(sys.argv[1]))
-start = perf_counter()
-(w, h), base = tape["size_mm"], tape["base_mm"]
-face = Rectangle(w, h)
-board = Pos(w / 2, h / 2, -base) * extrude(fillet(face.vertices(), tape["radius_mm"]), base)
-length, width, height = tape["body_mm"]
-turn = Rot(0, 0, tape["rotation_deg"])
-boxes = [Pos(x, y, height / 2) * turn * Box(length, width, height) for x, y in tape["xy_mm"]]
-part = board + boxes
-assert len(part.solids()) == 1
-built = perf_counter()
-export_step(part, sys.argv[2])
-answer = {"build_s": built - start, "export_s": perf_counter() - built}
-with open(sys.argv[3], "w") as stream:
-    json.dump(answer, stream)
-"""
-OURS = """
-import json, sys
-from datetime import datetime, timezone
-from time import perf_counter
-from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.step import solid_step_chunks
-from tactape_fab.texture.tape import Tape
-tape = Tape.from_mapping(json.load(open(sys.argv[1])))
-seconds = []
-for _ in range(int(sys.argv[3])):
-    start = perf_counter()
-    with open(sys.argv[2], "wb") as stream:
-        for piece in solid_step_chunks(tape, SolidForm(), name="t", date=datetime(2026, 1, 1), rgb=(0.5, 0.5, 0.5)):
-            stream.write(piece)
-    seconds.append(perf_counter() - start)
-print("ANSWER", json.dumps({"write_s": min(seconds), "first_s": seconds[0]}))
-"""
-READ = """
-import json, sys
-from time import perf_counter
-from OCP.STEPControl import STEPControl_Reader
-from OCP.TopAbs import TopAbs_ShapeEnum
-from OCP.TopExp import TopExp_Explorer
-start = perf_counter()
-reader = STEPControl_Reader()
-reader.ReadFile(sys.argv[1])
-reader.TransferRoots()
-shape = reader.OneShape()
-seconds = perf_counter() - start
-explorer, solids = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_SOLID), 0
-while explorer.More():
-    solids += 1
-    explorer.Next()
-print("ANSWER", json.dumps({"read_s": seconds, "solids": solids}))
-"""
-
-
-def answer(program: str, *arguments: str) -> dict[str, float]:
-    done = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=True)
-    lines = [line for line in done.stdout.splitlines() if line.startswith("ANSWER ")]
-    content: dict[str, float] = json.loads(lines[-1].removeprefix("ANSWER "))
-    return content
-
-
-def planned(spec: TapeSpec) -> Tape:
-    return plan(spec, load_fab(spec.fab or "generic-fpc"), load_part(spec.part))
 
 
 def load() -> str:
@@ -122,30 +54,14 @@ def tapes() -> dict[int, Tape]:
 def both(main_job: Tape, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The main job's solid written by build123d and by us: files, seconds and megabytes."""
     folder = tmp_path_factory.mktemp("solids")
-    for name, content in (
-        ("tape.json", main_job.to_mapping()),
-        (
-            "peer.json",
-            {
-                "size_mm": main_job.board.size_mm,
-                "radius_mm": main_job.board.corner_radius_mm,
-                "base_mm": SolidForm().base_mm,
-                "body_mm": main_job.part.body_mm,
-                "rotation_deg": main_job.part.rotation_deg,
-                "xy_mm": main_job.part_xy_mm().tolist(),
-            },
-        ),
-    ):
-        (folder / name).write_text(json.dumps(content), encoding="ascii")
+    (folder / "tape.json").write_text(json.dumps(main_job.to_mapping()), encoding="ascii")
     files = {name: str(folder / f"{name}.step") for name in ("peer", "ours")}
-    inputs = {"peer": str(folder / "peer.json"), "ours": str(folder / "tape.json")}
+    arguments = [str(folder / "tape.json"), files["ours"]]
     result: dict[str, Any] = {"files": files}
-    result["ours"] = answer(OURS, inputs["ours"], files["ours"], str(RUNS))
-    result["ours_mb"] = peak_memory_mb([sys.executable, "-c", OURS, inputs["ours"], files["ours"], "1"], folder)
-    kept = folder / "peer.txt"
-    peer = [sys.executable, "-c", PEER, inputs["peer"], files["peer"], str(kept)]
-    result["peer_mb"] = peak_memory_mb(peer, folder)
-    result["peer"] = json.loads(kept.read_bytes())
+    result["ours"] = answer(OURS, *arguments, str(RUNS))
+    result["ours_mb"] = peak_memory_mb([sys.executable, "-c", OURS, *arguments, "1"], folder)
+    result["peer"] = with_build123d(main_job, Path(files["peer"]))
+    result["peer_mb"] = result["peer"]["peak_mb"]
     return result
 
 

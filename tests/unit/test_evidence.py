@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from tactape_fab.simulate import Scene
 from tests.bench.__main__ import measure
 from tests.bench.evidence import accuracy, codes, counts, curves, table_one, table_two
 from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
@@ -18,6 +20,7 @@ from tests.bench.evidence.record import Record, results_of
 from tests.bench.false_accepts import Record as Counts
 from tests.bench.false_tally import Tally
 from tests.bench.localization_false import Job as Count
+from tests.bench.localization_rows import Row, frames_of
 
 TINY = Size(name="tiny", trials=1, frames=3, sectors=2)
 
@@ -139,6 +142,41 @@ def test_counts_of_false_accepts_come_from_their_file(tmp_path: Path) -> None:
         record.add(
             Count(kind="other sectors, dots", subject=f"sector {sector}", level="dots"), Tally(frames=1000, located=located)
         )
-    (entry,) = counts.entries(path)
+    (entry,) = counts.entries([path])
     said = counts.lines({entry["name"]: entry["result"]})
+    assert said[0] == f"## {counts.TITLE}" and "Above the line, beyond chance: none." in said
     assert "| other sectors, dots | 2,000 (2 sectors, 1,000 or more each) | 2 | sector 2: 2 of 1000 | 3.1e-03 |" in said
+
+
+def test_counts_of_several_files_are_put_together(tmp_path: Path) -> None:
+    paths = [tmp_path / "first.jsonl", tmp_path / "second.jsonl"]
+    for path, located in zip(paths, (5, 1), strict=True):
+        record = Counts.opened(path)
+        for kind in ("ball, dots, open world", f"of {path.stem}, dots"):
+            record.add(Count(kind=kind, subject="ball", level="dots"), Tally(frames=100, located=located))
+    found = {entry["name"]: entry["result"]["located"] for entry in counts.entries(paths)}
+    assert found == {"ball, dots, open world": 1, "of first, dots": 5, "of second, dots": 1}
+    assert counts.entries([]) == []
+    other = tmp_path / "other.jsonl"
+    other.write_text("no\ncounts\n")
+    with pytest.raises(ValueError, match=r"other\.jsonl has no counts"):
+        counts.entries([*paths, other])
+
+
+def test_bounds_that_are_too_small_too_often_are_named() -> None:
+    promised = {"frames": 10000, "bound": "p_tape", "decades": [900, 110, 8, 0, 0, 0, 0, 0]}
+    broken = {"frames": 10000, "bound": "p_place", "decades": [900, 300, 200, 100, 0, 0, 0, 0]}
+    found = {"ball, dots, open world": promised, "ball, dots, closed world": promised, "other, dots": broken}
+    assert counts._above(found) == ["other, dots, 1 % of them at 1e-04"]
+    assert list(counts._worlds_as_one(found)) == ["ball, dots, both worlds", "other, dots"]
+    found["ball, dots, closed world"] = promised | {"decades": [1, 0, 0, 0, 0, 0, 0, 0]}
+    assert list(counts._worlds_as_one(found)) == list(found)
+    axes = counts.pictures(found)["evidence-false-accepts.png"].axes
+    assert [len(panel.get_legend_handles_labels()[0]) for panel in axes] == [3, 2]
+
+
+def test_the_default_scene_has_the_noise_that_the_page_names() -> None:
+    smooth = Scene(texture_mm=0.0, dome_mm=0.0, tilt_mm_per_mm=(0.0, 0.0))
+    depth_um = [1000.0 * frame.depth for frame in frames_of(Row(name="noise", scenes=(smooth,)), 10)]
+    high = [float((frame - cv2.blur(frame, (25, 25))).std()) for frame in depth_um]
+    assert f"with {np.mean(high):.0f} µm\nof noise" in PAGE.read_text(encoding="utf-8")

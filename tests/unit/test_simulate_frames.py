@@ -34,7 +34,7 @@ from tactape_fab.simulate.contact import imprint
 from tactape_fab.simulate.gel import delivered
 from tactape_fab.simulate.parts import parts_of
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.verify.round_trip import ERROR_FREE
+from tactape_fab.verify.shown import ERROR_FREE
 
 CENTRE = np.array([159.5, 119.5])
 

@@ -13,6 +13,7 @@ from ..localization_rows import Row
 from .job import Job, Result, Size
 
 SECTION = "curves"
+TITLE = "What makes a contact hard"
 LEAST_RATE = 0.99
 """Share of contacts that the paper, and this page, call enough."""
 METHODS = {"open": "ours, open world", "closed": "ours, closed world", "paper": "the paper's method"}
@@ -108,7 +109,7 @@ def bound(curve: Curve, results: Mapping[str, Result], method: str) -> float | N
 def lines(results: Mapping[str, Result]) -> list[str]:
     """The section of the page."""
     out = [
-        "## What makes a contact hard",
+        f"## {TITLE}",
         "",
         "![Success against size, missing parts, noise, blur, placement, scale and curvature](figures/evidence-curves.png)",
         "",

@@ -25,16 +25,19 @@ class Size:
         Contacts for each point of a curve.
     sectors : int
         Sectors whose tapes are certified.
+    parts : int
+        Parts of the largest tape that is written.
     """
 
     name: str
     trials: int
     frames: int
     sectors: int
+    parts: int = 500
 
 
-QUICK = Size(name="quick", trials=2, frames=40, sectors=16)
-FULL = Size(name="full", trials=10, frames=400, sectors=256)
+QUICK = Size(name="quick", trials=2, frames=40, sectors=16, parts=10_000)
+FULL = Size(name="full", trials=10, frames=400, sectors=256, parts=200_000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, codes, counts, curves, table_one, table_two
+from . import accuracy, codes, counts, curves, fabrication, force, table_one, table_two
 from .job import Job, Size
 from .record import results_of
 
 DOCS = Path(__file__).parents[3] / "docs"
 FIGURES_JSON, PAGE = DOCS / "evidence.json", DOCS / "evidence.md"
-MEASURED = (table_one, table_two, accuracy, curves, codes)
+MEASURED = (table_one, table_two, accuracy, curves, force, codes, fabrication)
 
 
 def jobs(size: Size) -> list[Job]:
@@ -30,7 +30,7 @@ def page_of(content: dict[str, Any]) -> str:
         f"Size `{content['size']}`, seed {about['seed']}, {about['machine']}; Python {about['python']}, numpy {about['numpy']}, "
         f"numba {about['numba']}.",
         "",
-        "All contacts are simulated (see [localization](localization.md)); the default scene is a contact of 11x9 mm with 7.1 µm",
+        "All contacts are simulated (see [localization](localization.md)); the default scene is a contact of 11x9 mm with 7 µm",
         "of noise after the high-pass, where a real GelSight Mini without contact has 4.3 µm.",
         "",
     ]
@@ -58,9 +58,10 @@ def write_page(content: dict[str, Any], folder: Path) -> list[Path]:
     page.write_text(page_of(content), encoding="utf-8")
     written = [page]
     (folder / "figures").mkdir(exist_ok=True)
-    found = results_of(content, curves.SECTION)
-    for name, figure in curves.pictures(found).items() if found else ():
-        path = folder / "figures" / name
-        figure.savefig(path, dpi=110, metadata={"Software": None})
-        written.append(path)
+    for section in (curves, force, fabrication, counts):
+        found = results_of(content, section.SECTION)
+        for name, figure in section.pictures(found).items() if found else ():
+            path = folder / "figures" / name
+            figure.savefig(path, dpi=110, metadata={"Software": None})
+            written.append(path)
     return written

@@ -29,6 +29,7 @@ from ..localization_rows import SEED, registered_tape
 from .job import Job, Result, Size
 
 SECTION = "table II"
+TITLE = "Table II: against tactile mapping, and against markers"
 Grey = npt.NDArray[np.uint8]
 PX_PER_MM = 16.0
 AREA_MM = (20.0 * sqrt(5.0), 15.0 * sqrt(5.0))
@@ -267,7 +268,7 @@ def lines(results: Mapping[str, Result]) -> list[str]:
     """The section of the page."""
     frames = next(one["frames"] for name, one in results.items() if name in SETTINGS)
     out = [
-        "## Table II: against tactile mapping, and against markers",
+        f"## {TITLE}",
         "",
         f"BRISK and RANSAC (OpenCV) on {frames} frames of the default scene, matched with a noiseless map of five times the",
         "sensor's area; ours on the same frames in the same process, which has the whole tape and every unregistered one to tell",
