@@ -158,7 +158,7 @@ def _programs() -> tuple[Program, ...]:
     rows = (
         ("FreeCAD", installed(FREECAD), "verify reads the STEP models with it", "freecad-python3, or freecad"),
         ("PrusaSlicer", installed(PRUSA_SLICER), "verify reads the STL and 3MF models with it", "prusa-slicer"),
-        ("KiCad", installed(("kicad", "pcbnew")), "opens the kit's board; the tests check it with it", "kicad"),
+        ("KiCad", installed(("kicad", "pcbnew")), "opens the kit's board; the tests read it with it", "kicad"),
         ("gerbv", installed(("gerbv",)), f"shows Gerber files; {drawn}", "gerbv"),
         ("gerber-to-svg", _node_module("gerber-to-svg"), drawn, "npm's gerber-to-svg, and name its node_modules in NODE_PATH"),
         ("rsvg-convert", installed(("rsvg-convert",)), "the tests draw SVG files with it", "librsvg2-bin"),

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -56,14 +57,21 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
+@pytest.fixture
+def environment(tmp_path: Path) -> Iterator[Path]:
+    """A folder for an environment, which is large and not kept."""
+    yield tmp_path / "env"
+    shutil.rmtree(tmp_path / "env", ignore_errors=True)
+
+
 @only_thorough
 @pytest.mark.parametrize("version", VERSIONS)
-def test_fresh_environment_makes_a_tape_and_decodes_a_frame(version: str, wheel: Path, tmp_path: Path) -> None:
+def test_fresh_environment_makes_a_tape_and_decodes_a_frame(version: str, wheel: Path, environment: Path, tmp_path: Path) -> None:
     python = interpreter(version)
     if python is None:
         pytest.skip(f"Python {version} is not installed")
-    run([python, "-m", "venv", tmp_path / "env"], tmp_path)
-    programs = tmp_path / "env" / ("Scripts" if os.name == "nt" else "bin")
+    run([python, "-m", "venv", environment], tmp_path)
+    programs = environment / ("Scripts" if os.name == "nt" else "bin")
     run([programs / "python", "-m", "pip", "install", "--quiet", "--no-compile", wheel], tmp_path)
 
     elsewhere = tmp_path / "elsewhere"
@@ -77,7 +85,7 @@ def test_fresh_environment_makes_a_tape_and_decodes_a_frame(version: str, wheel:
 
     diagnosis = json.loads(tactape("doctor --json"))
     assert diagnosis["python"].split()[1].startswith(f"{version}.")
-    assert Path(diagnosis["package"]).is_relative_to(tmp_path / "env")
+    assert Path(diagnosis["package"]).is_relative_to(environment)
     assert None not in diagnosis["libraries"].values() and not diagnosis["decoder"]["compiled"]
 
     tactape("make --sector 7 --w 1.5 --delta 0.25")
