@@ -66,6 +66,8 @@ def lines(results: Mapping[str, Result]) -> list[str]:
         "How small `p_false` gets on them, whether they are located or not: at most a share x of the frames should have one of",
         "at most x (dashed). Arrows stand where no frame was so low, at the share that this many frames rule out at 95 %.",
         "Above the line, beyond chance: " + ("; ".join(_above(results)) or "none") + ".",
+        "`p_false` holds where tapes that nobody registered are as rare as its prior says (1 %), and contacts over an edge too;",
+        "here every frame is of that kind. What refuses them then is the lead that an answer must have over any other place.",
         "",
         "| texture | frames | located | worst of them | rate below |",
         "|---|---|---|---|---|",
