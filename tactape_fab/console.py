@@ -12,6 +12,7 @@ from tactape_fab.errors import Check, Finding
 
 if TYPE_CHECKING:
     from tactape_fab.decode.result import Localization
+    from tactape_fab.doctor import Decoder, Diagnosis
     from tactape_fab.emboss import Embossed
     from tactape_fab.make import Kit
     from tactape_fab.make_panel import PanelKit
@@ -279,3 +280,37 @@ def summary_line(located: int, count: int, elapsed_ms: Sequence[float]) -> str:
 def simulated_line(path: Path, count: int, shape: tuple[int, int], name: str, sensor: str) -> str:
     frames = f"{count} frame{'s' * (count != 1)} of {shape[0]} x {shape[1]} px"
     return f"{path}: {frames}, {name} as {sensor} sees it"
+
+
+# Installation
+
+
+def diagnosis_lines(found: Diagnosis) -> list[str]:
+    """What an installation can do, and what would add to it."""
+    libraries = ", ".join(f"{name} {version or 'MISSING'}" for name, version in found.libraries.items())
+    programs = [(p.name, p.path or "no", p.adds if p.path else f"{p.adds}; install {p.remedy}") for p in found.programs]
+    extras = []
+    for extra in found.extras:
+        remedy = "" if extra.installed else f'; pip install "tactape-fab[{extra.name}]"'
+        extras.append((extra.name, "yes" if extra.installed else "no", f"{extra.adds}{remedy}"))
+    return [
+        f"tactape-fab {found.version}, {found.python}, {found.machine}, {found.cores} cores",
+        f"package    {found.package}",
+        f"templates  {found.templates or 'MISSING: install tactape-fab again'}",
+        f"decoder    {_decoder_line(found.decoder)}",
+        f"libraries  {libraries or 'unknown: the package is not installed, only on the path'}",
+        "",
+        *table_lines(("program", "found", "what it adds"), programs),
+        "",
+        *table_lines(("extra", "installed", "what it adds"), extras),
+    ]
+
+
+def _decoder_line(decoder: Decoder) -> str:
+    if decoder.problem is not None:
+        return f"cannot be loaded: {decoder.problem}"
+    if decoder.cache is None:
+        return "compiled anew by every process: no folder can be written; set NUMBA_CACHE_DIR to one that can"
+    if decoder.compiled:
+        return f"compiled, in {decoder.cache}"
+    return f"not compiled yet: the first decode takes some ten seconds more; then kept in {decoder.cache}"

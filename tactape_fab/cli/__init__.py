@@ -1,10 +1,14 @@
 """Command line: parse, call one function, print. The only modules that know click."""
 
 from tactape_fab.cli.answers import FAILED, RULES, USAGE, VERIFICATION
+from tactape_fab.cli.completing import complete_values
 from tactape_fab.cli.group import main
+from tactape_fab.cli.helping import completion, doctor
 from tactape_fab.cli.locating import decode, simulate
 from tactape_fab.cli.making import check, emboss, make, profiles
 from tactape_fab.cli.proving import certify, registry, verify
+
+complete_values(main)
 
 __all__ = [
     "FAILED",
@@ -13,7 +17,9 @@ __all__ = [
     "VERIFICATION",
     "certify",
     "check",
+    "completion",
     "decode",
+    "doctor",
     "emboss",
     "main",
     "make",

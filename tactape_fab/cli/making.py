@@ -262,7 +262,7 @@ def check(spec_file: str | None, avoid: Sequence[str], as_json: bool, **options:
 
 
 @main.command()
-@click.argument("name", required=False)
+@click.argument("name", required=False, metavar="[NAME]")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def profiles(name: str | None, as_json: bool) -> None:
     """List the fab profiles, or explain one: its thresholds, and where each comes from. NAME may be a .toml file of yours."""

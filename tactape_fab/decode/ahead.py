@@ -17,6 +17,7 @@ from tactape_fab.decode.detect import Dots, detect
 from tactape_fab.decode.elongation import turn_weights
 from tactape_fab.decode.evidence import tables_of, turned
 from tactape_fab.decode.groups import count_places, groups_of
+from tactape_fab.decode.kernels import KEPT
 from tactape_fab.decode.lattice import find_lattices
 from tactape_fab.decode.near import compile_near
 from tactape_fab.decode.pose import fit_pose
@@ -42,7 +43,14 @@ def search_compiled(*, needed: bool = True) -> Iterator[None]:
     A code without tapes is searched otherwise: the search is not needed then.
     Where no other process can be started, or there is one core, the search is compiled when it is first called.
     """
-    if _compiled():
+    if compiled():
+        yield
+        return
+    if not KEPT:
+        _log.warning(
+            "tactape-fab compiles its decoder, and will each time: no folder keeps compiled functions; "
+            "set NUMBA_CACHE_DIR to one that can be written"
+        )
         yield
         return
     _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some ten seconds")
@@ -58,11 +66,17 @@ def search_compiled(*, needed: bool = True) -> Iterator[None]:
             process.wait()
 
 
-def _compiled() -> bool:
+def cache_folder() -> Path | None:
+    """Where compiled functions are kept; None where no folder can be written."""
+    return Path(str(turned.stats.cache_path)) if KEPT else None
+
+
+def compiled() -> bool:
     """Whether a function of the search is here, or on the disk and of these sources; without a file nothing has to be tried."""
     if turned.signatures:
         return True
-    if not any(Path(str(turned.stats.cache_path)).glob("*.turned-*")):
+    folder = cache_folder()
+    if folder is None or not any(folder.glob("*.turned-*")):
         return False
     turned(np.empty((0, 2), dtype=np.int64), np.empty((0, 4)), 0, np.empty((0, 2), dtype=np.int64), np.empty((0, 3)))
     return sum(turned.stats.cache_misses.values()) == 0

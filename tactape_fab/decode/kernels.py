@@ -10,7 +10,24 @@ from functools import partial
 
 from numba import njit
 
-kernel = partial(njit, cache=True, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
+
+def _probe() -> None:
+    """What numba is asked about; never called."""
+
+
+def _can_be_kept() -> bool:
+    """Whether a folder takes compiled functions: NUMBA_CACHE_DIR, the one beside the sources, or the user's."""
+    try:
+        njit(cache=True)(_probe)
+    except RuntimeError:
+        return False
+    return True
+
+
+KEPT = _can_be_kept()
+"""Where nothing can be kept, as for a user without a home in a read-only installation, every process compiles for itself."""
+
+kernel = partial(njit, cache=KEPT, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
 making_kernel = partial(kernel, _nrt=True)
 """For what returns an array all the same."""
 inner_kernel = partial(kernel, no_cpython_wrapper=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tactape_fab import programs
 from tactape_fab.errors import Check
 from tactape_fab.fields import shown_path
 from tactape_fab.kit.readback import CplContent
@@ -196,7 +196,7 @@ def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> lis
 def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
     if "step-solid" not in paths:
         return []
-    program = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
+    program = programs.installed(programs.FREECAD)
     if program is None:
         return [_missing("FreeCAD")]
     folder = paths["step-solid"].parent
@@ -234,7 +234,7 @@ def _check_centres(tape: Tape, centres: list[list[float]], cpl: CplContent) -> C
 
 
 def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
-    program = shutil.which("prusa-slicer")
+    program = programs.installed(programs.PRUSA_SLICER)
     if program is None:
         return [_missing("PrusaSlicer")]
     checks = []

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tactape_fab.decode import ahead
+from tactape_fab.decode import ahead, kernels
 from tactape_fab.decode.localizer import Localizer
 from tactape_fab.decode.near import _add_evidence, compile_near
 from tactape_fab.decode.weigh import _weigh
@@ -37,7 +37,7 @@ class Process:
 def process(monkeypatch: pytest.MonkeyPatch) -> Process:
     """Nothing is on the disk, and another process is at work."""
     found = Process()
-    monkeypatch.setattr(ahead, "_compiled", lambda: False)
+    monkeypatch.setattr(ahead, "compiled", lambda: False)
     monkeypatch.setattr(ahead, "_started", lambda: found)
     return found
 
@@ -65,7 +65,7 @@ def test_no_process_is_left_behind(process: Process) -> None:
 def test_what_is_on_the_disk_is_not_compiled_again(
     process: Process, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(ahead, "_compiled", lambda: True)
+    monkeypatch.setattr(ahead, "compiled", lambda: True)
     with caplog.at_level(logging.DEBUG), ahead.search_compiled():
         pass
     assert caplog.text == "" and process.told == []
@@ -76,3 +76,21 @@ def test_a_program_that_is_no_python_is_not_started_again(monkeypatch: pytest.Mo
     monkeypatch.setattr(sys, name, value, raising=False)
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("it was started"))
     assert ahead._started() is None
+
+
+def test_where_nothing_can_be_kept_nothing_is_compiled_ahead(
+    process: Process, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(ahead, "KEPT", False)
+    with ahead.search_compiled():
+        assert "NUMBA_CACHE_DIR" in caplog.text
+    assert process.told == [] and ahead.cache_folder() is None
+
+
+def test_a_folder_that_nothing_can_be_kept_in_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise RuntimeError("cannot cache function '_probe': no locator available")
+
+    assert kernels._can_be_kept()
+    monkeypatch.setattr(kernels, "njit", refuse)
+    assert not kernels._can_be_kept()

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -16,7 +17,8 @@ import tactape_fab
 from tactape_fab.profiles import profile_names, templates_folder
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
-SOURCES = ("tactape_fab", "templates", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
+FOLDERS = ("tactape_fab", "templates", "tests", "docs")
+SOURCES = (*FOLDERS, "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
 PROBE = """
 import json
 import tactape_fab
@@ -95,15 +97,41 @@ def test_editable_install_finds_the_templates_of_its_checkout(checkout: Path, tm
     assert (package, templates) == (checkout / "tactape_fab", checkout / "templates")
 
 
-def test_wheel_brings_its_templates(checkout: Path, tmp_path: Path) -> None:
-    pip("wheel", checkout, "--wheel-dir", tmp_path / "dist", "--no-deps", "--no-build-isolation", "--no-index")
-    (wheel,) = (tmp_path / "dist").iterdir()
-    sources = {p.relative_to(checkout).as_posix() for p in (checkout / "templates").rglob("*") if p.is_file()}
+def built(sources: Path, folder: Path) -> Path:
+    """The wheel of a folder of sources."""
+    pip("wheel", sources, "--wheel-dir", folder, "--no-deps", "--no-build-isolation", "--no-index")
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def files_below(folder: Path) -> set[str]:
+    return {p.relative_to(folder.parent).as_posix() for p in folder.rglob("*") if p.is_file() and p.parent.name != "__pycache__"}
+
+
+def test_wheel_holds_the_package_and_its_templates_and_nothing_else(checkout: Path, tmp_path: Path) -> None:
+    wheel = built(checkout, tmp_path / "dist")
+    package, templates = files_below(checkout / "tactape_fab"), files_below(checkout / "templates")
     with zipfile.ZipFile(wheel) as archive:
-        names = archive.namelist()
-    assert {f"tactape_fab/{path}" for path in sources} <= set(names)
-    assert "tactape_fab/py.typed" in names
-    assert not [name for name in names if not name.startswith(("tactape_fab/", "tactape_fab-"))]
+        names = set(archive.namelist())
+    described = {name.split("/", 1)[1] for name in names if name.split("/")[0].endswith(".dist-info")}
+    assert described == {"METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE"}
+    assert {n for n in names if ".dist-info/" not in n} == package | {f"tactape_fab/{path}" for path in templates}
+    assert "tactape_fab/py.typed" in names and "templates/order/base.j2" in templates
     pip("install", wheel, "--target", tmp_path / "site", "--no-deps", "--no-index")
-    package, templates = probe_installed(tmp_path / "site", tmp_path)
-    assert (package, templates) == (tmp_path / "site" / "tactape_fab", tmp_path / "site" / "tactape_fab" / "templates")
+    places = probe_installed(tmp_path / "site", tmp_path)
+    assert places == (tmp_path / "site" / "tactape_fab", tmp_path / "site" / "tactape_fab" / "templates")
+
+
+def test_sdist_holds_the_tests_and_what_they_read_and_gives_the_same_wheel(checkout: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path)]
+    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path / "unpacked", filter="data")
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    assert {path for name in FOLDERS for path in files_below(unpacked / name)} == {
+        path for name in FOLDERS for path in files_below(checkout / name)
+    }
+    assert {p.name for p in unpacked.iterdir()} == {*SOURCES, "PKG-INFO"}
+    assert built(unpacked, tmp_path / "a").read_bytes() == built(checkout, tmp_path / "b").read_bytes()
