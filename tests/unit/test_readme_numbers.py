@@ -11,6 +11,7 @@ import pytest
 
 from tactape_fab.decode.elongation import MOST_SHARE
 from tactape_fab.decode.search import OVERHANG_SHARE
+from tactape_fab.verify.shown import IN_PLACE_MM
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
 
@@ -21,6 +22,7 @@ FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 DECIDED = {
     "localization.md": [f"{100 * MOST_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
     "solids.md": ["1 µm"],  # a tolerance of tests/readers
+    "verify.md": [f"{1000 * IN_PLACE_MM:g} µm"],
 }
 """Figures of pages that the code decides."""
 
