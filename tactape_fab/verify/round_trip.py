@@ -197,10 +197,12 @@ def full_trips(
     rule = rule_of(tape, sensor)
 
     def excuse(source: Source, number: int, pose: FloatArray) -> int:
+        if not error_free(rule, pose, scene).located:
+            return LIMITED
         own = frame_at(tape, number, pose, _SEED, sensor, scene)
-        if as_seen(rule, pose, scene, own.depth).located:
-            return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
-        return NOISY if error_free(rule, pose, scene).located else LIMITED
+        if not as_seen(rule, pose, scene, own.depth).located:
+            return NOISY
+        return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
 
     def step() -> None:
         nonlocal done
