@@ -1,18 +1,23 @@
-"""Makes the tables of choose.md: contacts simulated and decoded. Run: python docs/make_choose.py (takes a minute)"""
+"""Makes choose.json and the tables of choose.md: contacts simulated and decoded. Run: python docs/make_choose.py (a minute)"""
 
 from __future__ import annotations
 
+import json
+import platform
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tactape_fab import TapeSpec
+from tactape_fab import TapeSpec, __version__
 from tactape_fab.decode import Localizer
 from tactape_fab.make import examine
 from tactape_fab.simulate import Scene, simulate_frames
 from tactape_fab.texture.tape import Tape
 
 PAGE = Path(__file__).parent / "choose.md"
+FIGURES = Path(__file__).parent / "choose.json"
 SENSORS = ("gelsight-mini", "digit")
 PITCHES_MM = (1.2, 1.35, 1.5, 1.8, 2.2)
 DISPLACEMENTS_MM = (0.1, 0.15, 0.2, 0.25, 0.3)
@@ -46,46 +51,71 @@ def located(tape: Tape, sensor: str, scene: Scene) -> tuple[int, float]:
     return len(pairs), 1000 * float(np.median(errors)) if errors else float("nan")
 
 
-def least_size_mm(tape: Tape, sensor: str) -> str:
-    """The smallest round contact of `SIZES_MM` that is always located."""
+def least_size_mm(tape: Tape, sensor: str) -> float | None:
+    """The smallest round contact of `SIZES_MM` that is always located; None where all are too small."""
     for size_mm in SIZES_MM:
         if located(tape, sensor, Scene(contact_mm=(size_mm, size_mm)))[0] == FRAMES:
-            return f"{size_mm:g} mm"
-    return f"above {SIZES_MM[-1]:g} mm"
+            return size_mm
+    return None
 
 
-def pitch_table() -> str:
+def measure() -> dict[str, Any]:
+    """All figures of the page, and what they were measured with."""
+    pitches = []
+    for pitch_mm in PITCHES_MM:
+        tape = tape_of(pitch_mm, pitch_mm / 6)
+        pitches.append({"pitch_mm": pitch_mm, "least_size_mm": {sensor: least_size_mm(tape, sensor) for sensor in SENSORS}})
+    displacements = []
+    for displacement_mm in DISPLACEMENTS_MM:
+        tape, cells = tape_of(1.5, displacement_mm), []
+        for placement_mm in PLACEMENTS_MM:
+            count, error_um = located(tape, SENSORS[0], Scene(contact_mm=(10.0, 10.0), placement_mm=placement_mm))
+            cells.append({"placement_mm": placement_mm, "located": count, "error_um": round(error_um, 2) if count else None})
+        displacements.append({"displacement_mm": displacement_mm, "cells": cells})
+    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-contrib-python-headless")}
+    about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), **libraries}
+    about |= {"seed": SEED, "frames": FRAMES}
+    return {"about": about, "pitch": pitches, "displacement": displacements}
+
+
+def pitch_table(rows: list[dict[str, Any]]) -> str:
     head = [
         "| W | parts in a cm² | " + " | ".join(f"smallest contact, `{sensor}`" for sensor in SENSORS) + " |",
         "|---|---|---|---|",
     ]
-    rows = []
-    for pitch_mm in PITCHES_MM:
-        tape = tape_of(pitch_mm, pitch_mm / 6)
-        sizes = " | ".join(least_size_mm(tape, sensor) for sensor in SENSORS)
-        rows.append(f"| {pitch_mm:g} mm | {100 / pitch_mm**2:.0f} | {sizes} |")
-    return "\n".join([*head, *rows]) + "\n"
+    out = []
+    for row in rows:
+        sizes = [row["least_size_mm"][sensor] for sensor in SENSORS]
+        words = " | ".join(f"above {SIZES_MM[-1]:g} mm" if size is None else f"{size:g} mm" for size in sizes)
+        out.append(f"| {row['pitch_mm']:g} mm | {100 / row['pitch_mm'] ** 2:.0f} | {words} |")
+    return "\n".join([*head, *out]) + "\n"
 
 
-def displacement_table() -> str:
+def displacement_table(rows: list[dict[str, Any]]) -> str:
     columns = " | ".join(f"{1000 * placement_mm:g} µm" for placement_mm in PLACEMENTS_MM)
-    head = [f"| Δ | {columns} |", "|---|" + "---|" * len(PLACEMENTS_MM)]
-    rows = []
-    for displacement_mm in DISPLACEMENTS_MM:
-        tape = tape_of(1.5, displacement_mm)
-        scenes = [Scene(contact_mm=(10.0, 10.0), placement_mm=placement_mm) for placement_mm in PLACEMENTS_MM]
-        found = [located(tape, SENSORS[0], scene) for scene in scenes]
-        cells = [f"{100 * count // FRAMES} %, {error_um:.1f} µm" if count else "0 %" for count, error_um in found]
-        rows.append(f"| {displacement_mm:g} mm | " + " | ".join(cells) + " |")
-    return "\n".join([*head, *rows]) + "\n"
+    out = [f"| Δ | {columns} |", "|---|" + "---|" * len(PLACEMENTS_MM)]
+    for row in rows:
+        cells = [
+            f"{100 * cell['located'] // FRAMES} %, {cell['error_um']:.1f} µm" if cell["located"] else "0 %"
+            for cell in row["cells"]
+        ]
+        out.append(f"| {row['displacement_mm']:g} mm | " + " | ".join(cells) + " |")
+    return "\n".join(out) + "\n"
 
 
 TABLES = {"pitch": pitch_table, "displacement": displacement_table}
 
-if __name__ == "__main__":
-    text = PAGE.read_text(encoding="utf-8")
+
+def made_anew(text: str, content: dict[str, Any]) -> str:
+    """The page's text with its tables as the figures have them."""
     for name, table in TABLES.items():
         start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
         head, _, rest = text.partition(start)
-        text = f"{head}{start}{table()}{end}{rest.partition(end)[2]}"
-    PAGE.write_text(text, encoding="utf-8")
+        text = f"{head}{start}{table(content[name])}{end}{rest.partition(end)[2]}"
+    return text
+
+
+if __name__ == "__main__":
+    content = measure()
+    FIGURES.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")

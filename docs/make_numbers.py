@@ -1,15 +1,12 @@
 """Prints the table of docs/verify.md on the default kit; with --write, writes it there.
 
-Run: python docs/make_numbers.py [--write]. The last row is a time of the machine that ran this; the others are the same
-everywhere, and a test holds the page to them.
+Run: python docs/make_numbers.py [--write]. The rows are the same everywhere, and a test holds the page to them.
 """
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from tactape_fab import Kit, TapeSpec, make_kit
@@ -35,21 +32,10 @@ def lasting_rows(kit: Kit) -> list[str]:
     ]
 
 
-def make_seconds(folder: Path) -> float:
-    """Median time of the whole process of `make` with its verification."""
-    seconds = []
-    for i in range(5):
-        start = time.perf_counter()
-        command = [sys.executable, "-m", "tactape_fab.cli", "make", "--sector", "7", "-o", str(folder / f"timed-{i}")]
-        subprocess.run(command, check=True, capture_output=True)
-        seconds.append(time.perf_counter() - start)
-    return sorted(seconds)[2]
-
-
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         kit = make_kit(TapeSpec(sector=7), Path(folder) / "tactape-s007")
-        rows = [*lasting_rows(kit), f"| `make` with verification, whole process | {make_seconds(Path(folder)):.1f} s |"]
+        rows = lasting_rows(kit)
     table = "\n".join(["| | |", "|---|---|", *rows, ""])
     sys.stdout.write(table)
     if "--write" not in sys.argv[1:]:

@@ -100,18 +100,22 @@ def test_messages_are_those_that_commands_print(default_kit: Kit, tmp_path: Path
         assert re.search(r"^(error:|Error:|FAIL )", block, re.MULTILINE), block
 
 
-def test_tables_of_choices_have_their_rows() -> None:
+def test_tables_of_choices_are_made_of_the_figures_beside_them() -> None:
     script, text = script_of("make_choose"), (DOCS / "choose.md").read_text(encoding="utf-8")
-    for values in (script.PITCHES_MM, script.DISPLACEMENTS_MM):
-        assert all(f"\n| {value:g} mm | " in text for value in values), "run docs/make_choose.py"
-    assert all(f" {1000 * value:g} µm |" in text for value in script.PLACEMENTS_MM)
+    content = json.loads((DOCS / "choose.json").read_text(encoding="utf-8"))
+    assert text == script.made_anew(text, content), "run docs/make_choose.py"
+    assert tuple(row["pitch_mm"] for row in content["pitch"]) == script.PITCHES_MM
+    assert tuple(row["displacement_mm"] for row in content["displacement"]) == script.DISPLACEMENTS_MM
+    content["pitch"][2]["least_size_mm"]["digit"] = None
+    assert f"| 7 mm | above {script.SIZES_MM[-1]:g} mm |" in script.made_anew(text, content)
 
 
 @only_thorough
 def test_the_smallest_contact_of_the_page_is_what_is_simulated() -> None:
     """One row: the whole takes a minute, and other processors round otherwise."""
-    script, text = script_of("make_choose"), (DOCS / "choose.md").read_text(encoding="utf-8")
-    assert f"| 1.5 mm | 44 | {script.least_size_mm(script.tape_of(1.5, 0.25), 'gelsight-mini')} |" in text
+    script, content = script_of("make_choose"), json.loads((DOCS / "choose.json").read_text(encoding="utf-8"))
+    (row,) = (row for row in content["pitch"] if row["pitch_mm"] == 1.5)
+    assert script.least_size_mm(script.tape_of(1.5, 0.25), "gelsight-mini") == row["least_size_mm"]["gelsight-mini"]
 
 
 @pytest.mark.parametrize("name", ["microdots-4x4", "debruijn-4x4"])
