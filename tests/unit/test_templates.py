@@ -58,7 +58,7 @@ def pip(*args: str | Path) -> None:
 def probe(command: list[str], cwd: Path, **env: str) -> tuple[Path, Path]:
     """Make a kit in a fresh interpreter; return where its package and its templates came from."""
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    done = subprocess.run([*command, PROBE], cwd=cwd, env={**clean, **env}, capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, PROBE], cwd=cwd, env={**clean, **env}, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
     assert found["names"] == {kind: profile_names(kind) for kind in ("fabs", "parts", "processes")}
