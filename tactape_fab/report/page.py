@@ -75,9 +75,7 @@ def render_report(kit: Written) -> Artifact:
             certificate=json.loads(kit.files["certificate"]),
             notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
             bom=csv_lines(kit.files["bom"].decode("utf-8-sig")) if "bom" in kit.files else None,
-            picture=None
-            if kit.is_film or "preview-png" not in kit.files
-            else b64encode(kit.files["preview-png"]).decode("ascii"),
+            picture=_picture(kit),
             data=_script_json(report_data(kit)),
             script=script,
             style=style,
