@@ -240,7 +240,8 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
 def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
     """A question for each unconfirmed threshold that something was held against."""
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
-    origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, *(t.origin for t in tables if t is not None)]
+    origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
+    origins += [table.origin for table in tables if table is not None]
     dates = {origin.source: origin.date for origin in origins}
     return tuple(
         Question(rule=f.rule, message=f.message, source=f.source, date=dates.get(f.source, "no date"))
