@@ -1,8 +1,8 @@
 """What a contact shows of a design, and whether that is enough: the decoder's rule on imagined dots, no frame drawn.
 
 A dot stands where its part does, moved by noise and by how it was placed; its height is what the contact imprints of it, over
-that of the noise. What it says of its symbol is counted as the decoder counts it (`decode.symbols.posteriors`), and so is what all
-of them must say together. Detection and the search for the grid are stood for by `Loss`, calibrated against simulated frames.
+that of the noise. What it says of its symbol is counted as the decoder counts it (`decode.symbols.posteriors`), and so is what
+all of them must say together. Detection and the search for the grid are stood for by `Loss`, calibrated against simulated frames.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ LEAST_SHARE, LEAST_DOTS = 0.3, 9
 NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE, LEAST_NOISE = 1.95, 0.17, 0.6, 0.03
 MAX_P_FALSE, BEST_GRID, MOST_TURN = 1e-4, 0.9, 0.98
 """The decoder's own figures (`decode.symbols`, `detect`, `judge`, `elongation`), which cannot be read without its compiler."""
-CLEAN = 0.04
-"""Dots that are off by no more than this, in pitches, always show their grid."""
+CLEAN = 0.25
+"""Dots that are off by no more than this, in displacements, always show their grid."""
 POSES = 240
 _LATTICE = 33
 _TOPS = 600
@@ -61,7 +61,7 @@ class Loss:
     tops : float
         How many such tops there are in the squared length over which the noise is alike.
     scatter : float
-        Share by which a contact must be larger for every pitch that dots are off by, beyond `CLEAN`: grids are missed then.
+        Share by which a contact must be larger for every displacement that dots are off by, beyond `CLEAN`: grids are missed then.
     """
 
     share: float
@@ -70,7 +70,7 @@ class Loss:
     scatter: float
 
 
-LOSS = Loss(share=1.0, noise=0.79, tops=0.05, scatter=2.5)
+LOSS = Loss(share=1.0, noise=0.79, tops=0.05, scatter=1.0)
 """From simulated contacts: `python -m tests.bench.advise --fit` measures them and says what fits."""
 
 
@@ -301,7 +301,7 @@ def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: 
     signal = signal_of(seen)
     if signal.noise_um > signal.height_um:
         return None
-    missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / seen.pitch_mm - CLEAN
+    missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / seen.displacement_mm - CLEAN
     larger = 1.0 + loss.scatter * max(missed, 0.0)
     low, high = 10, int(most_mm / larger * 10.0 + 1e-9)
     if high <= low or located_share(seen, high / 10.0, code, loss) < share:
