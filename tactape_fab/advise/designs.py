@@ -36,7 +36,8 @@ ELEMENTS = (
 _STEP_MM = 0.01
 _TRIES = 4
 _SECANTS = 6
-_BOARD_MM = (15.0, 15.0)
+_BOARD_MM, _BOARD_PITCHES = 15.0, 8.0
+"""Sides of the small tape that is measured: every pair of symbols stands on it side by side."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +162,8 @@ def judged(design: Design) -> Design | None:
     """The design as the rules leave it: a little wider where they want it, with what they warn of; None where they refuse it."""
     for step in range(_TRIES):
         wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2))
-        broken = rules_of(wider, _BOARD_MM)
+        side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm)
+        broken = rules_of(wider, (side_mm, side_mm))
         if broken is not None and not any(finding.blocks for finding in broken):
             return replace(wider, warnings=tuple(sorted(f.rule for f in broken if f.level == "warn")))
         if broken is not None and any(finding.blocks and finding.rule == "opening-size" for finding in broken):

@@ -24,7 +24,7 @@ SMOOTHING_MM = 0.125
 LEAST_SIGMA, MOST_SIGMA = 0.012, 0.06
 OUTLIER_SHARE, WRONG_SHARE = 0.01, 0.002
 LEAST_WEIGHT, RIM_ERROR = 0.25, 0.06
-LEAST_SHARE, LEAST_DOTS = 0.3, 9
+LEAST_SHARE, LEAST_DOTS = 0.3, 6
 NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE, LEAST_NOISE = 1.95, 0.17, 0.6, 0.03
 MAX_P_FALSE, BEST_GRID, MOST_TURN = 1e-4, 0.9, 0.98
 """The decoder's own figures (`decode.symbols`, `detect`, `judge`, `elongation`), which cannot be read without its compiler."""
@@ -61,7 +61,7 @@ class Loss:
     tops : float
         How many such tops there are in the squared length over which the noise is alike.
     scatter : float
-        Share by which a contact must be larger for every displacement that dots are off by, beyond `CLEAN`: grids are missed then.
+        Share by which a contact must be larger for every displacement that dots are off by beyond `CLEAN`: grids are missed.
     """
 
     share: float
@@ -115,7 +115,7 @@ class Signal:
     height_um : float
         Of its top over the background.
     noise_um, alike_mm : float
-        Rms of the noise about it, and over which length that is alike.
+        Rms of the noise about it, smoothed but with its own background, and over which length that is alike.
     error_mm, pull_mm : float
         How far noise, and how far its neighbours, move its top along one axis.
     """

@@ -26,7 +26,7 @@ from tactape_fab.make import examine
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES, PAGE = DOCS / "advise.json", DOCS / "choose.md"
-DESIGNS, FRAMES, SEED = 20, 100, 31
+DESIGNS, FRAMES, SEED = 24, 100, 31
 FIT_DESIGNS, FIT_FRAMES, FIT_SEED, STEP_MM = 24, 40, 5, 0.5
 SLACK = 0.05
 """A promise is kept where no more than this is missing from it."""
