@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab import __version__
-from tests.bench import tracking
+from tests.bench import camera, tracking
 
 PAGE = Path(__file__).parent / "robot.md"
 FIGURES = Path(__file__).parent / "robot.json"
 COURSES = 20
 TRAP_COURSES = 40
 SLIP_COURSES = 40
+TAG_CELLS_MM = (0.5, 1.0, 2.0)
+VIEWS = 60
 SLIP_SIZE_MM = 8.0
 SLIPS = ((0.05, 0.0), (0.1, 0.0), (0.2, 0.0), (0.0, 0.5), (0.0, 1.0), (0.0, 2.0))
 
@@ -31,6 +33,10 @@ def measure_traps() -> list[dict[str, Any]]:
 
 def measure_slips() -> list[dict[str, Any]]:
     return [tracking.slips(shift, turn, SLIP_SIZE_MM, SLIP_COURSES) for shift, turn in SLIPS]
+
+
+def measure_camera() -> list[dict[str, Any]]:
+    return [camera.measure(cell_mm, VIEWS) for cell_mm in TAG_CELLS_MM]
 
 
 def _rate(row: dict[str, Any], world: str, way: str) -> str:
@@ -85,18 +91,37 @@ def slips_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(out) + "\n"
 
 
-MEASURES = {"motions": measure_motions, "traps": measure_traps, "slips": measure_slips}
+def camera_table(rows: list[dict[str, Any]]) -> str:
+    """Errors of points of the texture, near the tag and all over it."""
+    out = ["| tag | found | pose | near the tag: p50, p95, most | the whole tape: p50, p95, most |", "|---|---|---|---|---|"]
+    for row in rows:
+        for name in ("detector", "refined", "ten refined"):
+            if f"{name}, near" not in row:
+                continue
+            cells = [", ".join(f"{v:.3f}" for v in row[f"{name}, {where}"].values()) + " mm" for where in ("near", "whole")]
+            first = name == "detector"
+            said = f"{row['side_mm']:g} mm (`--tag-cell {row['cell_mm']:g}`)" * first
+            found = f"{row['found']} of {row['views']}" * first
+            out.append(f"| {said} | {found} | {POSES[name]} | " + " | ".join(cells) + " |")
+    return "\n".join(out) + "\n"
+
+
+POSES = {"detector": "the detector's", "refined": "refined", "ten refined": "mean of ten refined"}
+MEASURES = {"motions": measure_motions, "traps": measure_traps, "slips": measure_slips, "camera": measure_camera}
 TABLES = {
     "motions": ("motions", motions_table),
     "accuracy": ("motions", accuracy_table),
     "traps": ("traps", traps_table),
     "slips": ("slips", slips_table),
+    "camera": ("camera", camera_table),
 }
 
 
 def made_anew(text: str, content: dict[str, Any]) -> str:
     """The page's text with its tables as the figures have them."""
     for name, (part, table) in TABLES.items():
+        if part not in content:
+            continue
         start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
         head, _, rest = text.partition(start)
         text = f"{head}{start}{table(content[part])}{end}{rest.partition(end)[2]}"
@@ -104,14 +129,15 @@ def made_anew(text: str, content: dict[str, Any]) -> str:
 
 
 def main(parts: list[str]) -> None:
-    content: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
     libraries = {name: version(name) for name in ("numpy", "numba", "opencv-contrib-python-headless")}
     about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), **libraries}
     for name in parts or MEASURES:
-        content[name] = MEASURES[name]()
+        found = MEASURES[name]()
+        content: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+        content[name] = found
         ordered = {"about": about, **{key: content[key] for key in MEASURES if key in content}}
         FIGURES.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
-    PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
+        PAGE.write_text(made_anew(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -83,8 +83,8 @@ def main(trials: int = TRIALS) -> None:
         ax.plot(np.sort(off[name]), (np.arange(trials) + 1) / trials, color=colour, label=name, drawstyle="steps-post")
     ax.axvline(WITHIN_DEG, color="0.4", ls=":", lw=1)
     ax.annotate("2°: success", (WITHIN_DEG, 0.05), (WITHIN_DEG * 1.15, 0.05), fontsize=9)
-    ax.set(xscale="log", xlabel="label off the front, degrees", ylabel="share of trials", ylim=(0, 1.03))
-    ax.legend(frameon=False, fontsize=9, loc="center right")
+    ax.set(xscale="log", xlabel="label off the front, degrees", ylabel="share of trials", xlim=(0.01, 250), ylim=(0, 1.03))
+    ax.legend(frameon=False, fontsize=9, loc="upper left")
     save(figure, "bottles")
     keep("bottles", "°", [way(name, fits[name], off[name]) for name in names], SEED)
 
