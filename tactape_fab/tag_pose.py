@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import sqrt
+from math import ceil, hypot, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,8 @@ _RING_SHARE = 0.5
 """Share of the light ring that is looked at: beyond it may be film, or the label."""
 _BLUR_PX = 0.7
 _MOST_STEPS = 20
+_SMOOTHING_CELLS = 0.12
+"""What a large tag's picture is smoothed by first (standard deviation): sharp edges say nothing until they nearly meet."""
 _LEAST_PIXELS, _MOST_PIXELS = 60, 1_000_000
 _ENOUGH = 0.02
 """Steps end where the pose moves by less than this share of a milliradian and of a ten-thousandth of the distance."""
@@ -58,11 +60,12 @@ class TagPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """Pixels of the tag: their rays (n, 3) and grey levels (n,), and how many there are along a cell."""
+    """Pixels of the tag: their rays (n, 3) and grey levels (n,); how many there are along a cell; how far they were smoothed."""
 
     rays: FloatArray
     levels: FloatArray
     px_per_cell: float
+    smoothed_px: float
 
 
 def refine_tag_pose(
@@ -156,11 +159,19 @@ def _pixels(
         )
         raise FrameError(message)
     pixels = np.stack([u + u0, v + v0], axis=1).astype(np.float64)
+    px_per_cell = sqrt(len(u)) / (2 * half / cell_mm)
+    smoothed_px = max(_SMOOTHING_CELLS * px_per_cell - _BLUR_PX / 2, 0.0)
+    margin = ceil(4 * smoothed_px)
+    left, top = max(u0 - margin, 0), max(v0 - margin, 0)
+    shown = image[top : v1 + margin, left : u1 + margin].astype(np.float32)
+    if smoothed_px > 0.0:
+        shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), smoothed_px), dtype=np.float32)
     flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), matrix, lens)
     return _Seen(
         rays=np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(u), 1))], axis=1),
-        levels=image[v + v0, u + u0].astype(np.float64),
-        px_per_cell=sqrt(len(u)) / (2 * half / cell_mm),
+        levels=shown[v + v0 - top, u + u0 - left].astype(np.float64),
+        px_per_cell=px_per_cell,
+        smoothed_px=smoothed_px,
     )
 
 
@@ -200,8 +211,8 @@ def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, tran
     import cv2
 
     scale = np.array([1e-3] * 3 + [1e-4 * float(translation_mm[2])] * 3 + [0.05, 0.02])
-    values = np.array([0.0, 0.0, 0.0, *translation_mm, np.log(_BLUR_PX / seen.px_per_cell), 0.0])
-    low, high = np.log(0.2 / seen.px_per_cell), np.log(2.0)
+    values = np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
+    low, high = np.log(hypot(0.2, seen.smoothed_px) / seen.px_per_cell), np.log(2.0)
     (off, shape), damping = _residual(seen, tag_id, cell_mm, rotation, values), 1e-3
     for _ in range(_MOST_STEPS):
         steps = np.diag(scale)
@@ -235,5 +246,5 @@ def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, tran
         rotation=np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation,
         translation_mm=values[3:6].copy(),
         fit=covaried / spread if spread > 0.0 else 0.0,
-        blur_px=float(np.exp(values[6])) * seen.px_per_cell,
+        blur_px=sqrt(max((float(np.exp(values[6])) * seen.px_per_cell) ** 2 - seen.smoothed_px**2, 0.0)),
     )
