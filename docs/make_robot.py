@@ -40,7 +40,7 @@ def measure_camera() -> list[dict[str, Any]]:
 
 
 def _rate(row: dict[str, Any], world: str, way: str) -> str:
-    return f"{100 * row[world][way]['right'] / row['counted']:.0f}"
+    return f"{100 * row[world][way]['right'] // row['counted']}"  # 100 only where all are
 
 
 def motions_table(rows: list[dict[str, Any]]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ from tactape_fab.console import (
     simulated_line,
     summary_line,
 )
+from tactape_fab.errors import Problem, SpecError
 
 if TYPE_CHECKING:
     from tactape_fab.localize import Job, Located
@@ -136,10 +137,19 @@ def decode(
             colour = Raw(images=[*raw, *frames] if raw else [], background=background, weights=weights)
         thing = None if object_file is None else read_object(object_file)
         if thing is not None:
+            _refuse_code(options)
             kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
             echo_lines_err(object_lines(thing))
         job = prepare(frames, kits, sensor, colour, **options)
         _print_answers(localize(job, make_locator), job, thing, as_json=as_json, overlay=overlay)
+
+
+def _refuse_code(options: Mapping[str, Any]) -> None:
+    """An object names its tapes; the code alone is for where there are none."""
+    bare = [f"--{name}" for name in ("code", "w", "delta") if options.get(name) is not None]
+    if bare:
+        message = f"{', '.join(bare)} and --object are given, but an object's kits say all of it; give either"
+        raise SpecError(Problem("object", message))
 
 
 def _print_answers(

@@ -245,7 +245,9 @@ def test_answers_beside_an_object_are_null(small_kit: Kit, frames: Path, tmp_pat
     assert (answer["located"], answer["object"], answer["object_mm"], answer["object_rotation"]) == (False, None, None, None)
 
 
-def test_decode_says_what_is_wrong_with_an_object(frames: Path, tmp_path: Path) -> None:
+def test_decode_says_what_is_wrong_with_an_object(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
     (tmp_path / "box.toml").write_text("name = 'a'\ntapes = []", encoding="utf-8")
     run = CliRunner().invoke(main, ["decode", str(frames), "--object", str(tmp_path / "box.toml")])
+    beside = CliRunner().invoke(main, ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT)), "--w", "1.5"])
+    assert beside.exit_code == 2 and "--w and --object are given, but an object's kits say all of it" in beside.stderr
     assert run.exit_code == 2 and "tapes is empty; give a [[tapes]] for each tape on the object" in run.stderr
