@@ -70,7 +70,7 @@ def accuracy_table(rows: list[dict[str, Any]]) -> str:
 
 def traps_table(rows: list[dict[str, Any]]) -> str:
     """False fixes, and what is located of what can be."""
-    out = ["| | frames | false, one frame alone | false, tracked | located at 8 mm |", "|---|---|---|---|---|"]
+    out = ["| | answers | false, one frame alone | false, tracked | located at 8 mm |", "|---|---|---|---|---|"]
     for name in dict.fromkeys(row["course"] for row in rows):
         of = [row for row in rows if row["course"] == name]
         false = {

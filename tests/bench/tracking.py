@@ -15,7 +15,9 @@ from tactape_fab.decode.result import Localization
 from tactape_fab.live import Tracker
 from tactape_fab.simulate import Frame, Scene
 from tactape_fab.simulate.frames import frame_at
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.certify import SIDES, closest
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.registry import across
 
 from .localization_measure import WORLDS, error_of, is_right
 from .localization_rows import registered_tape, tape_of
@@ -28,6 +30,7 @@ AWAY = 0.1
 _MARGIN_MM = 6.0
 _MOST_MM_S, _MOST_DEG_S = 60.0, 150.0
 _FIRM_MM, _FIRM_FRAMES = 9.0, 4
+_STRANGERS = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,6 +158,52 @@ def lifted_foreign(rng: np.random.Generator, size_mm: float) -> Course:
     return replace(course, foreign=np.arange(FRAMES) >= FRAMES // 2)
 
 
+@cache
+def look_alikes() -> list[tuple[FloatArray, FloatArray]]:
+    """Poses (x mm, y mm, theta deg) of the registered tape, in pairs that show nearly the same symbols."""
+    tape, pairs = registered_tape(), []
+    for side in SIDES:
+        found = closest(tape, side)
+        for first, second, turned in zip(found.first_rc, found.second_rc, found.turn, strict=True):
+            pairs.append((_middle(first, side, 0.0), _middle(second, side, -90.0 * turned)))
+    return pairs
+
+
+@cache
+def strange_look_alikes() -> list[tuple[int, FloatArray, FloatArray]]:
+    """Sectors whose tapes come nearest to the registered one in 5x5 windows, with the poses on both."""
+    own, side, out = registered_tape(), 5, []
+    sectors = [s for s in range(256) if s != own.sector]
+    order = np.argsort(across([own, *map(tape_of, sectors)], side).matrix[0, 1:], kind="stable")
+    for sector in (sectors[i] for i in order[:_STRANGERS]):
+        found = across([own, tape_of(sector)], side)
+        for first, second, turned in zip(found.first, found.second, found.turn, strict=True):
+            a, b = _middle(first[1:], side, 0.0), _middle(second[1:], side, -90.0 * turned)
+            out.append((sector, a, b) if first[0] == 0 else (sector, b, a))
+    return out
+
+
+def _middle(corner_rc: IntArray, side: int, theta_deg: float) -> FloatArray:
+    """The pose in which a sensor looks at the middle of a window."""
+    row, column = corner_rc.tolist()
+    half, pitch_mm = (side - 1) / 2, registered_tape().pitch_mm
+    return np.array([(column + half) * pitch_mm, (row + half) * pitch_mm, theta_deg])
+
+
+def look_alike(rng: np.random.Generator, size_mm: float) -> Course:
+    """To and fro between two places of the tape that look most alike, every tenth frame."""
+    pair = look_alikes()[rng.integers(len(look_alikes()))]
+    poses = np.repeat(pair * (FRAMES // 20), 10, axis=0) + np.array([0.0, 0.0, rng.uniform(-180.0, 180.0)])
+    return _course(poses, size_mm, rng)
+
+
+def strange_look_alike(rng: np.random.Generator, size_mm: float) -> Course:
+    """Half-way onto another sector's tape, where it looks most like the place that was touched."""
+    sector, own, there = strange_look_alikes()[rng.integers(len(strange_look_alikes()))]
+    poses = np.repeat([own, there], FRAMES // 2, axis=0) + np.array([0.0, 0.0, rng.uniform(-180.0, 180.0)])
+    return replace(_course(poses, size_mm, rng), sector=sector, foreign=np.arange(FRAMES) >= FRAMES // 2)
+
+
 MOTIONS: dict[str, Draw] = {
     "at rest": rest,
     "slide": slide,
@@ -169,9 +218,15 @@ TRAPS: dict[str, Draw] = {
     "onto a tape not registered": foreign,
     "lift-off, then anywhere": lifted_jump,
     "lift-off, then a tape not registered": lifted_foreign,
+    "to the place that looks most alike": look_alike,
+    "onto a tape not registered, where it looks most alike": strange_look_alike,
 }
 COURSES = {**MOTIONS, **TRAPS}
-STRANGE = ("onto a tape not registered", "lift-off, then a tape not registered")
+STRANGE = (
+    "onto a tape not registered",
+    "lift-off, then a tape not registered",
+    "onto a tape not registered, where it looks most alike",
+)
 """Courses that a closed world rules out."""
 
 
