@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import degrees, isfinite
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -156,8 +157,8 @@ class Tracker:
 
     def _prior(self, timestamp: float) -> Prior | None:
         last = self._state.timestamp
-        if not isfinite(timestamp):
-            raise FrameError(f"timestamp = {timestamp} s is no time; give seconds")
+        if not isinstance(timestamp, Real) or not isfinite(timestamp):
+            raise FrameError(f"timestamp = {timestamp!r} is no time; give seconds")
         if last is not None and timestamp <= last:
             raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")
         return predicted(self._state.line, self._state.velocity, timestamp, self.motion)

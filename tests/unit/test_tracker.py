@@ -115,9 +115,9 @@ def test_a_touch_down_is_a_new_contact_without_the_old_velocity(localizer: Local
 def test_times_run_forward_and_a_refused_frame_changes_nothing(localizer: Localizer) -> None:
     tracker = Tracker(localizer)
     tracker.update_dots(at(30, 20), timestamp=5.0)
-    for time in (5.0, 4.9, float("nan")):
+    for time in (5.0, 4.9, float("nan"), "now", None):
         with pytest.raises(FrameError, match="timestamp"):
-            tracker.update_dots(at(30, 20), timestamp=time)
+            tracker.update_dots(at(30, 20), timestamp=time)  # type: ignore[arg-type]
     with pytest.raises(FrameError, match="shape"):
         tracker.update(np.zeros((3, 3)), 5.1)
     assert tracker.update_dots(at(30, 20), timestamp=5.04).events == ()
