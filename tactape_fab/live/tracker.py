@@ -157,8 +157,9 @@ class Tracker:
 
     def _prior(self, timestamp: float) -> Prior | None:
         last = self._state.timestamp
-        if not isinstance(timestamp, Real) or not isfinite(timestamp):
-            raise FrameError(f"timestamp = {timestamp!r} is no time; give seconds")
+        number: object = timestamp
+        if not isinstance(number, Real) or not isfinite(timestamp):
+            raise FrameError(f"timestamp = {number!r} is no time; give seconds")
         if last is not None and timestamp <= last:
             raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")
         return predicted(self._state.line, self._state.velocity, timestamp, self.motion)
