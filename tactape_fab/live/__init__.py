@@ -1,0 +1,20 @@
+"""On the robot: sources of frames as they come, answers as messages, logs that replay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tactape_fab.live.messages import image_message, pose_message, text_message
+
+__all__ = ["image_message", "pose_message", "text_message"]
+
+_HOMES = dict.fromkeys(("image_message", "pose_message", "text_message"), "messages")
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
