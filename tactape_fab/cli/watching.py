@@ -187,7 +187,7 @@ def _end(tally: Tally) -> None:
 
 @contextmanager
 def _ended_by_signals(stop: Event) -> Iterator[None]:
-    """Let Ctrl-C, or a request to end, set an event: the answer in hand is finished, files are closed. A second one interrupts."""
+    """Let Ctrl-C, or a request to end, set an event: the answer in hand is finished, files are closed. Another interrupts."""
     before: dict[signal.Signals, Any] = {}
 
     def end(which: int, _: object) -> None:
