@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from importlib.util import find_spec
 
 from tactape_fab.errors import Problem
 
+_NEEDS = {"mcap": "mcap", "rerun": "rerun", "save": "rerun"}
 
-def missing_extra(*, mcap: bool, rerun: bool) -> list[Problem]:
-    """What is wrong with wanting an MCAP file, or Rerun."""
-    wanted = (("mcap", mcap, "--mcap"), ("rerun", rerun, "--rerun and --save"))
-    missing = [option for module, asked, option in wanted if asked and find_spec(module) is None]
+
+def missing_extra(wanted: Collection[str]) -> list[Problem]:
+    """What is wrong with wanting some of the options mcap, rerun, save."""
+    missing = [f"--{option}" for option, module in _NEEDS.items() if option in wanted and find_spec(module) is None]
     if not missing:
         return []
-    return [Problem("live", f"{' and '.join(missing)} need packages that are not installed; pip install 'tactape-fab[live]'")]
+    message = f"{', '.join(missing)} need packages that are not installed; pip install 'tactape-fab[live]'"
+    return [Problem("live", message)]

@@ -8,7 +8,7 @@ from functools import partial
 from math import prod
 from threading import Event
 from time import time
-from typing import Any, BinaryIO
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,13 @@ _MOST_BYTES = 256 << 20
 _PIECE = 1 << 16
 
 
-def stream_source(stream: BinaryIO, *, keep: bool = False, clock: Callable[[], float] = time) -> Source:
+class Readable(Protocol):
+    """A binary stream."""
+
+    def read(self, size: int, /) -> bytes | None: ...
+
+
+def stream_source(stream: Readable, *, keep: bool = False, clock: Callable[[], float] = time) -> Source:
     """Source of the arrays in a stream: (h, w), or (N, h, w) as N frames.
 
     The frames of a stack are never dropped: they came at once. A single number before a frame (an array of shape ()) is its
@@ -42,7 +48,7 @@ def stream_source(stream: BinaryIO, *, keep: bool = False, clock: Callable[[], f
 class _Bytes:
     """A stream to read whole pieces from, whatever pieces it comes in."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: Readable) -> None:
         self._stream = stream
         self._ahead = bytearray()
 
