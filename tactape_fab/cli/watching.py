@@ -97,13 +97,9 @@ def _opened(source: str, kits: Sequence[str], sensor: str, given: dict[str, Any]
     )
     table = Fields({} if given["count"] is None else {"count": number(given["count"])})
     count = table.integer("count", low=1, high=10**12) if "count" in table.values else None
-    problems = [
-        *table.problems,
-        *missing_extra(mcap=given["mcap"] is not None, rerun=given["rerun"] or given["save"] is not None),
-    ]
     if given["mcap"] is None and (given["frame_id"] is not None or given["sensor_frame"] is not None):
         table.problem("mcap", "--frame-id and --sensor-frame are for messages; give --mcap FILE.mcap with them")
-        problems = [*table.problems, *problems]
+    problems = [*table.problems, *missing_extra([name for name in ("mcap", "rerun", "save") if given[name]])]
     written = (("mcap", ".mcap", given["mcap"]), ("save", ".rrd", given["save"]))
     try:
         watched = open_watch(source, kits, sensor, wishes, written, **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import shlex
 import signal
 import subprocess
@@ -372,16 +373,14 @@ def test_an_extra_that_is_missing_is_named(default_kit: Kit, frames: Path, monke
     assert result.stderr == ("error: --mcap, --rerun need packages that are not installed; pip install 'tactape-fab[live]'\n")
 
 
-def test_a_full_disk_is_a_word(default_kit: Kit, frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tactape_fab.live.mcap_log import McapLog
-
-    def full(self: McapLog, located: Located) -> bool:
-        raise self._failed(OSError(28, "No space left on device"))
-
-    monkeypatch.setattr(McapLog, "write", full)
-    result = run(f"{frames} --rate 9 --tape {default_kit.path} --mcap {tmp_path}/a.mcap")
+def test_a_full_disk_is_a_word(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    """As far as one goes: no file may become larger than three frames."""
+    path, limits = tmp_path / "touch.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, limits[1]))
+    try:
+        result = run(f"{frames} --rate 100 --no-drop --tape {default_kit.path} --mcap {path}")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert result.exit_code == 1
-    assert (
-        result.stderr.splitlines()[-1]
-        == f"error: mcap {tmp_path}/a.mcap cannot be written: No space left on device; what is in it can be read"
-    )
+    error = f"error: mcap {path} cannot be written: File too large; what is in it can be read"
+    assert result.stderr.splitlines()[-1] == error
