@@ -27,6 +27,8 @@ MOST_MAPS = 4
 """Tapes that have a map of their own on the screen at the start."""
 
 _LEAST_P = 1e-30
+_CORNER = 0.5
+"""Rerun counts pixels from the image's corner, everything else here from the middle of the first one."""
 _AGREEING, _OTHER, _PLAIN = (90, 190, 240), (245, 110, 50), (235, 235, 235)
 _GRID, _FIELD, _OUTLINE, _TRACE = (60, 95, 120), (110, 110, 110), (200, 200, 200), (90, 190, 240)
 _AT_A_FIX = ("sensor/lattice", "error/ellipse")
@@ -60,6 +62,7 @@ class RerunLog:
 
         self._rr = rr
         self._recording = rr.RecordingStream("tactape-fab", make_default=False, make_thread_default=False)
+        self._recording.set_log_time_enabled(False)  # when a frame was taken counts, not when it was written
         sinks: list[Any] = []
         try:
             if save is not None:
@@ -108,7 +111,7 @@ class RerunLog:
         else:
             self._forget()
             dots = _dots(image, located)
-            self._log("sensor/dots", rr.Points2D(dots, colors=_PLAIN, radii=rr.Radius.ui_points(4.0)))
+            self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=_PLAIN, radii=rr.Radius.ui_points(4.0)))
         if fix.p_false is not None:
             self._log("chart/log10_p_false", rr.Scalars(log10(max(fix.p_false, _LEAST_P))))
         self._log("chart/dots", rr.Scalars(fix.n_dots))
@@ -131,12 +134,13 @@ class RerunLog:
             self._forget()
         self._touched = tape.name
         dots = _dots(image, located)
-        seen = view.to_px(self._parts[tape.name])
+        parts = view.to_px(self._parts[tape.name])
+        seen = parts[np.abs(parts - located.sensor.centre_px).max(axis=1) < max(image.shape)]
         apart = np.hypot(*(dots[:, None, :] - seen[None, :, :]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
         agrees = apart < view.px_per_mm[0] * tape.pitch_mm / 10
         colours = np.where(agrees[:, None], _AGREEING, _OTHER).astype(np.uint8)
-        self._log("sensor/dots", rr.Points2D(dots, colors=colours, radii=rr.Radius.ui_points(4.0)))
-        self._log("sensor/lattice", rr.LineStrips2D(view.to_px(grid_lines_mm(tape, view)), colors=_GRID))
+        self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=colours, radii=rr.Radius.ui_points(4.0)))
+        self._log("sensor/lattice", rr.LineStrips2D(view.to_px(grid_lines_mm(tape, view)) + _CORNER, colors=_GRID))
         self._traces[tape.name].append(fix.position_mm)
         self._log(f"{path}/trace", rr.LineStrips2D([list(self._traces[tape.name])], colors=_TRACE))
         self._log(f"{path}/field", rr.LineStrips2D([view.corners_mm[[0, 1, 3, 2, 0]]], colors=_OTHER))
