@@ -6,22 +6,19 @@ from tactape_fab.live.tally import Tally
 
 
 def status_line(tally: Tally) -> str:
-    """How it is going, and the last answer."""
-    parts = [
-        f"{tally.answered} frames",
-        f"{tally.hz:.1f} Hz",
-        f"located {tally.located}",
-        f"dropped {tally.dropped}",
-        *([f"unusable {tally.unusable}"] if tally.unusable else []),
-        _latency(tally),
-    ]
+    """The last answer, and how it is going: what matters most is first, where a narrow terminal shows it."""
     fix = tally.last
-    if fix is not None and not fix.located:
-        parts.append(f"not located: {fix.reason}")
-    elif fix is not None:
+    if fix is None:
+        last = "waiting for frames"
+    elif not fix.located:
+        last = f"not located: {fix.reason}"
+    else:
         place = fix.position_mm or fix.plane_mm or (float("nan"), float("nan"))
         turn = "" if fix.theta_deg is None else f" {fix.theta_deg:.1f} deg"
-        parts.append(f"{fix.tape or f'sector {fix.sector}'} x {place[0]:.2f} y {place[1]:.2f} mm{turn}")
+        last = f"{fix.tape or f'sector {fix.sector}'} x {place[0]:.2f} y {place[1]:.2f} mm{turn}"
+    count = f"{tally.located} of {tally.answered} located"
+    unusable = f"unusable {tally.unusable}" if tally.unusable else ""
+    parts = (last, count, f"{tally.hz:.1f} Hz", f"dropped {tally.dropped}", unusable, _latency(tally))
     return "; ".join(part for part in parts if part)
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
+import socket
+import sysconfig
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from math import log10
 from pathlib import Path
+from time import monotonic, sleep
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +31,8 @@ TRACE_POSES = 500
 MOST_MAPS = 4
 """Tapes that have a map of their own on the screen at the start."""
 
+_PORT = 9876
+_PATIENCE_S, _STEADY_S = 8.0, 1.0
 _LEAST_P = 1e-30
 _CORNER = 0.5
 """Rerun counts pixels from the image's corner, everything else here from the middle of the first one."""
@@ -68,8 +75,9 @@ class RerunLog:
             if save is not None:
                 sinks.append(rr.FileSink(save))
             if show:
-                rr.spawn(connect=False)
-                sinks.append(rr.GrpcSink())
+                rr.spawn(port=_PORT, connect=False, executable_path=_viewer(), recording=self._recording)
+                _wait_for_viewer()
+                sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{_PORT}/proxy"))
             self._recording.set_sinks(*sinks, default_blueprint=_blueprint(tapes))
         except (OSError, RuntimeError) as error:
             what = f"save {shown_path(save)} cannot be written" if save is not None and not show else "Rerun cannot be started"
@@ -89,8 +97,9 @@ class RerunLog:
         self.close()
 
     def close(self) -> None:
-        """Write what is left, and close the file."""
-        self._recording.flush()
+        """Write what is left, and close the file; a viewer that was closed before is no error."""
+        with suppress(RuntimeError):
+            self._recording.flush(timeout_sec=_PATIENCE_S)
         self._recording.disconnect()
 
     def write(self, located: Located) -> bool:
@@ -155,6 +164,31 @@ class RerunLog:
         for path in (*_AT_A_FIX, *paths):
             self._log(path, self._rr.Clear(recursive=False))
         self._touched = None
+
+
+def _viewer() -> str | None:
+    """The viewer that was installed with this interpreter; None leaves the search to Rerun."""
+    return shutil.which("rerun", path=sysconfig.get_path("scripts"))
+
+
+def _wait_for_viewer() -> None:
+    """Return once the viewer has been listening for a while: one without a display does so for a moment, too.
+
+    Raises
+    ------
+    OSError
+        When it does not: what is sent to it would pile up.
+    """
+    end_s, since_s = monotonic() + _PATIENCE_S, float("inf")
+    while monotonic() - since_s < _STEADY_S:
+        try:
+            socket.create_connection(("127.0.0.1", _PORT), timeout=1.0).close()
+            since_s = min(since_s, monotonic())
+        except OSError:
+            since_s = float("inf")
+        if monotonic() > end_s:
+            raise OSError("its viewer, which needs a display, does not answer; use --save and look at the file later")
+        sleep(0.1)
 
 
 def _dots(image: np.ndarray[Any, np.dtype[np.float32]], located: Located) -> FloatArray:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import signal
+import socket
 import subprocess
 import sysconfig
 from collections import defaultdict
@@ -14,11 +17,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 from rerun.chunk import RrdReader
 
 from tactape_fab import Kit
 from tactape_fab.cli import main
+from tactape_fab.live import rerun_log
 from tactape_fab.live.rerun_log import RerunLog
 from tactape_fab.localize import localize, prepare
 from tactape_fab.simulate import simulate_frames
@@ -165,3 +169,40 @@ def test_a_name_of_any_kind_is_one_entity(recording: Path, default_kit: Kit, tmp
     entities = [entity for entity in rows(tmp_path / "a.rrd") if entity.startswith("/tapes/")]
     assert len({entity.rpartition("/")[0] for entity in entities}) == 1
     assert len(entities) == 5
+
+
+def free_port() -> int:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return int(listening.getsockname()[1])
+
+
+def shown(recording: Path, kit: Kit) -> Result:
+    return CliRunner().invoke(main, shlex.split(f"watch {recording}/slide.npz --rate max --tape {kit.path} --rerun"))
+
+
+def test_what_is_shown_goes_to_the_viewer(recording: Path, default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To one that is there already: the part of Rerun that listens, which needs no display."""
+    monkeypatch.setattr(rerun_log, "_PORT", free_port())
+    program = Path(sysconfig.get_path("scripts")) / "rerun"
+    command = [str(program), "--serve-grpc", "--port", str(rerun_log._PORT)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True) as viewer:
+        assert viewer.stderr is not None
+        try:
+            while b"Listening" not in viewer.stderr.readline():
+                assert viewer.poll() is None
+            result = shown(recording, default_kit)
+        finally:
+            os.killpg(viewer.pid, signal.SIGKILL)
+    assert result.exit_code == 0
+    assert f"located {COUNT - 1} of {COUNT} frames" in result.stderr
+
+
+def test_a_viewer_that_does_not_start_is_a_word(recording: Path, default_kit: Kit, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rerun_log, "_PORT", free_port())
+    monkeypatch.setattr(rerun_log, "_PATIENCE_S", 0.2)
+    monkeypatch.setattr("rerun.spawn", lambda **_: None)
+    result = shown(recording, default_kit)
+    assert result.exit_code == 1
+    (error,) = result.stderr.splitlines()
+    assert error.startswith("error: Rerun cannot be started: its viewer, which needs a display,")

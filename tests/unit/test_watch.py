@@ -205,13 +205,15 @@ def test_percentiles_are_those_of_all_times() -> None:
 
 def test_lines_say_how_it_went() -> None:
     tally = Tally()
-    assert (status_line(tally), end_lines(tally)) == ("0 frames; 0.0 Hz; located 0; dropped 0", ["located 0 of 0 frames"])
+    assert status_line(tally) == "waiting for frames; 0 of 0 located; 0.0 Hz; dropped 0"
+    assert end_lines(tally) == ["located 0 of 0 frames"]
     fix = Localization(status="solid", located=True, tape="tactape-s007", position_mm=(20.0, 12.0), theta_deg=30.04)
     tally.answer(fix, 0.0)
-    assert status_line(tally).endswith("; tactape-s007 x 20.00 y 12.00 mm 30.0 deg")
+    assert status_line(tally).startswith("tactape-s007 x 20.00 y 12.00 mm 30.0 deg; 1 of 1 located; ")
     tally.answer(Localization(status="none", located=False, reason="no dots"), 0.0)
     tally.dropped = 3
-    assert status_line(tally).endswith("; not located: no dots")
+    assert status_line(tally).startswith("not located: no dots; 1 of 2 located; ")
+    assert "; dropped 3; latency p50 " in status_line(tally)
     assert end_lines(tally)[0].startswith("located 1 of 2 frames at ")
     assert end_lines(tally)[1].startswith("dropped 3, ")
 
