@@ -291,6 +291,33 @@ def test_a_folder_of_colour_images(tmp_path: Path) -> None:
     assert sorted(Path(t.message.split(": ")[0].split(" ")[0]).stem for t in troubles) == ["half", "half"]
 
 
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_half_a_picture_is_none_whatever_opencv_makes_of_it(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Versions before 5 show the top of it."""
+    image = np.zeros((24, 32, 3), dtype=np.uint8)
+    data = bytes(cv2.imencode(suffix, image)[1].tobytes())
+    monkeypatch.setattr(folder_module, "read_colour", lambda path: image)
+    (tmp_path / f"half{suffix}").write_bytes(data[: len(data) // 2])
+    (tmp_path / f"whole{suffix}").write_bytes(data)
+    frames, troubles = read(folder_source(tmp_path, (suffix,), colour=True, idle_s=0.05))
+    assert len(frames) == 1
+    assert "ends in the middle of the picture" in troubles[0].message
+
+
+def test_a_tiff_is_not_looked_at_while_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked = []
+
+    def look(path: Path) -> Any:
+        looked.append(time() - path.stat().st_mtime)
+        return open_frame_file(path)
+
+    monkeypatch.setattr(folder_module, "open_frame_file", look)
+    with Growing(tmp_path) as source:
+        grow(tmp_path / "a.tif", picture(".tif"), 8)
+        source.wait(1)
+    assert len(looked) == 1 and looked[0] >= 0.1
+
+
 # Camera
 
 
