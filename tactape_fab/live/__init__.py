@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -9,12 +10,12 @@ if TYPE_CHECKING:
 
 __all__ = ["image_message", "pose_message", "text_message"]
 
-_HOMES = dict.fromkeys(("image_message", "pose_message", "text_message"), "messages")
+_HOMES = {
+    **dict.fromkeys(("image_message", "pose_message", "text_message"), "messages"),
+}
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
