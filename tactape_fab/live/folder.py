@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Event
-from time import perf_counter, time
+from time import perf_counter, thread_time, time
 from typing import Any
 
 import numpy.typing as npt
@@ -24,6 +24,8 @@ PATIENCE_S = 2.0
 """How long a file that is not whole stays as it is before that is said."""
 
 _POLL_S = 0.005
+_SHARE = 5.0
+"""Waiting between two looks takes this many times as long as the looking: ten thousand files take a moment to list."""
 _LIST_S = 0.25
 """Longest time between two listings, for file systems that do not tell of a new file by the folder's time."""
 _TICK_S = 0.05
@@ -78,6 +80,7 @@ def _watched(
     last_s, start = perf_counter(), True
     while not stop.is_set():
         now_s, changed_ns = perf_counter(), _changed_ns(folder)
+        looking_s, looked_s = thread_time(), 0.0
         if changed_ns != listed_ns or time() - changed_ns / 1e9 < _TICK_S or now_s - listed_s > _LIST_S:
             listed_ns, listed_s = changed_ns, now_s
             names = _names(folder, suffixes)
@@ -87,7 +90,7 @@ def _watched(
                 last_s = now_s
             for name in waiting.keys() - names:
                 del waiting[name]
-            start = False
+            start, looked_s = False, thread_time() - looking_s
         for name in sorted(waiting, key=lambda name: (by_number(name), name)):
             file = waiting[name]
             for found in _tried(folder / name, file, colour, number):
@@ -100,7 +103,7 @@ def _watched(
         if idle_s is not None and perf_counter() - last_s > idle_s:
             yield from (_unfinished(folder / name, file) for name, file in waiting.items() if not file.said)
             return
-        stop.wait(_POLL_S)
+        stop.wait(max(_POLL_S, _SHARE * looked_s))
 
 
 def _changed_ns(folder: Path) -> int:
