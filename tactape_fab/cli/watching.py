@@ -122,7 +122,7 @@ def _outputs(stack: ExitStack, watched: Watch, given: dict[str, Any]) -> list[Ca
         from tactape_fab.live.rerun_log import RerunLog
 
         path = None if given["save"] is None else Path(given["save"])
-        outputs.append(stack.enter_context(RerunLog(watched.job.tapes, save=path, show=given["rerun"])).write)
+        outputs.append(stack.enter_context(RerunLog(watched.job.tapes, watched.job.sensor, save=path, show=given["rerun"])).write)
     return outputs
 
 

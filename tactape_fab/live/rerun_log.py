@@ -20,6 +20,7 @@ from tactape_fab.errors import TactapeError
 from tactape_fab.fields import shown_path
 from tactape_fab.localize import Located
 from tactape_fab.overlay import View, ellipse_mm, grid_lines_mm, placed_mm
+from tactape_fab.profiles.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
@@ -34,6 +35,7 @@ MOST_MAPS = 4
 _PORT = 9876
 _PATIENCE_S, _STEADY_S = 8.0, 1.0
 _LEAST_P = 1e-30
+_BOX_UM = 10.0
 _CORNER = 0.5
 """Rerun counts pixels from the image's corner, everything else here from the middle of the first one."""
 _AGREEING, _OTHER, _PLAIN = (90, 190, 240), (245, 110, 50), (235, 235, 235)
@@ -46,13 +48,15 @@ class RerunLog:
 
     Entities: ``sensor/depth`` (mm, canonical image), ``sensor/dots``, ``sensor/lattice`` (px); under ``tapes/NAME``, in its
     texture frame (mm), ``outline`` and ``parts`` of each tape and, of the one that is touched, ``trace``, ``field`` and
-    ``ellipse``; ``error/ellipse`` (two standard deviations, micrometres); ``chart/log10_p_false``, ``chart/dots`` and
-    ``chart/agreeing``. Timelines: ``frame`` and, where frames have a timestamp, ``capture``.
+    ``ellipse``; ``error/ellipse`` (two standard deviations, micrometres) and ``error/box``; ``chart/log10_p_false``,
+    ``chart/dots`` and ``chart/agreeing``. Timelines: ``frame`` and, where frames have a timestamp, ``capture``.
 
     Parameters
     ----------
     tapes : sequence of Tape
         Those that can be touched.
+    sensor : SensorProfile
+        Whose image is framed at the start.
     save : Path, optional
         File to write, which must not be there.
     show : bool
@@ -64,7 +68,7 @@ class RerunLog:
         When the file cannot be written, or the viewer not be started.
     """
 
-    def __init__(self, tapes: Sequence[Tape], *, save: Path | None, show: bool) -> None:
+    def __init__(self, tapes: Sequence[Tape], sensor: SensorProfile, *, save: Path | None, show: bool) -> None:
         import rerun as rr
 
         self._rr = rr
@@ -78,7 +82,7 @@ class RerunLog:
                 rr.spawn(port=_PORT, connect=False, executable_path=_viewer(), recording=self._recording)
                 _wait_for_viewer()
                 sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{_PORT}/proxy"))
-            self._recording.set_sinks(*sinks, default_blueprint=_blueprint(tapes))
+            self._recording.set_sinks(*sinks, default_blueprint=_blueprint(tapes, sensor))
         except (OSError, RuntimeError) as error:
             what = f"save {shown_path(save)} cannot be written" if save is not None and not show else "Rerun cannot be started"
             raise TactapeError(f"{what}: {error}") from error
@@ -89,6 +93,8 @@ class RerunLog:
         self._touched: str | None = None
         for tape in tapes:
             self._draw_tape(tape)
+        box = _BOX_UM * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
+        self._log("error/box", rr.LineStrips2D([box], colors=_OUTLINE, labels=[f"±{_BOX_UM:g} µm"]), static=True)
 
     def __enter__(self) -> RerunLog:
         return self
@@ -208,7 +214,7 @@ def _outline_mm(tape: Tape) -> FloatArray:
     return np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
 
 
-def _blueprint(tapes: Sequence[Tape]) -> rr.blueprint.Blueprint:
+def _blueprint(tapes: Sequence[Tape], sensor: SensorProfile) -> rr.blueprint.Blueprint:
     """Sensor and error on the left, maps and charts on the right."""
     import rerun as rr
     import rerun.blueprint as rrb
@@ -217,10 +223,11 @@ def _blueprint(tapes: Sequence[Tape]) -> rr.blueprint.Blueprint:
         rrb.Spatial2DView(origin=f"tapes/{rr.escape_entity_path_part(tape.name)}", name=f"{tape.name}, mm")
         for tape in tapes[:MOST_MAPS]
     ]
+    image = rrb.VisualBounds2D(x_range=[0.0, sensor.width_px], y_range=[0.0, sensor.height_px])
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Spatial2DView(origin="sensor", name="depth, dots, lattice"),
+                rrb.Spatial2DView(origin="sensor", name="depth, dots, lattice", visual_bounds=image),
                 rrb.Spatial2DView(origin="error", name="two standard deviations, µm"),
                 row_shares=[3, 2],
             ),

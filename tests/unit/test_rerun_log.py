@@ -151,7 +151,7 @@ def test_the_trace_does_not_grow_for_ever(
 ) -> None:
     monkeypatch.setattr("tactape_fab.live.rerun_log.TRACE_POSES", 3)
     job = prepare([str(recording / "slide.npz")], [str(default_kit.path)], "gelsight-mini")
-    with RerunLog(job.tapes, save=tmp_path / "a.rrd", show=False) as log:
+    with RerunLog(job.tapes, job.sensor, save=tmp_path / "a.rrd", show=False) as log:
         for located in localize(job):
             log.write(located)
     traces = [row["LineStrips2D:strips"][0] for row in rows(tmp_path / "a.rrd")["/tapes/tactape-s007/trace"]]
@@ -163,7 +163,7 @@ def test_a_name_of_any_kind_is_one_entity(recording: Path, default_kit: Kit, tmp
     job = prepare([str(recording / "slide.npz")], [str(default_kit.path)], "gelsight-mini")
     located = next(iter(localize(job)))
     fix = replace(located.fix, tape=tape.name)
-    with RerunLog([tape], save=tmp_path / "a.rrd", show=False) as log:
+    with RerunLog([tape], job.sensor, save=tmp_path / "a.rrd", show=False) as log:
         assert log.write(replace(located, fix=fix))
         assert log.write(replace(located, fix=replace(fix, timestamp=None)))
     entities = [entity for entity in rows(tmp_path / "a.rrd") if entity.startswith("/tapes/")]
