@@ -27,6 +27,8 @@ from tactape_fab.texture.tape import Tape
 if TYPE_CHECKING:
     import rerun as rr
 
+BOX_UM = 10.0
+"""Half the side of the box round the error."""
 TRACE_POSES = 500
 """Poses of the trace on a tape."""
 MOST_MAPS = 4
@@ -35,7 +37,6 @@ MOST_MAPS = 4
 _PORT = 9876
 _PATIENCE_S, _STEADY_S = 8.0, 1.0
 _LEAST_P = 1e-30
-_BOX_UM = 10.0
 _CORNER = 0.5
 """Rerun counts pixels from the image's corner, everything else here from the middle of the first one."""
 _AGREEING, _OTHER, _PLAIN = (90, 190, 240), (245, 110, 50), (235, 235, 235)
@@ -93,8 +94,8 @@ class RerunLog:
         self._touched: str | None = None
         for tape in tapes:
             self._draw_tape(tape)
-        box = _BOX_UM * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
-        self._log("error/box", rr.LineStrips2D([box], colors=_OUTLINE, labels=[f"±{_BOX_UM:g} µm"]), static=True)
+        box = BOX_UM * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
+        self._log("error/box", rr.LineStrips2D([box], colors=_OUTLINE, labels=[f"±{BOX_UM:g} µm"]), static=True)
 
     def __enter__(self) -> RerunLog:
         return self
