@@ -13,7 +13,7 @@ from tactape_fab.fields import shown_path
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
 from tactape_fab.texture.tape import Tape, find_manifest
 from tactape_fab.verify.coverage import Coverage
-from tactape_fab.verify.round_trip import LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, Contact, Trip
+from tactape_fab.verify.round_trip import BARELY, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, Contact, Trip
 
 Picture = npt.NDArray[np.uint8]
 
@@ -97,7 +97,7 @@ def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[T
 
     for x, y in to_px(tape.part_xy_mm()):
         _disc(board, (x, y), max(0.14 * tape.pitch_mm * px_per_mm, 1.0), _PART)
-    for outcome in (LIMITED, NOISY, MISSED, RIGHT, LOST, WRONG):
+    for outcome in (LIMITED, NOISY, BARELY, MISSED, RIGHT, LOST, WRONG):
         for trip in trips:
             at = texture_to_board(trip.poses[trip.outcome == outcome, :2], tape.board.texture_origin_mm)
             for x, y in to_px(at):
@@ -137,6 +137,7 @@ def _legend(contact: Contact, trips: Sequence[Trip]) -> list[tuple[float | int, 
         RIGHT: "located and right in the round trip",
         LIMITED: "not located, as it shows too little",
         NOISY: "not located in the sensor's noise",
+        BARELY: "not located, as it shows barely enough",
         MISSED: "missed by the decoder, though its dots say enough",
         LOST: "not located, though the tape says enough there",
         WRONG: "located elsewhere: wrong",
@@ -176,10 +177,10 @@ def _mark(picture: Picture, outcome: float, at: tuple[float, float]) -> None:
         _ring(picture, (round(at[0]), round(at[1])), (18, 11))
     elif outcome == RIGHT:
         _disc(picture, at, 5.0, _GOOD)
-    elif outcome in (LIMITED, NOISY, MISSED):
+    elif outcome in (LIMITED, NOISY, BARELY, MISSED):
         _disc(picture, at, 5.5, _WHITE)
         _disc(picture, at, 5.5, _OPEN, 2)
-        if outcome in (NOISY, MISSED):
+        if outcome in (NOISY, BARELY, MISSED):
             _line(picture, (at[0] - 9, at[1]), (at[0] + 9, at[1]), _OPEN, 2)
         if outcome == MISSED:
             _line(picture, (at[0], at[1] - 9), (at[0], at[1] + 9), _OPEN, 2)

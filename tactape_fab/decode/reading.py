@@ -13,12 +13,13 @@ from tactape_fab.decode.lattice import find_lattices
 from tactape_fab.decode.plane import CodePlane, PlanePlace
 from tactape_fab.decode.registry import Registry
 from tactape_fab.decode.search import Place, Prior, search
-from tactape_fab.decode.symbols import fit_grid, posteriors
+from tactape_fab.decode.symbols import Fit, fit_grid, posteriors
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
 
 GRID_SHARES = (0.9, 0.05, 0.05)
-"""Weights of the grids tried, best first, in the bound: it is their sum that must not exceed 1."""
+"""Weights of the grids tried, best first, in the bound: it is their sum that must not exceed 1. The best one is that with the
+most power, or the likeliest fit where the fit to that is not as it should be: known before any symbol is held against a tape."""
 LEAST_GRID_POWER = 0.12
 EVEN_TURNS = np.full(4, 0.25)
 _CLEAR = 2.0
@@ -87,43 +88,51 @@ def read(
     """
     middle = dots.trust @ dots.xy_px / dots.trust.sum()
     xy = dots.xy_px - middle
-    strength = dots.trust * np.minimum(dots.weights, 1.0)
+    fits = _fits(dots, xy, view, 1)
+    if fits and not fits[0].expected:
+        fits = sorted(_fits(dots, xy, view, len(GRID_SHARES)), key=lambda fit: -fit.value)
     best: Reading | None = None
-    tried = 0
-    for most in (1, len(GRID_SHARES)):  # the best grid is nearly always the one
-        lattices = find_lattices(xy, strength, view.pitch_px, view.scale_tolerance, most)
-        for angle, pitch, phase_a, phase_b, power in lattices[tried:].tolist():
-            grid_weight = log(GRID_SHARES[tried])
-            tried += 1
-            place = None
-            if power >= LEAST_GRID_POWER:
-                place = _place(dots, xy, (angle, pitch, phase_a, phase_b), view, world, view.centre_px - middle, prior, precision)
-            if place is None or not isfinite(place.score):
-                continue
-            if best is None or place.score + place.weight + grid_weight > best.ln_bound:
-                best = Reading(place=place, grid_weight=grid_weight)
-        if best is not None and -best.ln_bound < log(max_p_tape) - _CLEAR:
+    for rank in range(len(GRID_SHARES)):
+        if rank == 1 and len(fits) < 2:  # the best grid is nearly always the one
+            fits = _fits(dots, xy, view, len(GRID_SHARES))
+        if rank >= len(fits):
+            break
+        place = _place(dots, fits[rank], view, world, view.centre_px - middle, prior, precision)
+        if place is None or not isfinite(place.score):
+            continue
+        reading = Reading(place=place, grid_weight=log(GRID_SHARES[rank]))
+        if best is None or reading.ln_bound > best.ln_bound:
+            best = reading
+        if rank == 0 and -best.ln_bound < log(max_p_tape) - _CLEAR:
             break
     return best
 
 
+def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
+    """The likeliest lattices of dots about their middle, best first, each with its grid; those that hardly are any left out."""
+    strength = dots.trust * np.minimum(dots.weights, 1.0)
+    lattices = find_lattices(xy, strength, view.pitch_px, view.scale_tolerance, most)
+    free = view.scale_tolerance > 0.0
+    fits = [
+        fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, view.shift, free)
+        for angle, pitch, phase_a, phase_b, power in lattices.tolist()
+        if power >= LEAST_GRID_POWER
+    ]
+    return [fit for fit in fits if np.isfinite(fit.grid).all()]
+
+
 def _place(
     dots: Dots,
-    xy: FloatArray,
-    lattice: tuple[float, float, float, float],
+    fit: Fit,
     view: View,
     world: Registry | CodePlane,
     centre_px: FloatArray,
     prior: Prior | None,
     precision: float,
 ) -> Place | PlanePlace | None:
-    free = view.scale_tolerance > 0.0
-    grid, nodes, squares, sigma = fit_grid(xy, dots.weights, dots.trust, *lattice, view.shift, free)
-    if not np.isfinite(grid).all():
-        return None
-    q = posteriors(nodes, squares, dots.weights, dots.trust, sigma)
+    q = posteriors(fit.nodes, fit.squares, dots.weights, dots.trust, fit.sigma)
     if isinstance(world, CodePlane):
-        return world.search(nodes, q)
+        return world.search(fit.nodes, q)
     part = view.part
-    turns = EVEN_TURNS if part is None else turn_weights(dots.elongation, dots.weights, dots.trust, grid, part)
-    return search(world.tapes, world.families, nodes, q, turns, grid, centre_px, prior, precision)
+    turns = EVEN_TURNS if part is None else turn_weights(dots.elongation, dots.weights, dots.trust, fit.grid, part)
+    return search(world.tapes, world.families, fit.nodes, q, turns, fit.grid, centre_px, prior, precision)

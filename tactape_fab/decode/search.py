@@ -175,7 +175,8 @@ def search(
     near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
     base = _weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
     cue = np.log(turn_weights)
-    for negligible in (NEGLIGIBLE, _strict(groups, precision)):
+    negligible = NEGLIGIBLE
+    for last in (False, True):
         tallies = [new_tally(negligible=negligible) for _ in families]
         for t, g, family, tally in zip(tables, groups, families, tallies, strict=True):
             weigh_sites(t, family.registered, g, base, cue, tally)
@@ -184,8 +185,10 @@ def search(
         if tallies[of].best[0] < 0:
             return None
         total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
-        if total - 1.0 <= precision or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
+        enough = _enough(precision, best)
+        if last or total - 1.0 <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
+        negligible = _strict(groups, enough)
     answer = (of, *(int(v) for v in tallies[of].best[:4]))
     if near is not None:
         without, raised = _raised(near, turn_weights, base)
@@ -237,7 +240,8 @@ def rivals(
     others = [sites for sites in kept if sites is not None]
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
-    negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, precision)
+    enough = _enough(precision, place.score + place.weight)
+    negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, enough)
     while True:
         found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), 0.0
         for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
@@ -245,9 +249,9 @@ def rivals(
             weigh_sites(t, sites, g, base, cue, tally)
             found = _strongest(found, tally, family, place, cue)
             bounded += float(tally.sums[7]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
-        if bounded <= precision or found.weight - bounded > _PLENTY or negligible <= strict:
+        if bounded <= enough or found.weight - bounded > _PLENTY or negligible <= strict:
             return found
-        negligible = max(negligible - log(2.0 * bounded / precision), strict)
+        negligible = max(negligible - log(2.0 * bounded / enough), strict)
 
 
 def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
@@ -289,6 +293,11 @@ def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: F
         length = len(family.registered.signs) // 3
         score, name = float(tally.sums[2] - cue[turn]), f"sector {u * length + v} of {family.code}"
     return Rivals(weight=weight, lead=lead, score=score, name=name)
+
+
+def _enough(precision: float, ln_bound: float) -> float:
+    """The precision that an answer needs whose bound on being no tape (ln of its inverse) takes up so much of what is allowed."""
+    return max(precision - 0.1 * exp(-max(ln_bound, 0.0)), 0.01 * precision)
 
 
 def _strict(groups: Sequence[tuple[IntArray, IntArray, FloatArray]], precision: float) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,11 +26,11 @@ WRONG_SHARE = 0.002
 GOOD_WEIGHT, LEAST_WEIGHT, RIM_ERROR = 0.8, 0.25, 0.06
 """Dots from the first weight on show the error; that of noise grows as 1/weight, down to the second; what the rim adds to it
 per unit of missing weight, in pitches."""
-FEW_DOTS = 14.0
+FEW_DOTS = 40.0
 """So few dots, displaced at random, can show a grid that is off by half a displacement: the fit starts from others as well."""
 STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0) for x in (-1.0, 1.0)]) * (
     0.03,
-    0.03,
+    0.04,
     0.06,
     0.06,
 )
@@ -37,6 +39,33 @@ LARGEST_LN = 700.0
 """Exponentials of more are no numbers; a dot so far from all four places fits none of them anyway."""
 SMALL_SIGMA = 0.02
 """Up to this error a fit as likely as it should be is the right one."""
+
+
+class Fit(NamedTuple):
+    """A grid fitted to dots.
+
+    Attributes
+    ----------
+    grid : ndarray, shape (4,)
+        (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
+    nodes : ndarray of int, shape (n, 2)
+        Grid point of each dot.
+    squares : ndarray, shape (n, 4)
+        Squared distances from the four places of the dot's grid point (+a axis, +b axis, -a, -b), in pitches squared.
+    sigma : float
+        Error of a good dot along one axis, in pitches.
+    value : float
+        Ln of the likelihood.
+    expected : bool
+        Whether errors are small and the likelihood is what such errors give.
+    """
+
+    grid: FloatArray
+    nodes: Ints
+    squares: FloatArray
+    sigma: float
+    value: float
+    expected: bool
 
 
 def fit_grid(
@@ -49,7 +78,7 @@ def fit_grid(
     phase_b: float,
     shift: float,
     free_scale: bool,
-) -> tuple[FloatArray, Ints, FloatArray, float]:
+) -> Fit:
     """Fit angle, pitch and place of a grid whose every dot is displaced along one of four directions.
 
     Likelihood of a mixture, its four directions and the outliers weighed anew in every step (expectation maximisation).
@@ -67,25 +96,14 @@ def fit_grid(
         Displacement as a share of the pitch.
     free_scale : bool
         Whether the pitch may change.
-
-    Returns
-    -------
-    grid : ndarray, shape (4,)
-        (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
-    nodes : ndarray of int, shape (n, 2)
-        Grid point of each dot.
-    squares : ndarray, shape (n, 4)
-        Squared distances from the four places of the dot's grid point (+a axis, +b axis, -a, -b), in pitches squared.
-    sigma : float
-        Error of a good dot along one axis, in pitches.
     """
     n = len(weights)
     nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, 4)), np.empty(4)
     turns, room = 2.0 * np.pi, np.empty((n, 3))
     start = (angle, pitch, phase_a / turns, phase_b / turns)
-    sigma = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, room, grid)
+    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, room, grid)
     _nearest(xy, grid, shift, nodes, squares)
-    return grid, nodes, squares, sigma
+    return Fit(grid, nodes, squares, sigma, value, expected)
 
 
 @kernel()
@@ -99,9 +117,13 @@ def _best_fit(
     starts: FloatArray,
     room: FloatArray,
     out: FloatArray,
-) -> float:
-    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be; the error."""
+) -> tuple[float, float, bool]:
+    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be.
+
+    The error of a good dot, the ln of the likelihood, and whether both are as they should be.
+    """
     dots = best_sigma = most = 0.0
+    expected = False
     for i in range(len(trust)):
         dots += trust[i]
     for m in range(-1, len(starts)):
@@ -114,9 +136,10 @@ def _best_fit(
         if m < 0 or value > most:
             out[0], out[1], out[2], out[3] = grid
             best_sigma, most = sigma, value
-        if m < 0 and not (dots < FEW_DOTS and not _as_expected(weights, trust, sigma, value)):
+            expected = _as_expected(weights, trust, sigma, value)
+        if m < 0 and (expected or dots >= FEW_DOTS):
             break
-    return best_sigma
+    return best_sigma, most, expected
 
 
 @kernel()
@@ -149,7 +172,7 @@ def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
 
 
 @inlined_kernel()
-def _variance(weight: float, sigma: float) -> float:
+def squared_error(weight: float, sigma: float) -> float:
     """Squared error of a dot along one axis: noise moves low dots farther; so does the rim, not as `rim` has it."""
     noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
     rim = RIM_ERROR * max(1.0 - weight, 0.0)
@@ -175,7 +198,7 @@ def _fitted(
             k, j = _on_grid(grid, xy[i, 0], xy[i, 1])
             node_k, node_j = round(k), round(j)
             e, f = k - node_k, j - node_j
-            variance = _variance(weights[i], sigma)
+            variance = squared_error(weights[i], sigma)
             # exp(-d / 2 variance) of the four places share all but exp(+-shift e / variance), exp(+-shift f / variance)
             east = np.exp(min(max(shift * e / variance, -LARGEST_LN), LARGEST_LN))
             south = np.exp(min(max(shift * f / variance, -LARGEST_LN), LARGEST_LN))
@@ -205,7 +228,7 @@ def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: fl
     expected = 0.0
     for i in range(len(weights)):
         if trust[i] > 0.5:
-            expected += np.log(trust[i] / (8.0 * np.pi * _variance(weights[i], sigma))) - 1.0
+            expected += np.log(trust[i] / (8.0 * np.pi * squared_error(weights[i], sigma))) - 1.0
         else:
             expected += np.log(1.0 - trust[i])
     return sigma < SMALL_SIGMA and value > expected - np.sqrt(len(weights))
@@ -263,7 +286,7 @@ def _fill_posteriors(
                 mine, other = trust[i] * weights[i], trust[k] * weights[k]
                 if other > mine or (other == mine and k < i):
                     part = 0.0
-        variance = _variance(weights[i], sigma)
+        variance = squared_error(weights[i], sigma)
         total = 0.0
         for k in range(4):
             q[i, k] = np.exp(-0.5 * squares[i, k] / variance) / (2.0 * np.pi * variance) / 4.0

@@ -33,10 +33,10 @@ Progress = Callable[[str, int, int], None]
 Locate = Callable[[FloatImage], "Localization"]
 Excuse = Callable[[int, FloatArray], int]
 
-RIGHT, LIMITED, NOISY, MISSED, LOST, WRONG = range(6)
-"""What became of a contact: located at its place; not located where error-free symbols would not do either; nor would they with
-the tops of the sensor's noise beside them; not located though they do, which is the decoder's own miss; the same where the file
-does not have the parts in their places; located elsewhere.
+RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST, WRONG = range(7)
+"""What became of a contact: located at its place; not located where error-free symbols would not do either; nor would they as the
+sensor's noise shows them; nor with room to spare, unless it is given which of the lower tops are parts; not located though they
+do, which is the decoder's own miss; the same where the file does not have the parts in their places; located elsewhere.
 """
 
 INSIDE, EDGE = 96, 48
@@ -65,7 +65,7 @@ class Trip:
     poses : ndarray, shape (n, 3)
         x mm, y mm (texture frame), theta deg.
     outcome : ndarray of int, shape (n,)
-        RIGHT, LIMITED, NOISY, MISSED, LOST or WRONG.
+        RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST or WRONG.
     error_um : ndarray, shape (n,)
         Distance from the true position; NaN where nothing was located.
     reasons : Counter of str
@@ -181,7 +181,7 @@ def full_trips(
         Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
     """
     from tactape_fab.decode.localizer import Localizer
-    from tactape_fab.verify.limit import as_seen, error_free, rule_of
+    from tactape_fab.verify.limit import MARGIN, as_seen, error_free, rule_of
 
     contact = contact or read_contact()
     sensor, scene = contact.sensor, contact.scene
@@ -194,14 +194,16 @@ def full_trips(
     count, done = sum(map(len, poses)), 0
     progress(_STEP, done, count)  # the first Localizer ever compiles
     localizer = Localizer([tape], sensor)
-    rule = rule_of(tape, sensor)
+    rule, stricter = rule_of(tape, sensor), rule_of(tape, sensor, MARGIN)
 
     def excuse(source: Source, number: int, pose: FloatArray) -> int:
         if not error_free(rule, pose, scene).located:
             return LIMITED
         own = frame_at(tape, number, pose, _SEED, sensor, scene)
-        if not as_seen(rule, pose, scene, own.depth).located:
+        if not as_seen(rule, pose, scene, own.depth, told_parts=True).located:
             return NOISY
+        if not as_seen(stricter, pose, scene, own.depth, told_parts=False).located:
+            return BARELY
         return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
 
     def step() -> None:
@@ -273,6 +275,7 @@ def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Chec
     said = (
         (LIMITED, "shows too little to be located"),
         (NOISY, "not located in the sensor's noise"),
+        (BARELY, "not located, as it shows barely enough"),
         (MISSED, "missed by the decoder"),
         (LOST, "not located by the quick method"),
         (WRONG, "misplaced by the quick method, which has no bound"),

@@ -140,7 +140,7 @@ def _on_grid(frame: Frame) -> tuple[Dots, FloatArray, IntArray, FloatArray, floa
     dots = settled(detect(frame.depth, PX_PER_MM), pitch_px, shift)
     xy = dots.xy_px - dots.trust @ dots.xy_px / dots.trust.sum()
     best = find_lattices(xy, dots.trust * dots.weights, pitch_px, 0.07, 1)[0]
-    return dots, *fit_grid(xy, dots.weights, dots.trust, best[0], best[1], best[2], best[3], shift, True)
+    return dots, *fit_grid(xy, dots.weights, dots.trust, best[0], best[1], best[2], best[3], shift, True)[:4]
 
 
 def _turn(frame: Frame, grid: FloatArray) -> int:

@@ -187,7 +187,7 @@ def ideal(localizer: Localizer, frame: Frame, tape: Tape, prior: Prior | None = 
     phases = 2 * pi * np.array([c * x + s * y, c * y - s * x]) / pitch_px
     dots = Dots(xy_px=xy, weights=ones, trust=trusted(ones))
     shift = tape.displacement_mm / tape.pitch_mm
-    grid, nodes, squares, sigma = fit_grid(xy - middle, ones, dots.trust, angle, pitch_px, phases[0], phases[1], shift, False)
+    grid, nodes, squares, sigma, *_ = fit_grid(xy - middle, ones, dots.trust, angle, pitch_px, phases[0], phases[1], shift, False)
     q = posteriors(nodes, squares, ones, dots.trust, sigma)
     world, bodies = localizer._world, np.array([MOST_SHARE, 1.0 - MOST_SHARE] * 2) / 2
     assert isinstance(world, Registry)

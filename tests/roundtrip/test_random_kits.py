@@ -24,7 +24,7 @@ from tactape_fab.solids.readmesh import read_stl
 from tactape_fab.texture.code import CODE_NAMES, get_code
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
-from tactape_fab.verify.round_trip import EDGE, INSIDE, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, full_trips
+from tactape_fab.verify.round_trip import BARELY, EDGE, INSIDE, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, full_trips
 from tests.roundtrip.kits import OpenKit
 from tests.thorough import some
 
@@ -104,4 +104,4 @@ def test_the_decoder_misses_hardly_any_that_say_enough(tally: Counter[str]) -> N
     assert tally["missed"] <= 1 + tally.total() // ONE_MISSED_OF
 
 
-_NAMES = {"right": RIGHT, "limited": LIMITED, "noisy": NOISY, "missed": MISSED, "lost": LOST, "wrong": WRONG}
+_NAMES = {"right": RIGHT, "limited": LIMITED, "noisy": NOISY, "barely": BARELY, "missed": MISSED, "lost": LOST, "wrong": WRONG}

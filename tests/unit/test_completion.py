@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from time import monotonic
 
 import click
 import pytest
@@ -82,28 +84,69 @@ def test_the_script_is_one_that_the_shell_reads(shell: str, tmp_path: Path) -> N
     result = CliRunner().invoke(main, ["completion", shell])
     assert result.exit_code == 0
     assert "_TACTAPE_FAB_COMPLETE" in result.stdout
-    program = shutil.which(shell)
-    if program is None:
-        pytest.skip(f"{shell} is not installed")
+    program = found(shell)
     script = tmp_path / "script"
     script.write_text(result.stdout, encoding="utf-8")
     done = subprocess.run([program, "-n", str(script)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_bash_completes_in_earnest(tmp_path: Path) -> None:
-    bash = shutil.which("bash")
-    if bash is None:
-        pytest.skip("bash is not installed")
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    """Where a shell finds the program under its name."""
     program = tmp_path / "tactape-fab"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tactape_fab "$@"\n', encoding="utf-8")
     program.chmod(0o755)
-    lines = 'eval "$(tactape-fab completion bash)"; COMP_WORDS=(tactape-fab make --fab pc) COMP_CWORD=3'
-    command = [bash, "-c", f'{lines}; _tactape_fab_completion tactape-fab; echo "${{COMPREPLY[@]}}"']
     path = os.pathsep.join([str(tmp_path), os.environ["PATH"]])
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    packages = os.pathsep.join(p for p in sys.path if p)
+    return {**os.environ, "PATH": path, "PYTHONPATH": packages, "HOME": str(tmp_path), "TERM": "dumb"}
+
+
+def found(shell: str) -> str:
+    program = shutil.which(shell)
+    if program is None:
+        pytest.skip(f"{shell} is not installed")
+    return program
+
+
+def test_bash_completes_in_earnest(environment: dict[str, str]) -> None:
+    lines = 'eval "$(tactape-fab completion bash)"; COMP_WORDS=(tactape-fab make --fab pc) COMP_CWORD=3'
+    command = [found("bash"), "-c", f'{lines}; _tactape_fab_completion tactape-fab; echo "${{COMPREPLY[@]}}"']
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.stdout.split(), done.stderr) == (["pcbway-fpc", "pcbway-fr4"], "")
+
+
+def test_fish_completes_in_earnest(environment: dict[str, str]) -> None:
+    lines = 'tactape-fab completion fish | source; complete -C "tactape-fab make --fab pc"'
+    command = [found("fish"), "--no-config", "-c", lines]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout.split(), done.stderr) == (["pcbway-fpc", "pcbway-fr4"], "")
+
+
+def test_zsh_completes_in_earnest(environment: dict[str, str]) -> None:
+    """At its prompt, by Tab: zsh completes nowhere else."""
+    shell, pty = found("zsh"), pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    terminal = dict.fromkeys(("stdin", "stdout", "stderr"), theirs)
+    process = subprocess.Popen([shell, "-f", "-i"], env=environment, start_new_session=True, **terminal)
+    os.close(theirs)
+    try:
+        os.write(ours, b'autoload -U compinit; compinit -u -D; eval "$(tactape-fab completion zsh)"; echo re""ady\n')
+        said_by(ours, b"ready\r\n")
+        os.write(ours, b"tactape-fab make --fab pcbway-fp\t")
+        said_by(ours, b"pcbway-fpc ")
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+
+
+def said_by(terminal: int, words: bytes, within_s: float = 60.0) -> None:
+    """Read a terminal until it shows some words."""
+    said, end = b"", monotonic() + within_s
+    while words not in said:
+        assert monotonic() < end and select.select([terminal], [], [], within_s)[0], said
+        said += os.read(terminal, 4096)
 
 
 def test_no_other_shell_is_known() -> None:

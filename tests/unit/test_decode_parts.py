@@ -209,7 +209,9 @@ def test_displaced_dots_give_the_grid_and_their_symbols(angle_deg: float) -> Non
     middle = xy.mean(axis=0)
     ones = np.ones(42)
     lattice = find_lattices(xy - middle, ones, PITCH, 0.07, 1)[0]
-    grid, nodes, squares, sigma = fit_grid(xy - middle, ones, ones, lattice[0], lattice[1], lattice[2], lattice[3], 1 / 6, True)
+    grid, nodes, squares, sigma, *_ = fit_grid(
+        xy - middle, ones, ones, lattice[0], lattice[1], lattice[2], lattice[3], 1 / 6, True
+    )
     assert np.hypot(grid[0], grid[1]) == pytest.approx(PITCH * 1.01, rel=1e-6)
     turn = round((np.degrees(np.arctan2(grid[1], grid[0])) - angle_deg) / 90)
     assert ((squares.argmin(axis=1) + turn) % 4 == symbols).all()
@@ -227,7 +229,7 @@ def test_a_dot_between_grid_points_is_no_overflow() -> None:
     across = np.array([(0.0, -shift), (-shift, 0.0), (shift, 0.0), (0.0, shift)])[rng.integers(0, 4, 42)]
     at = np.concatenate([np.stack([k - 3.0, row - 2.5], axis=1) + across, [(0.49, -0.5)]])  # half a pitch from all four places
     ones = np.ones(43)
-    grid, nodes, squares, sigma = fit_grid(at * PITCH, ones, ones, 0.0, PITCH, 0.0, np.pi, shift, True)
+    grid, nodes, squares, sigma, *_ = fit_grid(at * PITCH, ones, ones, 0.0, PITCH, 0.0, np.pi, shift, True)
     assert sigma == pytest.approx(0.012) and np.hypot(grid[0], grid[1]) == pytest.approx(PITCH, rel=1e-6)
     assert np.isfinite(posteriors(nodes, squares, ones, ones, sigma)).all()
 
@@ -272,7 +274,7 @@ def test_few_dots_find_their_grid_from_a_start_half_a_displacement_off() -> None
         xy = PITCH * (points + steps) + rng.normal(0.0, 0.3, (9, 2))
         middle = xy.mean(axis=0)
         phases = -2 * np.pi * (middle / PITCH + (0.08, -0.08))
-        _, _, squares, _ = fit_grid(xy - middle, np.ones(9), np.ones(9), 0.04, PITCH, phases[0], phases[1], 1 / 6, True)
+        _, _, squares, *_ = fit_grid(xy - middle, np.ones(9), np.ones(9), 0.04, PITCH, phases[0], phases[1], 1 / 6, True)
         right += int((squares.argmin(axis=1) == symbols).all())
         tried += 1
     assert right >= 0.95 * tried
