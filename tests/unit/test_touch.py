@@ -103,9 +103,9 @@ def test_a_tape_keeps_away_from_those_that_exist() -> None:
 
 
 def test_more_grid_points_than_are_designed_for_are_refused() -> None:
-    with pytest.raises(CapacityError, match="200 x 101 grid points, more than the 20000 .*smaller --size"):
+    with pytest.raises(CapacityError, match=r"200 x 101 grid points, more than the 20000 .*smaller --size"):
         design(0, (101, 200))
-    with pytest.raises(SpecError, match="395 x 132 grid points, more than the 20000 of a tape of code 'touch-1'.*microdots-4x4"):
+    with pytest.raises(SpecError, match=r"395 x 132 grid points, more than the 20000 of a tape of code 'touch-1'.*microdots-4x4"):
         examine(TapeSpec(sector=1, code=TOUCH_CODE, size_mm=(600.0, 200.0), models=False))
 
 
@@ -159,7 +159,7 @@ def test_an_origin_is_refused_with_the_reason(origin: Any) -> None:
 
 
 def test_there_is_no_plane_to_ask_for() -> None:
-    with pytest.raises(SpecError, match="'touch-1' has no code plane.*--tape"):
+    with pytest.raises(SpecError, match=r"'touch-1' has no code plane.*--tape"):
         get_code(TOUCH_CODE)
 
 
@@ -186,4 +186,4 @@ def test_only_equal_designs_are_one_tape() -> None:
     names = ["a", "b"]
     assert [c.kind for c in conflicts([tape, other], names, across([tape, other], 4))] == []
     again = conflicts([tape, replace(tape, tag=None)], names, across([tape, tape], 4))
-    assert [c.kind for c in again][0] == "same-tape"
+    assert next(c.kind for c in again) == "same-tape"
