@@ -1,4 +1,4 @@
-"""Makes the tables of touch-code.md from touch.json, which `python -m tests.bench.touch` writes. Run: python docs/make_touch.py"""
+"""Makes the tables of touch-code.md of touch.json, which `python -m tests.bench.touch` writes. Run: python docs/make_touch.py"""
 
 from __future__ import annotations
 
