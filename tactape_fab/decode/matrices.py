@@ -26,11 +26,6 @@ _LEAST_FIRST, _SHARE_FIRST = 12, 0.34
 """So many dots, or this share of them, are added up at all places before any place is dropped."""
 _MORE = 6
 """So many dots are added up at a time then."""
-_FEW = 3.0
-"""Most places have far less than what is negligible: ln of how much less all of them together are than if they had just that.
-
-Where it is not so, what was counted at bounds is too much, and the search goes on with less that is negligible.
-"""
 _ROUNDING = 1e-3
 """More than sums in single precision may be off by (ln)."""
 _NEVER = np.float32(-1e30)
@@ -154,7 +149,7 @@ def _weigh(tables: Tables, matrices: Matrices, frame: Frame, least: int, base: F
         for turn in range(4):
             _add_first(tables, matrices, frame, tape, turn)
         tally.sums[0] = max(tally.sums[0], _guess(tables, matrices, frame, tape) - _ROUNDING)
-    places = np.log(4.0 * matrices.sums.shape[2] * matrices.sums.shape[3] * len(matrices.bits)) - _FEW
+    places = np.log(4.0 * matrices.sums.shape[2] * matrices.sums.shape[3] * len(matrices.bits))
     for tape in range(len(matrices.bits)):
         for turn in range(4):
             _count_rows(tables, matrices, frame, tape, turn, base[turn], cue[turn], places, tally)

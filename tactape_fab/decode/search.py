@@ -191,8 +191,9 @@ def search(
         if tallies[of].best[0] < 0:
             return None
         total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
+        bounded = sum(float(t.sums[7]) * exp(t.sums[0] - best) for t in tallies)
         enough = _enough(precision, best)
-        if last or total - 1.0 <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
+        if last or bounded <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
         negligible = _strict(groups, enough)
     answer = (of, *(int(v) for v in tallies[of].best[:4]))

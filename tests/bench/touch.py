@@ -65,7 +65,7 @@ def _matrices(path: Path | None) -> list[SymbolArray]:
     """All of them, kept in the file."""
     found = [_matrix(k, path) for k in range(len(SECTORS))]
     if path is not None:
-        np.savez(path, *found)  # type: ignore[arg-type]
+        np.savez(path, *found)
     return found
 
 

@@ -39,7 +39,7 @@ APART = np.array([[bits_apart(a, b) for b in range(4)] for a in range(4)])
 def patches_of(symbols: SymbolArray, mask: np.ndarray, turn: int) -> list[np.ndarray]:
     """Every patch of a shape, turned as a picture of parts is, with its symbols."""
     side, found = len(mask), []
-    becomes = np.arange(4)
+    becomes: SymbolArray = np.arange(4, dtype=np.uint8)
     for _ in range(turn):
         becomes = TURNED[becomes]
     for r, c in product(range(symbols.shape[0] - side + 1), range(symbols.shape[1] - side + 1)):
