@@ -17,6 +17,15 @@ Content = dict[str, Any]
 
 def rows_table(content: Content) -> str:
     """Rates of both codes in both worlds, a line for each contact, share of missing parts and registry."""
+    return _rates(content, told=False)
+
+
+def told_table(content: Content) -> str:
+    """The same for those who know that nothing but tapes is in reach."""
+    return _rates(content, told=True)
+
+
+def _rates(content: Content, *, told: bool) -> str:
     head = [
         "| contact | parts missing | tapes | frames | "
         + " | ".join(f"`{code}`, {world}" for code in CODES for world in WORLDS)
@@ -25,6 +34,8 @@ def rows_table(content: Content) -> str:
     ]
     out = []
     for row in content["rows"].values():
+        if (row.get("max_p_tape") is not None) != told:
+            continue
         rates = []
         for code in CODES:
             for world in WORLDS:
@@ -78,6 +89,7 @@ def speed_table(content: Content) -> str:
 TABLES: dict[str, Callable[[Content], str]] = {
     "registry": registry_table,
     "rows": rows_table,
+    "told": told_table,
     "foreign": foreign_table,
     "speed": speed_table,
 }

@@ -10,6 +10,7 @@ from typing import Any
 from tactape_fab.errors import Check, Finding, Problem, SpecError, VerifyError
 from tactape_fab.examine_values import examine_values
 from tactape_fab.folders import finished
+from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.drawing import Drawing
 from tactape_fab.kit.film_rules import assembly_findings
 from tactape_fab.kit.order import panel_order_facts
@@ -21,7 +22,7 @@ from tactape_fab.kit.spec import DEFAULT_FAB, TapeSpec
 from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, render_all, write_kit
 from tactape_fab.make import Examined, examine, forced, refuse_broken, rendered
 from tactape_fab.profiles import FabProfile, PartProfile, load_fab, read_part
-from tactape_fab.report import add_report
+from tactape_fab.report import add_panel_report, add_report
 from tactape_fab.texture.code import limits_of
 from tactape_fab.texture.panel import KITS_FOLDER
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape
@@ -294,22 +295,24 @@ def make_panel(
     blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
     with finished(target, "panel", overwrite=overwrite) as folder:
         checks = _write_kits(examined, folder, verify=verify, progress=progress)
-        files = _write_panel(examined, folder, blocking, progress)
+        artifacts, content = _write_panel(examined, folder, blocking, progress)
+        own: tuple[Check, ...] = ()
         if verify:
             from tactape_fab.verify.panel import verify_panel_folder
 
             progress("verifying the panel")
             verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
             verification.raise_if_failed()
-            checks += verification.checks
+            own = verification.checks
+        artifacts.append(add_panel_report(folder, content, checks=own, findings=findings))
     return PanelKit(
         path=target,
         name=examined.name,
         panel=examined.panel,
         tapes=tuple(tape.tape for tape in examined.tapes),
         findings=findings,
-        checks=tuple(checks),
-        files=files,
+        checks=(*checks, *own),
+        files={a.role: a.path for a in artifacts},
         kits=tuple(_kit_folder(tape) for tape in examined.tapes),
     )
 
@@ -344,7 +347,8 @@ def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress
 
 def _write_panel(
     examined: ExaminedPanel, folder: Path, blocking: Sequence[Finding], progress: Callable[[str], None]
-) -> Mapping[str, str]:
+) -> tuple[list[Artifact], dict[str, Any]]:
+    """The panel's own files, and what its manifest holds."""
     progress("rendering the panel")
     first, film = examined.tapes[0], examined.tapes[0].film
     assert film is not None
@@ -365,4 +369,4 @@ def _write_panel(
     if blocking:
         content["forced"] = [forced(finding) for finding in blocking]
     write_kit(folder, content, artifacts)
-    return {a.role: a.path for a in artifacts}
+    return artifacts, content

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -30,3 +31,8 @@ def examined_panel(values: dict[str, Any]) -> ExaminedPanel:
 
 def panel_of(values: dict[str, Any], path: Path) -> PanelKit:
     return make_panel(examined_panel(values), path)
+
+
+def copied_panel(kit: PanelKit, tmp_path: Path) -> Path:
+    """A copy of a panel to change."""
+    return Path(shutil.copytree(kit.path, tmp_path / "panel"))

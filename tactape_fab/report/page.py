@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from tactape_fab.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.readback import csv_lines, read_cpl
-from tactape_fab.profiles import templates_folder
+from tactape_fab.report.html import allowed, asset, script_json, template
 from tactape_fab.report.layers import HIDDEN, TITLES, Shapes, film_shapes, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid import solid_view
@@ -61,10 +59,9 @@ class Written:
 
 def render_report(kit: Written) -> Artifact:
     """The report of a kit: the same bytes for the same kit; it holds neither date nor duration."""
-    folder = templates_folder() / "report"
-    script, style = _script(folder), (folder / "report.css").read_text(encoding="utf-8")
+    script, style = _script(), asset("report.css")
     text = (
-        _template(folder)
+        template("report.html.j2")
         .render(
             manifest=kit.manifest,
             tape=kit.tape,
@@ -76,10 +73,10 @@ def render_report(kit: Written) -> Artifact:
             notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
             bom=csv_lines(kit.files["bom"].decode("utf-8-sig")) if "bom" in kit.files else None,
             picture=_picture(kit),
-            data=_script_json(report_data(kit)),
+            data=script_json(report_data(kit)),
             script=script,
             style=style,
-            policy=f"default-src 'none'; img-src data:; script-src {_digest(script)}; style-src {_digest(style)}; "
+            policy=f"default-src 'none'; img-src data:; script-src {allowed(script)}; style-src {allowed(style)}; "
             "base-uri 'none'; form-action 'none'",
         )
         .encode("utf-8")
@@ -153,37 +150,8 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     yield "made by", "{name} {version}".format(**kit.manifest["tool"])
 
 
-# The page
-
-
-def _script_json(content: Any) -> str:
-    """JSON that can stand in a script element: no character in it ends one or begins a comment."""
-    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _digest(text: str) -> str:
-    """A source of a content security policy that allows exactly this text."""
-    return f"'sha256-{b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
-
-
 @cache
-def _script(folder: Path) -> str:
+def _script() -> str:
     """The parts of the page's script in one scope."""
-    parts = "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    parts = "\n".join(asset(name) for name in _SCRIPTS)
     return f'(() => {{\n"use strict";\n{parts}}})();\n'
-
-
-@cache
-def _template(folder: Path) -> Any:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(folder),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=True,
-    )
-    return environment.get_template("report.html.j2")

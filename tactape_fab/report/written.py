@@ -1,4 +1,4 @@
-"""The report joins a kit that stands in its folder: made from the files there, and listed in the manifest as they are."""
+"""The report joins a kit or panel that stands in its folder: made from the files there, and listed in the manifest."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tactape_fab.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.writer import with_file, write_kit
 from tactape_fab.report.page import READ_ROLES, Written, render_report
+from tactape_fab.report.panel_page import PANEL_READ_ROLES, WrittenPanel, render_panel_report
 from tactape_fab.texture.tape import Tape
 
 
@@ -32,7 +33,22 @@ def add_report(
     Artifact
         The report as it was written.
     """
-    files = {row["role"]: (folder / row["path"]).read_bytes() for row in content["files"] if row["role"] in READ_ROLES}
+    files = _read(folder, content, READ_ROLES)
     report = render_report(Written(manifest=content, tape=tape, files=files, checks=checks, findings=findings))
     write_kit(folder, with_file(content, report), [report])
     return report
+
+
+def add_panel_report(
+    folder: Path, content: Mapping[str, Any], *, checks: Sequence[Check] = (), findings: Sequence[Finding] = ()
+) -> Artifact:
+    """The same for the panel in `folder`, whose kits have their own."""
+    files = _read(folder, content, PANEL_READ_ROLES)
+    report = render_panel_report(WrittenPanel(manifest=content, files=files, checks=checks, findings=findings))
+    write_kit(folder, with_file(content, report), [report])
+    return report
+
+
+def _read(folder: Path, content: Mapping[str, Any], roles: Sequence[str]) -> dict[str, bytes]:
+    """Files of some roles."""
+    return {row["role"]: (folder / row["path"]).read_bytes() for row in content["files"] if row["role"] in roles}

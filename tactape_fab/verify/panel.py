@@ -40,6 +40,7 @@ from tactape_fab.verify.kit import GERBER_ROLES, Verification, check_attributes,
 from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded, pair_lands, read_recorded
 from tactape_fab.verify.legend import check_tag
 from tactape_fab.verify.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
+from tactape_fab.verify.report import REPORT, check_report
 from tactape_fab.verify.round_trip import Contact, Progress
 from tactape_fab.verify.symbols import check_symbols
 
@@ -90,8 +91,10 @@ def verify_panel_folder(
     files, file_checks = read_files(folder, manifest, folders)
     checks += [*file_checks, _check_kits_listed(folder, record.placed)]
     expected = _roles(record, tapes)
-    checks.append(check_roles(expected, files))
+    checks.append(check_roles(expected, files, (REPORT,)))
     single = {role: rows[0] for role, rows in files.items() if rows}
+    if REPORT in single:
+        checks.append(check_report(single[REPORT], manifest, "panel"))
     missing = [role for role in expected if role not in single]
     if missing or not checks[0].passed:
         message = f"nothing further can be checked without {named(missing) or 'an arrangement that holds together'}"

@@ -16,8 +16,8 @@ REPORT = "report"
 _DATA = re.compile(rb'<script type="application/json" id="data">(.*?)</script>', re.DOTALL)
 
 
-def check_report(file: WrittenFile, manifest: Mapping[str, Any]) -> Check:
-    """The page shows this tape, and lists every other file of the kit as the manifest does."""
+def check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str = "tape") -> Check:
+    """The page shows this tape, or panel, and lists every other file of the kit as the manifest does."""
     problem, count = None, 0
     try:
         (text,) = _DATA.findall(file.data)
@@ -29,10 +29,10 @@ def check_report(file: WrittenFile, manifest: Mapping[str, Any]) -> Check:
         count = len(listed)
         differing = [path for path in sorted(shown.keys() | listed.keys()) if shown.get(path) != listed.get(path)]
         if content["name"] != manifest["name"]:
-            problem = "it is that of another tape"
+            problem = f"it is that of another {what}"
         elif differing:
             problem = f"it does not show as they are: {named(differing)}"
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         problem = f"its data cannot be read: {type(error).__name__}"
-    message = f"{file.path}: {problem}" if problem else f"of this tape, with the SHA-256 of the {count} other files"
+    message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
     return Check(name=REPORT, passed=problem is None, message=message)

@@ -41,11 +41,14 @@ FIGURES = Path(__file__).parents[2] / "docs" / "touch.json"
 CONTACTS_MM = (5.0, 5.5, 6.0, 6.5, 7.0, 8.0, 9.0)
 MISSING = (0.1, 0.2, 0.3)
 REGISTRIES = (1, 16)
-ROWS: tuple[tuple[float, float, int], ...] = (
-    *((size, 0.0, tapes) for tapes in REGISTRIES for size in CONTACTS_MM),
-    *((size, missing, tapes) for tapes in REGISTRIES for size in (7.0, 9.0) for missing in MISSING),
+MAX_P_TAPE = 1e-2
+Row = tuple[float, float, int, float | None]
+ROWS: tuple[Row, ...] = (
+    *((size, 0.0, tapes, None) for tapes in REGISTRIES for size in CONTACTS_MM),
+    *((size, missing, tapes, None) for tapes in REGISTRIES for size in (7.0, 9.0) for missing in MISSING),
+    *((size, 0.0, tapes, MAX_P_TAPE) for tapes in REGISTRIES for size in CONTACTS_MM[:5]),
 )
-"""Contact (mm), share of missing parts, registered tapes."""
+"""Contact (mm), share of missing parts, registered tapes, largest p_tape where it has a limit of its own."""
 PLANE_SECTORS = (7, 8, 24, 100, 246)
 SECTORS = (SECTOR, *(sector for sector in range(16) if sector != SECTOR))
 
@@ -82,13 +85,14 @@ def plane_tapes(count: int) -> list[Tape]:
     return [registered_tape(), *(tape_of(sector) for sector in SECTORS[1:count])]
 
 
-def side_by_side(row: tuple[float, float, int], frames: int, path: Path | None) -> dict[str, Any]:
+def side_by_side(row: Row, frames: int, path: Path | None) -> dict[str, Any]:
     """Frames of one row located right, and wrong, by code and world; poses, losses and noise are the same for both codes."""
-    size_mm, missing, tapes = row
+    size_mm, missing, tapes, max_p_tape = row
     scene = Scene(contact_mm=(size_mm, size_mm), missing=missing)
-    found: dict[str, Any] = {"contact_mm": size_mm, "missing": missing, "tapes": tapes, "frames": frames}
+    found: dict[str, Any] = {"contact_mm": size_mm, "missing": missing, "tapes": tapes}
+    found |= {"max_p_tape": max_p_tape, "frames": frames}
     for code, registered in (("microdots-4x4", plane_tapes(tapes)), (TOUCH_CODE, touch_tapes(tapes, path))):
-        localizers = {world: Localizer(registered, world=world) for world in WORLDS}
+        localizers = {world: Localizer(registered, world=world, max_p_tape=max_p_tape) for world in WORLDS}
         counts = {world: {"right": 0, "wrong": 0} for world in WORLDS}
         spent = dict.fromkeys(WORLDS, 0.0)
         for frame in iterate_frames(registered[0], frames, SEED + 17, scene=scene):
@@ -198,7 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return chosen.only in (None, section) and not done
 
     for row in ROWS:
-        key = f"{row[0]:g} mm, {100 * row[1]:g} % missing, {row[2]} tapes"
+        key = f"{row[0]:g} mm, {100 * row[1]:g} % missing, {row[2]} tapes" + ("" if row[3] is None else ", max-p-tape")
         if wanted("rows", key, chosen.frames):
             _keep(content, "rows", key, side_by_side(row, chosen.frames, chosen.designs))
     subjects = [*IMPOSTORS, MIRRORED, *(f"microdots-4x4 {s}" for s in PLANE_SECTORS), *(f"touch-1 {s}" for s in SECTORS[1:])]

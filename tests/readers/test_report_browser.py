@@ -16,7 +16,8 @@ import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.errors import Check
-from tactape_fab.report import render_report
+from tactape_fab.make_panel import PanelKit
+from tactape_fab.report import REPORT_NAME, render_report
 from tactape_fab.texture.frames import LETTERS, board_to_texture
 from tactape_fab.texture.tape import Tape
 from tests.reports import written
@@ -87,6 +88,18 @@ def open_report(browser: Any) -> Iterator[Open]:
     assert said == []
     assert all(re.match(r"file:///.*\.html$|data:image/png;base64,", url) for url in asked)
     assert len([url for url in asked if url.startswith("file:")]) == len(contexts)
+
+
+def test_a_panels_report_leads_to_those_of_its_tapes(browser: Any, panel_2: PanelKit) -> None:
+    page, said = browser.new_page(), list[str]()
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto((panel_2.path / REPORT_NAME).as_uri())
+    assert page.evaluate("document.querySelector('img.preview').naturalWidth") > 500
+    page.click(f"text={panel_2.tapes[1].name}")
+    drawn(page)
+    assert page.inner_text("h1") == panel_2.tapes[1].name and said == []
+    page.close()
 
 
 @pytest.fixture(scope="module")

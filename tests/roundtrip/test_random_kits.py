@@ -1,4 +1,4 @@
-"""Random kits through the round trip: no answer is wrong, and what is not located shows too little, but for a few.
+"""Random kits through the round trip: no answer is wrong, and the information limit explains whatever is not located.
 
 TACTAPE_KITS=FIRST:LAST takes those kits instead of the first twelve, from each source as many contacts as `verify` takes in all.
 """
@@ -31,8 +31,8 @@ from tests.thorough import some
 KITS = os.environ.get("TACTAPE_KITS", "")
 FIRST, LAST = (int(v) for v in KITS.split(":")) if KITS else (0, some(12))
 COUNTS = (INSIDE, EDGE) if KITS else (8, 4)  # from each source
-ONE_MISSED_OF = 500
-"""The decoder may miss one contact, and one of every so many more, though their dots say enough."""
+ONE_MISSED_OF = 10_000
+"""The decoder may miss one of every so many contacts though their dots say enough; none of fewer."""
 SOLID = ("block", "dome", "cone")
 
 
@@ -101,7 +101,7 @@ def test_a_random_kit_comes_back(number: int, tally: Counter[str], tmp_path: Pat
 def test_the_decoder_misses_hardly_any_that_say_enough(tally: Counter[str]) -> None:
     print(f"\n{LAST - FIRST} kits, {tally.total()} contacts: {dict(tally)}")
     assert tally["right"] > 0.5 * tally.total()
-    assert tally["missed"] <= 1 + tally.total() // ONE_MISSED_OF
+    assert tally["missed"] <= tally.total() // ONE_MISSED_OF
 
 
 _NAMES = {"right": RIGHT, "limited": LIMITED, "noisy": NOISY, "barely": BARELY, "missed": MISSED, "lost": LOST, "wrong": WRONG}

@@ -1,0 +1,44 @@
+"""What every report is made with: templates, and what may stand in a page's script and style elements."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from base64 import b64encode
+from functools import cache
+from typing import Any
+
+from tactape_fab.profiles import templates_folder
+
+
+def script_json(content: Any) -> str:
+    """JSON that can stand in a script element: no character in it ends one or begins a comment."""
+    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def allowed(text: str) -> str:
+    """A source of a content security policy that allows exactly this text."""
+    return f"'sha256-{b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
+
+
+@cache
+def asset(name: str) -> str:
+    """A file that is put into pages as it is."""
+    return (templates_folder() / "report" / name).read_text(encoding="utf-8")
+
+
+@cache
+def template(name: str) -> Any:
+    """A page's template; what it is given is escaped."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(templates_folder() / "report"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    return environment.get_template(name)
