@@ -16,7 +16,7 @@ from tactape_fab.frame_files import FrameFile, open_frames, tried
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 from tactape_fab.raw_files import RawImage, open_raw
 from tactape_fab.tapes import read_tapes
-from tactape_fab.texture.code import CODE_NAMES
+from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
 from tactape_fab.texture.tape import Tape
 
 if TYPE_CHECKING:
@@ -166,6 +166,9 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
     if kits or "code" not in bare:
         return None
     table = Fields({"w": DEFAULT_PITCH_MM, **bare}, problems=problems)
+    if bare["code"] == TOUCH_CODE:
+        tried(lambda: get_code(TOUCH_CODE), problems)
+        return None
     name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
     pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
     displacement_mm = table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / 6
