@@ -36,7 +36,7 @@ class Latencies:
 
 
 class Tally:
-    """Counts of a session.
+    """Counts of one run.
 
     Attributes
     ----------
