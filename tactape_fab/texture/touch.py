@@ -39,11 +39,13 @@ BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((1, 2, 4, 7, 9), (0, 1, 3, 5, 7)),
     ((1, 3, 5, 8, 8), (0, 2, 4, 6, 8)),
     ((1, 3, 5, 8, 10), (0, 2, 4, 7, 9)),
-    ((2, 3, 5, 8, 11), (0, 2, 4, 7, 9)),
 )
 """Rungs beside other tapes: the same, and fewest bits between a patch of the tape and one of theirs."""
-_WORK = 60_000_000
-"""Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds."""
+_WORK, _WORK_BESIDE = 60_000_000, 180_000_000
+"""Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or half a minute.
+
+The latter beside other tapes, but for the last rung, which many tapes do not reach.
+"""
 _LEAST_STEPS = 1000
 MOST_TOUCH_POINTS = 20_000
 
@@ -84,10 +86,11 @@ def _designed(sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int,
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
     rungs = BESIDE if others else tuple((own, (0, 0, 0, 0, 0)) for own in ALONE)
     reached = symbols.copy()
-    for own, across in rungs:
+    for rung, (own, across) in enumerate(rungs, start=1):
+        steps = max(_LEAST_STEPS, (_WORK_BESIDE if others and rung < len(rungs) else _WORK) // work)
         patches = Patches(*words_of(symbols, shapes), *given)
         least, least_given = np.array(own), np.array(across)
-        if not repair(symbols, shapes, patches, least, least_given, max(_LEAST_STEPS, _WORK // work), state, room):
+        if not repair(symbols, shapes, patches, least, least_given, steps, state, room):
             break
         reached = symbols.copy()
     reached.setflags(write=False)
