@@ -1,5 +1,6 @@
 """Command line: parse, call one function, print. The only modules that know click."""
 
+from tactape_fab.cli.advising import advise
 from tactape_fab.cli.answers import FAILED, RULES, USAGE, VERIFICATION
 from tactape_fab.cli.completing import complete_values
 from tactape_fab.cli.group import main
@@ -16,6 +17,7 @@ __all__ = [
     "RULES",
     "USAGE",
     "VERIFICATION",
+    "advise",
     "certify",
     "check",
     "completion",
