@@ -15,7 +15,7 @@ from tactape_fab.kit.spec import DEFAULT_FAB, TapeSpec
 from tactape_fab.profiles import PartProfile, load_fab, read_part
 from tactape_fab.tapes import Registered, labels, read_registered
 from tactape_fab.texture.certify import SIDES, Certificate, certify
-from tactape_fab.texture.code import CODE_NAMES, get_code
+from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
 from tactape_fab.texture.registry import BEYOND, Across, Conflict, across, conflicts
 from tactape_fab.texture.tape import Tape
 
@@ -186,6 +186,9 @@ def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
     SpecError
         When there is no such code, or no tape of that size.
     """
+    if code == TOUCH_CODE:
+        message = f"code = '{code}' has no tapes but those that were made: each is designed; name their kits"
+        raise SpecError(Problem("code", message))
     fab, part = load_fab(DEFAULT_FAB), read_part("r0201")
     assert isinstance(part, PartProfile)
     sectors = min(get_code(code).sectors, MOST_SECTORS) if code in CODE_NAMES else 1

@@ -58,6 +58,12 @@ def _one(certificate: Certificate) -> list[str]:
         _contact_line("two contacts never read the same", certificate.distinct_side),
         _contact_line("one wrong symbol never misleads", certificate.correcting_side),
     ]
+    if certificate.patches:
+        lines.append("fewest bits in which two patches differ: one a quarter turn of a part, two a half turn")
+        lines += table_lines(
+            ("patch", "number", "bits", "pairs"),
+            [(p.shape, str(p.patches), "-" if p.bits is None else str(p.bits), str(p.pairs)) for p in certificate.patches],
+        )
     for size in certificate.sizes:
         if size.distance is not None:
             lines.append(f"nearest windows of {_square(size.side)}, {_symbols(size.distance)}:")

@@ -13,7 +13,7 @@ from tactape_fab.folders import refuse_taken
 from tactape_fab.kit.spec import BEST, KEYS, TapeSpec
 from tactape_fab.make import Examined, examine, fixed_origin
 from tactape_fab.texture.choose import choose_sector
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import TOUCH_CODE, get_code
 from tactape_fab.texture.tape import Tape
 
 _ELEMENT = {"part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm"}
@@ -72,7 +72,7 @@ def examine_values(
     findings: Sequence[Finding] = ()
     kept = dict(values)
     set_aside: set[str] = set()
-    if avoid and kept.setdefault("origin", BEST) != BEST:
+    if avoid and kept.get("code") != TOUCH_CODE and kept.setdefault("origin", BEST) != BEST:
         problems.append(fixed_origin(kept["origin"]))
         raised.append(SpecError)
         kept["origin"] = BEST
@@ -111,6 +111,12 @@ def _unsearched(values: Mapping[str, Any], avoid: Sequence[Tape]) -> dict[str, A
 
 
 def _free_sector(values: Mapping[str, Any], avoid: Sequence[Tape]) -> int:
-    """The sector farthest from tapes to avoid, for a tape of these values; its grid is the same in every sector."""
+    """The sector farthest from tapes to avoid, for a tape of these values; its grid is the same in every sector.
+
+    Of a touch code any sector will do that is none of theirs, and no id of their tags.
+    """
+    if values.get("code") == TOUCH_CODE:
+        used = {t.sector for t in avoid if t.code == TOUCH_CODE} | {t.tag.id for t in avoid if t.tag is not None}
+        return min(set(range(len(used) + 1)) - used)
     tape = examine(TapeSpec.from_mapping({**values, "sector": 0, "origin": (0, 0)})).tape
     return choose_sector(get_code(tape.code), tape.placed, avoid)

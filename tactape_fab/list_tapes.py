@@ -20,6 +20,7 @@ from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tape_list import TapeEntry, read_list
 from tactape_fab.make import Examined
 from tactape_fab.profiles import ElementProfile, FabProfile, read_part
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.tape import MANIFEST_NAME
 
 MOST_JOBS = 64
@@ -40,7 +41,8 @@ class Planned:
     def texture(self) -> tuple[object, ...]:
         """Two tapes that have this in common cannot be told apart."""
         spec = self.spec
-        return spec.code, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm
+        size_mm = spec.size_mm if spec.code == TOUCH_CODE else None  # another size, another design
+        return spec.code, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,6 +199,8 @@ def _root(problem: Problem) -> str:
 
 def _plan(spec: TapeSpec, first: Examined) -> None:
     """Refuse a tape that does not follow from its spec, by the profiles of another that differs in sector only."""
+    if spec.code == TOUCH_CODE:  # nothing of it follows from the sector but the design, which takes seconds
+        return
     if first.film is not None:
         plan(spec, first.fab, first.layout.part)
         return

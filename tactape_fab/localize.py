@@ -16,7 +16,7 @@ from tactape_fab.frame_files import FrameFile, open_frames, tried
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 from tactape_fab.raw_files import RawImage, open_raw
 from tactape_fab.tapes import read_tapes
-from tactape_fab.texture.code import CODE_NAMES
+from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
 from tactape_fab.texture.tape import Tape
 
 if TYPE_CHECKING:
@@ -110,25 +110,43 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
     SpecError
         Every value and file that cannot be used, all together.
     """
-    given = {name: value for name, value in options.items() if value is not None and value is not False}
     problems: list[Problem] = []
-    bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
-    code = _read_code(bare, bool(kits), problems)
-    problems += _setting_problems(given, "code" in bare)
     if raw is not None and not raw.images:
         message = "--background and --weights are for colour images, and none is given; name them with --raw, or leave those out"
         problems.append(Problem("raw", message))
     elif raw is None and not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
-    tapes = tried(lambda: read_tapes(kits), problems)
-    profile = tried(lambda: load_sensor(sensor), problems)
-    files = None if profile is None else tried(partial(_open, frames, raw, profile), problems)
+    job = prepare_without_frames(kits, sensor, problems, colour=raw is not None, **options)
+    files = None if job is None else tried(partial(_open, frames, raw, job.sensor), problems)
     if problems:
         raise SpecError(problems)
-    assert tapes is not None and profile is not None and files is not None
-    if raw is not None:
+    assert job is not None and files is not None
+    return replace(job, files=files)
+
+
+def prepare_without_frames(
+    kits: Sequence[str], sensor: str, problems: list[Problem], *, colour: bool = False, **options: Any
+) -> Job | None:
+    """A job that has no frames yet; what is wrong is added to `problems`. None where there is no sensor.
+
+    Parameters
+    ----------
+    colour : bool
+        Whether its frames are made of colour images: in mm, and larger where pushed further in.
+    **options
+        As `prepare` takes them.
+    """
+    given = {name: value for name, value in options.items() if value is not None and value is not False}
+    bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
+    code = _read_code(bare, bool(kits), problems)
+    problems += _setting_problems(given, "code" in bare)
+    tapes = tried(lambda: read_tapes(kits), problems)
+    profile = tried(lambda: load_sensor(sensor), problems)
+    if profile is None:
+        return None
+    if colour:
         profile = replace(profile, sign=1, depth_unit_mm=1.0)
-    return Job(files=files, sensor=profile, tapes=tapes, code=code, settings=given)
+    return Job(files=(), sensor=profile, tapes=tapes or (), code=code, settings=given)
 
 
 def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile) -> Sequence[FrameFile | RawImage]:
@@ -148,6 +166,9 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
     if kits or "code" not in bare:
         return None
     table = Fields({"w": DEFAULT_PITCH_MM, **bare}, problems=problems)
+    if bare["code"] == TOUCH_CODE:
+        tried(lambda: get_code(TOUCH_CODE), problems)
+        return None
     name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
     pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
     displacement_mm = table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / 6

@@ -39,7 +39,7 @@ from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify import Certificate, pair_words
 from tactape_fab.texture.choose import Choice, choose_origin
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import TOUCH_CODE, get_code
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape
 
 T = TypeVar("T")
@@ -121,7 +121,8 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
     ----------
     spec : TapeSpec
     avoid : sequence of Tape
-        Tapes that exist: the origin is then chosen away from them, and the spec's must be ``"best"``.
+        Tapes that exist: the origin is then chosen away from them, and the spec's must be ``"best"``; a touch code is
+        designed away from them.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
     fab = _loaded(load_fab, spec.fab, problems)
     part = _loaded(read_part, spec.part, problems)
     process = _loaded(load_process, spec.process, problems)
-    if avoid and spec.origin != BEST:
+    if avoid and spec.code != TOUCH_CODE and spec.origin != BEST:
         problems.append(fixed_origin(spec.origin))
     if problems:
         raise SpecError(problems)
@@ -143,10 +144,10 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
         part = _with_number(part, spec.part_number, fab.assembly)
         fab = fab_for(spec, fab, part)
         spec, search = _settled(spec, lambda: plan(spec, fab, part), avoid)
-        return _examine_film(spec, fab, part, process, search)
+        return _examine_film(spec, plan(spec, fab, part, avoid), (fab, part, process), search)
     if isinstance(part, ElementProfile) and process is not None:
         spec, search = _settled(spec, lambda: _plan_texture(spec, process, part), avoid)
-        return _examine_texture(spec, part, process, search)
+        return _examine_texture(spec, _plan_texture(spec, process, part, avoid), process, search)
     raise SpecError(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
 
 
@@ -167,7 +168,7 @@ def fixed_origin(origin: object) -> Problem:
 def _settled(spec: TapeSpec, planned: Callable[[], Tape], avoid: Sequence[Tape]) -> tuple[TapeSpec, _Search]:
     """The spec with the best origin where it asks for that, and what was found."""
     if spec.origin != BEST:
-        return spec, _Search()
+        return spec, _Search(avoided=tuple(t.name for t in avoid))
     choice = choose_origin(get_code(spec.code), spec.sector, planned().placed, avoid)
     return replace(spec, origin=choice.origin), _Search(choice=choice, avoided=tuple(t.name for t in avoid))
 
@@ -180,7 +181,8 @@ def _window_findings(certificate: Certificate) -> list[Finding]:
     count = f"{size.pairs} pair{'s' * (size.pairs != 1)} of 4x4 windows read{'s' * (size.pairs == 1)} the same"
     enough = certificate.distinct_side
     contact = "larger contacts" if enough is None else f"contacts of at least {enough} x {enough} parts"
-    message = f"{count}, first {pair_words(certificate.tape, size, 0)}; rely on {contact}, or use --origin best"
+    remedy = "another --sector" if certificate.tape.code == TOUCH_CODE else "--origin best"
+    message = f"{count}, first {pair_words(certificate.tape, size, 0)}; rely on {contact}, or use {remedy}"
     return [Finding(rule="windows", level="warn", passed=False, unit="", message=message)]
 
 
@@ -203,9 +205,10 @@ def _with_number(part: PartProfile, number: str | None, house: str) -> PartProfi
 
 
 def _examine_film(
-    spec: TapeSpec, fab: FabProfile, part: PartProfile, process: ProcessProfile | None, search: _Search
+    spec: TapeSpec, planned: Tape, profiles: tuple[FabProfile, PartProfile, ProcessProfile | None], search: _Search
 ) -> Examined:
-    layout = build_layout(plan(spec, fab, part), spec, fab, part)
+    fab, part, process = profiles
+    layout = build_layout(planned, spec, fab, part)
     tape, form = layout.tape, spec.form
     findings = check(layout, fab) + film_findings(layout, spec, fab)
     if form is not None:
@@ -251,14 +254,13 @@ def _corner_findings(tape: Tape, form: SolidForm) -> list[Finding]:
     return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
 
 
-def _plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> Tape:
+def _plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
     assert spec.body_mm is not None
-    return plan_texture(spec, process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm))
+    return plan_texture(spec, process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm), avoid)
 
 
-def _examine_texture(spec: TapeSpec, part: ElementProfile, process: ProcessProfile, search: _Search) -> Examined:
+def _examine_texture(spec: TapeSpec, tape: Tape, process: ProcessProfile, search: _Search) -> Examined:
     assert spec.form is not None
-    tape = _plan_texture(spec, process, part)
     findings = check_texture(tape, spec.form, process)
     if problems := form_problems(tape, spec.form):
         raise SpecError(problems, [f for f in findings if f.blocks])
@@ -283,7 +285,8 @@ def make_kit(
     path : str or Path, optional
         Folder of the kit; the tape's name in the current folder where none is given.
     avoid : sequence of Tape
-        Tapes that exist: the origin is chosen away from them, and the spec's must be ``"best"``.
+        Tapes that exist: the origin is chosen away from them, and the spec's must be ``"best"``; a touch code is designed
+        away from them.
     overwrite : bool
         Replace an older kit of this tool at `path`. Anything else that stands there is refused.
     verify : bool

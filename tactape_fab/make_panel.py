@@ -23,7 +23,7 @@ from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, rend
 from tactape_fab.make import Examined, examine, forced, refuse_broken, rendered
 from tactape_fab.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.report import add_panel_report, add_report
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import limits_of
 from tactape_fab.texture.panel import KITS_FOLDER
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape
 
@@ -238,7 +238,7 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
 def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> list[Problem]:
     if request.sectors is not None or request.same_sector:
         return []
-    most, last = get_code(base.tape.code).sectors, base.tape.sector + panel.count - 1
+    most, last = limits_of(base.tape.code).sectors, base.tape.sector + panel.count - 1
     if last < most:
         return []
     message = (

@@ -8,6 +8,7 @@ from tactape_fab.cli.helping import completion, doctor
 from tactape_fab.cli.locating import decode, simulate
 from tactape_fab.cli.making import check, emboss, make, profiles
 from tactape_fab.cli.proving import certify, registry, verify
+from tactape_fab.cli.watching import watch
 
 complete_values(main)
 
@@ -29,4 +30,5 @@ __all__ = [
     "registry",
     "simulate",
     "verify",
+    "watch",
 ]

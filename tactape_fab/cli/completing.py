@@ -22,9 +22,9 @@ def _profiles(kind: str) -> Callable[[], Sequence[str]]:
 
 
 def _codes() -> Sequence[str]:
-    from tactape_fab.texture.code import CODE_NAMES
+    from tactape_fab.texture.code import ALL_CODE_NAMES
 
-    return CODE_NAMES
+    return ALL_CODE_NAMES
 
 
 def _houses() -> Sequence[str]:

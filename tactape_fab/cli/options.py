@@ -72,7 +72,7 @@ TAPE_OPTIONS = (
     _TapeOption(["--w"], "pitch_mm", length, metavar="MM", help="Grid pitch W.  [default: 1.5]"),
     _TapeOption(["--delta"], "displacement_mm", length, metavar="MM", help="Displacement Δ of each part.  [default: W/6]"),
     _TapeOption(["--size"], "size_mm", size, metavar="WxH", help="Outline, mm.  [default: 100x50]"),
-    _TapeOption(["--code"], "code", _same, metavar="NAME", help="microdots-4x4 (default), debruijn-4x4 or anoto-6x6."),
+    _TapeOption(["--code"], "code", _same, metavar="NAME", help="microdots-4x4 (default), debruijn-4x4, anoto-6x6 or touch-1."),
     _TapeOption(
         ["--origin"],
         "origin",

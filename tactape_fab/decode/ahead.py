@@ -19,11 +19,12 @@ from tactape_fab.decode.evidence import tables_of, turned
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.kernels import KEPT
 from tactape_fab.decode.lattice import find_lattices
+from tactape_fab.decode.matrices import LARGEST_CONTACT
 from tactape_fab.decode.near import compile_near
 from tactape_fab.decode.pose import fit_pose
 from tactape_fab.decode.reading import View
 from tactape_fab.decode.rim import settled
-from tactape_fab.decode.search import LARGEST_CONTACT, LEAST_DOTS
+from tactape_fab.decode.search import LEAST_DOTS
 from tactape_fab.decode.sites import sites_of
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.decode.weigh import compile_weighing

@@ -93,7 +93,7 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     q : ndarray, shape (n, 4)
         From `symbols.posteriors`.
     signs : ndarray of float32, shape (3 L,)
-        From `signs_of`.
+        From `signs_of`; none for tapes without a code plane, of which there are no lines then.
     most : int
         Largest contact, in cells; beyond it all tables but `size` are empty.
     """
@@ -105,7 +105,8 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
         m = 0
     lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
     dots, most_said = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
-    _fill_lines(cells, evidence, signs, lines)
+    if length > 0:
+        _fill_lines(cells, evidence, signs, lines)
     _fill_below(cells, evidence, dots, most_said)
     return Tables(cells, evidence, corner, size, lines, dots, most_said)
 

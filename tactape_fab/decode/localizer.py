@@ -17,15 +17,16 @@ from tactape_fab.decode.detect import Dots, detect, trusted
 from tactape_fab.decode.door import LARGE, canonical_frame, dot_numbers
 from tactape_fab.decode.elongation import flipped_u, square_pixels
 from tactape_fab.decode.judge import Limits, judge
+from tactape_fab.decode.matrices import LARGEST_CONTACT
 from tactape_fab.decode.plane import CodePlane
 from tactape_fab.decode.reading import View, read
 from tactape_fab.decode.registry import Registry, register
 from tactape_fab.decode.result import SOLID_DOTS, Localization, status_of
 from tactape_fab.decode.rim import chosen, settled
-from tactape_fab.decode.search import LARGEST_CONTACT, LEAST_DOTS, Prior
+from tactape_fab.decode.search import LEAST_DOTS, Prior
 from tactape_fab.errors import FrameError, Problem, SpecError
 from tactape_fab.profiles.sensors import SensorProfile, load_sensor
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import TOUCH_CODE, encode, get_code
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tactape_fab.texture.tape import Tape, TapePart
 
@@ -35,6 +36,11 @@ Method = Literal["ml", "paper"]
 UNREGISTERED_SHARE = 0.01
 MAX_P_FALSE = 1e-4
 KAPPA = 30.0
+
+
+def _searches_planes(world: Registry | CodePlane) -> bool:
+    """Whether tapes of a code with a plane are registered."""
+    return isinstance(world, Registry) and any(len(family.signs) for family in world.families)
 
 
 class Localizer:
@@ -85,6 +91,10 @@ class Localizer:
             problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
         if not tapes:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
+        if method == "paper" and any(tape.code == TOUCH_CODE for tape in tapes):
+            from tactape_fab.decode.paper.method import PLANELESS
+
+            problems.append(Problem("method", PLANELESS))
         if world not in ("open", "closed"):
             problems.append(Problem("world", f"world = {world!r} is neither 'open' nor 'closed'; give one of them"))
         for key, value in (("max_p_false", max_p_false), ("max_p_tape", max_p_tape), ("unregistered_share", unregistered_share)):
@@ -186,7 +196,7 @@ class Localizer:
         collecting = gc.isenabled()
         gc.disable()  # a compiler makes millions of objects that live: looking through them takes a sixth of its time
         try:
-            with search_compiled(needed=isinstance(self._world, Registry)):
+            with search_compiled(needed=_searches_planes(self._world)):
                 rehearse(dots, ripple, self._view)
             self._locate(dots, None)
         finally:
@@ -273,8 +283,13 @@ class Localizer:
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w)), prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
+    @property
+    def takes_prior(self) -> bool:
+        """Whether `locate` can use a prior: with method "ml" and registered tapes."""
+        return self._method == "ml" and isinstance(self._world, Registry)
+
     def _refuse_prior(self, prior: Prior | None) -> None:
-        if prior is None or (self._method == "ml" and isinstance(self._world, Registry)):
+        if prior is None or self.takes_prior:
             return
         what = "method 'paper'" if self._method == "paper" else "a code without tapes"
         raise SpecError(

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactape_fab.decode.sites import Family, families
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.decode.families import Family, families
+from tactape_fab.texture.code import TOUCH_CODE, encode, get_code
 from tactape_fab.texture.tape import Tape
 
 
@@ -45,9 +45,14 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
     """Registered tapes, equal ones once: the union of their grids under the first one's name."""
     kept: dict[tuple[object, ...], Tape] = {}
     for tape in tapes:
-        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm)
+        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm, _design(tape))
         kept[key] = _union(kept[key], tape) if key in kept else tape
     return list(kept.values())
+
+
+def _design(tape: Tape) -> object:
+    """What tells a touch code's tapes apart: their symbols, which follow from nothing else."""
+    return (tape.symbols.shape, tape.symbols.tobytes()) if tape.code == TOUCH_CODE else None
 
 
 def _union(first: Tape, other: Tape) -> Tape:
@@ -56,10 +61,14 @@ def _union(first: Tape, other: Tape) -> Tape:
     placed = np.zeros((rows, columns), dtype=bool)
     for tape in (first, other):
         placed[: tape.rows, : tape.columns] |= tape.placed
+    if first.code == TOUCH_CODE:
+        symbols = first.symbols
+    else:
+        symbols = encode(get_code(first.code), first.sector, first.origin, (rows, columns))
     return replace(
         first,
         columns=columns,
         rows=rows,
-        symbols=encode(get_code(first.code), first.sector, first.origin, (rows, columns)),
+        symbols=symbols,
         omitted=np.argwhere(~placed)[:, ::-1].astype(np.int64),
     )

@@ -10,17 +10,17 @@ import numpy as np
 
 from tactape_fab.decode.counting import NEGLIGIBLE, Tally, new_tally
 from tactape_fab.decode.evidence import Tables, tables_of
+from tactape_fab.decode.families import Family
 from tactape_fab.decode.groups import count_places, groups_of
+from tactape_fab.decode.matrices import LARGEST_CONTACT, Matrices, weigh_matrices
 from tactape_fab.decode.near import evidence_at, places_near
-from tactape_fab.decode.sites import FIRST, LAST, TAPES, Family, Sites
+from tactape_fab.decode.sites import FIRST, LAST, TAPES, Sites
 from tactape_fab.decode.weigh import weigh_sites
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
 LEAST_DOTS = 6
-LARGEST_CONTACT = 24
-"""Cells; dots that reach farther are no contact."""
 OVERHANG_SHARE = 0.1
 """Weight of all places where dots lie beyond a tape's edge, together."""
 MOST_RADIUS_MM = 50.0
@@ -138,6 +138,9 @@ class Rivals:
     name: str
 
 
+_NO_RIVALS = Rivals(weight=0.0, lead=inf, score=-inf, name="")
+
+
 def search(
     tapes: Sequence[Tape],
     families: Sequence[Family],
@@ -167,7 +170,7 @@ def search(
     Place or None
         None where the dots reach farther than any contact, or no place has enough of them on a tape.
     """
-    tables = tuple(tables_of(nodes, q, family.registered.signs, LARGEST_CONTACT) for family in families)
+    tables = tuple(tables_of(nodes, q, family.signs, LARGEST_CONTACT) for family in families)
     if tables[0].size.max() > LARGEST_CONTACT:
         return None
     groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
@@ -179,14 +182,18 @@ def search(
     for last in (False, True):
         tallies = [new_tally(negligible=negligible) for _ in families]
         for t, g, family, tally in zip(tables, groups, families, tallies, strict=True):
-            weigh_sites(t, family.registered, g, base, cue, tally)
+            if isinstance(family.registered, Matrices):
+                weigh_matrices(t, family.registered, LEAST_DOTS, base, cue, tally)
+            else:
+                weigh_sites(t, family.registered, g, base, cue, tally)
         of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
         best = float(tallies[of].sums[0])
         if tallies[of].best[0] < 0:
             return None
         total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
+        bounded = sum(float(t.sums[7]) * exp(t.sums[0] - best) for t in tallies)
         enough = _enough(precision, best)
-        if last or total - 1.0 <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
+        if last or bounded <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
         negligible = _strict(groups, enough)
     answer = (of, *(int(v) for v in tallies[of].best[:4]))
@@ -198,7 +205,7 @@ def search(
         total += float((np.exp(raised - best) - np.exp(without - best)).sum())
     of, turn, site, column, row = answer
     family = families[of]
-    score, _ = evidence_at(tables[of], family.registered, turn, site, column, row)
+    score, _ = evidence_at(tables[of], family.shown[site], turn, column, row)
     return Place(
         score=score,
         weight=best - score,
@@ -236,15 +243,16 @@ def rivals(
     beyond : bool
         Whether dots may hang over the edges of tapes at default origins.
     """
-    kept = [family.beyond if beyond else family.unregistered for family in families]
-    others = [sites for sites in kept if sites is not None]
+    others = _unregistered(families, place, beyond=beyond)
+    if not others:
+        return _NO_RIVALS
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
     enough = _enough(precision, place.score + place.weight)
     negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, enough)
     while True:
-        found, bounded = Rivals(weight=0.0, lead=inf, score=-inf, name=""), 0.0
-        for t, g, sites, family in zip(place.tables, place.groups, others, families, strict=True):
+        found, bounded = _NO_RIVALS, 0.0
+        for t, g, sites, family in others:
             tally = new_tally(place.score + place.weight, negligible, likely)
             weigh_sites(t, sites, g, base, cue, tally)
             found = _strongest(found, tally, family, place, cue)
@@ -259,14 +267,13 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
 
     `weight` is a bound, `lead` that of what was found alone; where nothing has so much, they are of what was looked at.
     """
-    others = [family.unregistered for family in families if family.unregistered is not None]
+    others = _unregistered(families, place, beyond=False)
+    if not others:
+        return _NO_RIVALS
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     even = np.where(np.isfinite(base), 0.0, base)  # every place counts by its evidence
-    found = Rivals(weight=0.0, lead=inf, score=-inf, name="")
-    for t, (groups, spans, limits), family in zip(place.tables, place.groups, families, strict=True):
-        sites = family.unregistered
-        if sites is None:
-            continue
+    found = _NO_RIVALS
+    for t, (groups, spans, limits), sites, family in others:
         tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
         single = np.column_stack([limits[:, :2], np.full(len(limits), -log(tapes.min()))])
         tally = new_tally(least_score, negligible=-_ROUNDING)
@@ -277,9 +284,22 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
     return found
 
 
-def _unregistered_weights(others: Sequence[Sites], place: Place, share: float) -> FloatArray:
+_Others = list[tuple[Tables, tuple[IntArray, IntArray, FloatArray], Sites, Family]]
+
+
+def _unregistered(families: Sequence[Family], place: Place, *, beyond: bool) -> _Others:
+    """Tables, groups and sites of the families of which there are tapes that nobody registered."""
+    found = []
+    for t, g, family in zip(place.tables, place.groups, families, strict=True):
+        sites = family.beyond if beyond else family.unregistered
+        if sites is not None:
+            found.append((t, g, sites, family))
+    return found
+
+
+def _unregistered_weights(others: _Others, place: Place, share: float) -> FloatArray:
     """`_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
-    counts = sum(count_places(*g, sites.classes) for g, sites in zip(place.groups, others, strict=True))
+    counts = sum(count_places(*g, sites.classes) for _, g, sites, _ in others)
     return _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
 
 
@@ -290,7 +310,7 @@ def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: F
     score, name = found.score, found.name
     turn, _, _, _, u, v = tally.strongest.tolist()
     if turn >= 0 and tally.sums[2] - cue[turn] > score:
-        length = len(family.registered.signs) // 3
+        length = len(family.signs) // 3
         score, name = float(tally.sums[2] - cue[turn]), f"sector {u * length + v} of {family.code}"
     return Rivals(weight=weight, lead=lead, score=score, name=name)
 
@@ -360,7 +380,7 @@ def _near(
                 if prior.tape not in (None, tape.name):
                     continue
                 at, reach = np.asarray(prior.position_mm) / tape.pitch_mm - centre, prior.radius_mm / tape.pitch_mm
-                cells, evidence = places_near(t, family.registered, turn, site, at, reach, LEAST_DOTS)
+                cells, evidence = places_near(t, family.shown[site], turn, at, reach, LEAST_DOTS)
                 inside = ((cells >= 0) & (cells <= np.array([tape.columns, tape.rows]) - t.size[turn])).all(axis=1)
                 places = np.column_stack([np.broadcast_to([of, turn, site], (len(cells), 3)), cells])
                 found.append(_Near(places=places, evidence=evidence, over=(~inside).astype(np.int64)))

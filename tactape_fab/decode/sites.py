@@ -1,9 +1,7 @@
-"""Where tapes lie in their code's plane: registered ones, and those of the family that nobody registered."""
+"""Tapes of one code as places in its plane."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,13 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.decode.evidence import Floats, signs_of
-from tactape_fab.texture.code import Code, default_origin, get_code
+from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import IntArray
-from tactape_fab.texture.tape import Tape
-
-LEAST_COLUMNS, LEAST_ROWS = 62, 32
-"""Size of an unregistered tape, if no registered one is larger."""
-
 
 START, ORIGIN, SECTOR = range(3)
 FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
@@ -64,97 +57,6 @@ class Sites(NamedTuple):
     size_of: IntArray
     classes: IntArray
     kinds: IntArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Family:
-    """Tapes of one code.
-
-    Attributes
-    ----------
-    code : str
-    tapes : tuple of int
-        Registered tape of each site of `registered`.
-    registered : Sites
-    unregistered : Sites or None
-        All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed world.
-    beyond : Sites or None
-        The same, where dots may hang over the edges of those at default origins as well.
-    """
-
-    code: str
-    tapes: tuple[int, ...]
-    registered: Sites
-    unregistered: Sites | None
-    beyond: Sites | None
-
-
-def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
-    """The registered tapes by code, and the tapes beside them that may be touched in an open world."""
-    found = []
-    for name in dict.fromkeys(tape.code for tape in tapes):
-        code = get_code(name)
-        order = [k for k, tape in enumerate(tapes) if tape.code == name]
-        order.sort(key=lambda k: (not tapes[k].placed.all(), tapes[k].columns, tapes[k].rows))
-        members = [tapes[k] for k in order]
-        holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
-        largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
-        sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
-        registered = sites_of(
-            code,
-            sizes,
-            origins=np.array([tape.origin for tape in members]),
-            size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
-            sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
-            holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
-        )
-        unregistered = _unregistered(code, sizes, members) if open_world else None
-        beyond = None if unregistered is None else _over_all_edges(unregistered)
-        found.append(Family(code=name, tapes=tuple(order), registered=registered, unregistered=unregistered, beyond=beyond))
-    return found
-
-
-def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> Sites:
-    """Every other sector at its default origin, and all but the registered ones at each origin of a registered tape.
-
-    Only at the latter may dots hang over an edge: there another sector is a shift of ours, and a contact over its edge looks
-    like one over ours. Elsewhere in the plane a tape's edge looks like chance, and counts where chance may matter
-    (`_over_all_edges`).
-    """
-    length = code.main.length
-    largest = sizes.index((max(columns for columns, _ in sizes), max(rows for _, rows in sizes)))
-    at_default = {tape.sector for tape in tapes if tape.origin == default_origin(code.name, tape.sector)}
-    others = [sector for sector in range(code.sectors) if sector not in at_default]
-    common: dict[tuple[int, int], list[Tape]] = {}
-    for tape in tapes:
-        common.setdefault(tape.origin, []).append(tape)
-    there = [found for found in common.values() if len(found) < code.sectors]
-    size_of = [_least_size(sizes, found) for found in there]
-    order = sorted(range(len(there)), key=lambda k: (size_of[k], len(there[k])))
-    barred = [(site, *divmod(t.sector, length)) for site, k in enumerate(order, len(others)) for t in there[k]]
-    return sites_of(
-        code,
-        sizes,
-        origins=np.array([*(default_origin(code.name, sector) for sector in others), *(there[k][0].origin for k in order)]),
-        size_of=np.array([*([largest] * len(others)), *(size_of[k] for k in order)]),
-        sectors=np.array([*(divmod(sector, length) for sector in others), *([(-1, -1)] * len(there))]),
-        barred=np.array(barred, dtype=np.int64).reshape(-1, 3),
-        overhang=False,
-    )
-
-
-def _over_all_edges(sites: Sites) -> Sites:
-    """The same sites, where dots may hang over the edges of all."""
-    classes = sites.classes.copy()
-    classes[:, OVERHANG] = 1
-    return sites._replace(classes=classes)
-
-
-def _least_size(sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> int:
-    """The smallest of some sizes that holds all of some tapes."""
-    columns, rows = max(tape.columns for tape in tapes), max(tape.rows for tape in tapes)
-    fitting = [k for k, size in enumerate(sizes) if size[0] >= columns and size[1] >= rows]
-    return min(fitting, key=lambda k: sizes[k][0] * sizes[k][1])
 
 
 def sites_of(

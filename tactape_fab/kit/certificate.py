@@ -11,7 +11,7 @@ from tactape_fab.texture.tape import Tape
 
 def certificate_of(tape: Tape) -> Certificate:
     """The certificate as `certify` works it out."""
-    grid = _Grid(columns=tape.columns, symbols=tape.symbols.tobytes(), placed=tape.placed.tobytes(), tape=tape)
+    grid = _Grid(columns=tape.columns, code=tape.code, symbols=tape.symbols.tobytes(), placed=tape.placed.tobytes(), tape=tape)
     return replace(_certified(grid), tape=tape)
 
 
@@ -20,6 +20,7 @@ class _Grid:
     """All that windows are made of: grids are equal where no window of them differs."""
 
     columns: int
+    code: str
     symbols: bytes
     placed: bytes
     tape: Tape = field(compare=False)

@@ -10,7 +10,7 @@ from typing import Any
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import Fields, shown
 from tactape_fab.kit.sectors import read_sectors
-from tactape_fab.texture.code import CODE_NAMES, DEFAULT_CODE, get_code
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, limits_of
 
 PANEL_KEYS = ("panel", "sectors", "same_sector", "tabs")
 TAB_SIDES = ("auto", "x", "y", "xy")
@@ -98,9 +98,9 @@ def _mode(table: Fields) -> tuple[str | None, tuple[int, int] | None]:
 def _sectors(table: Fields) -> tuple[int, ...] | None:
     """The sectors that are named; None where they cannot be read."""
     code = table.values.get("code", DEFAULT_CODE)
-    known = [code] if code in CODE_NAMES else CODE_NAMES
+    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     try:
-        return read_sectors(table.values["sectors"], max(get_code(name).sectors for name in known))
+        return read_sectors(table.values["sectors"], max(limits_of(name).sectors for name in known))
     except SpecError as error:
         table.problems += error.problems
         return None

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 
@@ -16,10 +16,11 @@ from tactape_fab.kit.outlines import copper_outline, element_outline, part_outli
 from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.kit.tag import SIDE_CELLS
 from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
-from tactape_fab.texture.code import BoolArray, Code, encode, get_code
+from tactape_fab.texture.code import DEFAULT_CODE, TOUCH_CODE, BoolArray, CodeLimits, encode, get_code, limits_of
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, snap_mm, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, reach_mm
 from tactape_fab.texture.tape import MOST_POINTS, TAG_FAMILY, Board, Tag, Tape, TapePart
+from tactape_fab.texture.touch import MOST_TOUCH_POINTS, design
 
 TAG_KEEP_OUT_MM = 0.5
 """Free film between the tag's ring and the outline, and between the ring and the field."""
@@ -116,7 +117,7 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
     )
 
 
-def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
+def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tape] = ()) -> Tape:
     """Decide a tape of parts with lands.
 
     The grid point (0, 0) stands at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
@@ -132,10 +133,10 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Tape:
     """
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
     claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
-    return _plan(spec, claim, tape_part, fab.material.thickness_mm)
+    return _plan(spec, claim, tape_part, fab.material.thickness_mm, avoid)
 
 
-def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> Tape:
+def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
     """Decide a texture of solid elements on a base as thick as the spec says; the grid is decided as in `plan`, without strip.
 
     Raises
@@ -147,17 +148,25 @@ def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) 
     tape_part = TapePart(
         name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg, top_mm=part.top_mm
     )
-    return _plan(spec, element_claim(part, process, spec.rotation_deg), tape_part, spec.base_mm)
+    return _plan(spec, element_claim(part, process, spec.rotation_deg), tape_part, spec.base_mm, avoid)
 
 
-def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float) -> Tape:
-    code = get_code(spec.code)
+def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, avoid: Sequence[Tape] = ()) -> SymbolArray:
+    """The symbols of a grid: a place of the code's plane, or the design of a touch code, away from tapes that exist."""
+    shape = (grid.rows, grid.columns)
+    if spec.code == TOUCH_CODE:
+        return design(spec.sector, shape, [tape.symbols for tape in avoid])
+    return encode(get_code(spec.code), spec.sector, origin, shape)
+
+
+def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avoid: Sequence[Tape]) -> Tape:
+    code = limits_of(spec.code)
     grid = _grid(spec.size_mm, spec, claim)
     problems = list(_size_problems(spec, code, grid, claim)) or list(_tag_problems(spec, claim.ink_edge_mm))
     beyond = list(_reach_problems(spec, code, grid))
     if problems or beyond:
         raise (SpecError if problems else CapacityError)([*problems, *beyond])
-    symbols = encode(code, spec.sector, spec.place, (grid.rows, grid.columns))
+    symbols = _symbols(spec, spec.place, grid, avoid)
     board = Board(
         size_mm=spec.size_mm,
         texture_origin_mm=grid.texture_origin_mm,
@@ -191,14 +200,14 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float) -> 
     )
 
 
-def _has_window(free: BoolArray, code: Code) -> bool:
+def _has_window(free: BoolArray, code: CodeLimits) -> bool:
     """Whether the parts that can be placed make up at least one whole window."""
     if min(free.shape) < code.window:
         return False
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
 
 
-def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Iterator[Problem]:
+def _size_problems(spec: TapeSpec, code: CodeLimits, grid: _Grid, claim: Claim) -> Iterator[Problem]:
     least_height_mm = _strip_height_mm(spec)
     fits = grid.columns >= code.window and grid.rows >= code.window
     if fits and spec.size_mm[1] >= least_height_mm - TOLERANCE_MM:
@@ -218,7 +227,7 @@ def _strip_height_mm(spec: TapeSpec) -> float:
     return SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
 
 
-def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, float]:
+def _least_size_mm(spec: TapeSpec, code: CodeLimits, claim: Claim) -> tuple[float, float]:
     """The least size, in whole tenths of a millimetre, whose field holds a window, rounded corners considered."""
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     field_mm = (code.window - 1) * spec.pitch_mm
@@ -236,17 +245,20 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
             thickness_mm=1.0,
         )
         origin = (min(spec.place[0], code.range - grid.columns), min(spec.place[1], code.range - grid.rows))
-        symbols = encode(code, spec.sector, origin, (grid.rows, grid.columns))
+        symbols = _symbols(spec, origin, grid)
         if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, claim, symbols), code):
             return size_mm
         tenths += 1
 
 
-def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid) -> Iterator[Problem]:
-    if grid.columns * grid.rows > MOST_POINTS:
+def _reach_problems(spec: TapeSpec, code: CodeLimits, grid: _Grid) -> Iterator[Problem]:
+    most = MOST_TOUCH_POINTS if code.name == TOUCH_CODE else MOST_POINTS
+    if grid.columns * grid.rows > most:
+        other = f", or --code {DEFAULT_CODE}" if code.name == TOUCH_CODE else ""
         yield Problem(
             "size_mm",
-            f"size_mm gives {grid.columns} x {grid.rows} grid points, more than {MOST_POINTS}; use a smaller --size",
+            f"size_mm gives {grid.columns} x {grid.rows} grid points, more than the {most} of a tape of code '{code.name}'; "
+            f"use a smaller --size{other}",
         )
     for name, first, count in (("column", spec.place[0], grid.columns), ("row", spec.place[1], grid.rows)):
         if first + count > code.range:

@@ -24,7 +24,7 @@ from tactape_fab.profiles import (
     read_toml,
 )
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
-from tactape_fab.texture.code import CODE_NAMES, DEFAULT_CODE, default_origin, get_code
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, default_origin, get_code, limits_of
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 
@@ -47,7 +47,7 @@ class TapeSpec:
     Attributes
     ----------
     sector : int
-        Which of the code's sectors the tape shows.
+        Which of the code's sectors the tape shows; what the design of a touch code begins with.
     pitch_mm : float
         Grid pitch, the paper's W.
     displacement_mm : float
@@ -57,7 +57,7 @@ class TapeSpec:
     code : str
     origin : (int, int) or "best"
         Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given. ``"best"``
-        is searched for when the tape is planned.
+        is searched for when the tape is planned. (0, 0) for the touch code, which has no plane.
     tag : {"strip", "none"}
         A strip at the left end with AprilTag and label, or no strip. Where None is given a film has one, a texture of
         solid elements has none.
@@ -235,9 +235,9 @@ def read_spec_file(path: Path) -> dict[str, Any]:
 def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     """All values in their final form, and all problems."""
     table = Fields({key: value for key, value in raw.items() if value is not None})
-    code = get_code(table.text("code", choices=CODE_NAMES, default=DEFAULT_CODE))
+    code = limits_of(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     if table.problems:  # an unknown code: judge the sector by the code that has most
-        code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
+        code = max(map(limits_of, CODE_NAMES), key=lambda c: c.sectors)
     sector = table.integer(
         "sector",
         low=0,
@@ -380,6 +380,12 @@ def _code_of_reach(points: float) -> str:
 def _origin(table: Fields, code_name: str, sector: int, code_range: int) -> tuple[int, int] | Literal["best"]:
     if "origin" not in table.values:
         return default_origin(code_name, sector)
+    if code_name == TOUCH_CODE:
+        if table.values["origin"] not in ((0, 0), [0, 0]):
+            given = shown(table.values["origin"])
+            message = f"origin = {given} means nothing with code '{TOUCH_CODE}', which has no plane: its tapes are designed"
+            table.problem("origin", f"{message}; leave --origin out, and use another --sector for another tape")
+        return 0, 0
     if table.values["origin"] == BEST:
         return BEST
     remedy = f"give --origin COL,ROW with both from 0 to {code_range - 1}, or best, or leave it to the sector's default"

@@ -11,7 +11,7 @@ from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import shown
 from tactape_fab.kit.sectors import MOST_TAPES, read_sectors
 from tactape_fab.kit.spec import PROFILE_KEYS, read_spec_file
-from tactape_fab.texture.code import CODE_NAMES, get_code
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, limits_of
 
 _OF_ONE = ("sector", "sectors", "name")
 """Keys that no two tapes of a list share."""
@@ -114,9 +114,9 @@ def _of_table(values: Mapping[str, Any], where: str, problems: list[Problem]) ->
 
 def _of_sectors(values: Mapping[str, Any], where: str, problems: list[Problem]) -> list[TapeEntry]:
     code = values.get("code", CODE_NAMES[0])
-    known = [code] if code in CODE_NAMES else CODE_NAMES
+    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     try:
-        sectors = read_sectors(values["sectors"], max(get_code(name).sectors for name in known))
+        sectors = read_sectors(values["sectors"], max(limits_of(name).sectors for name in known))
     except SpecError as error:
         problems += [Problem(p.key, where + p.message) for p in error.problems]
         sectors = (0,)

@@ -207,9 +207,9 @@ def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
 
 
 def search_record(choice: Choice | None, avoided: Sequence[str]) -> dict[str, Any]:
-    """What the manifest records of a search for the origin; nothing where there was none."""
+    """What the manifest records of a search for the origin, or of the tapes that a design kept away from."""
     if choice is None:
-        return {}
+        return {"avoided": list(avoided)} if avoided else {}
     return {"search": {**asdict(choice), "origin": list(choice.origin), "avoided": list(avoided)}}
 
 

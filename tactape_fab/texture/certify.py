@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.nearest import Pairs, near_pairs, plan_search
+from tactape_fab.texture.patches import PatchDistance, patch_distances
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import Windows, windows_of
 
@@ -79,12 +81,15 @@ class Certificate:
     distinct_side, correcting_side : int or None
         Side of the smallest square, from 3 to 8, whose windows all differ by one symbol at least, and by three; None where
         even the largest do not, or where the tape holds none of that size.
+    patches : tuple of PatchDistance
+        Of a touch code what it is designed for, in bits; empty for other codes.
     """
 
     tape: Tape
     sizes: tuple[Closest, ...]
     distinct_side: int | None
     correcting_side: int | None
+    patches: tuple[PatchDistance, ...] = ()
 
     def of_side(self, side: int) -> Closest:
         return self.sizes[SIDES.index(side)]
@@ -104,6 +109,7 @@ class Certificate:
             "parts": tape.part_count,
             "windows": [_size_mapping(size, number, tape.columns) for size in self.sizes],
             "smallest_contact": {"told_apart": self.distinct_side, "one_wrong_symbol": self.correcting_side},
+            **({"patches": [patch.to_mapping() for patch in self.patches]} if self.patches else {}),
         }
 
 
@@ -145,7 +151,11 @@ def certify(tape: Tape) -> Certificate:
     for side in SIDES:
         sizes = (*sizes, closest(tape, side, (sizes[-1].distance or 0) if sizes else 0))
     return Certificate(
-        tape=tape, sizes=sizes, distinct_side=_smallest(tape, sizes, 1), correcting_side=_smallest(tape, sizes, CORRECTING)
+        tape=tape,
+        sizes=sizes,
+        distinct_side=_smallest(tape, sizes, 1),
+        correcting_side=_smallest(tape, sizes, CORRECTING),
+        patches=patch_distances(tape.symbols, tape.placed) if tape.code == TOUCH_CODE else (),
     )
 
 

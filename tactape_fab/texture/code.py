@@ -118,7 +118,34 @@ _BUILDERS: dict[str, Callable[[], Code]] = {
 }
 
 CODE_NAMES = tuple(_BUILDERS)
+"""Codes with a plane, in which a tape shows a place."""
 DEFAULT_CODE = "microdots-4x4"
+TOUCH_CODE = "touch-1"
+"""The code without a plane: a matrix of symbols designed for its tape, see `tactape_fab.texture.touch`."""
+ALL_CODE_NAMES = (*CODE_NAMES, TOUCH_CODE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CodeLimits:
+    """What a tape of a code may be.
+
+    Attributes
+    ----------
+    name : str
+    window : int
+        Columns and rows that a tape has at least.
+    sectors : int
+    range : int
+        Columns and rows that it has at most.
+    """
+
+    name: str
+    window: int
+    sectors: int
+    range: int
+
+
+_TOUCH_LIMITS = CodeLimits(name=TOUCH_CODE, window=4, sectors=4096, range=2000)
 
 
 @cache
@@ -128,18 +155,38 @@ def get_code(name: str) -> Code:
     Raises
     ------
     SpecError
-        When no code has that name.
+        When no code with a plane has that name.
     """
+    if name == TOUCH_CODE:
+        said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit with --tape"
+        raise SpecError(Problem("code", f"code = {name!r} {said}"))
     if name not in _BUILDERS:
         raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(CODE_NAMES)}"))
     return _BUILDERS[name]()
+
+
+def limits_of(name: str) -> CodeLimits:
+    """What a tape of a code may be, the touch code included.
+
+    Raises
+    ------
+    SpecError
+        When no code has that name.
+    """
+    if name == TOUCH_CODE:
+        return _TOUCH_LIMITS
+    if name not in _BUILDERS:
+        raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(ALL_CODE_NAMES)}"))
+    code = get_code(name)
+    return CodeLimits(name=name, window=code.window, sectors=code.sectors, range=code.range)
 
 
 def default_origin(code: str, sector: int) -> tuple[int, int]:
     """Default (column, row) in the code plane of a sector's tape.
 
     ``(stride * s, stride * (17 * s mod sectors))``: any two sectors stand at least one stride apart on both axes, and
-    tapes of up to 166 x 166 points never overlap in the plane, so that sectors are not shifts of one another.
+    tapes of up to 166 x 166 points never overlap in the plane, so that sectors are not shifts of one another. The touch code
+    has no plane, and its tapes begin at (0, 0).
 
     Parameters
     ----------
@@ -153,14 +200,17 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
     SpecError
         When the code is unknown or the sector out of its range.
     """
-    of = get_code(code)
+    of = limits_of(code)
     given: object = sector
     if isinstance(given, bool) or not isinstance(given, Integral):
         raise SpecError(Problem("sector", f"sector = {given!r} is not a whole number; give one from 0 to {of.sectors - 1}"))
     sector = int(given)
     if not 0 <= sector < of.sectors:
         raise SpecError(Problem("sector", f"sector = {sector} is outside 0 to {of.sectors - 1} of code '{code}'"))
-    return of.origin_stride * sector, of.origin_stride * (17 * sector % of.sectors)
+    if code == TOUCH_CODE:
+        return 0, 0
+    stride = get_code(code).origin_stride
+    return stride * sector, stride * (17 * sector % of.sectors)
 
 
 def encode(code: Code, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.texture.certify import LISTED, first_pairs
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.nearest import Pairs, near_pairs, plan_search
 from tactape_fab.texture.tape import Tape
@@ -174,6 +175,11 @@ def _plane_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Confli
     for i, tape in enumerate(tapes):
         for k in groups.setdefault((tape.code, tape.sector), []):
             other = tapes[k]
+            if tape.code == TOUCH_CODE:
+                if np.array_equal(tape.symbols, other.symbols):
+                    said = f"{names[k]} and {names[i]}: both have the symbols of one design, and cannot be told apart"
+                    found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
+                continue
             low = [max(tape.origin[axis], other.origin[axis]) for axis in (0, 1)]
             high = [min(t.origin[axis] + (t.columns, t.rows)[axis] for t in (tape, other)) for axis in (0, 1)]
             wide, tall = high[0] - low[0], high[1] - low[1]

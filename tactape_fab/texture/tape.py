@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -12,7 +13,7 @@ import numpy as np
 
 from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import Fields, shown_path
-from tactape_fab.texture.code import CODE_NAMES, BoolArray, encode, get_code
+from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, BoolArray, encode, get_code, limits_of
 from tactape_fab.texture.frames import (
     DIRECTIONS_XY,
     FloatArray,
@@ -176,6 +177,7 @@ class Tape:
             "board": {**_plain(self.board), "holes": [list(h) for h in self.board.holes]},
             "part": _plain(self.part),
             "symbols": symbols_to_rows(self.symbols),
+            **({"symbols_sha256": symbols_sha256(self.symbols)} if self.code == TOUCH_CODE else {}),
             "omitted": self.omitted.tolist(),
             "tag": None if self.tag is None else _plain(self.tag),
             **({} if self.surface is None else {"surface": _plain(self.surface)}),
@@ -202,6 +204,11 @@ class Tape:
             When there is no kit at `path`, or its manifest cannot be read or contradicts itself.
         """
         return cls.from_mapping(read_manifest(find_manifest(path)))
+
+
+def symbols_sha256(symbols: SymbolArray) -> str:
+    """Digest of a matrix of symbols: SHA-256 of its rows as the manifest has them, each followed by a line feed, in ASCII."""
+    return hashlib.sha256("".join(f"{row}\n" for row in symbols_to_rows(symbols)).encode("ascii")).hexdigest()
 
 
 def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
@@ -337,8 +344,7 @@ def _pair(values: tuple[float, ...]) -> tuple[float, float]:
 
 
 def _read_tape(table: Fields) -> Tape:
-    code_name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
-    code = get_code(code_name)
+    code = limits_of(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     sector = table.integer("sector", low=0, high=code.sectors - 1)
     origin = table.integers("origin", 2, low=0, high=code.range - 1)
     columns = table.integer("columns", low=code.window, high=code.range, default=code.window)
@@ -357,23 +363,14 @@ def _read_tape(table: Fields) -> Tape:
     if table.problems:
         raise SpecError(table.problems)
     symbols = _read_symbols(table, rows, columns)
-    expected = encode(code, sector, (origin[0], origin[1]), (rows, columns))
-    wrong = np.argwhere(symbols != expected)
-    if len(wrong):
-        r, c = (int(i) for i in wrong[0])
-        of = f"code '{code_name}', sector {sector}, origin [{origin[0]}, {origin[1]}]"
-        raise SpecError(
-            Problem(
-                "symbols",
-                f"symbols differ from {of} at {len(wrong)} grid points, first at column {c}, row {r}: "
-                f"'{symbols_to_rows(symbols[r : r + 1, c : c + 1])[0]}' where the code has "
-                f"'{symbols_to_rows(expected[r : r + 1, c : c + 1])[0]}'",
-            )
-        )
+    if code.name == TOUCH_CODE:
+        _check_matrix(table, symbols, (origin[0], origin[1]))
+    else:
+        _check_place(symbols, code.name, sector, (origin[0], origin[1]))
     return Tape(
         name=name,
         sector=sector,
-        code=code_name,
+        code=code.name,
         origin=(origin[0], origin[1]),
         columns=columns,
         rows=rows,
@@ -386,6 +383,40 @@ def _read_tape(table: Fields) -> Tape:
         tag=tag,
         surface=surface,
     )
+
+
+def _check_place(symbols: SymbolArray, code: str, sector: int, origin: tuple[int, int]) -> None:
+    """Refuse symbols that a code does not have at a place."""
+    expected = encode(get_code(code), sector, origin, (len(symbols), len(symbols[0])))
+    wrong = np.argwhere(symbols != expected)
+    if len(wrong) == 0:
+        return
+    r, c = (int(i) for i in wrong[0])
+    of = f"code '{code}', sector {sector}, origin [{origin[0]}, {origin[1]}]"
+    raise SpecError(
+        Problem(
+            "symbols",
+            f"symbols differ from {of} at {len(wrong)} grid points, first at column {c}, row {r}: "
+            f"'{symbols_to_rows(symbols[r : r + 1, c : c + 1])[0]}' where the code has "
+            f"'{symbols_to_rows(expected[r : r + 1, c : c + 1])[0]}'",
+        )
+    )
+
+
+def _check_matrix(table: Fields, symbols: SymbolArray, origin: tuple[int, int]) -> None:
+    """Refuse symbols of the touch code, which nothing but their digest vouches for, that are not those it was made of."""
+    said = table.text("symbols_sha256", pattern=r"[0-9a-f]{64}", remedy="a tape of code 'touch-1' has the digest of its symbols")
+    found = symbols_sha256(symbols)
+    if said and said != found:
+        table.problem(
+            "symbols_sha256",
+            f"symbols_sha256 = {said} is not that of symbols, {found}: one of them was changed; take the manifest that was made "
+            "with the tape",
+        )
+    if origin != (0, 0):
+        table.problem("origin", f"origin = {list(origin)} of code 'touch-1' is not [0, 0]: its symbols are the tape's own")
+    if table.problems:
+        raise SpecError(table.problems)
 
 
 def _read_symbols(table: Fields, rows: int, columns: int) -> SymbolArray:

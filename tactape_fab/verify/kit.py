@@ -15,6 +15,7 @@ from tactape_fab.kit.readback import CplContent, read_cpl, read_drill
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.readmesh import MeshError, read_stl
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.panel import is_panel
 from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_any_manifest, read_manifest
 from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
@@ -166,7 +167,8 @@ def verify_folder(
         return Verification(
             name=folder.name, checks=(Check(name="manifest", passed=False, message="; ".join(str(error).splitlines())),)
         )
-    checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols as code '{tape.code}' has them")]
+    vouched = "of the digest beside them" if tape.code == TOUCH_CODE else f"as code '{tape.code}' has them"
+    checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {vouched}")]
     files, file_checks = read_files(folder, manifest)
     expected = roles_of(tape, kind, models=form is not None, backings=tuple(film.backings) if film is not None else ())
     checks += [*file_checks, check_roles(expected, files, (REPORT, "step-solid") if kind == "embossed" else (REPORT,))]

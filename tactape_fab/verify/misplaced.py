@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactape_fab.texture.code import CODE_NAMES, get_code, locate_windows
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, board_to_texture
+from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, WindowPlaces, get_code, limits_of, locate_windows
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, board_to_texture
 from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.windows import windows_of
 
 _LEAST_AGREEMENT = 0.5
 """Share of the whole windows that must name one place."""
@@ -89,11 +90,11 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     symbols, there = np.zeros((rows, columns), dtype=np.uint8), np.zeros((rows, columns), dtype=bool)
     symbols[row, column] = shown
     there[row, column] = True
-    code = get_code(name)
-    if min(columns, rows) < code.window:
+    window = limits_of(name).window
+    if min(columns, rows) < window:
         return None
-    places = locate_windows(code, symbols)
-    whole = np.lib.stride_tricks.sliding_window_view(there, (code.window, code.window)).all(axis=(2, 3))
+    places = _places_in_matrix(tape, symbols) if name == TOUCH_CODE else locate_windows(get_code(name), symbols)
+    whole = np.lib.stride_tricks.sliding_window_view(there, (window, window)).all(axis=(2, 3))
     r, c = np.nonzero(places.valid & whole)
     if len(r) == 0:
         return None
@@ -112,6 +113,20 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
         origin=(origin_column - int(first[0]), origin_row - int(first[1])),
         offset_mm=(float(offset[0]), float(offset[1])),
     )
+
+
+def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
+    """Where windows stand in the tape's own matrix, which is all that there is to know of its code."""
+    side = limits_of(tape.code).window
+    known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1)
+    seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1)
+    order = known.words[0][0].argsort(kind="stable")
+    words = known.words[0][0][order]
+    at = np.minimum(np.searchsorted(words, seen.words[0][0]), len(words) - 1)
+    shape = (symbols.shape[0] - side + 1, symbols.shape[1] - side + 1)
+    row, column = (known.corner_rc[order[at], axis].reshape(shape) for axis in range(2))
+    valid = (words[at] == seen.words[0][0]).reshape(shape)
+    return WindowPlaces(valid=valid, column=column, row=row, sector=np.full(shape, tape.sector, dtype=np.int64))
 
 
 def _in_words(tape: Tape, named: _Named) -> str | None:

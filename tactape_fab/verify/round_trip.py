@@ -19,7 +19,7 @@ from tactape_fab.profiles.sensors import SensorProfile, load_sensor
 from tactape_fab.simulate import Frame, Scene, dots_of, draw_poses, iterate_frames
 from tactape_fab.simulate.frames import frame_at
 from tactape_fab.simulate.gel import FloatImage
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import TOUCH_CODE, get_code, limits_of
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.misplaced import explain
@@ -135,27 +135,45 @@ def quick_trips(tape: Tape, sources: Sequence[Source]) -> list[Trip]:
 
 
 def quick_trip(tape: Tape, source: Source) -> Trip:
-    """A few contacts, decoded by the paper's method on a sensor that sees a whole window in any direction."""
-    from tactape_fab.decode.paper import locate_paper, locate_paper_dots
+    """A few contacts, decoded by the paper's method on a sensor that sees a whole window in any direction.
 
+    The touch code has no windows for it to read: its contacts are decoded with all that is in them, among the tape's places.
+    """
     px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
-    side_px = ceil(sqrt(2) * (get_code(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
+    side_px = ceil(sqrt(2) * (limits_of(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
     sensor = SensorProfile(name="quick", title="", width_px=side_px, height_px=side_px, px_per_mm=(px_per_mm, px_per_mm))
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
-    size = (float(side_px), float(side_px))
+    locate, locate_dots = _quick_methods(tape, sensor)
 
     def excuse(_: int, pose: FloatArray) -> int:
         xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
-        return LOST if locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0].located else LIMITED
-
-    def locate(depth: FloatImage) -> Localization:
-        return locate_paper(depth, [tape], px_per_mm=px_per_mm)[0]
+        return LOST if locate_dots(xy_px).located else LIMITED
 
     poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
     trip = replace(_trip(tape, source, poses, sensor, scene, locate, excuse, lambda: None), tolerated=_QUICK_TOLERATED)
     if trip.failed and explain(tape, source.parts.xy_mm) is None:  # what this method misses of parts in their places is its own
         return replace(trip, tolerated=1.0)
     return trip
+
+
+def _quick_methods(tape: Tape, sensor: SensorProfile) -> tuple[Locate, Callable[[FloatArray], Localization]]:
+    """How a quick trip locates a depth map, and dots."""
+    if tape.code == TOUCH_CODE:
+        from tactape_fab.decode.localizer import Localizer
+
+        localizer = Localizer([tape], sensor, world="closed")
+        return localizer.locate, localizer.locate_dots
+    from tactape_fab.decode.paper import locate_paper, locate_paper_dots
+
+    size, px_per_mm = (float(sensor.width_px), float(sensor.height_px)), sensor.px_per_mm[0]
+
+    def locate(depth: FloatImage) -> Localization:
+        return locate_paper(depth, [tape], px_per_mm=px_per_mm)[0]
+
+    def locate_dots(xy_px: FloatArray) -> Localization:
+        return locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0]
+
+    return locate, locate_dots
 
 
 def full_trips(
@@ -186,7 +204,7 @@ def full_trips(
     contact = contact or read_contact()
     sensor, scene = contact.sensor, contact.scene
 
-    fewer = FEWER if get_code(tape.code).sectors > MANY_SECTORS else 1
+    fewer = FEWER if tape.code != TOUCH_CODE and get_code(tape.code).sectors > MANY_SECTORS else 1
     each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
     poses = [
         np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))

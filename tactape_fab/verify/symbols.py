@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.errors import Check
-from tactape_fab.texture.code import BoolArray, get_code, locate_windows
+from tactape_fab.texture.code import TOUCH_CODE, BoolArray, get_code, limits_of, locate_windows
 from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray, SymbolArray, board_to_texture
 from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.windows import windows_of
 
 
 def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, BoolArray, int]:
@@ -69,6 +70,8 @@ def check_symbols(tape: Tape, xy_mm: FloatArray, source: str) -> list[Check]:
 
 
 def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
+    if tape.code == TOUCH_CODE:
+        return _check_matrix_windows(tape, symbols, found, source)
     code = get_code(tape.code)
     places = locate_windows(code, symbols)
     whole = np.lib.stride_tricks.sliding_window_view(found, (code.window, code.window)).all(axis=(2, 3))
@@ -98,3 +101,22 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
     n = code.window
     message = f"all {count} windows of {n}x{n} decode to sector {tape.sector}, origin {tape.origin[0]},{tape.origin[1]}"
     return Check(name=name, passed=True, message=message, figure=float(count))
+
+
+def _check_matrix_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
+    """Look every whole window up among those of the manifest's matrix, in all turns: there is nothing to decode it by."""
+    side, name = limits_of(tape.code).window, f"windows from {source}"
+    seen = windows_of(symbols, found, side, turns=1)
+    known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=4)
+    columns = tape.columns - side + 1
+    own = known.words[0][0, seen.corner_rc[:, 0] * columns + seen.corner_rc[:, 1]]
+    wrong = np.flatnonzero(seen.words[0][0] != own)
+    if len(wrong) or seen.count == 0:
+        r, c = seen.corner_rc[wrong[0]].tolist() if len(wrong) else (0, 0)
+        message = f"{len(wrong)} of {seen.count} windows are not the matrix's, first at column {c}, row {r}"
+        message = message if seen.count else "no whole window is there"
+        return Check(name=name, passed=False, message=message, figure=float(seen.count - len(wrong)))
+    words, count = np.unique(known.words[0], return_counts=True)
+    alone = int((count[np.searchsorted(words, seen.words[0][0])] == 1).sum())
+    message = f"all {seen.count} windows of {side}x{side} as designed, {alone} of them at one place and turn alone"
+    return Check(name=name, passed=True, message=message, figure=float(seen.count))

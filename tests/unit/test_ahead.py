@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from tactape_fab.decode import ahead, kernels
+from tactape_fab import kernels
+from tactape_fab.decode import ahead
 from tactape_fab.decode.localizer import Localizer
 from tactape_fab.decode.near import _add_evidence, compile_near
 from tactape_fab.decode.weigh import _weigh

@@ -20,6 +20,7 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.make_panel import PanelKit
 from tactape_fab.texture.code import get_code, locate_windows
+from tactape_fab.texture.touch import ALONE, MOST_TOUCH_POINTS
 from tests.surfaces import box, emboss
 from tests.thorough import only_thorough
 from tests.unit.test_docs import script_of
@@ -110,6 +111,21 @@ def test_tables_of_choices_are_made_of_the_figures_beside_them() -> None:
     assert f"| 7 mm | above {script.SIZES_MM[-1]:g} mm |" in script.made_anew(text, content)
 
 
+def test_tables_of_the_touch_code_are_made_of_the_figures_beside_them() -> None:
+    script, text = script_of("make_touch"), (DOCS / "touch-code.md").read_text(encoding="utf-8")
+    content = json.loads((DOCS / "touch.json").read_text(encoding="utf-8"))
+    assert text == script.made_anew(text, content), "run docs/make_touch.py"
+    row = content["rows"]["7 mm, 0 % missing, 1 tapes"]
+    row["touch-1"]["open"] = {"right": row["frames"] // 2, "wrong": 1, "ms": 1.0}
+    assert "50.0 %, 1 wrong" in script.made_anew(text, content)
+
+
+def test_the_page_on_the_touch_code_says_what_is_designed_for() -> None:
+    text = (DOCS / "touch-code.md").read_text(encoding="utf-8")
+    assert f"| {' | '.join(map(str, ALONE[-1]))} |" in text
+    assert f"**Its size is bounded**: {MOST_TOUCH_POINTS:,} grid points" in text
+
+
 @only_thorough
 def test_the_smallest_contact_of_the_page_is_what_is_simulated() -> None:
     """One row: the whole takes a minute, and other processors round otherwise."""
@@ -146,6 +162,7 @@ SPECS = {
     "forced": {"sector": 8, "displacement_mm": 0.5, **SMALL},
     "best": {"sector": 3, "origin": "best", **SMALL},
     "anoto": {"sector": 3000, "code": "anoto-6x6", "tag": "none", **SMALL},
+    "touch": {"sector": 4000, "code": "touch-1", "tag": "none", **SMALL},
     "dome": {"sector": 7, "part": "dome", "size_mm": (16.0, 12.0)},
     "cone": {"sector": 7, "part": "cone", "size_mm": (16.0, 12.0), "cylinder_mm": 12.0},
 }

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tactape_fab import Tape, TapeSpec, default_origin
+from tactape_fab.decode.families import families
 from tactape_fab.decode.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, Prior, rivals, search, strangers
-from tactape_fab.decode.sites import families
 from tactape_fab.errors import SpecError
 from tactape_fab.make import examine
 from tactape_fab.texture.code import BoolArray, encode, get_code
@@ -64,6 +64,12 @@ def seen(
     return nodes + rng.integers(-9, 9, 2), q / q.sum(axis=1, keepdims=True)
 
 
+def touch_of(seed: int, size: tuple[int, int] = (62, 32), holes: tuple[tuple[int, int], ...] = ()) -> Tape:
+    """A tape of a code without a plane: any matrix will do."""
+    symbols = np.random.default_rng(seed).integers(0, 4, size[::-1]).astype(np.uint8)
+    return replace(tape_of(7, size, holes=holes), name=f"t{seed}", code="touch-1", origin=(0, 0), symbols=symbols)
+
+
 def bits_at(code: str, sector: int, columns: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """x and y bits, -1 or 1, of places in the code plane, by the definition."""
     plane = get_code(code)
@@ -88,7 +94,10 @@ def enumerate_places(tape: Tape, sector: int, nodes: IntArray, q: FloatArray, *,
     """Every place by the definition: planes of bits shifted by each dot's cell, and added."""
     found = []
     rows, columns = np.mgrid[: tape.rows, : tape.columns]
-    x_bits, y_bits = bits_at(tape.code, sector, columns + tape.origin[0], rows + tape.origin[1])
+    if tape.code == "touch-1":
+        x_bits, y_bits = 2 * (tape.symbols % 2).astype(int) - 1, 2 * (tape.symbols // 2).astype(int) - 1
+    else:
+        x_bits, y_bits = bits_at(tape.code, sector, columns + tape.origin[0], rows + tape.origin[1])
     for turn in range(4):
         k, j = nodes.T
         cells = np.stack([(k, j), (j, -k), (-k, -j), (-j, k)][turn], axis=1)
@@ -140,6 +149,9 @@ REGISTRIES = {
         tape_of(21, holes=((1, 1),)),
     ],
     "many": [tape_of(s, (20, 14)) for s in range(5, 25)],
+    "touch": [touch_of(1)],
+    "touch, holes": [touch_of(2, holes=((30, 10), (31, 10), (0, 5)))],
+    "touch and planes": [touch_of(3), tape_of(8), touch_of(4, (30, 20)), touch_of(5, (4, 40), ((1, 1),)), touch_of(6)],
 }
 
 

@@ -16,7 +16,7 @@ from tactape_fab.decode.paper.preprocess import REFERENCE_PX_PER_MM, contact_dot
 from tactape_fab.decode.paper.reading import Reading, Rule, agreeing, choose, contact_position_mm, on_tape, read_windows
 from tactape_fab.decode.result import Localization, status_of
 from tactape_fab.errors import Problem, SpecError
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import TOUCH_CODE, get_code
 from tactape_fab.texture.frames import FloatArray, IntArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
@@ -166,10 +166,17 @@ def locate_paper_dots(
     return _best([_locate(dots, kind, image_size, px_per_mm, rule) for kind in _kinds(tapes)], start)
 
 
+PLANELESS = (
+    f"method 'paper' reads windows of a code's plane, which '{TOUCH_CODE}' has not; use method 'ml', or tapes of another code"
+)
+
+
 def _check(tapes: Sequence[Tape], px_per_mm: float | None, rule: Rule) -> None:
     problems = []
     if not tapes:
         problems.append(Problem("tapes", "tapes is empty; give at least one tape to look for"))
+    if any(tape.code == TOUCH_CODE for tape in tapes):
+        problems.append(Problem("method", PLANELESS))
     if px_per_mm is not None and not _LEAST_SCALE <= px_per_mm <= _MOST_SCALE:
         problems.append(
             Problem(
