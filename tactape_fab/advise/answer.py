@@ -178,11 +178,7 @@ def _line(design: Design, question: Question) -> Line:
     seen = seen_of(design, question, parts)
     sensor = question.sensor
     field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
-    code, least_mm = CODES[0], least_contact_mm(seen, CODES[0], LOSS, LOCATED, field_mm)
-    for other in CODES[1:]:
-        smaller_mm = least_contact_mm(seen, other, LOSS, LOCATED, field_mm) if other.axis < code.axis else None
-        if smaller_mm is not None and (least_mm is None or smaller_mm < least_mm):
-            code, least_mm = other, smaller_mm
+    code, least_mm = _code_for(seen, question.contact_mm, field_mm)
     error_mm, angle_deg = accuracy(seen, max(question.contact_mm, least_mm or 0.0), LOSS)
     signal = signal_of(seen)
     return Line(
@@ -198,6 +194,20 @@ def _line(design: Design, question: Question) -> Line:
         noise_um=signal.noise_um,
         command=design.command(question.size_mm, code.name, DEFAULT_FAB, CODES[0].name),
     )
+
+
+def _code_for(seen: Seen, contact_mm: float, field_mm: float) -> tuple[Code, float | None]:
+    """The first code by which the design locates the contact, else that by which it locates the smallest; and that contact."""
+    best, least_mm = CODES[0], None
+    for code in CODES:
+        if code.axis > best.axis or (code is not best and code.axis == best.axis) or seen.points > code.most_points:
+            continue
+        found_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
+        if found_mm is not None and (least_mm is None or found_mm < least_mm):
+            best, least_mm = code, found_mm
+        if least_mm is not None and least_mm <= contact_mm:
+            break
+    return best, least_mm
 
 
 def _best(lines: Sequence[Line], question: Question) -> list[Line]:
@@ -233,7 +243,7 @@ def _first(line: Line, question: Question) -> list[Line]:
 def _counted(line: Line, question: Question) -> Line:
     """The line with the parts of a tape of the size asked for, and what they cost."""
     design, making = line.design, question.making
-    spec, part = design.spec(question.size_mm, code=line.code.name), read_part(design.part)
+    spec, part = design.spec(question.size_mm), read_part(design.part)
     if isinstance(making, FabProfile):
         assert isinstance(part, PartProfile)
         parts = plan(spec, fab_for(spec, making, part), part).part_count

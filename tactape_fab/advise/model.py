@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, erf, exp, hypot, log, pi, sqrt
+from math import ceil, erf, exp, hypot, inf, log, pi, sqrt
 
 import numpy as np
 
 from tactape_fab.profiles.sensors import SensorProfile
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.touch import MOST_TOUCH_POINTS
 
 IMPRINT_SHARE = 0.12 / 0.23
 """Share of a body's height that the gel takes on before it smooths it: that of the default scene, whose bodies are 0201."""
@@ -38,14 +40,23 @@ _SEED = 11
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Code:
-    """What other places of a code ask for beside the tape's own: `axis` is ln of how much its axes alone can be taken for."""
+    """What other places of a code ask for beside the tape's own, and how many points a tape of it may have.
+
+    `axis` is ln of how much of a code its axes alone can be taken for: none of one that has no structure.
+    """
 
     name: str
     axis: float
+    most_points: float = inf
 
 
-CODES = (Code(name="microdots-4x4", axis=0.0), Code(name="debruijn-4x4", axis=1.5), Code(name="anoto-6x6", axis=0.7))
-"""The codes that are advised on; the first of those that do equally well is taken. From faultless contacts of 11 to 25 dots."""
+CODES = (
+    Code(name="microdots-4x4", axis=0.0),
+    Code(name="debruijn-4x4", axis=1.5),
+    Code(name="anoto-6x6", axis=0.7),
+    Code(name=TOUCH_CODE, axis=-inf, most_points=MOST_TOUCH_POINTS),
+)
+"""The codes that are advised on, the first that does being taken. From faultless contacts of 11 to 25 dots."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

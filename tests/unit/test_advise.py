@@ -24,7 +24,7 @@ from tactape_fab.decode.localizer import MAX_P_FALSE
 from tactape_fab.profiles import load_fab, load_process, load_sensor
 from tactape_fab.simulate import Scene
 from tactape_fab.simulate.gel import press
-from tactape_fab.texture.code import CODE_NAMES
+from tactape_fab.texture.code import ALL_CODE_NAMES
 from tests.bench import advise as bench
 from tests.thorough import only_thorough
 
@@ -67,7 +67,7 @@ def test_the_model_has_the_decoder_s_and_the_scene_s_figures() -> None:
     assert (reading.GRID_SHARES[0], elongation.MOST_SHARE) == (model.BEST_GRID, model.MOST_TURN)
     assert Scene().texture_mm / 0.23 == pytest.approx(model.IMPRINT_SHARE)
     assert (Scene().roll_off_mm, Scene().elastomer_mm) == (model.ROLL_OFF_MM, 0.15)
-    assert tuple(code.name for code in CODES) == CODE_NAMES
+    assert tuple(code.name for code in CODES) == ALL_CODE_NAMES
 
 
 def test_dots_say_in_the_model_what_they_say_to_the_decoder() -> None:
