@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from tactape_fab.emboss import Embossed
     from tactape_fab.make import Kit
     from tactape_fab.make_panel import PanelKit
+    from tactape_fab.objects import TapedObject
     from tactape_fab.profiles import FabProfile
     from tactape_fab.texture.choose import Choice
+    from tactape_fab.texture.mount import ObjectPose
     from tactape_fab.texture.tape import Tape
 
 PURPOSES = (
@@ -241,20 +243,24 @@ def _purpose_lines(made: Kit | PanelKit | Embossed) -> list[str]:
 class FixTable:
     """Answers as rows of a table, one by one: widths come from the names of the tapes."""
 
-    def __init__(self, tapes: Sequence[Tape]) -> None:
+    def __init__(self, tapes: Sequence[Tape], *, on_object: bool = False) -> None:
+        self.on_object = on_object
         self.name_width = max([4, *(len(tape.name) for tape in tapes)])
 
     def header(self) -> str:
-        return self._row("frame", "status", "dots", "tape", "x mm", "y mm", "theta deg", "p_false")
+        row = self._row("frame", "status", "dots", "tape", "x mm", "y mm", "theta deg", "p_false")
+        return row + "  on object: x, y, z mm" * self.on_object
 
-    def row(self, frame: int, fix: Localization) -> str:
+    def row(self, frame: int, fix: Localization, there: ObjectPose | None = None) -> str:
         agreeing = f"{fix.n_agree}/{fix.n_dots}"
         if not fix.located:
             return f"{frame:>6}  {fix.status:<6}  {agreeing:>7}  not located: {fix.reason}"
         name = fix.tape or (f"sector {fix.sector}" if fix.sector is not None else "")
         x, y = (f"{v:.3f}" for v in fix.position_mm or fix.plane_mm or ()) if fix.position_mm or fix.plane_mm else ("", "")
         theta = "" if fix.theta_deg is None else f"{fix.theta_deg:.2f}"
-        return self._row(str(frame), fix.status, agreeing, name, x, y, theta, "" if fix.p_false is None else f"{fix.p_false:.1e}")
+        p_false = "" if fix.p_false is None else f"{fix.p_false:.1e}"
+        on_object = "" if there is None else "  " + ", ".join(f"{v:.3f}" for v in there.position_mm)
+        return self._row(str(frame), fix.status, agreeing, name, x, y, theta, p_false) + on_object
 
     def _row(self, frame: str, status: str, dots: str, name: str, x: str, y: str, theta: str, p_false: str) -> str:
         width = self.name_width
@@ -264,6 +270,22 @@ class FixTable:
 def fix_json(frame: int, fix: Localization) -> dict[str, Any]:
     """The keys of an answer; a number that is none is null."""
     return {key: _finite(value) for key, value in fix.to_mapping(frame).items()}
+
+
+def object_json(there: ObjectPose | None) -> dict[str, Any]:
+    """The keys that an object adds to an answer."""
+    if there is None:
+        return {"object": None, "object_mm": None, "object_rotation": None}
+    return {"object": there.object, "object_mm": list(there.position_mm), "object_rotation": list(there.rotation)}
+
+
+def object_lines(thing: TapedObject) -> list[str]:
+    """How well measured corners of tags fit, where an object's tapes are placed by these."""
+    return [
+        f"{entry.tape.name} on {thing.name}: the tag's corners fit within {entry.misfit_mm:.3f} mm (rms)"
+        for entry in thing.tapes
+        if entry.misfit_mm is not None
+    ]
 
 
 def _finite(value: Any) -> Any:

@@ -19,6 +19,7 @@ from tactape_fab.programs import FREECAD, PRUSA_SLICER, installed
 PACKAGE = "tactape-fab"
 EXTRAS = {
     "verify": "verify reads the printed AprilTag with a second detector",
+    "live": "watch writes MCAP files, and shows what it sees in the Rerun viewer",
     "evidence": "python -m tests.bench draws the curves of the evidence",
     "docs": "mkdocs builds this documentation",
     "dev": "the tests and everything that checks the sources",

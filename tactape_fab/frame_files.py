@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Header:
+class ArrayHeader:
     """What stands before the data of an array in numpy's format."""
 
     shape: tuple[int, ...]
@@ -82,7 +82,7 @@ class FrameFile:
                 if header.fortran:
                     yield from _read(stream, header).reshape(self.count, *self.frame_shape)
                     return
-                one = _Header(shape=self.frame_shape, fortran=False, dtype=header.dtype)
+                one = ArrayHeader(shape=self.frame_shape, fortran=False, dtype=header.dtype)
                 for _ in range(self.count):
                     yield _read(stream, one)
 
@@ -186,11 +186,11 @@ def _refused(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], _Header]]:
+def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayHeader]]:
     """An array of a file, its header read and the stream standing before its data."""
     with path.open("rb") as stream:
         if path.suffix.lower() == ".npy":
-            yield stream, _read_header(stream)
+            yield stream, read_array_header(stream)
             return
         with zipfile.ZipFile(stream) as archive:
             members = archive.namelist()
@@ -200,11 +200,16 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], _Heade
                 has = ", ".join(sorted(m.removesuffix(".npy") for m in members)) or "nothing"
                 raise SpecError(f"it has no array '{name}', only {has[:_SHOWN]}; {_REMEDY}")
             with archive.open(name + ".npy") as member:
-                yield member, _read_header(member)
+                yield member, read_array_header(member)
 
 
-def _read_header(stream: IO[bytes]) -> _Header:
-    """An array's header; objects, which only pickle can read, are refused."""
+def read_array_header(stream: IO[bytes]) -> ArrayHeader:
+    """An array's header; objects, which only pickle can read, are refused.
+
+    Raises
+    ------
+    SpecError, ValueError
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -219,10 +224,10 @@ def _read_header(stream: IO[bytes]) -> _Header:
         raise SpecError(f"it holds values of type {shown(str(dtype))}, no numbers; {_REMEDY}")
     if any(n < 0 for n in shape):
         raise ValueError(f"its shape is {shape}")
-    return _Header(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)
+    return ArrayHeader(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)
 
 
-def _counted(header: _Header) -> tuple[int, tuple[int, int]]:
+def _counted(header: ArrayHeader) -> tuple[int, tuple[int, int]]:
     """Number of frames and the shape of one; refuses what is no stack of depth maps."""
     shape = header.shape
     if len(shape) not in (2, 3):
@@ -235,7 +240,7 @@ def _counted(header: _Header) -> tuple[int, tuple[int, int]]:
     return count, (height, width)
 
 
-def _read(stream: IO[bytes], header: _Header) -> Depth:
+def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
     """An array's data, of a size that has been looked at."""
     size = prod(header.shape) * header.dtype.itemsize
     data = stream.read(size)

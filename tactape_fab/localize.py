@@ -110,25 +110,43 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
     SpecError
         Every value and file that cannot be used, all together.
     """
-    given = {name: value for name, value in options.items() if value is not None and value is not False}
     problems: list[Problem] = []
-    bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
-    code = _read_code(bare, bool(kits), problems)
-    problems += _setting_problems(given, "code" in bare)
     if raw is not None and not raw.images:
         message = "--background and --weights are for colour images, and none is given; name them with --raw, or leave those out"
         problems.append(Problem("raw", message))
     elif raw is None and not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
-    tapes = tried(lambda: read_tapes(kits), problems)
-    profile = tried(lambda: load_sensor(sensor), problems)
-    files = None if profile is None else tried(partial(_open, frames, raw, profile), problems)
+    job = prepare_without_frames(kits, sensor, problems, colour=raw is not None, **options)
+    files = None if job is None else tried(partial(_open, frames, raw, job.sensor), problems)
     if problems:
         raise SpecError(problems)
-    assert tapes is not None and profile is not None and files is not None
-    if raw is not None:
+    assert job is not None and files is not None
+    return replace(job, files=files)
+
+
+def prepare_without_frames(
+    kits: Sequence[str], sensor: str, problems: list[Problem], *, colour: bool = False, **options: Any
+) -> Job | None:
+    """A job that has no frames yet; what is wrong is added to `problems`. None where there is no sensor.
+
+    Parameters
+    ----------
+    colour : bool
+        Whether its frames are made of colour images: in mm, and larger where pushed further in.
+    **options
+        As `prepare` takes them.
+    """
+    given = {name: value for name, value in options.items() if value is not None and value is not False}
+    bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
+    code = _read_code(bare, bool(kits), problems)
+    problems += _setting_problems(given, "code" in bare)
+    tapes = tried(lambda: read_tapes(kits), problems)
+    profile = tried(lambda: load_sensor(sensor), problems)
+    if profile is None:
+        return None
+    if colour:
         profile = replace(profile, sign=1, depth_unit_mm=1.0)
-    return Job(files=files, sensor=profile, tapes=tapes, code=code, settings=given)
+    return Job(files=(), sensor=profile, tapes=tapes or (), code=code, settings=given)
 
 
 def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile) -> Sequence[FrameFile | RawImage]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, radians, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -135,14 +135,27 @@ def _shades(high: npt.NDArray[np.float32], zoom: int) -> Picture:
     return np.ascontiguousarray(np.stack([enlarged] * 3, axis=-1))
 
 
-def _draw_grid(picture: Picture, tape: Tape, view: View) -> None:
-    """Grid lines as far as the tape and the picture reach."""
+def grid_lines_mm(tape: Tape, view: View) -> FloatArray:
+    """Ends of the grid lines as far as the tape and the picture reach, shape (n, 2, 2), texture frame."""
     low = np.clip(np.floor(view.corners_mm.min(axis=0) / tape.pitch_mm), 0, (tape.columns - 1, tape.rows - 1))
     high = np.clip(np.ceil(view.corners_mm.max(axis=0) / tape.pitch_mm), 0, (tape.columns - 1, tape.rows - 1))
-    for column in np.arange(low[0], high[0] + 1):
-        _line(picture, view, ((column, low[1]), (column, high[1])), tape.pitch_mm, _GRID, 1)
-    for row in np.arange(low[1], high[1] + 1):
-        _line(picture, view, ((low[0], row), (high[0], row)), tape.pitch_mm, _GRID, 1)
+    columns = [((column, low[1]), (column, high[1])) for column in np.arange(low[0], high[0] + 1)]
+    rows = [((low[0], row), (high[0], row)) for row in np.arange(low[1], high[1] + 1)]
+    return np.reshape([*columns, *rows], (-1, 2, 2)) * tape.pitch_mm
+
+
+def ellipse_mm(covariance: FloatArray) -> FloatArray:
+    """Two standard deviations of a position round its place, a closed line of shape (n, 2), texture frame."""
+    values, axes = np.linalg.eigh(covariance[:2, :2])
+    turn = np.linspace(0.0, 2 * np.pi, 73)
+    around = 2.0 * np.sqrt(np.maximum(values, 0.0)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    return np.asarray(around @ axes.T)
+
+
+def _draw_grid(picture: Picture, tape: Tape, view: View) -> None:
+    for ends in grid_lines_mm(tape, view):
+        (x0, y0), (x1, y1) = view.to_px(ends)
+        _stroke(picture, (x0, y0), (x1, y1), _GRID, 1)
 
 
 def _draw_symbols(picture: Picture, tape: Tape, view: View, dots: FloatArray, radius: float) -> None:
@@ -225,10 +238,7 @@ def _draw_error(panel: Picture, fix: Localization) -> None:
     _outline(panel, box, _FIELD, 1)
     _stroke(panel, (centre[0] - _ERROR_PX, centre[1]), (centre[0] + _ERROR_PX, centre[1]), _FIELD, 1)
     _stroke(panel, (centre[0], centre[1] - _ERROR_PX), (centre[0], centre[1] + _ERROR_PX), _FIELD, 1)
-    values, axes = np.linalg.eigh(fix.covariance[:2, :2] * 1e6)
-    turn = np.linspace(0.0, 2 * np.pi, 73)
-    ellipse = (2.0 * np.sqrt(np.maximum(values, 0.0)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)) @ axes.T
-    shown = np.clip(ellipse * px_per_um, -_ERROR_PX, _ERROR_PX) + centre
+    shown = np.clip(ellipse_mm(fix.covariance) * 1000.0 * px_per_um, -_ERROR_PX, _ERROR_PX) + centre
     cv2.polylines(panel, [np.rint(shown * 2**_SUBPIXEL).astype(np.int32)], True, _AGREEING, 2, cv2.LINE_AA, _SUBPIXEL)
     _write(panel, f"2 sigma; box +-{half_um:g} um", (28, 18), 0.45)
     theta_deg = float(np.degrees(np.sqrt(fix.covariance[2, 2])))
@@ -241,11 +251,6 @@ def _band(width: int, height: int) -> Picture:
 
 def _fixed(at: Point) -> tuple[int, int]:
     return round(float(at[0]) * 2**_SUBPIXEL), round(float(at[1]) * 2**_SUBPIXEL)
-
-
-def _line(picture: Picture, view: View, ends: Any, pitch_mm: float, colour: Colour, width: int) -> None:
-    (x0, y0), (x1, y1) = view.to_px(np.asarray(ends, dtype=np.float64) * pitch_mm)
-    _stroke(picture, (x0, y0), (x1, y1), colour, width)
 
 
 def _stroke(picture: Picture, a: Point, b: Point, colour: Colour, width: int) -> None:

@@ -68,13 +68,7 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
     SpecError
         What is wrong with any of the files, all together.
     """
-    from tactape_fab.decode.reconstruct import load_network, make_reconstruction
-
     problems: list[Problem] = []
-    if background is None:
-        problems.append(Problem("background", "--raw needs --background, an image of the gel that touches nothing; give it"))
-    if weights is None:
-        problems.append(Problem("weights", "--raw needs --weights, the .pth of the sensor's network; give it"))
     paths = [path for given in images for path in _images_of(Path(given), problems)]
     refused: list[Problem] = []
     for path in paths:
@@ -82,15 +76,40 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
     problems += refused[:_MOST_TOLD]
     if len(refused) > _MOST_TOLD:
         problems.append(Problem("raw", f"{len(refused) - _MOST_TOLD} more of {len(paths)} images cannot be used either"))
-    untouched = None if background is None else tried(partial(_checked, Path(background), "background", sensor), problems)
-    network = None if weights is None else tried(partial(load_network, weights), problems)
+    found = open_reconstruction(background, weights, sensor, problems, make=not problems)
     if problems:
         raise SpecError(problems)
+    assert found is not None
+    return [RawImage(path=path, reconstruction=found) for path in paths]
+
+
+def open_reconstruction(
+    background: str | None, weights: str | None, sensor: SensorProfile, problems: list[Problem], *, make: bool = True
+) -> Reconstruction | None:
+    """What turns a sensor's colour images into depth maps; None, and `problems` are longer, where it cannot be had.
+
+    Parameters
+    ----------
+    background, weights : path or None
+        As `open_raw` takes them.
+    make : bool
+        False only reads the files: what else is wrong shows that nothing will be made of them.
+    """
+    from tactape_fab.decode.reconstruct import load_network, make_reconstruction
+
+    before = len(problems)
+    if background is None:
+        problems.append(Problem("background", "--raw needs --background, an image of the gel that touches nothing; give it"))
+    if weights is None:
+        problems.append(Problem("weights", "--raw needs --weights, the .pth of the sensor's network; give it"))
+    untouched = None if background is None else tried(partial(_checked, Path(background), "background", sensor), problems)
+    network = None if weights is None else tried(partial(load_network, weights), problems)
+    if not make or len(problems) > before:
+        return None
     assert untouched is not None and network is not None
     x, y = sensor.px_per_mm
     scale = (y, x) if sensor.rotate90 % 2 else (x, y)
-    reconstruction = make_reconstruction(_read(untouched, "background"), network, scale)
-    return [RawImage(path=path, reconstruction=reconstruction) for path in paths]
+    return make_reconstruction(_read(untouched, "background"), network, scale)
 
 
 def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
@@ -106,10 +125,10 @@ def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
         return []
     if not found:
         problems.append(Problem("raw", f"raw {shown_path(path)} is a folder without a PNG or JPEG; give images"))
-    return sorted(found, key=lambda file: (_by_number(file.name), file.name))
+    return sorted(found, key=lambda file: (by_number(file.name), file.name))
 
 
-def _by_number(name: str) -> list[tuple[int, str]]:
+def by_number(name: str) -> list[tuple[int, str]]:
     """A name as what sorts by the value of the numbers in it."""
     parts = _NUMBERS.split(name)
     return [(len(part) * (i % 2), part) for i, part in enumerate(parts)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ import click
 from tactape_fab.cli.answers import (
     answers,
     echo_lines,
+    echo_lines_err,
     step_shown,
 )
 from tactape_fab.cli.group import main
@@ -27,12 +28,16 @@ from tactape_fab.cli.options import (
 from tactape_fab.console import (
     FixTable,
     fix_json,
+    object_json,
+    object_lines,
     simulated_line,
     summary_line,
 )
+from tactape_fab.errors import Problem, SpecError
 
 if TYPE_CHECKING:
     from tactape_fab.localize import Job, Located
+    from tactape_fab.objects import TapedObject
 
 
 # Localization
@@ -94,6 +99,7 @@ def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, f
 @click.option("--world", metavar="open|closed", help="Whether tapes that are not named may be touched, too.  [default: open]")
 @click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]")
 @click.option("--max-p-tape", metavar="P", help="Largest chance that it is no tape of ours.  [default: within --max-p-false]")
+@click.option("--object", "object_file", metavar="FILE.toml", help="The tapes of an object; answers in its frame, too.")
 @click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame.")
 @click.option("--overlay", metavar="DIR", help="Write a picture of every frame: dots, grid, axes.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame.")
@@ -106,6 +112,7 @@ def decode(
     weights: str | None,
     overlay: str | None,
     as_json: bool,
+    object_file: str | None,
     **given: Any,
 ) -> None:
     """Locate contacts: which tape each frame touches, where and at what angle, or why that cannot be said.
@@ -118,6 +125,7 @@ def decode(
     """
     with answers():
         from tactape_fab.localize import Raw, is_kit, localize, make_locator, prepare
+        from tactape_fab.objects import read_object
 
         if kits:  # --tape A B, as a shell would have it
             kits = [*kits, *(f for f in frames if is_kit(f))]
@@ -127,23 +135,40 @@ def decode(
         colour = None
         if raw or background is not None or weights is not None:
             colour = Raw(images=[*raw, *frames] if raw else [], background=background, weights=weights)
+        thing = None if object_file is None else read_object(object_file)
+        if thing is not None:
+            _refuse_code(options)
+            kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
+            echo_lines_err(object_lines(thing))
         job = prepare(frames, kits, sensor, colour, **options)
-        _print_answers(localize(job, make_locator), job, as_json=as_json, overlay=overlay)
+        _print_answers(localize(job, make_locator), job, thing, as_json=as_json, overlay=overlay)
 
 
-def _print_answers(answers: Iterator[Located], job: Job, *, as_json: bool, overlay: str | None) -> None:
+def _refuse_code(options: Mapping[str, Any]) -> None:
+    """An object names its tapes; the code alone is for where there are none."""
+    bare = [f"--{name}" for name in ("code", "w", "delta") if options.get(name) is not None]
+    if bare:
+        message = f"{', '.join(bare)} and --object are given, but an object's kits say all of it; give either"
+        raise SpecError(Problem("object", message))
+
+
+def _print_answers(
+    answers: Iterator[Located], job: Job, thing: TapedObject | None, *, as_json: bool, overlay: str | None
+) -> None:
     from tactape_fab.overlay import draw_overlay, write_overlay
 
-    table = FixTable(job.tapes)
+    table = FixTable(job.tapes, on_object=thing is not None)
     count = sum(file.count for file in job.files)
     show = step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # rows are progress enough
     located, elapsed_ms = 0, []
     for answer in answers:
         fix = answer.fix
+        there = None if thing is None else thing.locate(fix)
         if as_json:
-            click.echo(json.dumps(fix_json(answer.frame, fix), allow_nan=False))
+            more = {} if thing is None else object_json(there)
+            click.echo(json.dumps({**fix_json(answer.frame, fix), **more}, allow_nan=False))
         else:
-            echo_lines([table.header()] * (answer.frame == 0) + [table.row(answer.frame, fix)])
+            echo_lines([table.header()] * (answer.frame == 0) + [table.row(answer.frame, fix, there)])
         if overlay is not None:
             picture = draw_overlay(answer.depth, answer.sensor, job.tapes, fix, answer.frame)
             write_overlay(Path(overlay), picture, answer.frame)

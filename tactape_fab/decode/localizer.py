@@ -283,8 +283,13 @@ class Localizer:
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w)), prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
+    @property
+    def takes_prior(self) -> bool:
+        """Whether `locate` can use a prior: with method "ml" and registered tapes."""
+        return self._method == "ml" and isinstance(self._world, Registry)
+
     def _refuse_prior(self, prior: Prior | None) -> None:
-        if prior is None or (self._method == "ml" and isinstance(self._world, Registry)):
+        if prior is None or self.takes_prior:
             return
         what = "method 'paper'" if self._method == "paper" else "a code without tapes"
         raise SpecError(

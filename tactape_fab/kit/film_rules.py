@@ -155,6 +155,26 @@ def _drawn(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
             message=message if passed else f"{message} of {fab.name}; use a larger --tag-cell",
         )
     yield _paste_ratio(layout, fab)
+    yield _chip_size(layout, fab)
+
+
+def _chip_size(layout: Layout, fab: FabProfile) -> Finding:
+    """Length of the part against that of the smallest chip that the line is known to place."""
+    length_mm, least_mm, origin = layout.part.body_mm[0], fab.parts.smallest_mm, fab.parts.smallest_origin
+    passed = length_mm >= least_mm - TOLERANCE_MM
+    message = f"{layout.part.name} is {length_mm:.2f} mm long, "
+    message += "no smaller than" if passed else "smaller than any chip that the line is known to place:"
+    return Finding(
+        rule="chip-size",
+        level="warn",
+        passed=passed,
+        value=length_mm,
+        limit=least_mm,
+        source=origin.source,
+        confirmed=origin.confirmed,
+        message=f"{message} {least_mm:.2f} mm"
+        + ("" if passed else f"; ask {fab.name} whether they place it, or use a larger part"),
+    )
 
 
 def _paste_ratio(layout: Layout, fab: FabProfile) -> Finding:

@@ -162,7 +162,7 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         questions=_questions(fab, findings),
         broken=tuple(f"{f.rule}: {f.message}" for f in findings if f.blocks),
         warnings=tuple(f"{f.rule}: {f.message}" for f in findings if f.level == "warn" and not f.passed and not f.source),
-        estimate=_estimate(tape.part_count, fab),
+        estimate=estimate(tape.part_count, fab),
         stiffener=layout.stiffener,
         adhesive=layout.adhesive,
         anchors="none" if layout.anchors is None else layout.anchors.mode,
@@ -189,7 +189,7 @@ def panel_order_facts(
         part_count=sum(counts),
         fits_panel=True,
         least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
-        estimate=_estimate(sum(counts), fab),
+        estimate=estimate(sum(counts), fab),
         designs=len({(layout.tape.code, layout.tape.sector, layout.tape.origin) for layout in layouts}),
         panel=OrderedPanel(
             words=f"{panel.columns} x {panel.rows} tapes",
@@ -240,7 +240,8 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
 def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
     """A question for each unconfirmed threshold that something was held against."""
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
-    origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, *(t.origin for t in tables if t is not None)]
+    origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
+    origins += [table.origin for table in tables if table is not None]
     dates = {origin.source: origin.date for origin in origins}
     return tuple(
         Question(rule=f.rule, message=f.message, source=f.source, date=dates.get(f.source, "no date"))
@@ -249,7 +250,8 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
     )
 
 
-def _estimate(parts: int, fab: FabProfile) -> Estimate:
+def estimate(parts: int, fab: FabProfile) -> Estimate:
+    """What assembling tapes of so many parts would cost, by the figures of the fab's profile."""
     costs = {name: assumption.value for name, assumption in fab.order.costs.items()}
     joints = LANDS_PER_PART * parts
     once = costs["setup"] + costs["stencil"] + costs["fixture"] + costs["feeder"]

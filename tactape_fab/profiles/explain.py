@@ -55,6 +55,7 @@ def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
     rows.append(_row("stencil.thickness", fab.stencil.thickness_mm, "mm", "info", fab.stencil.origin))
     rows.append(_row("paste-ratio", fab.stencil.least_ratio, "", "warn", fab.stencil.origin))
     rows.append(_row("part-count", fab.parts.most, "", fab.parts.level, fab.parts.origin))
+    rows.append(_row("chip-size", fab.parts.smallest_mm, "mm", "warn", fab.parts.smallest_origin))
     if fab.bend is not None:
         rows.append(_row("bend-radius", fab.bend.least_thicknesses, "thicknesses", "warn", fab.bend.origin))
     panel = ("smallest_mm", "largest_mm", "rail_mm", "gap_mm", "fiducials", "fiducial_mm", "fiducial_opening_mm")

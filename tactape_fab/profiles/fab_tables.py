@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, cast
 
 from tactape_fab.errors import Level
@@ -62,11 +62,13 @@ class BendRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartsLimit:
-    """Most parts that are taken without asking."""
+    """What is taken without asking: most parts, and the length of the smallest chip that the line is known to place."""
 
     most: int
+    smallest_mm: float
     level: Level
     origin: Origin
+    smallest_origin: Origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,8 +160,15 @@ def read_bend(profile: Fields) -> BendRules | None:
 
 
 def read_parts_limit(profile: Fields) -> PartsLimit:
-    table = profile.table("parts", ("most", "level", *ORIGIN_KEYS))
-    return PartsLimit(most=table.integer("most", low=1, high=10_000_000), level=read_level(table), origin=read_origin(table))
+    table = profile.table("parts", ("most", "smallest_mm", "smallest_source", "level", *ORIGIN_KEYS))
+    origin = read_origin(table)
+    return PartsLimit(
+        most=table.integer("most", low=1, high=10_000_000),
+        smallest_mm=table.number("smallest_mm", above=0.0, high=20.0),
+        level=read_level(table),
+        origin=origin,
+        smallest_origin=replace(origin, source=table.text("smallest_source")),
+    )
 
 
 PANEL_MARKS = 4

@@ -16,6 +16,8 @@ from tactape_fab.texture.tape import Tape
 
 LEAST_CLEARANCE_MM = 0.002
 """Least distance of an element from the border of its cell: faces and edges must stay apart in every reader."""
+_TOLERANCE_MM = 0.0005
+"""The clearance is met down to half a micrometre below it, as the limits of fabs are."""
 LEAST_SLIT_MM = 0.1
 """Least gap between the ends of a base that is not closed."""
 LEAST_EDGE_MM = 0.01
@@ -35,7 +37,7 @@ def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
 def _cell_problems(tape: Tape) -> Iterator[Problem]:
     reach = np.array(reach_mm(tape.part)) + tape.displacement_mm
     worst = float(reach.max())
-    if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM:
+    if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM:
         most_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM
         yield Problem(
             "part",
@@ -116,7 +118,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
         )
         return
     cell_mm = float(foot_reach_mm(tape, form)[axis]) + tape.displacement_mm
-    if cell_mm > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM and not list(_cell_problems(tape)):
+    if cell_mm > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM and not list(_cell_problems(tape)):
         yield Problem(
             "cylinder_mm",
             f"{shown}: an element leaves its cell where the surface falls away under it ({cell_mm:.3f} mm from its grid point); "

@@ -25,7 +25,7 @@ RULES = {
     "pad-pad", "pad-pair", "body-body", "courtyard", "opening-bridge", "opening-size", "pad-edge", "body-edge", "opening-edge",
     "opening-legend", "hole-legend", "hole-edge", "hole-size", "hole-hole", "hole-copper", "hole-part", "size",
     "coverlay", "coverlay-per-part", "coverlay-lpi", "coverlay-gang", "anchor", "anchor-spur", "anchor-mesh", "legend-line",
-    "opening-expansion", "corner-radius", "paste-ratio", "part-count", "assembly-size",
+    "opening-expansion", "corner-radius", "paste-ratio", "chip-size", "part-count", "assembly-size",
 }  # fmt: skip
 FINDING_KEYS = {"rule", "level", "passed", "message", "value", "limit", "unit", "at_mm", "source", "confirmed"}
 CHECK_KEYS = {"name", "passed", "message", "figure", "unit", "warning"}

@@ -11,16 +11,21 @@ import pytest
 
 from tactape_fab.decode.elongation import MOST_SHARE
 from tactape_fab.decode.search import OVERHANG_SHARE
+from tactape_fab.live.replay import USUAL_HZ
+from tactape_fab.live.rerun_log import BOX_UM
 from tactape_fab.verify.shown import IN_PLACE_MM
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
+from tests.bench.tracking import RATE_HZ
 
 MADE = re.compile(r"<!-- (.+?) -->\n.*?<!-- /\1 -->\n", re.DOTALL)
 CODE = re.compile(r"```.*?```|^ {4}.*?$", re.DOTALL | re.MULTILINE)
 FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 """What something measured would have for a unit; lengths in mm are options."""
 DECIDED = {
+    "live.md": [f"{USUAL_HZ:g} Hz", f"{BOX_UM:g} µm"],
     "localization.md": [f"{100 * MOST_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
+    "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": ["1 µm"],  # a tolerance of tests/readers
     "verify.md": [f"{1000 * IN_PLACE_MM:g} µm"],
 }

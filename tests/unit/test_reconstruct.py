@@ -296,6 +296,28 @@ def test_jpegs_are_read_as_they_lie(tmp_path: Path, raw: Taken, default_kit: Kit
     check(run(f"decode --raw {tmp_path}/a.JPG {given}"), poses[:1])
 
 
+def test_images_and_films_are_watched(tmp_path: Path, raw: Taken, default_kit: Kit) -> None:
+    """A folder, and a film of the same images in the corner of larger ones, as a camera would deliver them."""
+    folder, poses = raw
+    given = f"--raw --background {folder}/background.png --weights {folder}/nnmodel.pth --tape {default_kit.path} --json"
+    check(run(f"watch {folder}/images {given} --idle 0.2"), poses)
+    film = cv2.VideoWriter(str(tmp_path / "film.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (704, 512))
+    film.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
+    for k in range(8, 8 + len(poses)):
+        large = np.zeros((512, 704, 3), dtype=np.uint8)
+        large[20:500, 40:680] = np.repeat(np.repeat(picture(folder / "images" / f"contact-{k}.png"), 2, axis=0), 2, axis=1)
+        film.write(large)
+    film.release()
+    result = run(f"watch {tmp_path}/film.avi {given} --rate max --crop 40,20,640,480 --mcap {tmp_path}/touch.mcap")
+    check(result, poses)
+    stamps = [json.loads(line)["timestamp"] for line in result.stdout.splitlines()]
+    np.testing.assert_allclose(np.diff(stamps), 0.04, atol=1e-6)
+    assert (tmp_path / "touch.mcap").stat().st_size > len(poses) * 4 * 240 * 320
+    uncut = run(f"watch {tmp_path}/film.avi {given} --rate max")
+    assert uncut.exit_code == 1
+    assert "an image of 512 x 704 px is none of sensor 'gelsight-mini', whose images are 240 x 320" in uncut.stderr
+
+
 def test_the_weights_of_a_file_are_the_network(tmp_path: Path) -> None:
     layers = random_layers((5, 6, 9, 2))
     read, made = load_network(weights_file(tmp_path / "nnmodel.pth", tensors_of(layers))), make_network(layers)

@@ -272,6 +272,7 @@ def test_limits_are_those_of_the_generic_profile() -> None:
         "corner-radius": (1.0, "warn"),
         "legend-line": (0.15, "block"),
         "paste-ratio": (0.66, "warn"),
+        "chip-size": (0.6, "warn"),
         "part-count": (300, "info"),
         "assembly-size": (70.0, "info"),
     }

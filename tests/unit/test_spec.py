@@ -122,7 +122,7 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"tag_cell_mm": 0.2}, "tag_cell_mm", "tag_cell_mm = 0.2 mm is below 0.3 mm"),
     ({"rotation_deg": 400.0}, "rotation_deg", "rotation_deg = 400 deg exceeds 360 deg"),
     ({"rotation_deg": -400.0}, "rotation_deg", "rotation_deg = -400 deg is below -360 deg"),
-    ({"part": "r9999"}, "part", "part = 'r9999' is none of: block, cone, dome, r0201, nor the path of a .toml file"),
+    ({"part": "r9999"}, "part", "part = 'r9999' is none of: block, cone, dome, r01005, r0201, nor the path of a .toml file"),
     ({"part": 201}, "part", "part = 201 is not a text"),
     (
         {"fab": "acme"},

@@ -1,0 +1,294 @@
+"""advise: the designs that the rules leave, what each of them locates and costs, the one to take first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.advise.asking import DEFAULT_FAB, Question
+from tactape_fab.advise.designs import Design, film_designs, judged, rules_of, solid_designs, usual_design
+from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, accuracy, least_contact_mm, signal_of
+from tactape_fab.errors import Problem, SpecError
+from tactape_fab.kit.film_rules import fab_for
+from tactape_fab.kit.order import estimate
+from tactape_fab.kit.plan import plan, plan_texture
+from tactape_fab.make import examine
+from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, read_part
+from tactape_fab.texture.tape import Tape
+
+LOCATED = 0.9
+"""Share of contacts that a design promises to locate."""
+MOST_LINES, MOST_REACHING = 8, 5
+SIMULATED_LINES, FRAMES = 3, 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulated:
+    """Of so many simulated contacts of the promised size so many were located, and how well: medians, None where none was."""
+
+    contact_mm: float
+    frames: int
+    located: int
+    error_um: float | None
+    angle_deg: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A design, and what it promises.
+
+    Attributes
+    ----------
+    least_mm : float or None
+        The smallest round contact of which 9 in 10 are located; None where none that the sensor sees whole is.
+    error_um, angle_deg : float
+        Median errors of contacts of the size asked for, or of `least_mm` where that is more.
+    parts : int
+        Of one tape.
+    once, each : float or None
+        Estimate of assembly, for an order and for each tape; None for what is not ordered.
+    height_um, noise_um : float
+        Of a dot, and of the noise about it, as the decoder sees them.
+    """
+
+    design: Design
+    code: Code
+    least_mm: float | None
+    error_um: float
+    angle_deg: float
+    parts: int
+    once: float | None
+    each: float | None
+    height_um: float
+    noise_um: float
+    command: str
+    simulated: Simulated | None = None
+
+    def reaches(self, contact_mm: float) -> bool:
+        return self.least_mm is not None and self.least_mm <= contact_mm
+
+    def to_mapping(self) -> dict[str, Any]:
+        design, sim = self.design, self.simulated
+        return {
+            "pitch_mm": design.pitch_mm,
+            "displacement_mm": design.displacement_mm,
+            "part": design.part,
+            "body_mm": list(design.body_mm),
+            "code": self.code.name,
+            "coverlay": design.coverlay,
+            "warnings": list(design.warnings),
+            "least_contact_mm": self.least_mm,
+            "error_um": round(self.error_um, 1),
+            "angle_deg": round(self.angle_deg, 3),
+            "parts": self.parts,
+            "cost_once": self.once,
+            "cost_each": self.each,
+            "height_um": round(self.height_um, 1),
+            "noise_um": round(self.noise_um, 1),
+            "command": self.command,
+            "simulated": None
+            if sim is None
+            else {key: getattr(sim, key) for key in ("contact_mm", "frames", "located", "error_um", "angle_deg")},
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """Lines, the one to take first, and whether that reaches the contact asked for."""
+
+    question: Question
+    lines: tuple[Line, ...]
+    currency: str | None
+
+    @property
+    def reached(self) -> bool:
+        return self.lines[0].reaches(self.question.contact_mm)
+
+    def to_mapping(self) -> dict[str, Any]:
+        asked = self.question
+        return {
+            "contact_mm": asked.contact_mm,
+            "located_share": LOCATED,
+            "reached": self.reached,
+            "sensor": asked.sensor.name,
+            "making": asked.making.name,
+            "blur_mm": asked.blur_mm,
+            "placement_mm": asked.placement_mm,
+            "tapes": asked.tapes,
+            "size_mm": list(asked.size_mm),
+            "currency": self.currency,
+            "lines": [line.to_mapping() for line in self.lines],
+        }
+
+
+def advise(question: Question) -> Advice:
+    """Ask the rules which designs they leave, and the model what each of them locates.
+
+    Raises
+    ------
+    SpecError
+        Where no design gives a tape of the size asked for.
+    """
+    making = question.making
+    if isinstance(making, FabProfile):
+        found: Iterable[Design] = [usual_design(making), *film_designs(making)]
+    else:
+        found = solid_designs(making)
+    legal = {design: None for tried in dict.fromkeys(found) if (design := judged(tried)) is not None}
+    lines = _best([_line(design, question) for design in legal], question)
+    kept: list[Line] = []
+    refused: list[Problem] = []
+    for line in lines:
+        reaching = line.reaches(question.contact_mm)
+        if len(kept) == MOST_LINES or (reaching and len(kept) == MOST_REACHING):
+            continue
+        try:
+            kept += [_counted(line, question)] if kept else _first(line, question)
+        except SpecError as error:
+            refused = refused or list(error.problems)
+    if not kept:
+        raise SpecError(refused or [Problem("process", f"no design is legal for {making.name}; use another --fab or --process")])
+    return Advice(
+        question=question, lines=tuple(kept), currency=making.order.currency if isinstance(making, FabProfile) else None
+    )
+
+
+def seen_of(design: Design, question: Question, points: int) -> Seen:
+    """The design as the sensor of a question sees it."""
+    return Seen(
+        pitch_mm=design.pitch_mm,
+        displacement_mm=design.displacement_mm,
+        shape=design.shape,
+        body_mm=design.body_mm,
+        points=points,
+        tapes=question.tapes,
+        sensor=question.sensor,
+        blur_mm=question.blur_mm,
+        placement_mm=question.placement_mm,
+    )
+
+
+def _line(design: Design, question: Question) -> Line:
+    """What a design promises; parts and cost are those of a field without margins until they are counted."""
+    width_mm, height_mm = question.size_mm
+    parts = max(int(width_mm * height_mm / design.pitch_mm**2), 1)
+    seen = seen_of(design, question, parts)
+    sensor = question.sensor
+    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
+    code, least_mm = CODES[0], least_contact_mm(seen, CODES[0], LOSS, LOCATED, field_mm)
+    for other in CODES[1:]:
+        smaller_mm = least_contact_mm(seen, other, LOSS, LOCATED, field_mm) if other.axis < code.axis else None
+        if smaller_mm is not None and (least_mm is None or smaller_mm < least_mm):
+            code, least_mm = other, smaller_mm
+    error_mm, angle_deg = accuracy(seen, max(question.contact_mm, least_mm or 0.0), LOSS)
+    signal = signal_of(seen)
+    return Line(
+        design=design,
+        code=code,
+        least_mm=least_mm,
+        error_um=1000.0 * error_mm,
+        angle_deg=angle_deg,
+        parts=parts,
+        once=None,
+        each=None,
+        height_um=signal.height_um,
+        noise_um=signal.noise_um,
+        command=design.command(question.size_mm, code.name, DEFAULT_FAB, CODES[0].name),
+    )
+
+
+def _best(lines: Sequence[Line], question: Question) -> list[Line]:
+    """Lines that no other beats in all of contact, warnings, parts and coverlay, the one that the fab prefers; those that reach
+    the contact first, the least warned of and the least parts before others, then those that come nearest.
+    """
+    making, contact_mm = question.making, question.contact_mm
+    modes = list(making.coverlay_modes) if isinstance(making, FabProfile) else []
+
+    def figures(line: Line) -> tuple[float, ...]:
+        coverlay = [mode == line.design.coverlay for mode in modes]
+        return (line.least_mm or np.inf, len(line.design.warnings), line.parts, coverlay.index(True) if any(coverlay) else 0)
+
+    def beaten(line: Line) -> bool:
+        mine = figures(line)
+        return any(figures(o) != mine and all(a <= b for a, b in zip(figures(o), mine, strict=True)) for o in lines)
+
+    def order(line: Line) -> tuple[float, ...]:
+        least_mm, warnings, parts, _ = figures(line)
+        return (0.0, warnings, parts) if line.reaches(contact_mm) else (1.0, least_mm, warnings)
+
+    return sorted((line for line in lines if line.least_mm is not None and not beaten(line)), key=order) or sorted(
+        lines, key=lambda line: line.noise_um / max(line.height_um, 1e-9)
+    )
+
+
+def _first(line: Line, question: Question) -> list[Line]:
+    """The line to take, if the rules leave the very tape that its command makes."""
+    broken = rules_of(line.design, question.size_mm)
+    return [] if broken is not None and any(f.blocks for f in broken) else [_counted(line, question)]
+
+
+def _counted(line: Line, question: Question) -> Line:
+    """The line with the parts of a tape of the size asked for, and what they cost."""
+    design, making = line.design, question.making
+    spec, part = design.spec(question.size_mm, code=line.code.name), read_part(design.part)
+    if isinstance(making, FabProfile):
+        assert isinstance(part, PartProfile)
+        parts = plan(spec, fab_for(spec, making, part), part).part_count
+        costs = estimate(parts, making)
+        return replace(line, parts=parts, once=costs.once, each=costs.each)
+    assert isinstance(part, ElementProfile)
+    return replace(line, parts=plan_texture(spec, making, replace(part, body_mm=design.body_mm, top_mm=None)).part_count)
+
+
+def tape_of(line: Line, question: Question, sector: int) -> Tape:
+    """A tape as the line's command makes it, of another sector."""
+    return examine(replace(line.design.spec(question.size_mm, code=line.code.name), sector=sector)).tape
+
+
+def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None) -> Advice:
+    """The advice with its first lines held against simulated contacts of the size that each promises."""
+    lines = list(advice.lines)
+    asked = [k for k, line in enumerate(lines[:SIMULATED_LINES]) if line.least_mm is not None]
+    for done, k in enumerate(asked):
+        lines[k] = replace(lines[k], simulated=simulated(lines[k], advice.question, FRAMES))
+        progress("simulated: line", done + 1, len(asked))
+    return replace(advice, lines=tuple(lines))
+
+
+def simulated(line: Line, question: Question, frames: int, seed: int = 3) -> Simulated:
+    """Contacts of the promised size on a tape of the line, as depth maps, located among as many tapes as were asked for."""
+    from tactape_fab.decode import Localizer
+    from tactape_fab.simulate import Scene, simulate_frames
+
+    assert line.least_mm is not None
+    tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
+    scene = Scene(
+        contact_mm=(line.least_mm, line.least_mm),
+        texture_mm=IMPRINT_SHARE * line.design.body_mm[2],
+        elastomer_mm=question.blur_mm,
+        placement_mm=question.placement_mm,
+    )
+    drawn = simulate_frames(tapes[0], frames, seed, question.sensor, scene)
+    localizer = Localizer(tapes, sensor=question.sensor)
+    fixes = [localizer.locate(depth) for depth in drawn.depth]
+    found = [
+        (np.hypot(*np.subtract(fix.position_mm, at_mm)), abs((fix.theta_deg - theta_deg + 180.0) % 360.0 - 180.0))
+        for fix, at_mm, theta_deg in zip(fixes, drawn.position_mm, drawn.theta_deg, strict=True)
+        if fix.position_mm is not None and fix.theta_deg is not None
+    ]
+    error_mm, angle_deg = np.median(found, axis=0).tolist() if found else (None, None)
+    return Simulated(
+        contact_mm=line.least_mm,
+        frames=frames,
+        located=len(found),
+        error_um=None if error_mm is None else round(1000.0 * error_mm, 1),
+        angle_deg=None if angle_deg is None else round(angle_deg, 3),
+    )
+
+
+def _sectors(count: int) -> list[int]:
+    """As many sectors as tapes are registered, of those that every code has, spread over them."""
+    return [(7 + 37 * k) % 256 for k in range(min(count, 256))]

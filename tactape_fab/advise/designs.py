@@ -1,0 +1,182 @@
+"""Designs that are worth asking about: for each part the smallest pitches that the rules leave, for some shares of it as Δ.
+
+Closed forms say where a pitch becomes legal; the rules themselves then measure a small tape of it, and have the last word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from math import ceil
+
+from tactape_fab.errors import Finding, SpecError
+from tactape_fab.kit.coverlay import least_pitch_mm
+from tactape_fab.kit.outlines import opening_size_mm
+from tactape_fab.kit.spec import DEFAULT_PITCH_MM, TapeSpec
+from tactape_fab.make import examine
+from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, read_part
+from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
+from tactape_fab.solids.elements import reach_mm
+from tactape_fab.texture.tape import TapePart
+
+FILM = "fpc"
+ROTATION_DEG = 45.0
+SHARES = (0.14, 1.0 / 6.0, 0.2)
+"""Δ as shares of W."""
+FILM_PARTS = ("r0201", "r01005")
+ELEMENTS = (
+    ("block", (0.6, 0.3, 0.23)),
+    ("block", (0.4, 0.3, 0.2)),
+    ("dome", (0.6, 0.6, 0.23)),
+    ("dome", (0.4, 0.4, 0.18)),
+)
+"""Parts that are tried, and sizes of the solid ones, mm."""
+_STEP_MM = 0.01
+_TRIES = 4
+_SECANTS = 6
+_BOARD_MM = (15.0, 15.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """W, Δ, a part, and how the coverlay is opened; ``warnings`` are the rules that say more than nothing of it.
+
+    ``coverlay`` and ``fab`` are None for solid elements, ``process`` for parts with lands, ``body_mm`` where it is the profile's.
+    """
+
+    part: str
+    shape: str
+    body_mm: tuple[float, float, float]
+    pitch_mm: float
+    displacement_mm: float
+    coverlay: str | None = None
+    fab: str | None = None
+    process: str | None = None
+    warnings: tuple[str, ...] = ()
+
+    def spec(self, size_mm: tuple[float, float], **more: object) -> TapeSpec:
+        """A tape of it."""
+        values: dict[str, object] = {"part": self.part, "pitch_mm": self.pitch_mm, "displacement_mm": self.displacement_mm}
+        if self.fab is not None:
+            values |= {"fab": self.fab, "coverlay": self.coverlay}
+        else:
+            values |= {"process": self.process, "body_mm": self.body_mm}
+        return TapeSpec(**{"sector": 7, "size_mm": size_mm, **values, **more})  # type: ignore[arg-type]
+
+    def command(self, size_mm: tuple[float, float], code: str, default_fab: str, default_code: str) -> str:
+        """What makes it, to paste."""
+        words = ["tactape-fab make --sector 7", f"--w {self.pitch_mm:g} --delta {self.displacement_mm:g}"]
+        if self.fab is not None:
+            words += [f"--part {self.part}"] if self.part != FILM_PARTS[0] else []
+            words += [f"--fab {self.fab}"] if self.fab != default_fab else []
+            words += [f"--coverlay {self.coverlay}"]
+        else:
+            size = self.body_mm if self.shape == "block" else self.body_mm[1:]
+            words += [f"--part {self.part} --body {'x'.join(f'{side:g}' for side in size)} --process {self.process}"]
+        words += [f"--code {code}"] if code != default_code else []
+        return " ".join([*words, f"--size {size_mm[0]:g}x{size_mm[1]:g}"])
+
+
+def film_designs(fab: FabProfile) -> Iterator[Design]:
+    """Designs of parts with lands: those that just keep what the fab refuses, and those that it takes without a warning."""
+    parts = [part for part in map(read_part, FILM_PARTS) if isinstance(part, PartProfile)]
+    for part, mode, share, careful in product(parts, fab.coverlay_modes, SHARES, (True, False)):
+        pitch_mm = _settled(partial(_film_pitch_mm, fab.in_mode(mode), part, careful), share)
+        yield replace(_design(part, pitch_mm, share), coverlay=mode, fab=fab.name)
+
+
+def usual_design(fab: FabProfile) -> Design:
+    """What `make` makes when nothing is said."""
+    part = read_part(FILM_PARTS[0])
+    return replace(_design(part, DEFAULT_PITCH_MM, 1.0 / 6.0), coverlay=fab.coverlay_modes[0], fab=fab.name)
+
+
+def solid_designs(process: ProcessProfile) -> Iterator[Design]:
+    """Designs of solid elements, with and without what the process warns of."""
+    parts = {name: part for name, _ in ELEMENTS if isinstance(part := read_part(name), ElementProfile)}
+    for (name, body_mm), share, careful in product(ELEMENTS, SHARES, (True, False)):
+        part = replace(parts[name], body_mm=body_mm, top_mm=None)
+        gap_mm = process.limits["gap"].value_mm if careful or process.limits["gap"].level == "block" else 0.0
+        yield replace(_design(part, _settled(partial(_solid_pitch_mm, part, gap_mm), share), share), process=process.name)
+
+
+def _design(part: PartProfile | ElementProfile, pitch_mm: float, share: float) -> Design:
+    displacement_mm = round(share * pitch_mm, 2)
+    return Design(part=part.name, shape=part.shape, body_mm=part.body_mm, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
+
+
+def _settled(least: Callable[[float], float], share: float) -> float:
+    """The pitch from which on a displacement of that share of it is legal, in whole hundredths of a millimetre."""
+    # what a pitch asks of itself is straight in Δ but for a few corners: two steps of the secant and one more
+    low, high = 1.0, 1.5
+    at_low, at_high = (least(share * pitch_mm + _STEP_MM / 2.0) - pitch_mm for pitch_mm in (low, high))  # Δ is rounded
+    for _ in range(_SECANTS):
+        if abs(at_high) < 1e-6 or at_high == at_low:
+            break
+        low, high, at_low = high, high - at_high * (high - low) / (at_high - at_low), at_high
+        at_high = least(share * high + _STEP_MM / 2.0) - high
+    return round(ceil(round(high / _STEP_MM, 4)) * _STEP_MM, 2)
+
+
+def _film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
+    """From which pitch on pads, bodies, openings and models are apart; careful: courtyards, too, and limits that warn."""
+
+    def limit_mm(rule: str) -> float:
+        limit = fab.limits[rule]
+        return max(limit.value_mm, (limit.warn_mm or 0.0) * careful) if careful or limit.level == "block" else 0.0
+
+    def apart(size_mm: tuple[float, float], gap_mm: float, shift_mm: float = 0.0) -> float:
+        return least_pitch_mm(size_mm, gap_mm, ROTATION_DEG, displacement_mm, (shift_mm, 0.0))
+
+    body = (part.body_mm[0] + part.body_tolerance_mm, part.body_mm[1] + part.body_tolerance_mm)
+    round_mm = 2.0 * part.pads.corner_radius_mm
+    pad = (part.pads.size_mm[0] - round_mm, part.pads.size_mm[1] - round_mm)
+    between = 2.0 * part.pads.offset_mm
+    asked = [apart(body, limit_mm("body-body")), _cell_mm(part, displacement_mm)]
+    asked += [apart(pad, limit_mm("pad-pad") + round_mm, shift_mm) for shift_mm in (0.0, between, -between)]
+    if careful:
+        asked.append(apart(part.courtyard_mm, fab.limits["courtyard"].value_mm))
+    if fab.coverlay_mode != "gang":
+        asked.append(apart(opening_size_mm(part, fab), limit_mm("opening-bridge")))
+    return max(asked)
+
+
+def _solid_pitch_mm(part: ElementProfile, gap_mm: float, displacement_mm: float) -> float:
+    if part.shape == "block":
+        apart_mm = least_pitch_mm(part.body_mm[:2], gap_mm, ROTATION_DEG, displacement_mm)
+    else:
+        apart_mm = part.body_mm[0] + gap_mm + 2.0 * displacement_mm
+    return max(apart_mm, _cell_mm(part, displacement_mm))
+
+
+def _cell_mm(part: PartProfile | ElementProfile, displacement_mm: float) -> float:
+    """From which pitch on a displaced body stays in its own cell, as the models ask."""
+    tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=ROTATION_DEG)
+    return 2.0 * (float(max(reach_mm(tape_part))) + displacement_mm + LEAST_CLEARANCE_MM)
+
+
+def judged(design: Design) -> Design | None:
+    """The design as the rules leave it: a little wider where they want it, with what they warn of; None where they refuse it."""
+    for step in range(_TRIES):
+        wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2))
+        broken = rules_of(wider, _BOARD_MM)
+        if broken is not None and not any(finding.blocks for finding in broken):
+            return replace(wider, warnings=tuple(sorted(f.rule for f in broken if f.level == "warn")))
+        if broken is not None and any(finding.blocks and finding.rule == "opening-size" for finding in broken):
+            return None  # whatever W is
+    return None
+
+
+def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | None:
+    """What the rules find wrong with a tape of the design; None where there is no such tape."""
+    try:
+        found = examine(design.spec(size_mm, tag="none", name="t")).findings
+    except SpecError:
+        return None
+    return [f for f in found if not f.passed and f.level != "info" and f.rule not in _OF_ANY_TAPE]
+
+
+_OF_ANY_TAPE = ("size", "windows", "part-count", "label", "assembly-size")
+"""Rules about a board or an order, not about W, Δ and part."""

@@ -1,0 +1,324 @@
+"""What a contact shows of a design, and whether that is enough: the decoder's rule on imagined dots, no frame drawn.
+
+A dot stands where its part does, moved by noise and by how it was placed; its height is what the contact imprints of it, over
+that of the noise. What it says of its symbol is counted as the decoder counts it (`decode.symbols.posteriors`), and so is what all
+of them must say together. Detection and the search for the grid are stood for by `Loss`, calibrated against simulated frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, erf, exp, hypot, log, pi, sqrt
+
+import numpy as np
+
+from tactape_fab.profiles.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+
+IMPRINT_SHARE = 0.12 / 0.23
+"""Share of a body's height that the gel takes on before it smooths it: that of the default scene, whose bodies are 0201."""
+ROLL_OFF_MM = 0.8
+SMOOTHING_MM = 0.125
+"""The default scene's rim, and the decoder's smoothing."""
+LEAST_SIGMA, MOST_SIGMA = 0.012, 0.06
+OUTLIER_SHARE, WRONG_SHARE = 0.01, 0.002
+LEAST_WEIGHT, RIM_ERROR = 0.25, 0.06
+LEAST_SHARE, LEAST_DOTS = 0.3, 9
+NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE, LEAST_NOISE = 1.95, 0.17, 0.6, 0.03
+MAX_P_FALSE, BEST_GRID, MOST_TURN = 1e-4, 0.9, 0.98
+"""The decoder's own figures (`decode.symbols`, `detect`, `judge`, `elongation`), which cannot be read without its compiler."""
+CLEAN = 0.04
+"""Dots that are off by no more than this, in pitches, always show their grid."""
+POSES = 240
+_LATTICE = 33
+_TOPS = 600
+_SEED = 11
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Code:
+    """What other places of a code ask for beside the tape's own: `axis` is ln of how much its axes alone can be taken for."""
+
+    name: str
+    axis: float
+
+
+CODES = (Code(name="microdots-4x4", axis=0.0), Code(name="debruijn-4x4", axis=1.5), Code(name="anoto-6x6", axis=0.7))
+"""The codes that are advised on; the first of those that do equally well is taken. From faultless contacts of 11 to 25 dots."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loss:
+    """What frames lose of the information that imagined dots have.
+
+    Attributes
+    ----------
+    share : float
+        Share of the information that is left.
+    noise : float
+        Median height of the tops of noise over its rms.
+    tops : float
+        How many such tops there are in the squared length over which the noise is alike.
+    scatter : float
+        Share by which a contact must be larger for every pitch that dots are off by, beyond `CLEAN`: grids are missed then.
+    """
+
+    share: float
+    noise: float
+    tops: float
+    scatter: float
+
+
+LOSS = Loss(share=1.0, noise=0.79, tops=0.05, scatter=2.5)
+"""From simulated contacts: `python -m tests.bench.advise --fit` measures them and says what fits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """A design as a sensor sees it.
+
+    Attributes
+    ----------
+    pitch_mm, displacement_mm : float
+    shape : {"block", "dome"}
+    body_mm : (float, float, float)
+    points : int
+        Grid points of one tape.
+    tapes : int
+        Registered tapes.
+    sensor : SensorProfile
+    blur_mm, placement_mm : float
+        Standard deviations of the gel's smoothing, and of the parts' places along each axis.
+    top_mm : float or None
+        Diameter of a dome's flat top.
+    """
+
+    pitch_mm: float
+    displacement_mm: float
+    shape: str
+    body_mm: tuple[float, float, float]
+    points: int
+    tapes: int
+    sensor: SensorProfile
+    blur_mm: float
+    placement_mm: float
+    top_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """How a dot stands out.
+
+    Attributes
+    ----------
+    height_um : float
+        Of its top over the background.
+    noise_um, alike_mm : float
+        Rms of the noise about it, and over which length that is alike.
+    error_mm, pull_mm : float
+        How far noise, and how far its neighbours, move its top along one axis.
+    """
+
+    height_um: float
+    noise_um: float
+    alike_mm: float
+    error_mm: float
+    pull_mm: float
+
+
+def signal_of(seen: Seen) -> Signal:
+    """Height of a top, rms of the noise about it, and how far the noise moves it along one axis, after the decoder's smoothing.
+
+    The bump is the body smoothed by gel and decoder, less the mean over the pitch; noise is white, and blobs; a top moves by the
+    noise's slope over the bump's curvature.
+    """
+    s_mm = hypot(seen.blur_mm, SMOOTHING_MM)
+    peak, curvature, area_mm2 = _bump(seen, s_mm)
+    high_um = 1000.0 * IMPRINT_SHARE * seen.body_mm[2]
+    height_um = high_um * (peak - min(area_mm2 / seen.pitch_mm**2, 1.0))
+    scale = sqrt(seen.sensor.px_per_mm[0] * seen.sensor.px_per_mm[1])
+    smooth_px, blob_px = SMOOTHING_MM * scale, seen.sensor.correlated_px
+    white_um = seen.sensor.white_um / (2.0 * sqrt(pi) * smooth_px)
+    blob2_px2 = blob_px**2 + smooth_px**2
+    blobs_um = seen.sensor.correlated_um * blob_px / sqrt(blob2_px2)
+    slope_um_mm = scale * hypot(white_um / (sqrt(2.0) * smooth_px), blobs_um / sqrt(2.0 * blob2_px2))
+    error_mm = slope_um_mm / max(high_um * curvature, 1e-9)
+    return Signal(
+        height_um=height_um,
+        noise_um=hypot(white_um, blobs_um),
+        alike_mm=sqrt(2.0 * blob2_px2) / scale,
+        error_mm=error_mm,
+        pull_mm=_pull_mm(seen, s_mm),
+    )
+
+
+def _pull_mm(seen: Seen, s_mm: float) -> float:
+    """Scatter along one axis of how far the two neighbours on it draw a top towards them; all bumps as Gaussians.
+
+    Of the 16 pairs of symbols so many change the distance along the axis by so many displacements.
+    """
+    width2_mm2 = s_mm**2 + (seen.body_mm[0] ** 2 + seen.body_mm[1] ** 2) / 24.0
+    steps, pairs = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+    apart_mm = seen.pitch_mm + steps * seen.displacement_mm
+    drawn_mm = apart_mm * np.exp(-(apart_mm**2) / (2.0 * width2_mm2))
+    mean_mm = float(pairs @ drawn_mm)
+    return sqrt(2.0 * float(pairs @ (drawn_mm - mean_mm) ** 2))
+
+
+def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
+    """Height of a smoothed body of height 1, its curvature (1/mm², rms of what both axes have), and its volume (mm²)."""
+    if seen.shape == "block":
+        lengths = seen.body_mm[:2]
+        along, across = (erf(side / (2.0 * sqrt(2.0) * s_mm)) for side in lengths)
+        bend = [side / (sqrt(2.0 * pi) * s_mm**3) * exp(-(side**2) / (8.0 * s_mm**2)) for side in lengths]
+        # a top moves by slope over curvature, so the mean square of both axes' inverse is what counts
+        first, second = 1.0 / max(bend[0] * across, 1e-9), 1.0 / max(bend[1] * along, 1e-9)
+        return along * across, 1.0 / sqrt((first**2 + second**2) / 2.0), lengths[0] * lengths[1]
+    radius, high = seen.body_mm[0] / 2.0, seen.body_mm[2]
+    r = (np.arange(200) + 0.5) / 200.0 * radius
+    if seen.top_mm is None:
+        ball = (radius**2 + high**2) / (2.0 * high)
+        profile = (np.sqrt(np.maximum(ball**2 - r**2, 0.0)) - (ball - high)) / high
+    else:
+        profile = np.minimum((radius - r) / max(radius - seen.top_mm / 2.0, 1e-9), 1.0)
+    step, kernel = radius / 200.0, np.exp(-(r**2) / (2.0 * s_mm**2)) / s_mm**2
+    peak = float((profile * kernel * r).sum() * step)
+    curvature = float((profile * kernel * r * (1.0 - r**2 / (2.0 * s_mm**2))).sum() * step) / s_mm**2
+    return peak, max(curvature, 1e-9), float((profile * 2.0 * pi * r).sum() * step)
+
+
+@lru_cache(maxsize=1)
+def _drawn() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Draws that all designs share: phases (p, 1, 2), directions (p, k, 2), unit errors (p, k, 2), and tops of noise (m, 4).
+
+    Of the last the places in a cell, the heights over their median, and a symbol.
+    """
+    rng = np.random.default_rng(_SEED)
+    around = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+    phases = rng.uniform(-0.5, 0.5, (POSES, 1, 2))
+    symbols = rng.integers(0, 4, (POSES, _LATTICE**2))
+    errors = rng.standard_normal((POSES, _LATTICE**2, 2))
+    tops = np.column_stack(
+        [rng.uniform(-0.5, 0.5, (_TOPS, 2)), 1.0 + 0.6 * rng.standard_normal(_TOPS), rng.integers(0, 4, _TOPS)]
+    )
+    return phases, around[symbols], errors, tops
+
+
+@lru_cache(maxsize=1)
+def _nodes() -> FloatArray:
+    """Grid points by their distance from the middle; shape (k, 2)."""
+    span = np.arange(_LATTICE) - _LATTICE // 2
+    nodes = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2).astype(np.float64)
+    ordered: FloatArray = nodes[np.argsort(np.hypot(*nodes.T), kind="stable")]
+    return ordered
+
+
+def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss) -> float:
+    """Share of round contacts of a diameter, anywhere on the tape, that are located."""
+    gain, per_axis, dots, turn = _information(seen, contact_mm, loss)
+    ln_places = log(4.0 * seen.points * seen.tapes)
+    p_tape = np.exp(np.minimum(ln_places - log(BEST_GRID) - loss.share * gain - turn, 50.0))
+    p_place = np.exp(np.minimum(code.axis - loss.share * per_axis, 50.0)).sum(axis=1)
+    return float(((p_tape + p_place < MAX_P_FALSE) & (dots >= LEAST_DOTS)).mean())
+
+
+def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Nats that each pose's dots say (p,), by axis (p, 2), how many there are (p,), and what shape says of the turn (p,)."""
+    phases, directions, errors, _ = _drawn()
+    pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
+    reach = (contact_mm + ROLL_OFF_MM) / 2.0 / pitch + shift + 0.8
+    count = int(np.count_nonzero(np.hypot(*_nodes().T) < reach))
+    at = _nodes()[:count] + shift * directions[:, :count] - phases
+    inside = contact_mm / 2.0 - pitch * np.hypot(at[..., 0], at[..., 1])
+    t = np.clip(0.5 + inside / ROLL_OFF_MM, 0.0, 1.0)
+    weight = t * t * (3.0 - 2.0 * t)
+    noise = max(loss.noise * signal.noise_um / max(signal.height_um, 1e-9), LEAST_NOISE)
+    top, placed = signal.error_mm / pitch, hypot(seen.placement_mm, signal.pull_mm) / pitch
+    low, rim = np.maximum(weight, LEAST_WEIGHT), RIM_ERROR * (1.0 - weight)
+    true = np.sqrt((top / low) ** 2 + placed**2 + rim**2)
+    sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
+    variance = (sigma / low) ** 2 + rim**2
+    # along the symbol's own direction, and across it: the other three places are 2 shift, and shift and shift, away
+    e, f = true * errors[:, :count, 0], true * errors[:, :count, 1]
+    own = e**2 + f**2
+    away = np.stack(
+        [own, (e + shift) ** 2 + (f - shift) ** 2, (e + 2.0 * shift) ** 2 + f**2, (e + shift) ** 2 + (f + shift) ** 2]
+    )
+    q = posteriors(away, variance, _trusted(weight, noise))
+    seen_dots = weight >= LEAST_SHARE
+    # one bit is shared with the neighbour on either side
+    first, second = (np.where(seen_dots, np.log(2.0 * (q[0] + q[k])), 0.0).sum(axis=1) for k in (1, 3))
+    good = np.count_nonzero(weight >= 0.8, axis=1)
+    turn = np.where((good >= 4) & _long(seen), log(2.0 * MOST_TURN), 0.0)
+    lost = loss.tops * _lost_to_noise(noise, sigma, shift) * _field_mm2(seen.sensor) / signal.alike_mm**2
+    per_axis = np.stack([first, second], axis=1) - lost / 2.0
+    return first + second - lost, per_axis, seen_dots.sum(axis=1), turn
+
+
+def posteriors(away: FloatArray, variance: FloatArray, trust: FloatArray) -> FloatArray:
+    """What dots say of four places, from squared distances to them in pitches; shape (4, ...), as `decode.symbols` has it."""
+    part = trust * (1.0 - OUTLIER_SHARE)
+    q = np.exp(-0.5 * away / variance) / (8.0 * pi * variance)
+    q = (part * q + (1.0 - part) / 4.0) / (part * q.sum(axis=0) + 1.0 - part)
+    said: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / 4.0
+    return said
+
+
+def _trusted(weight: FloatArray, noise: float) -> FloatArray:
+    """As `decode.detect.trusted`."""
+    middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
+    trust: FloatArray = 1.0 / (1.0 + np.exp(np.clip((middle - weight) / (NOISE_WIDTH * noise), -30.0, 30.0)))
+    return trust
+
+
+def _lost_to_noise(noise: float, sigma: float, shift: float) -> float:
+    """Nats that a top of the noise costs on the mean: it lies anywhere in its cell, and is trusted by its height."""
+    e, f, height, symbol = _drawn()[3].T
+    weight = noise * height
+    variance = (sigma / np.clip(weight, LEAST_WEIGHT, 1.0)) ** 2 + (RIM_ERROR * np.maximum(1.0 - weight, 0.0)) ** 2
+    away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in ((1, 0), (0, 1), (-1, 0), (0, -1))])
+    q = posteriors(away, variance, _trusted(weight, noise))
+    one = symbol.astype(np.int64)
+    own, left, right = (np.take_along_axis(q, ((one + k) % 4)[None], axis=0)[0] for k in (0, 1, 3))
+    said = np.log(2.0 * (own + left)) + np.log(2.0 * (own + right))
+    return float(np.where(weight >= LEAST_SHARE, -said, 0.0).mean())
+
+
+def _field_mm2(sensor: SensorProfile) -> float:
+    return sensor.width_px / sensor.px_per_mm[0] * sensor.height_px / sensor.px_per_mm[1]
+
+
+def _long(seen: Seen) -> bool:
+    return seen.shape == "block" and max(seen.body_mm[:2]) >= 1.25 * min(seen.body_mm[:2])
+
+
+def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: float) -> float | None:
+    """The smallest contact that is located so often, up to a whole tenth of a millimetre; None where none up to `most_mm` is.
+
+    Nothing is promised of parts that are lower than the noise.
+    """
+    signal = signal_of(seen)
+    if signal.noise_um > signal.height_um:
+        return None
+    missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / seen.pitch_mm - CLEAN
+    larger = 1.0 + loss.scatter * max(missed, 0.0)
+    low, high = 10, int(most_mm / larger * 10.0 + 1e-9)
+    if high <= low or located_share(seen, high / 10.0, code, loss) < share:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        if located_share(seen, middle / 10.0, code, loss) >= share:
+            high = middle
+        else:
+            low = middle
+    return ceil(high * larger - 1e-9) / 10.0
+
+
+def accuracy(seen: Seen, contact_mm: float, loss: Loss) -> tuple[float, float]:
+    """Median error of the place under the contact's middle (mm), and of the angle (deg), of a contact of a diameter."""
+    signal = signal_of(seen)
+    dots = float(np.mean(_information(seen, contact_mm, loss)[2]))
+    one_mm, reach_mm = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm), contact_mm / (2.0 * sqrt(2.0))
+    # medians of a length of two equal normal components, and of the size of one
+    return 1.1774 * one_mm / sqrt(dots), float(np.degrees(0.6745 * one_mm / (reach_mm * sqrt(dots))))

@@ -1,0 +1,93 @@
+"""What a source delivers, and the place of one frame between the thread that reads and the one that locates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from threading import Condition, Event
+from time import perf_counter
+from typing import Any
+
+import numpy.typing as npt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """A frame as its source delivers it: a depth map, or a colour image that is to become one.
+
+    Attributes
+    ----------
+    number : int
+        Counted by the source; frames that are dropped, or cannot be used, count.
+    timestamp : float or None
+        When it was taken, s; None where nothing says it.
+    px_per_mm : (float, float) or None
+        Where the frame's file says it.
+    keep : bool
+        Whether it waits for its turn instead of being dropped for a later one.
+    arrived_s : float
+        When it was there, whole, by `time.perf_counter`.
+    """
+
+    number: int
+    image: npt.NDArray[Any]
+    timestamp: float | None = None
+    px_per_mm: tuple[float, float] | None = None
+    keep: bool = False
+    arrived_s: float = field(default_factory=perf_counter)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trouble:
+    """Something that is no frame, or a frame that something is wrong with: its kind, and the sentence for the user."""
+
+    kind: str
+    message: str
+
+
+Source = Callable[[Event], Iterator[Frame | Trouble]]
+"""Frames in their order until there are no more, or the event is set."""
+
+
+class Slot:
+    """Room for one frame. A later one takes its place: who locates is never behind by more than that frame."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._frame: Frame | None = None
+        self._changed = Condition()
+        self._ended = False
+        self._error: BaseException | None = None
+
+    def put(self, frame: Frame, stop: Event) -> None:
+        """Leave a frame; one that is to be kept waits until the one before it is taken, or `stop` is set."""
+        with self._changed:
+            while self._frame is not None and (frame.keep or self._frame.keep) and not stop.is_set():
+                self._changed.wait(0.1)
+            self.dropped += self._frame is not None
+            self._frame = frame
+            self._changed.notify_all()
+
+    def end(self, error: BaseException | None = None) -> None:
+        """Nothing more will come; `take` raises the error once it has given what is here."""
+        with self._changed:
+            self._ended, self._error = True, error
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float) -> Frame | None:
+        """The frame, or None when none came in time.
+
+        Raises
+        ------
+        EOFError
+            When nothing more will come.
+        """
+        with self._changed:
+            if self._frame is None and not self._ended:
+                self._changed.wait(timeout_s)
+            frame, self._frame = self._frame, None
+            if frame is not None:
+                self._changed.notify_all()
+            elif self._ended:
+                raise self._error or EOFError
+            return frame

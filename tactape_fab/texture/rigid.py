@@ -1,0 +1,79 @@
+"""Rigid transforms in space: rotations as matrices, quaternions and angles, and the fit of one set of points to another."""
+
+from __future__ import annotations
+
+from math import radians
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.frames import FloatArray
+
+
+def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
+    """Rotation matrix of roll, pitch and yaw: turns about the fixed axes x, then y, then z, as URDF has them; shape (3, 3)."""
+    out = np.eye(3)
+    for axis, angle in enumerate(np.radians(np.asarray(rpy_deg, dtype=np.float64))):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn = np.eye(3)
+        turn[i, i] = turn[j, j] = np.cos(angle)
+        turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
+        out = turn @ out
+    return out
+
+
+def from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
+    """Rotation matrix of a quaternion (x, y, z, w), of any length but 0; shape (3, 3)."""
+    x, y, z, w = np.asarray(xyzw, dtype=np.float64) / np.linalg.norm(xyzw)
+    return np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        ]
+    )
+
+
+def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
+    """The unit quaternion (x, y, z, w) of a rotation matrix, w not negative."""
+    r = rotation
+    squares = np.array([1 + r[0, 0] - r[1, 1] - r[2, 2], 1 - r[0, 0] + r[1, 1] - r[2, 2], 1 - r[0, 0] - r[1, 1] + r[2, 2]])
+    products = np.array(
+        [
+            (squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]),
+            (r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]),
+            (r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]),
+            (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + np.trace(r)),
+        ]
+    )  # 4 q q^T: the longest row is the one that rounding harms least
+    row = products[int(np.argmax(np.diag(products)))]
+    x, y, z, w = (row / np.linalg.norm(row) * (1.0 if row[3] >= 0.0 else -1.0)).tolist()
+    return x, y, z, w
+
+
+def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """The rotation and translation that bring points nearest to others, by least squares (Kabsch); never a mirror image.
+
+    Parameters
+    ----------
+    points, to_points : ndarray, shape (n, 3)
+
+    Returns
+    -------
+    rotation : ndarray, shape (3, 3)
+    translation : ndarray, shape (3,)
+    rms : float
+        Root mean square distance that is left.
+    """
+    middle, to_middle = points.mean(axis=0), to_points.mean(axis=0)
+    u, _, vt = np.linalg.svd((to_points - to_middle).T @ (points - middle))
+    rotation: FloatArray = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
+    translation: FloatArray = to_middle - rotation @ middle
+    left = points @ rotation.T + translation - to_points
+    return rotation, translation, float(np.sqrt((left * left).sum(axis=1).mean()))
+
+
+def about_z(angle_deg: float) -> FloatArray:
+    """Rotation matrix of a turn about z, counter-clockwise seen from its tip; shape (3, 3)."""
+    c, s = np.cos(radians(angle_deg)), np.sin(radians(angle_deg))
+    return np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
