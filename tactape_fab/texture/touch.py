@@ -41,8 +41,8 @@ BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 5, 8, 10), (0, 2, 4, 7, 9)),
 )
 """Rungs beside other tapes: the same, and fewest bits between a patch of the tape and one of theirs."""
-_WORK, _WORK_BESIDE = 60_000_000, 180_000_000
-"""Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or half a minute.
+_WORK, _WORK_BESIDE = 60_000_000, 400_000_000
+"""Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or a minute.
 
 The latter beside other tapes, but for the last rung, which many tapes do not reach.
 """
