@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.touch_search import Shapes, nearest_of, shapes_of, words_of
+
+if TYPE_CHECKING:
+    from tactape_fab.texture.touch_search import Shapes
 
 
 def _square(side: int) -> npt.NDArray[np.bool_]:
@@ -58,6 +60,8 @@ class PatchDistance:
 @cache
 def patch_shapes() -> Shapes:
     """`PATCHES` for a search."""
+    from tactape_fab.texture.touch_search import shapes_of  # loads the compiler, which tapes of other codes do without
+
     return shapes_of(list(PATCHES.values()))
 
 
@@ -70,6 +74,8 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray) -> tuple[PatchDista
     placed : ndarray of bool, shape (rows, columns)
         Patches that hold a grid point without a part do not count.
     """
+    from tactape_fab.texture.touch_search import nearest_of, words_of
+
     words, _ = words_of(symbols, patch_shapes())
     found = []
     for (name, mask), own in zip(PATCHES.items(), words, strict=True):

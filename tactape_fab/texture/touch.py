@@ -17,7 +17,6 @@ from tactape_fab.errors import CapacityError, Problem
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.patches import patch_shapes
-from tactape_fab.texture.touch_search import Patches, fill, new_room, repair, words_of
 from tactape_fab.texture.windows import WordArray
 
 Bits = tuple[int, int, int, int, int]
@@ -78,6 +77,8 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
 
 @lru_cache(maxsize=8)
 def _designed(sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int, ...], bytes], ...]) -> SymbolArray:
+    from tactape_fab.texture.touch_search import Patches, fill, new_room, repair, words_of  # loads the compiler
+
     others = [np.frombuffer(data, dtype=np.uint8).reshape(of) for of, data in avoid]
     state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
     symbols, room, shapes = np.empty(shape, dtype=np.uint8), new_room(), patch_shapes()
@@ -99,6 +100,8 @@ def _designed(sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int,
 
 def _given(others: Sequence[SymbolArray]) -> tuple[WordArray, np.ndarray]:
     """All patches of other tapes in all turns, and how many of each shape."""
+    from tactape_fab.texture.touch_search import words_of
+
     shapes = patch_shapes()
     found = [words_of(symbols, shapes) for symbols in others]
     count = sum((4 * n for _, n in found), np.zeros(len(shapes.side), dtype=np.int64))
