@@ -35,6 +35,8 @@ CLEAN = 0.25
 POSES = 240
 _LATTICE = 33
 _TOPS = 600
+_FIRST_PITCHES, _GROWTH = 4.5, 1.25
+"""The search for the smallest contact begins at so many pitches, and grows so: large contacts take long to ask about."""
 _SEED = 11
 
 
@@ -314,9 +316,12 @@ def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: 
         return None
     missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / seen.displacement_mm - CLEAN
     larger = 1.0 + loss.scatter * max(missed, 0.0)
-    low, high = 10, int(most_mm / larger * 10.0 + 1e-9)
-    if high <= low or located_share(seen, high / 10.0, code, loss) < share:
-        return None
+    low, most = 10, int(most_mm / larger * 10.0 + 1e-9)
+    high = min(int(10.0 * _FIRST_PITCHES * seen.pitch_mm), most)
+    while high <= low or located_share(seen, high / 10.0, code, loss) < share:
+        if high >= most:
+            return None
+        low, high = max(low, high), min(int(_GROWTH * high) + 1, most)
     while high - low > 1:
         middle = (low + high) // 2
         if located_share(seen, middle / 10.0, code, loss) >= share:
