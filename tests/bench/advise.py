@@ -21,8 +21,9 @@ from tactape_fab import __version__
 from tactape_fab.advise.answer import LOCATED, Line, Simulated, seen_of, simulated
 from tactape_fab.advise.asking import Question, read_question
 from tactape_fab.advise.designs import Design, judged
-from tactape_fab.advise.model import CODES, LOSS, Loss, accuracy, least_contact_mm, signal_of
+from tactape_fab.advise.model import CODES, LOSS, Loss, Seen, accuracy, least_contact_mm, signal_of
 from tactape_fab.make import examine
+from tactape_fab.profiles import SensorProfile
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES, PAGE = DOCS / "advise.json", DOCS / "choose.md"
@@ -86,13 +87,17 @@ def asked(sensor: str, blur_mm: float, placement_mm: float, tapes: int, part: st
     return read_question({"contact_mm": 6.0, **values})
 
 
-def line_of(design: Design, question: Question, loss: Loss = LOSS, least_mm: float | None = None) -> Line:
-    """What is promised of a design, or a line that promises what it is told to."""
+def _field_mm(sensor: SensorProfile) -> float:
+    """The shorter side of what a sensor sees."""
+    return min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
+
+
+def line_of(design: Design, question: Question) -> Line:
+    """What is promised of a design."""
     points = examine(design.spec(question.size_mm)).tape.part_count
-    seen, sensor = seen_of(design, question, points), question.sensor
-    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
-    promised_mm = least_contact_mm(seen, CODES[0], loss, LOCATED, field_mm) if least_mm is None else least_mm
-    error_mm, angle_deg = accuracy(seen, promised_mm or field_mm, loss)
+    seen, field_mm = seen_of(design, question, points), _field_mm(question.sensor)
+    promised_mm = least_contact_mm(seen, CODES[0], LOSS, LOCATED, field_mm)
+    error_mm, angle_deg = accuracy(seen, promised_mm or field_mm, LOSS)
     signal = signal_of(seen)
     return Line(
         design=design,
@@ -187,16 +192,16 @@ def fit() -> None:
         if len(rates) > 1 and max(rates.values()) >= LOCATED:
             sizes, shares = list(rates), list(rates.values())
             true_mm = float(np.interp(LOCATED, np.maximum.accumulate(shares[-2:]), sizes[-2:]))
-            found.append((design, question, true_mm))
+            found.append((seen_of(design, question, line.parts), true_mm))
     tried = product((0.02, 0.03, 0.04, 0.05, 0.06, 0.08), (0.0, 0.5, 1.0, 1.5, 2.0))
     best = min((_misfit(found, replace(LOSS, tops=tops, scatter=scatter)), tops, scatter) for tops, scatter in tried)
     print(f"tops = {best[1]}, scatter = {best[2]}: off by {best[0]:.3f} (rms of ln, too small ones three times)")
 
 
-def _misfit(found: list[tuple[Design, Question, float]], loss: Loss) -> float:
+def _misfit(found: list[tuple[Seen, float]], loss: Loss) -> float:
     off = []
-    for design, question, true_mm in found:
-        least_mm = line_of(design, question, loss).least_mm
+    for seen, true_mm in found:
+        least_mm = least_contact_mm(seen, CODES[0], loss, LOCATED, _field_mm(seen.sensor))
         if least_mm is not None:  # nothing promised
             ln = np.log(least_mm / true_mm)
             off.append(ln * (3.0 if ln < 0.0 else 1.0))
