@@ -76,5 +76,5 @@ def explained(advice: Advice) -> Iterator[str]:
     yield f"rules: {kind} {asked.making.name}; tactape-fab check with the options of a command says all of them"
     yield (
         f"model: the decoder's rule on imagined dots; what frames lose (tops of noise {LOSS.tops:g}, grids missed "
-        f"{LOSS.scatter:g}) is fitted by python -m tests.bench.advise --fit; --simulate asks simulated depth maps"
+        f"{LOSS.scatter:g}) is borne out by python -m tests.bench.advise; --simulate asks simulated depth maps"
     )
