@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from tactape_fab.errors import Problem, SpecError
 from tactape_fab.fields import Fields, shown, shown_path
 from tactape_fab.profiles.lookup import read_toml
 from tactape_fab.tapes import read_registered
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.mount import Mount, ObjectPose, on_surface, sensor_on_object
 from tactape_fab.texture.rigid import fit_rigid, from_quaternion, from_rpy
 from tactape_fab.texture.tag_view import tag_corners_mm, tag_side_mm
@@ -48,13 +49,16 @@ class TapedObject:
     tapes: tuple[TapeOnObject, ...]
 
     def locate(self, fix: Localization) -> ObjectPose | None:
-        """A fix in the object's frame; None where it is not located, or on a tape that is not on this object."""
+        """A fix in the object's frame; None where it is not located, or on a tape that is not on this object.
+
+        A tape is known by its name, sector and origin, as a fix has them: `refuse_strangers` says where these do not tell.
+        """
         if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
             return None
         assert fix.index is not None and fix.cell is not None and fix.position_mm is not None and fix.theta_deg is not None
-        place = (fix.sector, fix.index[0] - fix.cell[0], fix.index[1] - fix.cell[1])
+        place = (fix.tape, fix.sector, (fix.index[0] - fix.cell[0], fix.index[1] - fix.cell[1]))
         for entry in self.tapes:
-            if place == (entry.tape.sector, *entry.tape.origin):
+            if place == _place(entry.tape):
                 return sensor_on_object(self.name, entry.mount, entry.tape, fix.position_mm, fix.theta_deg)
         return None
 
@@ -83,17 +87,47 @@ def read_object(path: str | Path) -> TapedObject:
     return TapedObject(name=name, tapes=tuple(tapes))
 
 
+def refuse_strangers(thing: TapedObject, tapes: Sequence[Tape]) -> None:
+    """Refuse registered tapes that a fix would not tell from those of an object.
+
+    Raises
+    ------
+    SpecError
+    """
+    own = {_place(entry.tape): entry for entry in thing.tapes}
+    problems = []
+    for tape in tapes:
+        entry = own.get(_place(tape))
+        if entry is not None and _texture(entry.tape) != _texture(tape):
+            message = f"tape {tape.name} has name, sector and origin of {shown_path(entry.kit)}, which is on the object, but "
+            problems.append(Problem("tape", f"{message}another texture; make it with another --name, or leave it out"))
+    if problems:
+        raise SpecError(problems)
+
+
+def _place(tape: Tape) -> tuple[str, int, tuple[int, int]]:
+    """What a fix says of its tape."""
+    return tape.name, tape.sector, tape.origin
+
+
+def _texture(tape: Tape) -> tuple[Any, ...]:
+    """What a touch can tell a tape by, but for its size; a code without a plane says nothing of the symbols."""
+    return tape.code, tape.sector, tape.origin, tape.symbols.tobytes() if tape.code == TOUCH_CODE else None
+
+
 def _refuse_doubles(tapes: list[TapeOnObject], table: Fields) -> None:
-    """Two tapes with the same texture cannot be told apart, wherever they are."""
-    seen: dict[tuple[Any, ...], Path] = {}
+    """Two tapes with the same texture cannot be told apart, wherever they are; nor can answers be that name them alike."""
+    textures: dict[tuple[Any, ...], Path] = {}
+    places: dict[tuple[Any, ...], Path] = {}
     for entry in tapes:
-        key = (entry.tape.code, entry.tape.sector, entry.tape.origin)
-        if key in seen:
-            message = (
-                f"tapes {shown_path(seen[key])} and {shown_path(entry.kit)} have the same texture, which no touch tells apart"
-            )
-            table.problem("tapes", f"{message}; use another sector for one of them")
-        seen[key] = entry.kit
+        texture, place = _texture(entry.tape), _place(entry.tape)
+        if texture in textures:
+            message = f"tapes {shown_path(textures[texture])} and {shown_path(entry.kit)} have the same texture"
+            table.problem("tapes", f"{message}, which no touch tells apart; use another sector for one of them")
+        elif place in places:
+            message = f"tapes {shown_path(places[place])} and {shown_path(entry.kit)} have the same name, sector and origin"
+            table.problem("tapes", f"{message}, by which an answer names its tape; make one of them with another --name")
+        textures[texture] = places[place] = entry.kit
 
 
 def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -> TapeOnObject | None:

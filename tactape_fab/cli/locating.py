@@ -125,7 +125,7 @@ def decode(
     """
     with answers():
         from tactape_fab.localize import Raw, is_kit, localize, make_locator, prepare
-        from tactape_fab.objects import read_object
+        from tactape_fab.objects import read_object, refuse_strangers
 
         if kits:  # --tape A B, as a shell would have it
             kits = [*kits, *(f for f in frames if is_kit(f))]
@@ -141,6 +141,8 @@ def decode(
             kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
             echo_lines_err(object_lines(thing))
         job = prepare(frames, kits, sensor, colour, **options)
+        if thing is not None:
+            refuse_strangers(thing, job.tapes)
         _print_answers(localize(job, make_locator), job, thing, as_json=as_json, overlay=overlay)
 
 

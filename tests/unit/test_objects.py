@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactape_fab import Kit, read_object
+from tactape_fab import Kit, TapeSpec, make_kit, read_object
 from tactape_fab.cli import main
 from tactape_fab.decode.result import Localization
 from tactape_fab.errors import SpecError
@@ -193,16 +193,42 @@ def test_one_texture_in_two_places_is_refused(small_kit: Kit, tmp_path: Path) ->
         read_object(write(tmp_path, small_kit, FLAT, f'[[tapes]]\nkit = "{small_kit.path}"\n{FLAT}'))
 
 
+@pytest.fixture(scope="module")
+def namesake(small_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Kit:
+    """A kit of another code, with the name, the sector and the origin of the small one."""
+    tape = small_kit.tape
+    spec = TapeSpec(
+        sector=tape.sector, code="debruijn-4x4", origin=tape.origin, name=tape.name, size_mm=tape.board.size_mm, models=False
+    )
+    return make_kit(spec, tmp_path_factory.mktemp("namesake") / "kit", verify=False)
+
+
+def test_tapes_that_answers_name_alike_are_refused(small_kit: Kit, namesake: Kit, frames: Path, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="have the same name, sector and origin, by which an answer names its tape"):
+        read_object(write(tmp_path, small_kit, FLAT, f'[[tapes]]\nkit = "{namesake.path}"\n{FLAT}'))
+    command = ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT)), "--tape", str(namesake.path)]
+    run = CliRunner().invoke(main, command)
+    assert run.exit_code == 2 and "on the object, but another texture; make it" in run.stderr
+
+
 def test_fixes_of_other_tapes_or_of_none_have_no_place(small_kit: Kit, tmp_path: Path) -> None:
     thing, tape = read_object(write(tmp_path, small_kit, FLAT)), small_kit.tape
     index = (tape.origin[0] + 3, tape.origin[1] + 4)
     fix = Localization(
-        status="solid", located=True, sector=tape.sector, position_mm=(1.0, 2.0), theta_deg=0.0, cell=(3, 4), index=index
+        status="solid",
+        located=True,
+        tape=tape.name,
+        sector=tape.sector,
+        position_mm=(1.0, 2.0),
+        theta_deg=0.0,
+        cell=(3, 4),
+        index=index,
     )
     there = thing.locate(fix)
     x0, y0 = tape.board.texture_origin_mm
     assert there is not None and there.position_mm == pytest.approx((1 - (y0 - 2.0), 2 + (x0 + 1.0), 3))
     assert thing.locate(replace(fix, sector=tape.sector + 1)) is None
+    assert thing.locate(replace(fix, tape="another")) is None
     assert thing.locate(replace(fix, index=(index[0] + 1, index[1]))) is None
     assert thing.locate(replace(fix, located=False)) is None
     assert thing.locate(replace(fix, position_mm=None)) is None
