@@ -137,7 +137,7 @@ def decode(
             colour = Raw(images=[*raw, *frames] if raw else [], background=background, weights=weights)
         thing = None if object_file is None else read_object(object_file)
         if thing is not None:
-            _refuse_code(options)
+            refuse_code(options)
             kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
             echo_lines_err(object_lines(thing))
         job = prepare(frames, kits, sensor, colour, **options)
@@ -146,7 +146,7 @@ def decode(
         _print_answers(localize(job, make_locator), job, thing, as_json=as_json, overlay=overlay)
 
 
-def _refuse_code(options: Mapping[str, Any]) -> None:
+def refuse_code(options: Mapping[str, Any]) -> None:
     """An object names its tapes; the code alone is for where there are none."""
     bare = [f"--{name}" for name in ("code", "w", "delta") if options.get(name) is not None]
     if bare:

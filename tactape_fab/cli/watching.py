@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Event
 from time import perf_counter
@@ -15,12 +16,15 @@ import click
 
 from tactape_fab.cli.answers import FAILED, answers, clear_step, echo_lines_err
 from tactape_fab.cli.group import main
+from tactape_fab.cli.locating import refuse_code
 from tactape_fab.cli.options import SENSOR_HELP, length, number, pair
+from tactape_fab.console import object_lines
 
 if TYPE_CHECKING:
     from tactape_fab.live.tally import Tally
     from tactape_fab.live.watch import Watch
     from tactape_fab.localize import Located
+    from tactape_fab.objects import TapedObject
 
 _TERMINAL_S, _LOG_S = 0.1, 10.0
 """Time between two status lines of a terminal, where they are written over, and of a file."""
@@ -52,6 +56,7 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 @click.option("--sensor-frame", metavar="NAME", help="Frame of the depth images.  [default: the sensor's name]")
 @click.option("--rerun", is_flag=True, help="Show it in the Rerun viewer.")
 @click.option("--save", metavar="FILE.rrd", help="Write what the Rerun viewer shows.")
+@click.option("--object", "object_file", metavar="FILE.toml", help="The tapes of an object; answers in its frame, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame, as decode does.")
 def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as_json: bool, **given: Any) -> None:
     """Locate frames as they come, and never be late: while one is located, only the latest of those that come is kept.
@@ -66,17 +71,43 @@ def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as
     tally = None
     with answers():
         from tactape_fab.live.tally import Tally
+        from tactape_fab.objects import refuse_strangers
 
-        count, watched = _opened(source, [*kits, *more], sensor, given)
+        thing = _read_object(given)
+        own = [] if thing is None else [str(entry.kit) for entry in thing.tapes]
+        count, watched = _opened(source, [*own, *kits, *more], sensor, given)
+        if thing is not None:
+            refuse_strangers(thing, watched.job.tapes)
         tally = Tally()
         stop = Event()
         with ExitStack() as stack:
             stack.enter_context(_ended_by_signals(stop))
-            outputs = _outputs(stack, watched, given)
+            outputs = _outputs(stack, watched, thing, given)
             stack.callback(_end, tally)
-            _run(watched, tally, stop, outputs, count=count, as_json=as_json)
+            if as_json:
+                outputs.insert(0, partial(_print, thing))
+            _run(watched, tally, stop, outputs, count=count)
     if tally.unusable and not tally.answered:
         sys.exit(FAILED)
+
+
+def _read_object(given: Mapping[str, Any]) -> TapedObject | None:
+    """The object whose tapes are watched, if one is named."""
+    if given["object_file"] is None:
+        return None
+    from tactape_fab.objects import read_object
+
+    refuse_code(given)
+    thing = read_object(given["object_file"])
+    echo_lines_err(object_lines(thing))
+    return thing
+
+
+def _print(thing: TapedObject | None, located: Located) -> bool:
+    from tactape_fab.live.messages import text_message
+
+    click.echo(text_message(located.frame, located.fix, thing)["data"])
+    return True
 
 
 def _opened(source: str, kits: Sequence[str], sensor: str, given: dict[str, Any]) -> tuple[int | None, Watch]:
@@ -110,13 +141,15 @@ def _opened(source: str, kits: Sequence[str], sensor: str, given: dict[str, Any]
     return count, watched
 
 
-def _outputs(stack: ExitStack, watched: Watch, given: dict[str, Any]) -> list[Callable[[Located], bool]]:
+def _outputs(
+    stack: ExitStack, watched: Watch, thing: TapedObject | None, given: dict[str, Any]
+) -> list[Callable[[Located], bool]]:
     """What writes or shows an answer; False where it cannot for want of a timestamp."""
     outputs: list[Callable[[Located], bool]] = []
     if given["mcap"] is not None:
         from tactape_fab.live.mcap_log import McapLog
 
-        log = McapLog(Path(given["mcap"]), frame_id=given["frame_id"], sensor_frame=given["sensor_frame"])
+        log = McapLog(Path(given["mcap"]), frame_id=given["frame_id"], sensor_frame=given["sensor_frame"], thing=thing)
         outputs.append(stack.enter_context(log).write)
     if given["rerun"] or given["save"] is not None:
         from tactape_fab.live.rerun_log import RerunLog
@@ -133,11 +166,9 @@ def _run(
     outputs: Sequence[Callable[[Located], bool]],
     *,
     count: int | None,
-    as_json: bool,
 ) -> None:
     from tactape_fab.live.frames import Trouble
     from tactape_fab.live.lines import status_line
-    from tactape_fab.live.messages import text_message
     from tactape_fab.live.watch import watch as watch_frames
 
     terminal = sys.stderr is not None and sys.stderr.isatty()
@@ -145,8 +176,6 @@ def _run(
     due_s = perf_counter() + period_s
     for located in watch_frames(watched, tally, stop):
         if located is not None:
-            if as_json:
-                click.echo(text_message(located.frame, located.fix)["data"])
             for write in outputs:
                 if not write(located):
                     message = f"frame {located.frame} has no timestamp that a message can have; it is not written"

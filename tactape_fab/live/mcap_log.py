@@ -13,6 +13,7 @@ from tactape_fab.fields import shown_path
 from tactape_fab.live.cdr import IMAGE, POSE, TEXT, MessageType
 from tactape_fab.live.messages import image_message, pose_message, stamp_ns, text_message
 from tactape_fab.localize import Located
+from tactape_fab.objects import TapedObject
 
 POSE_TOPIC, DEPTH_TOPIC, TEXT_TOPIC = "/tactape/pose", "/tactape/depth", "/tactape/fix"
 
@@ -29,6 +30,8 @@ class McapLog:
         Must not be there.
     frame_id, sensor_frame : str, optional
         Frames of poses and of depth images; see `messages`.
+    thing : TapedObject, optional
+        In whose frame whole answers come, too.
 
     Raises
     ------
@@ -36,11 +39,13 @@ class McapLog:
         When it cannot be written.
     """
 
-    def __init__(self, path: Path, *, frame_id: str | None = None, sensor_frame: str | None = None) -> None:
+    def __init__(
+        self, path: Path, *, frame_id: str | None = None, sensor_frame: str | None = None, thing: TapedObject | None = None
+    ) -> None:
         from mcap.writer import CompressionType, Writer
 
         self.path = path
-        self._frame_id, self._sensor_frame = frame_id, sensor_frame
+        self._frame_id, self._sensor_frame, self._thing = frame_id, sensor_frame, thing
         self._writer: Any = None
         try:
             self._stream = path.open("xb")
@@ -73,7 +78,7 @@ class McapLog:
         pose = pose_message(located.fix, stamp, self._frame_id)
         image = image_message(located.depth, located.sensor, stamp, self._sensor_frame)
         try:
-            self._add(self._text, stamp, located.frame, TEXT.encode(text_message(located.frame, located.fix)))
+            self._add(self._text, stamp, located.frame, TEXT.encode(text_message(located.frame, located.fix, self._thing)))
             if pose is not None:
                 self._add(self._pose, stamp, located.frame, POSE.encode(pose))
             self._add(self._depth, stamp, located.frame, IMAGE.encode(image))

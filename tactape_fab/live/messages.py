@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.console import fix_json
+from tactape_fab.console import fix_json, object_json
 from tactape_fab.profiles.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 
 if TYPE_CHECKING:
     from tactape_fab.decode.result import Localization
+    from tactape_fab.objects import TapedObject
 
 UNMEASURED = 1e6
 """Variance (m², rad²) of z, roll and pitch, which no tape tells: so large that a filter takes nothing from them."""
@@ -125,9 +126,10 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     }
 
 
-def text_message(frame: int, fix: Localization) -> dict[str, Any]:
-    """A whole answer as std_msgs/String: the JSON object that `decode --json` prints."""
-    return {"data": json.dumps(fix_json(frame, fix), allow_nan=False)}
+def text_message(frame: int, fix: Localization, thing: TapedObject | None = None) -> dict[str, Any]:
+    """A whole answer as std_msgs/String: the JSON object that `decode --json` prints, with an object as with its `--object`."""
+    more = {} if thing is None else object_json(thing.locate(fix))
+    return {"data": json.dumps({**fix_json(frame, fix), **more}, allow_nan=False)}
 
 
 def _header(stamp: int, frame_id: str) -> dict[str, Any]:

@@ -262,6 +262,30 @@ def test_decode_registers_the_tapes_of_an_object_and_answers_in_its_frame(small_
     assert table[1].endswith(", ".join(f"{v:.3f}" for v in answers[0]["object_mm"]))
 
 
+def test_watch_answers_in_the_frame_of_an_object_as_decode_does(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    path, keys = write(tmp_path, small_kit, FLAT), ("frame", "located", "object", "object_mm", "object_rotation")
+    found = []
+    for command in (["decode", str(frames)], ["watch", str(frames), "--rate", "max"]):
+        run = CliRunner().invoke(main, [*command, "--object", str(path), "--json"])
+        assert run.exit_code == 0, run.output
+        found.append([{key: json.loads(line)[key] for key in keys} for line in run.stdout.splitlines()])
+    assert found[0] == found[1] and all(answer["object_mm"] is not None for answer in found[0])
+    refused = CliRunner().invoke(main, ["watch", str(frames), "--object", str(path), "--w", "1.5"])
+    assert refused.exit_code == 2 and "--w and --object are given" in refused.stderr
+
+
+def test_the_log_of_watch_has_the_objects_frame(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    reader = pytest.importorskip("rosbags.highlevel")
+    log, path = tmp_path / "touch.mcap", write(tmp_path, small_kit, FLAT)
+    line = ["watch", str(frames), "--rate", "10", "--no-drop", "--object", str(path), "--mcap", str(log), "--json"]
+    run = CliRunner().invoke(main, line)
+    assert run.exit_code == 0, run.output
+    with reader.AnyReader([log]) as bag:
+        logged = [bag.deserialize(data, c.msgtype).data for c, _, data in bag.messages() if c.topic == "/tactape/fix"]
+    assert [json.loads(text) for text in logged] == [json.loads(line) for line in run.stdout.splitlines()]
+    assert json.loads(logged[0])["object"] == "box"
+
+
 def test_answers_beside_an_object_are_null(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
     np.savez(tmp_path / "noise.npz", depth=np.random.default_rng(1).normal(size=(240, 320)).astype(np.float32))
     run = CliRunner().invoke(
