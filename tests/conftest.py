@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,12 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.make_panel import PanelKit
 from tactape_fab.verify.round_trip import full_trips
 from tests.panels import SIX, TWO, panel_of
+
+
+def pytest_configure() -> None:
+    """In the background a shell lets tests, and all that they start, ignore Ctrl-C: some of them press it."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
