@@ -65,7 +65,8 @@ def read_question(values: Mapping[str, Any]) -> Question:
     tapes = table.integer("tapes", low=1, high=MOST_TAPES)
     process = table.text("process", choices=PROCESSES)
     size_mm = _size(values.get("size_mm", DEFAULT_SIZE_MM), problems)
-    if process != FILM and "fab" in values:
+    known = process in PROCESSES  # else it is refused already
+    if known and process != FILM and "fab" in values:
         said = f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
         problems.append(Problem("fab", said))
     sensor, making = None, None
@@ -74,7 +75,8 @@ def read_question(values: Mapping[str, Any]) -> Question:
     except SpecError as refused:
         problems += refused.problems
     try:
-        making = load_fab(values.get("fab", DEFAULT_FAB)) if process == FILM else load_process(process)
+        if known:
+            making = load_fab(values.get("fab", DEFAULT_FAB)) if process == FILM else load_process(process)
     except SpecError as refused:
         problems += refused.problems
     if problems or sensor is None or making is None:

@@ -16,11 +16,13 @@ from click.testing import CliRunner, Result
 
 from tactape_fab.advise import model
 from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING
+from tactape_fab.advise.asking import read_question
 from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, Design, film_designs, judged, rules_of, solid_designs
 from tactape_fab.advise.model import CODES, LOSS, Seen, least_contact_mm, located_share, signal_of
 from tactape_fab.cli import main
 from tactape_fab.decode import detect, elongation, reading, search, symbols
 from tactape_fab.decode.localizer import MAX_P_FALSE
+from tactape_fab.errors import SpecError
 from tactape_fab.profiles import load_fab, load_process, load_sensor
 from tactape_fab.simulate import Scene
 from tactape_fab.simulate.gel import press
@@ -281,3 +283,9 @@ def test_promises_of_the_page_are_kept_and_are_those_of_the_model() -> None:
 def test_random_designs_locate_what_is_promised_of_them() -> None:
     rows = bench.promises()
     assert all(bench.kept(row) for row in rows), [row for row in rows if not bench.kept(row)]
+
+
+def test_an_unknown_process_is_refused_once() -> None:
+    with pytest.raises(SpecError) as caught:
+        read_question({"contact_mm": 6.0, "process": "mill", "fab": "generic-fpc"})
+    assert [problem.key for problem in caught.value.problems] == ["process"]
