@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from math import pi
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.errors import Check
 from tactape_fab.fields import shown_path
@@ -33,7 +37,8 @@ _CHORD_TOLERANCE_MM = 0.002
 _DOME_VOLUME_TOLERANCE = 0.06
 _MOST_MODEL_BYTES = 2 << 30
 _TEXT_PER_TRIANGLE = 300
-_POINT = re.compile(rb"#(\d{1,12})=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
+_POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
+_LONGEST_NAME = 13
 _VERTEX = re.compile(rb"=VERTEX_POINT\('',#(\d{1,12})\)")
 _AXES = re.compile(rb"#(\d{1,12})=AXIS2_PLACEMENT_3D\('',#(\d{1,12}),")
 _ROUND = re.compile(rb"=(?:SPHERICAL|CONICAL)_SURFACE\('',#(\d{1,12}),")
@@ -135,8 +140,8 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
     if not re.search(rb'<model\b[^>]*\bunit="millimeter"', text):
         raise MeshError("its unit is not the millimetre")
     try:
-        vertices = np.array(re.findall(rb'<vertex x="([^"]+)" y="([^"]+)" z="([^"]+)"', text), dtype="S").astype(np.float64)
-        faces = np.array(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', text), dtype="S").astype(np.int64)
+        vertices = _numbers(re.findall(rb'<vertex x="([^"]+)" y="([^"]+)" z="([^"]+)"', text), np.float64)
+        faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', text), np.int64)
     except (ValueError, OverflowError) as error:
         raise MeshError(f"it holds what is no number: {error}") from error
     if len(vertices) == 0 or len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
@@ -185,14 +190,38 @@ def _anchors(tape: Tape, data: bytes) -> FloatArray:
     ValueError
         When the text holds what is no point.
     """
-    points = {int(name): xyz for name, xyz in _POINT.findall(data)}
+    points = {_name_before(data, found.start()): found[1] for found in _POINT.finditer(data)}
     if tape.part.shape == "block":
-        wanted = [int(name) for name in _VERTEX.findall(data)]
+        wanted = _VERTEX.findall(data)
     else:
-        axes = {int(name): int(point) for name, point in _AXES.findall(data)}
-        wanted = [axes[int(name)] for name in _ROUND.findall(data) if int(name) in axes]
-    rows = [points[name].split(b",") for name in wanted if name in points]
-    return np.array(rows, dtype="S").astype(np.float64).reshape(-1, 3)
+        axes = dict(_AXES.findall(data))
+        wanted = [axes[name] for name in _ROUND.findall(data) if name in axes]
+    return _numbers([points[name].split(b",") for name in wanted if name in points], np.float64)
+
+
+def _name_before(data: bytes, end: int) -> bytes:
+    """Digits of the entity name that ends there; sought from its end, since every reference begins as a name does."""
+    return data[data.rfind(b"#", max(end - _LONGEST_NAME, 0), end) + 1 : end]
+
+
+def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDArray[Any]:
+    """Rows of three numbers each; shape (n, 3).
+
+    Raises
+    ------
+    ValueError
+        When something is no number, or no row has three.
+    """
+    flat = list(chain.from_iterable(rows))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # numpy's word for text after the last number
+        try:
+            numbers = np.fromstring(b" ".join(flat), dtype=kind, sep=" ")
+        except DeprecationWarning as warning:
+            raise ValueError(str(warning)) from warning
+    if len(numbers) != len(flat):
+        raise ValueError(f"{len(numbers)} numbers where there are {len(flat)}")
+    return numbers.reshape(-1, 3)
 
 
 def _text_place_problems(tape: Tape, form: SolidForm, data: bytes) -> list[str]:

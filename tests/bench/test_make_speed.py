@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
+import sys
 from itertools import count
 from pathlib import Path
 from statistics import median
@@ -22,6 +24,21 @@ from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, run,
 PARTS = 50_000
 MOST_SECONDS_LARGE = 60.0
 RUNS = 7
+MOST_SECONDS_VERIFY = 0.4
+_VERIFY = """
+import json, sys
+from pathlib import Path
+from time import process_time
+from tactape_fab.verify import verify_folder
+
+def seconds():
+    start = process_time()
+    assert verify_folder(Path("manifest.json"), quick=True).passed
+    return process_time() - start
+
+first, *later = [seconds() for _ in range(9)]
+print(json.dumps({"first": first, "best": min(later), "compiler": "numba" in sys.modules}))
+"""
 MAIN_JOB = ("make", "--sector", "7", "--w", "1.5", "--delta", "0.25")
 
 
@@ -45,6 +62,24 @@ def test_whole_process_answers_soon(
     show(f"tactape-fab {name}, whole process, median of {RUNS}", median(process.seconds), "s")
     show(f"tactape-fab {name}, whole process, best of {RUNS}", min(process.seconds), "s", f"<= {most_s:g}")
     assert min(process.seconds) <= most_s, f"at a load of {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
+
+
+def test_quick_verification_adds_little_and_loads_no_compiler(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    """What `make` does after writing: seconds of the processor, and apart from them what its libraries take to load."""
+    subprocess.run([command(), *MAIN_JOB, "--no-verify", "-o", str(tmp_path / "kit")], check=True, capture_output=True)
+
+    def once() -> dict[str, float]:
+        done = subprocess.run([sys.executable, "-c", _VERIFY], check=True, capture_output=True, cwd=tmp_path / "kit")
+        answer: dict[str, float] = json.loads(done.stdout)
+        return answer
+
+    runs = [once(), once(), run(benchmark, once, rounds=1)]
+
+    best_s = min(r["best"] for r in runs)
+    show("verify --quick as make calls it, libraries loaded, best of 24", best_s, "s", f"<= {MOST_SECONDS_VERIFY:g}")
+    show("loading libraries in the first call, best of 3", min(r["first"] - r["best"] for r in runs), "s")
+    assert best_s <= MOST_SECONDS_VERIFY
+    assert not any(r["compiler"] for r in runs)
 
 
 def test_large_kit_is_made_and_verified_within_a_minute(
