@@ -21,6 +21,7 @@ _ELEMENT = {"part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displ
 _RESTS_ON = {
     "displacement_mm": {"pitch_mm"},
     "size_mm": {"code", "fab", "process", "tag_cell_mm", "corner_radius_mm", *_ELEMENT},
+    "directions": {"code", "part", "pitch_mm", "displacement_mm"},
     "origin": {"code", "sector", "size_mm", "pitch_mm"},
     "corner_radius_mm": {"size_mm", "tag_cell_mm", "part", "cylinder_mm"},
     "holes_mm": {"size_mm", "corner_radius_mm"},

@@ -42,7 +42,7 @@ class Planned:
         """Two tapes that have this in common cannot be told apart."""
         spec = self.spec
         size_mm = spec.size_mm if spec.code == TOUCH_CODE else None  # another size, another design
-        return spec.code, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
+        return spec.code, spec.directions, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -135,6 +135,7 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
     process = _loaded(load_process, spec.process, problems)
     if avoid and spec.code != TOUCH_CODE and spec.origin != BEST:
         problems.append(fixed_origin(spec.origin))
+    problems += _other_directions(spec, avoid)
     if problems:
         raise SpecError(problems)
     if isinstance(part, PartProfile) and fab is not None:
@@ -163,6 +164,16 @@ def fixed_origin(origin: object) -> Problem:
     """An origin that is given where one is to be chosen."""
     message = f"origin = {shown(origin)} contradicts avoid, which chooses the origin; give --origin best, or leave --origin out"
     return Problem("origin", message)
+
+
+def _other_directions(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:
+    """Tapes to avoid that no decoder knows together with the one that is asked for."""
+    other = [tape for tape in avoid if tape.directions != spec.directions]
+    if not other:
+        return []
+    message = f"avoid: the parts of {other[0].name} point in {other[0].directions} directions, those of this tape in "
+    message += f"{spec.directions}: no decoder knows both together, and there is nothing to avoid; leave it out"
+    return [Problem("avoid", message)]
 
 
 def _settled(spec: TapeSpec, planned: Callable[[], Tape], avoid: Sequence[Tape]) -> tuple[TapeSpec, _Search]:

@@ -74,6 +74,13 @@ TAPE_OPTIONS = (
     _TapeOption(["--size"], "size_mm", size, metavar="WxH", help="Outline, mm.  [default: 100x50]"),
     _TapeOption(["--code"], "code", _same, metavar="NAME", help="microdots-4x4 (default), debruijn-4x4, anoto-6x6 or touch-1."),
     _TapeOption(
+        ["--directions"],
+        "directions",
+        number,
+        metavar="4|8",
+        help="Directions that parts are displaced in; 8 of touch-1, for printed elements.  [default: 4]",
+    ),
+    _TapeOption(
         ["--origin"],
         "origin",
         origin,

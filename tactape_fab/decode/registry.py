@@ -45,7 +45,7 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
     """Registered tapes, equal ones once: the union of their grids under the first one's name."""
     kept: dict[tuple[object, ...], Tape] = {}
     for tape in tapes:
-        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm, _design(tape))
+        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm, tape.directions, _design(tape))
         kept[key] = _union(kept[key], tape) if key in kept else tape
     return list(kept.values())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -172,15 +173,17 @@ def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tap
     half, middle = (plan.tip_mm - pads.offset_mm) / 2, (plan.tip_mm + pads.offset_mm) / 2
     clear = clearance_mm(fab) + rules.web_mm / 2
     apart = fab.limits["pad-pad"].value_mm + rules.web_mm
+    of_symbols = partial(least_pitch_mm, directions=tape.directions)
     spur = max(
-        least_pitch_mm((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
-        least_pitch_mm((2 * half, 0.0), apart, rotation_deg, displacement_mm, (2 * middle, 0.0)),
-        least_pitch_mm((2 * half, 0.0), apart, rotation_deg, displacement_mm),
+        of_symbols((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
+        of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm, (2 * middle, 0.0)),
+        of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm),
     )
     modes = [_judged("spur", spur, fab, tape)]
     if rotation_deg % 90.0 == 45.0:
-        across = sqrt(2) * (2 * clear + b) + 2 * displacement_mm
-        along = sqrt(2) * (clear + a / 2) + displacement_mm
+        sideways_mm = displacement_mm * (1.0 if tape.directions == 4 else sqrt(2))  # as far as a diagonal web sees it
+        across = sqrt(2) * (2 * clear + b) + 2 * sideways_mm
+        along = sqrt(2) * (clear + a / 2) + sideways_mm
         modes.append(_judged("mesh", max(across, along), fab, tape))
     else:
         modes.append(

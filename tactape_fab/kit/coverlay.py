@@ -39,20 +39,22 @@ class Mode:
     reason: str
 
 
-def _neighbour_shifts() -> tuple[FloatArray, FloatArray]:
+def _neighbour_shifts(directions: int) -> tuple[FloatArray, FloatArray]:
     """Grid steps of all neighbours, and differences of displacement, by pairs; shapes (m, 2), board frame, unit lengths."""
     span = np.arange(-_REACH, _REACH + 1)
     steps = np.array([(c, r) for c in span for r in span if c or r], dtype=np.float64)
-    apart = (DIRECTIONS_XY[:, None] - DIRECTIONS_XY).reshape(-1, 2)
+    apart = (DIRECTIONS_XY[:directions, None] - DIRECTIONS_XY[:directions]).reshape(-1, 2)
     return (
         texture_to_board(np.repeat(steps, len(apart), axis=0), (0.0, 0.0)),
         texture_to_board(np.tile(apart, (len(steps), 1)), (0.0, 0.0)),
     )
 
 
-def worst_box_gap_mm(size_mm: tuple[float, float], rotation_deg: float, pitch_mm: float, displacement_mm: float) -> float:
+def worst_box_gap_mm(
+    size_mm: tuple[float, float], rotation_deg: float, pitch_mm: float, displacement_mm: float, directions: int = 4
+) -> float:
     """Least gap between equal turned boxes on neighbouring grid points over all pairs of symbols; negative in an overlap."""
-    steps, apart = _neighbour_shifts()
+    steps, apart = _neighbour_shifts(directions)
     beyond = np.abs(rotate(steps * pitch_mm + apart * displacement_mm, -rotation_deg)) - size_mm
     outside = np.hypot(*np.maximum(beyond, 0.0).T)
     return float((outside + np.minimum(beyond.max(axis=1), 0.0)).min())
@@ -64,6 +66,8 @@ def least_pitch_mm(
     rotation_deg: float,
     displacement_mm: float,
     centre_mm: tuple[float, float] = (0.0, 0.0),
+    *,
+    directions: int = 4,
 ) -> float:
     """The pitch from which on no shift of a neighbour lies in a rounded box, over all pairs of symbols.
 
@@ -75,8 +79,10 @@ def least_pitch_mm(
         By how much it is widened; the radius of its corners.
     centre_mm : (float, float)
         Its middle, along and across the part.
+    directions : int
+        Of the symbols.
     """
-    steps, apart = _neighbour_shifts()
+    steps, apart = _neighbour_shifts(directions)
     d = rotate(steps, -rotation_deg)
     e = rotate(apart * displacement_mm, -rotation_deg) - centre_mm
     a, b = half_mm
@@ -114,13 +120,13 @@ def whole_um_up(pitch_mm: float) -> float:
 
 
 def coverlay_modes(
-    fab: FabProfile, part: PartProfile, *, pitch_mm: float, displacement_mm: float, rotation_deg: float
+    fab: FabProfile, part: PartProfile, *, pitch_mm: float, displacement_mm: float, rotation_deg: float, directions: int = 4
 ) -> tuple[Mode, ...]:
     """Every way to open the coverlay, judged for a fab, a part and a grid."""
     size_mm = opening_size_mm(part, fab)
     bridge, least_size = fab.limits["opening-bridge"], fab.limits["opening-size"]
-    gap_mm = worst_box_gap_mm(size_mm, rotation_deg, pitch_mm, displacement_mm)
-    pitch = whole_um_up(least_pitch_mm(size_mm, bridge.value_mm, rotation_deg, displacement_mm))
+    gap_mm = worst_box_gap_mm(size_mm, rotation_deg, pitch_mm, displacement_mm, directions)
+    pitch = whole_um_up(least_pitch_mm(size_mm, bridge.value_mm, rotation_deg, displacement_mm, directions=directions))
     wide = bridge.level != "block" or gap_mm >= bridge.value_mm - TOLERANCE_MM
     large = least_size.level != "block" or min(size_mm) >= least_size.value_mm - TOLERANCE_MM
     modes = []

@@ -45,7 +45,14 @@ def fab_for(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> FabProfile:
 
 
 def _modes(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> tuple[Mode, ...]:
-    return coverlay_modes(fab, part, pitch_mm=spec.pitch_mm, displacement_mm=spec.displacement_mm, rotation_deg=spec.rotation_deg)
+    return coverlay_modes(
+        fab,
+        part,
+        pitch_mm=spec.pitch_mm,
+        displacement_mm=spec.displacement_mm,
+        rotation_deg=spec.rotation_deg,
+        directions=spec.directions,
+    )
 
 
 def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Finding]:

@@ -155,7 +155,7 @@ def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, avoid: Sequen
     """The symbols of a grid: a place of the code's plane, or the design of a touch code, away from tapes that exist."""
     shape = (grid.rows, grid.columns)
     if spec.code == TOUCH_CODE:
-        return design(spec.sector, shape, [tape.symbols for tape in avoid])
+        return design(spec.sector, shape, [tape.symbols for tape in avoid], spec.directions)
     return encode(get_code(spec.code), spec.sector, origin, shape)
 
 
@@ -197,6 +197,7 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
         board=board,
         part=part,
         tag=_plan_tag(spec),
+        directions=spec.directions,
     )
 
 

@@ -91,10 +91,10 @@ def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
 def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Pairs of placed parts that may come nearer than `reach`, by grid offset.
 
-    Yields, for each offset, the centre distances of those of the 16 pairs of symbols that occur at it, and the board
+    Yields, for each offset, the centre distances of those pairs of symbols that occur at it, and the board
     positions half way between the first such pairs; shapes (k, 2).
     """
-    placed = tape.placed
+    placed, kinds = tape.placed, tape.directions
     furthest = int((reach + 2 * tape.displacement_mm) / tape.pitch_mm) + 1
     for down in range(furthest + 1):
         for right in range(-furthest, furthest + 1):
@@ -105,10 +105,10 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
                 continue
             first = (slice(0, rows), slice(max(-right, 0), max(-right, 0) + columns))
             second = (slice(down, down + rows), slice(max(right, 0), max(right, 0) + columns))
-            pair = np.where(placed[first] & placed[second], tape.symbols[first] * 4 + tape.symbols[second], 16)
+            pair = np.where(placed[first] & placed[second], tape.symbols[first] * kinds + tape.symbols[second], kinds**2)
             value, place = np.unique(pair, return_index=True)
-            a, b = np.divmod(value[value < 16], 4)
-            row, column = np.divmod(place[value < 16], columns)
+            a, b = np.divmod(value[value < kinds**2], kinds)
+            row, column = np.divmod(place[value < kinds**2], columns)
             step = np.array([right, down]) * tape.pitch_mm
             shift = step + tape.displacement_mm * (DIRECTIONS_XY[b] - DIRECTIONS_XY[a])
             middle = np.column_stack([column + max(-right, 0), row]) * tape.pitch_mm + step / 2

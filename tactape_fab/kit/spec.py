@@ -11,6 +11,7 @@ from typing import Any, Literal, cast
 from tactape_fab.errors import CapacityError, Problem, SpecError
 from tactape_fab.fields import Fields, shown, unknown_key
 from tactape_fab.kit.film_options import read_film_options
+from tactape_fab.kit.scatter import scatter_refusal
 from tactape_fab.kit.solid_options import DEFAULT_PROCESS, Part, read_solid_options
 from tactape_fab.kit.tag import LEAST_CELL_MM
 from tactape_fab.profiles import (
@@ -19,6 +20,7 @@ from tactape_fab.profiles import (
     PART_NUMBER_REMEDY,
     X2_MODES,
     ElementProfile,
+    PartProfile,
     profile_names,
     read_part,
     read_toml,
@@ -26,7 +28,7 @@ from tactape_fab.profiles import (
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, default_origin, get_code, limits_of
 from tactape_fab.texture.frames import snap_mm
-from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
+from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS, read_directions
 
 TAG_MODES = ("strip", "none")
 BEST: Literal["best"] = "best"
@@ -55,6 +57,8 @@ class TapeSpec:
     size_mm : (float, float)
         Outline, width by height.
     code : str
+    directions : int
+        How many directions parts are displaced in: 4, or 8 of the touch code, where the parts stand where they should.
     origin : (int, int) or "best"
         Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given. ``"best"``
         is searched for when the tape is planned. (0, 0) for the touch code, which has no plane.
@@ -122,6 +126,7 @@ class TapeSpec:
     displacement_mm: float = None  # type: ignore[assignment]
     size_mm: tuple[float, float] = (100.0, 50.0)
     code: str = DEFAULT_CODE
+    directions: int = 4
     origin: tuple[int, int] | Literal["best"] = None  # type: ignore[assignment]
     tag: str = None  # type: ignore[assignment]
     tag_id: int | None = None
@@ -185,7 +190,7 @@ class TapeSpec:
 
     def to_mapping(self) -> dict[str, Any]:
         """Every option as understood, for the manifest; of a profile's path only the file's name, wherever it stood."""
-        values = {key: _plain(value) for key, value in asdict(self).items()}
+        values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) != ("directions", 4)}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
 
     @property
@@ -258,6 +263,7 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
         "part": _profile_name(table, "part", "parts"),
     }
     part = _part(table, values["part"])
+    values["directions"] = _directions(table, part, values["displacement_mm"])
     values |= read_solid_options(table, part)
     values |= _of_the_film(table, isinstance(part, ElementProfile))
     values |= read_film_options(table, solid=isinstance(part, ElementProfile))
@@ -352,6 +358,17 @@ def _displacement(table: Fields, pitch_mm: float) -> float:
             default=usual,
         )
     )
+
+
+def _directions(table: Fields, part: Part | None, displacement_mm: float) -> int:
+    """Eight directions are of the touch code, and of parts that do not scatter too much for it."""
+    code = TOUCH_CODE if _refused(table, "code") else table.values.get("code", DEFAULT_CODE)
+    directions = read_directions(table, code)
+    if directions == 8 and isinstance(part, PartProfile) and not _refused(table, "displacement_mm"):
+        refusal = None if _refused(table, "directions") else scatter_refusal(displacement_mm)
+        if refusal is not None:
+            table.problem("directions", refusal)
+    return directions
 
 
 def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tuple[float, float]:

@@ -95,7 +95,7 @@ def report_data(kit: Written) -> dict[str, Any]:
         "pitch_mm": tape.pitch_mm,
         "origin": list(tape.origin),
         "grid": [tape.columns, tape.rows],
-        "letters": LETTERS,
+        "letters": LETTERS[: tape.directions],
         "body_mm": list(tape.part.body_mm),
         "places": places.to_mapping(),
         "shapes": [shape.to_mapping() for shape in shapes],

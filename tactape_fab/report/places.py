@@ -55,7 +55,7 @@ def measured_places(tape: Tape, designators: Sequence[str], xy_mm: FloatArray, r
     """Parts from a list of places alone: only the tape's grid is used, none of its symbols."""
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
     cells = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
-    symbols = ((texture_mm - cells * tape.pitch_mm) @ DIRECTIONS_XY.T).argmax(axis=1).astype(np.uint8)
+    symbols = ((texture_mm - cells * tape.pitch_mm) @ DIRECTIONS_XY[: tape.directions].T).argmax(axis=1).astype(np.uint8)
     return Places(designators=designators, xy_mm=xy_mm, cells=cells, symbols=symbols, rotation_deg=rotation_deg)
 
 

@@ -34,7 +34,7 @@ def plain_grid(tape: Tape) -> Parts:
 def random_symbols(tape: Tape, seed: int = 0) -> Parts:
     """The tape's parts, each displaced in a direction of its own at random."""
     cells = tape.cells()
-    symbols = _generator(seed).integers(0, 4, len(cells))
+    symbols = _generator(seed).integers(0, tape.directions, len(cells))
     return _parts(tape, cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols])
 
 

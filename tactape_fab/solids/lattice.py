@@ -17,7 +17,7 @@ from tactape_fab.solids.elements import block_corners_mm, reach_mm
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.rise import foot_radius_mm
 from tactape_fab.solids.wrap import Wrap
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray
 from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rounded_rectangle
 from tactape_fab.texture.tape import Tape
 
@@ -99,7 +99,8 @@ def _kept_clear_mm(tape: Tape, wrap: Wrap) -> FloatArray:
     else:
         offsets = foot_radius_mm(wrap.part, wrap.radius_mm, np.array([0.0, pi])) * (1.0, -1.0)
     arcs = wrap.radius_mm * np.arcsin(offsets / wrap.radius_mm)
-    clear: FloatArray = np.unique((arcs[:, None] + tape.displacement_mm * np.array([-1.0, 0.0, 1.0])).ravel())
+    moved_mm = tape.displacement_mm * np.unique(DIRECTIONS_XY[: tape.directions, 0])
+    clear: FloatArray = np.unique((arcs[:, None] + moved_mm).ravel())
     return clear
 
 

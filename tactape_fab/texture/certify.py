@@ -155,7 +155,7 @@ def certify(tape: Tape) -> Certificate:
         sizes=sizes,
         distinct_side=_smallest(tape, sizes, 1),
         correcting_side=_smallest(tape, sizes, CORRECTING),
-        patches=patch_distances(tape.symbols, tape.placed) if tape.code == TOUCH_CODE else (),
+        patches=patch_distances(tape.symbols, tape.placed, tape.directions) if tape.code == TOUCH_CODE else (),
     )
 
 
@@ -171,7 +171,7 @@ def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
 
 def closest(tape: Tape, side: int, at_least: int = 0) -> Closest:
     """The nearest windows of one size, whatever their distance; see `closest_windows`."""
-    return closest_windows(windows_of(tape.symbols, tape.placed, side), at_least)
+    return closest_windows(windows_of(tape.symbols, tape.placed, side, directions=tape.directions), at_least)
 
 
 def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
@@ -188,7 +188,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
     for most in (step for step in _STEPS if step >= min(at_least, windows.side**2)):
         search = plan_search(windows.side, windows.count, min(most, windows.side**2))
         pairs = 0
-        for some in near_pairs(windows.words, search) if windows.count else ():
+        for some in near_pairs(windows.words, search, bits=windows.bits) if windows.count else ():
             nearest = int(some.distance.min(initial=least + 1))
             if nearest < least:
                 least, pairs, found = nearest, 0, []
@@ -215,9 +215,9 @@ def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntAr
 
     A distance beyond `most` is given as ``most + 1``.
     """
-    windows = windows_of(tape.symbols, tape.placed, side)
+    windows = windows_of(tape.symbols, tape.placed, side, directions=tape.directions)
     distance = np.full(windows.count, most + 1, dtype=np.int64)
-    for pairs in near_pairs(windows.words, plan_search(side, windows.count, most)):
+    for pairs in near_pairs(windows.words, plan_search(side, windows.count, most), bits=windows.bits):
         for end in (pairs.first, pairs.second):
             np.minimum.at(distance, end, pairs.distance)
     return windows.corner_rc, distance

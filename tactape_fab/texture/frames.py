@@ -15,22 +15,48 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 SymbolArray = npt.NDArray[np.uint8]
 
-LETTERS = "NWES"
-"""Letter of symbol value ``x_bit + 2 * y_bit``: N = (0, 0), W = (1, 0), E = (0, 1), S = (1, 1)."""
+LETTERS = "NWESnwes"
+"""Letter of each symbol value.
 
-DIRECTIONS_XY: FloatArray = np.array([(0.0, -1.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-"""Unit displacement of each symbol value in the texture frame, shape (4, 2): N is up, so -y (paper, Eq. 10)."""
+The first four are ``x_bit + 2 * y_bit``: N = (0, 0), W = (1, 0), E = (0, 1), S = (1, 1); a tape of four directions has no others.
+Each of the last four lies 45 degrees clockwise of the same letter's large one: n = NE, w = NW, e = SE, s = SW.
+"""
+
+_HALF = float(np.sqrt(0.5))
+DIRECTIONS_XY: FloatArray = np.array(
+    [(0.0, -1.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (_HALF, -_HALF), (-_HALF, -_HALF), (_HALF, _HALF), (-_HALF, _HALF)]
+)
+"""Unit displacement of each symbol value in the texture frame, shape (8, 2): N is up, so -y (paper, Eq. 10)."""
 DIRECTIONS_XY.setflags(write=False)
+
+DIRECTION_COUNTS = (4, 8)
+"""How many directions the parts of a tape may point in: the first so many symbol values."""
 
 TURNED: SymbolArray = np.argmax((DIRECTIONS_XY @ np.array([(0.0, -1.0), (1.0, 0.0)])) @ DIRECTIONS_XY.T, axis=1).astype(np.uint8)
 """Symbol that each becomes when the texture is turned by 90 degrees counter-clockwise, seen from above: N to W to S to E."""
 TURNED.setflags(write=False)
 
+_GRAY_OF_EIGHT: SymbolArray = np.array([0, 3, 5, 6, 4, 1, 7, 2], dtype=np.uint8)
+
+
+def gray_codes(directions: int) -> SymbolArray:
+    """Bits of each symbol value as one number, so that neighbouring directions differ in one bit; shape (directions,).
+
+    Of four directions these are the values themselves, x and y bit. Of eight they count up from N counter-clockwise: N, w, W,
+    s, S, e, E, n are 000, 001, 011, 010, 110, 111, 101, 100.
+    """
+    return np.arange(4, dtype=np.uint8) if directions == 4 else _GRAY_OF_EIGHT
+
+
+def bits_of(directions: int) -> int:
+    """Bits of a symbol: 2 of four directions, 3 of eight."""
+    return directions.bit_length() - 1
+
 NM_PER_MM = 1_000_000
 
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
 _VALUE_OF_BYTE = np.full(256, 255, dtype=np.uint8)
-_VALUE_OF_BYTE[_LETTER_BYTES] = np.arange(4, dtype=np.uint8)
+_VALUE_OF_BYTE[_LETTER_BYTES] = np.arange(len(LETTERS), dtype=np.uint8)
 
 
 def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float]) -> FloatArray:
@@ -80,25 +106,26 @@ def snap_mm(value_mm: npt.ArrayLike) -> FloatArray:
 
 
 def symbols_to_rows(symbols: SymbolArray) -> list[str]:
-    """Symbol values, shape (rows, columns), as one string of N/E/S/W per row."""
+    """Symbol values, shape (rows, columns), as one string per row: N/E/S/W, and n/e/s/w of eight directions."""
     return [row.tobytes().decode("ascii") for row in _LETTER_BYTES[symbols]]
 
 
-def rows_to_symbols(rows: Sequence[str]) -> SymbolArray:
-    """Strings of N/E/S/W, one per row and of equal length, as symbol values of shape (rows, columns).
+def rows_to_symbols(rows: Sequence[str], directions: int = 4) -> SymbolArray:
+    """Strings of N/E/S/W, one per row and of equal length, as symbol values of shape (rows, columns); of eight, n/e/s/w as well.
 
     Raises
     ------
     ValueError
         When the rows differ in length or hold another letter.
     """
+    known = ", ".join("NESWnesw"[:directions])
     if not rows or len({len(row) for row in rows}) != 1:
         raise ValueError("symbol rows are empty or differ in length")
     try:
         letters = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8)
     except UnicodeEncodeError as error:
-        raise ValueError("symbol rows hold letters other than N, E, S, W") from error
+        raise ValueError(f"symbol rows hold letters other than {known}") from error
     values = _VALUE_OF_BYTE[letters].reshape(len(rows), -1)
-    if (values == 255).any():
-        raise ValueError("symbol rows hold letters other than N, E, S, W")
+    if (values >= directions).any():
+        raise ValueError(f"symbol rows hold letters other than {known}")
     return values

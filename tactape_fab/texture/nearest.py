@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.texture.frames import IntArray
-from tactape_fab.texture.windows import SYMBOLS_PER_WORD, WordArray, symbol_distance
+from tactape_fab.texture.windows import WORD_BITS, WordArray, symbol_distance
 
 _CHUNK = 1 << 19
 """Pairs that are compared at a time, which bounds the memory."""
@@ -86,7 +86,7 @@ def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(int(cell) for cell in part) for part in np.array_split(diagonal, parts))
 
 
-def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None = None) -> Iterator[Pairs]:
+def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None = None, *, bits: int = 2) -> Iterator[Pairs]:
     """Every pair of windows at most ``search.most`` apart, in bounded portions.
 
     Parameters
@@ -95,10 +95,12 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
         As `Windows` has them, of one tape or of several one after the other: three turns, with `queries` all four.
     queries : int, optional
         Compare the first so many windows with those after them only, in every turn of these.
+    bits : int
+        Of a symbol.
     """
     turns, count = words[0].shape
     flat = tuple(np.ascontiguousarray(w).reshape(turns * count) for w in words)
-    masks = [_mask(part, len(words)) for part in search.parts]
+    masks = [_mask(part, len(words), bits) for part in search.parts]
     for chosen in combinations(range(len(masks)), search.agreeing):
         order, ends = _runs(flat, [masks[i] for i in chosen])
         sorted_words = tuple(w[order] for w in flat)
@@ -106,7 +108,7 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
         others = [masks[i] for i in range(max(chosen, default=0)) if i not in chosen]
         for a, b in _within_runs(starts, ends[starts]):
             left, right = tuple(w[a] for w in sorted_words), tuple(w[b] for w in sorted_words)
-            distance = symbol_distance(left, right)
+            distance = symbol_distance(left, right, bits)
             near = np.flatnonzero(distance <= search.most)
             if len(near) == 0:
                 continue
@@ -122,11 +124,11 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
             yield Pairs(first=first[kept], second=second[kept], turn=turn[kept], distance=distance[near][kept])
 
 
-def _mask(cells: tuple[int, ...], words: int) -> tuple[np.uint64, ...]:
+def _mask(cells: tuple[int, ...], words: int, bits: int) -> tuple[np.uint64, ...]:
     values = [0] * words
     for cell in cells:
-        word, place = divmod(cell, SYMBOLS_PER_WORD)
-        values[word] |= 3 << (2 * place)
+        word, place = divmod(cell, WORD_BITS // bits)
+        values[word] |= ((1 << bits) - 1) << (bits * place)
     return tuple(np.uint64(v) for v in values)
 
 

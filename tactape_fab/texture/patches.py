@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import SymbolArray
+from tactape_fab.texture.frames import SymbolArray, bits_of, gray_codes
+from tactape_fab.texture.windows import WORD_BITS, windows_of
 
 if TYPE_CHECKING:
     from tactape_fab.texture.touch_search import Shapes
@@ -43,7 +44,7 @@ class PatchDistance:
         How many there are without a hole.
     bits : int or None
         Fewest bits in which two of them differ, in any of four turns: one bit where a part points a quarter turn elsewhere,
-        two where it points the other way. None where there is no pair.
+        two where it points the other way; of eight directions the bits of `frames.gray_codes`. None where there is no pair.
     pairs : int
         Pairs at that distance.
     """
@@ -57,15 +58,20 @@ class PatchDistance:
         return {"shape": self.shape, "count": self.patches, "bits": self.bits, "pairs": self.pairs}
 
 
+def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
+    """Those of `PATCHES` whose bits fill no more than a word: all but 5x5 of eight directions."""
+    return [mask for mask in PATCHES.values() if bits_of(directions) * mask.sum() <= WORD_BITS]
+
+
 @cache
-def patch_shapes() -> Shapes:
-    """`PATCHES` for a search."""
+def patch_shapes(directions: int = 4) -> Shapes:
+    """`in_one_word` for a search."""
     from tactape_fab.texture.touch_search import shapes_of  # loads the compiler, which tapes of other codes do without
 
-    return shapes_of(list(PATCHES.values()))
+    return shapes_of(in_one_word(directions), directions)
 
 
-def patch_distances(symbols: SymbolArray, placed: BoolArray) -> tuple[PatchDistance, ...]:
+def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4) -> tuple[PatchDistance, ...]:
     """How far the patches of a grid are apart, by shape; exact.
 
     Parameters
@@ -73,12 +79,14 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray) -> tuple[PatchDista
     symbols : ndarray of uint8, shape (rows, columns)
     placed : ndarray of bool, shape (rows, columns)
         Patches that hold a grid point without a part do not count.
+    directions : int
     """
-    from tactape_fab.texture.touch_search import nearest_of, words_of
+    from tactape_fab.texture.touch_search import nearest_of, nearest_of_long, words_of
 
-    words, _ = words_of(symbols, patch_shapes())
+    shapes = patch_shapes(directions)
+    words, _ = words_of(gray_codes(directions)[symbols], shapes)
     found = []
-    for (name, mask), own in zip(PATCHES.items(), words, strict=True):
+    for (name, mask), own in zip(PATCHES.items(), words, strict=False):
         whole = np.zeros(0, dtype=bool)
         if min(symbols.shape) >= len(mask):
             windows = np.lib.stride_tricks.sliding_window_view(placed, mask.shape)
@@ -87,4 +95,9 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray) -> tuple[PatchDista
         nearest_of(kept, kept.shape[1], out)
         bits, pairs = out.tolist()
         found.append(PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs))
+    for name, mask in list(PATCHES.items())[len(shapes.side) :]:
+        windows, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
+        nearest_of_long(*windows.words, windows.count, out)
+        bits, pairs = out.tolist()
+        found.append(PatchDistance(shape=name, patches=windows.count, bits=bits if pairs else None, pairs=pairs))
     return tuple(found)

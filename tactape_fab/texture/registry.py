@@ -74,7 +74,9 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     are not yet known to be near another.
     """
     count = len(tapes)
-    words, tape_of, corner_rc = joined([windows_of(t.symbols, t.placed, side) for t in tapes])
+    directions = max((t.directions for t in tapes), default=4)
+    windows = [windows_of(t.symbols, t.placed, side, directions=directions) for t in tapes]
+    words, tape_of, corner_rc = joined(windows)
     matrix = np.full((count, count), NO_WINDOWS, dtype=np.uint8)
     have = np.unique(tape_of)
     matrix[np.ix_(have, have)] = BEYOND
@@ -88,7 +90,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
         kept = np.flatnonzero(np.isin(tape_of, unknown))
         search = plan_search(side, len(kept), most)
         settled = least < BEYOND
-        for found in near_pairs(tuple(w[:, kept] for w in words), search):
+        for found in near_pairs(tuple(w[:, kept] for w in words), search, bits=windows[0].bits):
             some = _between_tapes(found, kept, tape_of)
             a, b = tape_of[some.first], tape_of[some.second]
             np.minimum.at(matrix, (a, b), np.minimum(some.distance, BEYOND))

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.errors import Problem, SpecError
-from tactape_fab.fields import Fields, shown_path
+from tactape_fab.fields import Fields, shown, shown_path
 from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, BoolArray, encode, get_code, limits_of
 from tactape_fab.texture.frames import (
+    DIRECTION_COUNTS,
     DIRECTIONS_XY,
     FloatArray,
     IntArray,
@@ -115,6 +116,8 @@ class Tape:
         Read-only (column, row) of grid points that carry no part, row-major.
     surface : Surface or None
         Where the texture stands on a part of the user's own: board positions then mean nothing.
+    directions : int
+        How many directions parts are displaced in: 4, or 8 of a touch code.
     """
 
     name: str
@@ -131,6 +134,7 @@ class Tape:
     part: TapePart
     tag: Tag | None
     surface: Surface | None = None
+    directions: int = 4
 
     def __post_init__(self) -> None:
         self.symbols.setflags(write=False)
@@ -174,6 +178,7 @@ class Tape:
             "rows": self.rows,
             "pitch_mm": self.pitch_mm,
             "displacement_mm": self.displacement_mm,
+            **({} if self.directions == 4 else {"directions": self.directions}),
             "board": {**_plain(self.board), "holes": [list(h) for h in self.board.holes]},
             "part": _plain(self.part),
             "symbols": symbols_to_rows(self.symbols),
@@ -352,6 +357,7 @@ def _read_tape(table: Fields) -> Tape:
     name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
+    directions = read_directions(table, code.name)
     board = _read_board(table.table("board"))
     part = _read_part(table.table("part"))
     if "tag" not in table.values:
@@ -362,7 +368,7 @@ def _read_tape(table: Fields) -> Tape:
         table.problem("columns", f"columns x rows = {columns} x {rows} exceeds {MOST_POINTS} grid points")
     if table.problems:
         raise SpecError(table.problems)
-    symbols = _read_symbols(table, rows, columns)
+    symbols = _read_symbols(table, rows, columns, directions)
     if code.name == TOUCH_CODE:
         _check_matrix(table, symbols, (origin[0], origin[1]))
     else:
@@ -382,6 +388,7 @@ def _read_tape(table: Fields) -> Tape:
         part=part,
         tag=tag,
         surface=surface,
+        directions=directions,
     )
 
 
@@ -419,12 +426,23 @@ def _check_matrix(table: Fields, symbols: SymbolArray, origin: tuple[int, int]) 
         raise SpecError(table.problems)
 
 
-def _read_symbols(table: Fields, rows: int, columns: int) -> SymbolArray:
+def read_directions(table: Fields, code: str) -> int:
+    """How many directions the symbols have; without a word of it four."""
+    directions = table.values.get("directions", 4)
+    if isinstance(directions, bool) or not isinstance(directions, int) or directions not in DIRECTION_COUNTS:
+        table.problem("directions", f"directions = {shown(directions)} is neither 4 nor 8; give one of them")
+        return 4
+    if directions != 4 and code != TOUCH_CODE:
+        table.problem("directions", f"directions = {directions} of code '{code}': only '{TOUCH_CODE}' has 8; use --code {TOUCH_CODE}, or 4 directions")
+    return directions
+
+
+def _read_symbols(table: Fields, rows: int, columns: int, directions: int) -> SymbolArray:
     texts = table.rows("symbols", longest=rows)
     if len(texts) != rows or not all(isinstance(t, str) and len(t) == columns for t in texts):
         raise SpecError(Problem("symbols", f"symbols is not {rows} strings of {columns} letters"))
     try:
-        return rows_to_symbols(texts)
+        return rows_to_symbols(texts, directions)
     except ValueError as error:
         raise SpecError(Problem("symbols", str(error))) from error
 

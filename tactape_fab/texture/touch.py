@@ -10,16 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactape_fab.errors import CapacityError, Problem
 from tactape_fab.texture.code import TOUCH_CODE
-from tactape_fab.texture.frames import SymbolArray
+from tactape_fab.texture.frames import SymbolArray, gray_codes
 from tactape_fab.texture.patches import patch_shapes
 from tactape_fab.texture.windows import WordArray
 
-Bits = tuple[int, int, int, int, int]
+if TYPE_CHECKING:
+    from tactape_fab.texture.touch_search import Shapes
+
+Bits = tuple[int, ...]
 
 ALONE: tuple[Bits, ...] = (
     (0, 1, 2, 4, 6),
@@ -40,6 +44,22 @@ BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 5, 8, 10), (0, 2, 4, 7, 9)),
 )
 """Rungs beside other tapes: the same, and fewest bits between a patch of the tape and one of theirs."""
+ALONE_OF_EIGHT: tuple[Bits, ...] = (
+    (0, 2, 4, 7),
+    (1, 3, 6, 10),
+    (2, 4, 7, 11),
+    (2, 5, 8, 12),
+    (3, 6, 9, 13),
+    (4, 7, 11, 15),
+    (4, 7, 11, 16),
+)
+"""As `ALONE`, of eight directions: a 5x5, whose bits fill more than a word, keeps what the disc within it has, and is counted."""
+BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
+    ((1, 3, 6, 10), (0, 2, 4, 7)),
+    ((2, 5, 8, 12), (1, 3, 6, 10)),
+    ((3, 6, 9, 13), (2, 4, 7, 11)),
+    ((3, 6, 10, 14), (2, 5, 8, 12)),
+)
 _WORK, _WORK_BESIDE = 60_000_000, 400_000_000
 """Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or a minute.
 
@@ -49,7 +69,7 @@ _LEAST_STEPS = 1000
 MOST_TOUCH_POINTS = 20_000
 
 
-def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = ()) -> SymbolArray:
+def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (), directions: int = 4) -> SymbolArray:
     """The matrix of a tape, read-only; equal questions in a row are answered once.
 
     Parameters
@@ -59,7 +79,8 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
     shape : (int, int)
         Rows and columns.
     avoid : sequence of ndarray of uint8
-        Symbols of tapes that exist, from whose patches those of this one keep away.
+        Symbols of tapes that exist, of as many directions, from whose patches those of this one keep away.
+    directions : int
 
     Raises
     ------
@@ -72,20 +93,23 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
             "designed for; use a smaller --size or --code microdots-4x4"
         )
         raise CapacityError(Problem("size_mm", message))
-    return _designed(sector, shape, tuple((a.shape, a.tobytes()) for a in avoid))
+    return _designed(sector, shape, tuple((a.shape, a.tobytes()) for a in avoid), directions)
 
 
 @lru_cache(maxsize=8)
-def _designed(sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int, ...], bytes], ...]) -> SymbolArray:
+def _designed(
+    sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int, ...], bytes], ...], directions: int
+) -> SymbolArray:
     from tactape_fab.texture.touch_search import Patches, fill, new_room, repair, words_of  # loads the compiler
 
-    others = [np.frombuffer(data, dtype=np.uint8).reshape(of) for of, data in avoid]
+    codes, shapes = gray_codes(directions), patch_shapes(directions)
+    others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
     state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
-    symbols, room, shapes = np.empty(shape, dtype=np.uint8), new_room(), patch_shapes()
-    fill(symbols, state)
-    given = _given(others)
+    symbols, room = np.empty(shape, dtype=np.uint8), new_room()
+    fill(symbols, directions, state)
+    given = _given(others, shapes)
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
-    rungs = BESIDE if others else tuple((own, (0, 0, 0, 0, 0)) for own in ALONE)
+    rungs = _rungs(bool(others), directions)
     reached = symbols.copy()
     for rung, (own, across) in enumerate(rungs, start=1):
         steps = max(_LEAST_STEPS, (_WORK_BESIDE if others and rung < len(rungs) else _WORK) // work)
@@ -94,15 +118,23 @@ def _designed(sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int,
         if not repair(symbols, shapes, patches, least, least_given, steps, state, room):
             break
         reached = symbols.copy()
+    reached = np.argsort(codes).astype(np.uint8)[reached]
     reached.setflags(write=False)
     return reached
 
 
-def _given(others: Sequence[SymbolArray]) -> tuple[WordArray, np.ndarray]:
-    """All patches of other tapes in all turns, and how many of each shape."""
+def _rungs(beside: bool, directions: int) -> tuple[tuple[Bits, Bits], ...]:
+    """Least bits of the tape's own patches, and of pairs with those of others, one rung after the other."""
+    if beside:
+        return BESIDE if directions == 4 else BESIDE_OF_EIGHT
+    alone = ALONE if directions == 4 else ALONE_OF_EIGHT
+    return tuple((own, (0,) * len(own)) for own in alone)
+
+
+def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:
+    """All patches of other tapes (Gray codes) in all turns, and how many of each shape."""
     from tactape_fab.texture.touch_search import words_of
 
-    shapes = patch_shapes()
     found = [words_of(symbols, shapes) for symbols in others]
     count = sum((4 * n for _, n in found), np.zeros(len(shapes.side), dtype=np.int64))
     words = np.zeros((len(count), max(int(count.max()), 1)), dtype=np.uint64)

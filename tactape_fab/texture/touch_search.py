@@ -1,7 +1,8 @@
 """Conflicts between the patches of a grid of symbols, and their repair, symbol by symbol. Integers only: the same everywhere.
 
-A patch is a word of two bits per symbol, and two patches differ in as many bits as their words do: one where a part points a
-quarter turn elsewhere, two where it points the other way. A conflict is a pair of patches that differ in fewer bits than asked
+A patch is a word of two bits per symbol, three of eight directions, and two patches differ in as many bits as their words do. A
+symbol stands here as its Gray code (`frames.gray_codes`): of four directions one bit is a part that points a quarter turn
+elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135. A conflict is a pair of patches that differ in fewer bits than asked
 for: of the grid itself, one of them in one of four turns, or of the grid and patches that are given. To change a symbol
 concerns the patches that hold it, and each of them is held against all others once for all symbols that may stand there.
 """
@@ -14,12 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.kernels import inner_kernel, kernel
-from tactape_fab.texture.frames import LETTERS, TURNED, IntArray, SymbolArray
+from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray, bits_of, gray_codes
 from tactape_fab.texture.windows import WordArray
 
-SYMBOLS = len(LETTERS)
-BITS = 2
-"""Of a symbol; they are a Gray code of its direction."""
+MOST_SYMBOLS = 8
+WORD_BITS = 64
 _TURNS, _GIVEN = 4, 4
 """A conflict's turn where the other patch is a given one."""
 _BLOCK = 256
@@ -41,7 +41,7 @@ class Shapes(NamedTuple):
     """Shapes of patches: of each its side, its number of points, where they are, and where they go in its word when turned.
 
     ``cells`` has shape (k, most, 2), row and column; ``place`` (k, 4, side, side), -1 where the shape has no point; ``turned``
-    (4, symbols) what each symbol becomes.
+    (4, symbols) what each symbol becomes, Gray codes both; ``bits`` are those of a symbol.
     """
 
     side: IntArray
@@ -49,6 +49,7 @@ class Shapes(NamedTuple):
     cells: IntArray
     place: IntArray
     turned: IntArray
+    bits: int
 
 
 class Patches(NamedTuple):
@@ -76,11 +77,11 @@ class Room(NamedTuple):
 def new_room() -> Room:
     """Room for a search."""
     conflicts, coming = np.empty((1 << 18, 4), dtype=np.int64), np.empty((1 << 16, 5), dtype=np.int64)
-    return Room(conflicts, coming, np.empty(1 << 16, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64))
+    return Room(conflicts, coming, np.empty(1 << 16, dtype=np.int64), np.empty(MOST_SYMBOLS, dtype=np.int64))
 
 
-def shapes_of(masks: list[npt.NDArray[np.bool_]]) -> Shapes:
-    """Shapes from square masks that are alike in all four turns, with 32 points at most."""
+def shapes_of(masks: list[npt.NDArray[np.bool_]], directions: int = 4) -> Shapes:
+    """Shapes from square masks that are alike in all four turns, with 32 points at most; of eight directions, with 21."""
     side, count = np.array([len(m) for m in masks]), np.array([int(m.sum()) for m in masks])
     cells = np.zeros((len(masks), int(count.max()), 2), dtype=np.int64)
     place = np.full((len(masks), _TURNS, int(side.max()), int(side.max())), -1, dtype=np.int64)
@@ -91,14 +92,15 @@ def shapes_of(masks: list[npt.NDArray[np.bool_]]) -> Shapes:
         for turn in range(_TURNS):
             r, c = np.divmod(np.rot90(source, turn).ravel(), len(mask))
             place[k, turn, r, c] = number.ravel()
-    turned = [np.arange(SYMBOLS)]
+    codes = gray_codes(directions).astype(np.int64)
+    turned = [np.arange(directions)]
     for _ in range(_TURNS - 1):
-        turned.append(TURNED.astype(np.int64)[turned[-1]])
-    return Shapes(side, count, cells, place, np.stack(turned))
+        turned.append(codes[TURNED[np.argsort(codes)]][turned[-1]])
+    return Shapes(side, count, cells, place, np.stack(turned), bits_of(directions))
 
 
 def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]:
-    """Words of all patches of a grid, as `Patches.own`, and how many of each shape."""
+    """Words of all patches of a grid of Gray codes, as `Patches.own`, and how many of each shape."""
     across = np.maximum(np.array(symbols.shape)[:, None] - shapes.side + 1, 0)
     count = across.prod(axis=0)
     words = np.zeros((len(count), _TURNS, int(count.max())), dtype=np.uint64)
@@ -107,7 +109,7 @@ def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]
         for r, c in shapes.cells[k, : shapes.points[k]].tolist():
             for turn in range(_TURNS):
                 shown = shapes.turned[turn][symbols[r : r + high, c : c + wide]].astype(np.uint64)
-                of[turn, : count[k]] |= (shown << np.uint64(BITS * shapes.place[k, turn, r, c])).ravel()
+                of[turn, : count[k]] |= (shown << np.uint64(shapes.bits * shapes.place[k, turn, r, c])).ravel()
     return words, count.astype(np.int64)
 
 
@@ -137,11 +139,11 @@ def _below(state: WordArray, count: int) -> int:
 
 
 @kernel()
-def fill(symbols: SymbolArray, state: WordArray) -> None:
-    """Random symbols."""
+def fill(symbols: SymbolArray, directions: int, state: WordArray) -> None:
+    """Random symbols of so many directions."""
     for r in range(symbols.shape[0]):
         for c in range(symbols.shape[1]):
-            symbols[r, c] = _below(state, SYMBOLS)
+            symbols[r, c] = _below(state, directions)
 
 
 @inner_kernel()
@@ -214,6 +216,22 @@ def nearest_of(own: WordArray, count: int, out: IntArray) -> None:
 
 
 @kernel()
+def nearest_of_long(own: WordArray, more: WordArray, count: int, out: IntArray) -> None:
+    """As `nearest_of`, of patches whose bits fill two words each: those beyond the first are in `more`, of the same shape."""
+    least, pairs = 2 * WORD_BITS + 1, 0
+    for turn in range(_TURNS):
+        for patch in range(count):
+            first = patch if turn in (1, 2) else patch + 1
+            for k in range(first, count):
+                apart = _ones(own[turn, k] ^ own[0, patch]) + _ones(more[turn, k] ^ more[0, patch])
+                if apart < least:
+                    least, pairs = apart, 0
+                if apart == least:
+                    pairs += 1
+    out[0], out[1] = least, pairs
+
+
+@kernel()
 def repair(
     symbols: SymbolArray,
     shapes: Shapes,
@@ -245,7 +263,7 @@ def repair(
         if coming < 0 or count + coming > len(room.conflicts):
             return False
         now = int(symbols[row, column])
-        new = _lightest(room.weight, now, state)
+        new = _lightest(room.weight[: 1 << shapes.bits], now, state)
         steep = _UPHILL * (room.weight[new] - room.weight[now])
         if steep > 0 and (steep > 60 or (next_number(state) >> np.uint64(64 - steep)) != np.uint64(0)):
             continue
@@ -282,7 +300,7 @@ def _next_conflict(
 def _lightest(weight: IntArray, now: int, state: WordArray) -> int:
     """The symbol of least weight that is another one than now; one of them by chance where several are."""
     best, alike = -1, 0
-    for value in range(SYMBOLS):
+    for value in range(len(weight)):
         if value == now:
             continue
         if best < 0 or weight[value] < weight[best]:
@@ -306,8 +324,8 @@ def _weigh(
     room: Room,
 ) -> int:
     """Weight of all conflicts that each symbol would have at a point, and how many new ones are listed; -1 without room."""
-    now, coming = int(symbols[row, column]), 0
-    for value in range(SYMBOLS):
+    now, coming, count, ones = int(symbols[row, column]), 0, 1 << shapes.bits, np.uint64((1 << shapes.bits) - 1)
+    for value in range(count):
         room.weight[value] = 0
     for shape in range(len(least)):
         side = shapes.side[shape]
@@ -316,8 +334,8 @@ def _weigh(
             r, c = row - shapes.cells[shape, j, 0], column - shapes.cells[shape, j, 1]
             if r < 0 or c < 0 or r >= high or c >= wide:
                 continue
-            patch, shift = r * wide + c, np.uint64(BITS * j)
-            word, mask = patches.own[shape, 0, patch], ~(np.uint64(3) << shift)
+            patch, shift = r * wide + c, np.uint64(shapes.bits * j)
+            word, mask = patches.own[shape, 0, patch], ~(ones << shift)
             for turn in range(_TURNS + 1):
                 if turn == _GIVEN:
                     words, last, bits = patches.given[shape], patches.given_count[shape], least_given[shape]
@@ -332,8 +350,8 @@ def _weigh(
                     if turn != _GIVEN and 0 <= r < side and 0 <= c < side and shapes.place[shape, 0, r, c] >= 0:
                         continue  # both hold the point: `_weigh_both` sees to these
                     rest = (words[other] ^ word) & mask
-                    here = (words[other] >> shift) & np.uint64(3)
-                    for value in range(SYMBOLS):
+                    here = (words[other] >> shift) & ones
+                    for value in range(count):
                         apart = (rest, here ^ np.uint64(value), here ^ np.uint64(now))
                         coming = _add(room, coming, value, apart, bits, (shape, patch, turn, other))
             if least[shape] > 0:
@@ -358,8 +376,9 @@ def _weigh_both(
 
     ``point`` is row, column and symbol now; ``of`` the patch's shape, the point's number in it, and its own.
     """
-    shape, patch, shift, no_bits = of[0], of[2], np.uint64(BITS * of[1]), np.uint64(0)
-    word, mask, side = patches.own[shape, 0, patch], ~(np.uint64(3) << shift), shapes.side[shape]
+    shape, patch, shift, no_bits = of[0], of[2], np.uint64(shapes.bits * of[1]), np.uint64(0)
+    ones = np.uint64((1 << shapes.bits) - 1)
+    word, mask, side = patches.own[shape, 0, patch], ~(ones << shift), shapes.side[shape]
     wide, high = symbols.shape[1] - side + 1, symbols.shape[0] - side + 1
     for i in range(shapes.points[shape]):
         down, right = shapes.cells[shape, i]
@@ -370,10 +389,10 @@ def _weigh_both(
         for turn in range(_TURNS):
             if other == patch and turn in (0, 3):
                 continue
-            there = np.uint64(BITS * shapes.place[shape, turn, down, right])
+            there = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
             apart_now = word ^ patches.own[shape, turn, other]
-            one, two = word & mask, patches.own[shape, turn, other] & ~(np.uint64(3) << there)
-            for value in range(SYMBOLS):
+            one, two = word & mask, patches.own[shape, turn, other] & ~(ones << there)
+            for value in range(1 << shapes.bits):
                 apart = (one | (np.uint64(value) << shift)) ^ (two | (np.uint64(shapes.turned[turn, value]) << there))
                 coming = _add(room, coming, value, (no_bits, apart, apart_now), least, (shape, patch, turn, other))
     return coming
@@ -410,6 +429,7 @@ def _add(
 @inner_kernel()
 def _put(symbols: SymbolArray, shapes: Shapes, patches: Patches, row: int, column: int, value: int) -> None:
     """Set a symbol, in the grid and in all words that hold it."""
+    ones = np.uint64((1 << shapes.bits) - 1)
     symbols[row, column] = value
     for shape in range(len(shapes.side)):
         wide, high = symbols.shape[1] - shapes.side[shape] + 1, symbols.shape[0] - shapes.side[shape] + 1
@@ -419,6 +439,6 @@ def _put(symbols: SymbolArray, shapes: Shapes, patches: Patches, row: int, colum
             if r < 0 or c < 0 or r >= high or c >= wide:
                 continue
             for turn in range(_TURNS):
-                shift = np.uint64(BITS * shapes.place[shape, turn, down, right])
-                word = patches.own[shape, turn, r * wide + c] & ~(np.uint64(3) << shift)
+                shift = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
+                word = patches.own[shape, turn, r * wide + c] & ~(ones << shift)
                 patches.own[shape, turn, r * wide + c] = word | (np.uint64(shapes.turned[turn, value]) << shift)

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray
+from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray, bits_of, gray_codes
 
 WordArray = npt.NDArray[np.uint64]
 
-SYMBOLS_PER_WORD = 32
-_LOW_BITS = np.uint64(0x5555_5555_5555_5555)
+WORD_BITS = 64
+_LOW_BITS = {2: np.uint64(0x5555_5555_5555_5555), 3: np.uint64(0x1249_2492_4924_9249)}
+"""The lowest bit of every symbol of a word, by bits of a symbol."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,20 +28,24 @@ class Windows:
     corner_rc : ndarray of int64, shape (n, 2)
         Row and column of each window's upper left grid point, row-major.
     words : tuple of ndarray of uint64, each of shape (turns, n)
-        Two bits per symbol, 32 symbols per word, row-major. ``[k]`` is how the window reads after it was turned by k times
-        90 degrees counter-clockwise, seen from above: its points and its symbols.
+        Two bits per symbol, 32 symbols per word, row-major; of eight directions three bits, 21 symbols: Gray codes. ``[k]`` is
+        how the window reads after it was turned by k times 90 degrees counter-clockwise, seen from above: its points and its
+        symbols.
+    bits : int
+        Of a symbol.
     """
 
     side: int
     corner_rc: IntArray
     words: tuple[WordArray, ...]
+    bits: int = 2
 
     @property
     def count(self) -> int:
         return len(self.corner_rc)
 
 
-def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int = 3) -> Windows:
+def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int = 3, directions: int = 4) -> Windows:
     """Cut every whole window out of a grid.
 
     Parameters
@@ -53,32 +58,34 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
     turns : int
         How many turns are wanted, from 0 on. Three suffice to compare windows with each other: turning both by the same
         angle changes nothing, so three quarter turns of one are a quarter turn of the other.
+    directions : int
+        How many directions the symbols have, or those of other windows that these are compared with.
     """
     high, wide = symbols.shape[0] - side + 1, symbols.shape[1] - side + 1
-    word_count = -(-side * side // SYMBOLS_PER_WORD)
+    bits = bits_of(directions)
+    word_count = -(-side * side // (WORD_BITS // bits))
     if high < 1 or wide < 1:
         empty = np.zeros((turns, 0), dtype=np.uint64)
-        return Windows(side=side, corner_rc=np.zeros((0, 2), dtype=np.int64), words=(empty,) * word_count)
+        return Windows(side=side, corner_rc=np.zeros((0, 2), dtype=np.int64), words=(empty,) * word_count, bits=bits)
     whole = np.lib.stride_tricks.sliding_window_view(placed, (side, side)).all(axis=(2, 3))
     words = np.zeros((word_count, turns, high, wide), dtype=np.uint64)
     cells = np.arange(side * side).reshape(side, side)
-    turned = symbols.astype(np.uint64)
-    becomes = TURNED.astype(np.uint64)
+    turned, codes = symbols, gray_codes(directions).astype(np.uint64)
     for k in range(turns):
         for target, source in enumerate(np.rot90(cells, k).ravel().tolist()):
-            word, place = divmod(target, SYMBOLS_PER_WORD)
+            word, place = divmod(target, WORD_BITS // bits)
             r, c = divmod(source, side)
-            words[word, k] |= turned[r : r + high, c : c + wide] << np.uint64(2 * place)
-        turned = becomes[turned]
-    return Windows(side=side, corner_rc=np.argwhere(whole), words=tuple(w[:, whole] for w in words))
+            words[word, k] |= codes[turned[r : r + high, c : c + wide]] << np.uint64(bits * place)
+        turned = TURNED[turned]
+    return Windows(side=side, corner_rc=np.argwhere(whole), words=tuple(w[:, whole] for w in words), bits=bits)
 
 
-def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...]) -> npt.NDArray[np.uint8]:
-    """In how many symbols windows differ (Hamming distance), element by element."""
+def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: int = 2) -> npt.NDArray[np.uint8]:
+    """In how many symbols of so many bits windows differ (Hamming distance), element by element."""
     total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8)
     for word_a, word_b in zip(a, b, strict=True):
         differing = word_a ^ word_b
-        differing |= differing >> np.uint64(1)
-        differing &= _LOW_BITS
+        differing |= differing >> np.uint64(1) if bits == 2 else (differing >> np.uint64(1)) | (differing >> np.uint64(2))
+        differing &= _LOW_BITS[bits]
         total += np.bitwise_count(differing)
     return total

@@ -37,7 +37,7 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, board_to_textu
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.shown import parts_shown
 
-_AROUND = DIRECTIONS_XY[[2, 3, 1, 0]]
+_AROUND = {4: DIRECTIONS_XY[[2, 3, 1, 0]], 8: DIRECTIONS_XY[[2, 6, 3, 7, 1, 5, 0, 4]]}
 """E, S, W, N: the directions as they follow each other along a grid's axes."""
 MARGIN = 1.5
 """Bounds from a grid that was fitted without knowing the symbols are no larger than from one that was by more than this, in 99 of

@@ -86,7 +86,8 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     if columns * rows > _MOST_CELLS:
         return None
     column, row = (cell - first).T
-    shown = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY, axis=2).argmin(axis=1)
+    directions = tape.directions if name == tape.code else 4
+    shown = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY[:directions], axis=2).argmin(axis=1)
     symbols, there = np.zeros((rows, columns), dtype=np.uint8), np.zeros((rows, columns), dtype=bool)
     symbols[row, column] = shown
     there[row, column] = True
@@ -118,8 +119,8 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
 def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
     """Where windows stand in the tape's own matrix, which is all that there is to know of its code."""
     side = limits_of(tape.code).window
-    known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1)
-    seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1)
+    known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1, directions=tape.directions)
+    seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1, directions=tape.directions)
     order = known.words[0][0].argsort(kind="stable")
     words = known.words[0][0][order]
     at = np.minimum(np.searchsorted(words, seen.words[0][0]), len(words) - 1)

@@ -17,7 +17,7 @@ def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, Bo
     Parameters
     ----------
     tape : Tape
-        Only its grid is used: texture origin, pitch, displacement, columns and rows.
+        Only its grid is used: texture origin, pitch, displacement, directions, columns and rows.
     xy_mm : ndarray, shape (n, 2)
         Part centres in the board frame, in any order.
 
@@ -32,8 +32,9 @@ def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, Bo
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
     cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
     moved = texture_mm - cell * tape.pitch_mm
-    distance = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY, axis=2)
-    on_grid = ((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1) & (distance.min(axis=1) < tape.displacement_mm / 2)
+    distance = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY[: tape.directions], axis=2)
+    most_mm = tape.displacement_mm / (2 if tape.directions == 4 else 3)
+    on_grid = ((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1) & (distance.min(axis=1) < most_mm)
     symbols = np.zeros((tape.rows, tape.columns), dtype=np.uint8)
     count = np.zeros((tape.rows, tape.columns), dtype=np.int64)
     column, row = cell[on_grid].T
@@ -106,8 +107,8 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
 def _check_matrix_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
     """Look every whole window up among those of the manifest's matrix, in all turns: there is nothing to decode it by."""
     side, name = limits_of(tape.code).window, f"windows from {source}"
-    seen = windows_of(symbols, found, side, turns=1)
-    known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=4)
+    seen = windows_of(symbols, found, side, turns=1, directions=tape.directions)
+    known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=4, directions=tape.directions)
     columns = tape.columns - side + 1
     own = known.words[0][0, seen.corner_rc[:, 0] * columns + seen.corner_rc[:, 1]]
     wrong = np.flatnonzero(seen.words[0][0] != own)
