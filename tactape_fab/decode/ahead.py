@@ -113,7 +113,8 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View) -> None:
     dots = settled(dots, view.pitch_px, view.shift)
     xy = dots.xy_px - dots.xy_px.mean(axis=0)
     angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()
-    grid, nodes, squares, sigma, *_ = fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, view.shift, True)
+    start = (angle, pitch, phase_a, phase_b)
+    grid, nodes, squares, sigma, *_ = fit_grid(xy, dots.weights, dots.trust, *start, view.shift, True, view.directions)
     posteriors(nodes, squares, dots.weights, dots.trust, sigma)
     if view.part is not None:
         turn_weights(dots.elongation, dots.weights, dots.trust, grid, view.part)

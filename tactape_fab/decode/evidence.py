@@ -3,6 +3,9 @@
 Evidence is ln E with E = product of 2 q(b) over the x and y bits of the dots: against any texture whose bits are fair coins
 to the code. Along a column of the code plane the x bits are the main sequence from some phase, along a row the y bits are;
 so the evidence of a contact at any place of any sector is one entry of a table for each of its columns and rows.
+
+A symbol of eight directions has three bits, those of `frames.gray_codes`: E is the product over all three. Of a symbol that is
+drawn from all eight alike the bits are fair coins that know nothing of each other, so the mean of E is 1 then, whatever q is.
 """
 
 from __future__ import annotations
@@ -14,9 +17,12 @@ import numpy.typing as npt
 
 from tactape_fab.decode.kernels import inner_kernel, kernel
 from tactape_fab.texture.code import Code
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import FloatArray, IntArray, gray_codes
 
 Floats = npt.NDArray[np.float32]
+
+
+_CODES_AROUND: IntArray = gray_codes(8)[[2, 6, 3, 7, 1, 5, 0, 4]].astype(np.int64)
 
 
 class Tables(NamedTuple):
@@ -30,7 +36,7 @@ class Tables(NamedTuple):
     cells : ndarray of int, shape (4, n, 2)
         Column and row of each dot.
     evidence : ndarray, shape (4, n, 3)
-        From `turned`.
+        From `turned`; of eight directions (4, n, 4), from `turned_of_eight`.
     corner : ndarray of int, shape (4, 2)
         The dots' corner in columns and rows of the grid after the turn.
     size : ndarray of int, shape (4, 2)
@@ -41,7 +47,7 @@ class Tables(NamedTuple):
     dots : ndarray of int, shape (4, m + 1, m + 1)
         Dots in columns below c and rows below r.
     most : ndarray, shape (4, 2, m + 1, m + 1)
-        Most that the x bits and the y bits of those dots can say.
+        Most that the x bits and the y bits of those dots can say; a third bit counts with the y bit.
     """
 
     cells: IntArray
@@ -83,6 +89,26 @@ def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence:
         evidence[i, 2] = 0.5 * (y1 - y0)
 
 
+@kernel()
+def turned_of_eight(q: FloatArray, turn: int, codes: IntArray, evidence: FloatArray) -> None:
+    """(mean, x, y, z) evidence of each dot of eight directions, for a quarter turn of the grid's axes, written in place.
+
+    ``codes`` are the bits of E, SE, S, SW, W, NW, N, NE, as they follow each other from the texture's x axis to its y axis.
+    """
+    for i in range(len(q)):
+        evidence[i, 0] = 0.0
+        for bit in range(3):
+            one = zero = 0.0
+            for place in range(8):
+                if codes[place] >> bit & 1 == 1:
+                    one += q[i, (place + 2 * turn) % 8]
+                else:
+                    zero += q[i, (place + 2 * turn) % 8]
+            said_one, said_zero = np.log(2.0 * one), np.log(2.0 * zero)
+            evidence[i, 0] += 0.5 * (said_one + said_zero)
+            evidence[i, 1 + bit] = 0.5 * (said_one - said_zero)
+
+
 def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Tables:
     """Tables of soft symbols.
 
@@ -90,7 +116,7 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     ----------
     nodes : ndarray of int, shape (n, 2)
         From `symbols.fit_grid`.
-    q : ndarray, shape (n, 4)
+    q : ndarray, shape (n, 4) or (n, 8)
         From `symbols.posteriors`.
     signs : ndarray of float32, shape (3 L,)
         From `signs_of`; none for tapes without a code plane, of which there are no lines then.
@@ -98,9 +124,9 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
         Largest contact, in cells; beyond it all tables but `size` are empty.
     """
     n, length = len(q), len(signs) // 3
-    cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3))
+    cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3 if q.shape[1] == 4 else 4))
     corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
-    m = _fill_cells(nodes, q, cells, evidence, corner, size)
+    m = _fill_cells(nodes, q, _CODES_AROUND, cells, evidence, corner, size)
     if m > most:
         m = 0
     lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
@@ -112,11 +138,21 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
 
 
 @kernel()
-def _fill_cells(nodes: IntArray, q: FloatArray, cells: IntArray, evidence: FloatArray, corner: IntArray, size: IntArray) -> int:
+def _fill_cells(
+    nodes: IntArray,
+    q: FloatArray,
+    codes: IntArray,
+    cells: IntArray,
+    evidence: FloatArray,
+    corner: IntArray,
+    size: IntArray,
+) -> int:
     """Fill those fields of `Tables`; the largest size of all."""
     most = 0
     for turn in range(4):
         turned(nodes, q, turn, cells[turn], evidence[turn])
+        if q.shape[1] == 8:
+            turned_of_eight(q, turn, codes, evidence[turn])
         for axis in range(2):
             low = high = cells[turn, 0, axis]
             for i in range(len(q)):
@@ -157,6 +193,8 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
             dots[turn, c, r] += 1
             for axis in range(2):
                 most[turn, axis, c, r] += 0.5 * evidence[turn, i, 0] + abs(evidence[turn, i, 1 + axis])
+            if evidence.shape[2] == 4:
+                most[turn, 1, c, r] += abs(evidence[turn, i, 3])
         for c in range(1, m):
             for r in range(1, m):
                 dots[turn, c, r] += dots[turn, c - 1, r] + dots[turn, c, r - 1] - dots[turn, c - 1, r - 1]

@@ -70,7 +70,7 @@ class Localizer:
     Raises
     ------
     SpecError
-        When there is no tape, tapes differ in W or Delta, or a value is out of range.
+        When there is no tape, tapes differ in W, Delta or directions, or a value is out of range.
     """
 
     def __init__(
@@ -111,13 +111,19 @@ class Localizer:
                     f"the tapes differ in pitch or displacement ({said}); use one Localizer for each, or decode once for each",
                 )
             )
+        counts = sorted({tape.directions for tape in tapes})
+        if len(counts) > 1:
+            problems.append(
+                Problem("tape", "the tapes differ in directions (4 and 8); use one Localizer for each, or decode once for each")
+            )
         if problems:
             raise SpecError(problems)
         registry = register(tapes, unregistered_share=unregistered_share if world == "open" else 0.0)
         parts = {(tape.part.shape, tape.part.body_mm) for tape in registry.tapes}
         self._method = method
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
-        self._prepare(registry, *sizes[0], registry.tapes[0].part if len(parts) == 1 else None, sensor, fixed_scale)
+        part = registry.tapes[0].part if len(parts) == 1 else None
+        self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
         tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
@@ -169,6 +175,7 @@ class Localizer:
         part: TapePart | None,
         sensor: str | SensorProfile,
         fixed_scale: bool,
+        directions: int = 4,
     ) -> None:
         self._world = world
         self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
@@ -180,6 +187,7 @@ class Localizer:
             px_per_mm=self.sensor.px_per_mm[0],
             scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
             centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
+            directions=directions,
         )
 
     @property

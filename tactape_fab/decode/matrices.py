@@ -40,6 +40,7 @@ class Matrices(NamedTuple):
     ----------
     bits : ndarray of float32, shape (n, 2, high, wide)
         The x and the y bits of each tape's symbols as -1 and 1, 0 where there is no part; `LARGEST_CONTACT` zeros on every side.
+        Of eight directions (n, 3, high, wide).
     holes : ndarray of int, shape (k, 2)
         Column and row of grid points without a part, tape by tape.
     first_hole : ndarray of int, shape (n + 1,)
@@ -88,14 +89,15 @@ class Frame(NamedTuple):
     below: Floats
 
 
-def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]]) -> Matrices:
-    """Matrices from the symbols that tapes show (`near.shown_by`), ordered by size, and the sizes (columns, rows) that occur."""
+def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], bits_each: int = 2) -> Matrices:
+    """Matrices from what tapes show (`near.shown_by`), ordered by size, the sizes (columns, rows) that occur, and a symbol's bits."""
     wide, high = (max(size[axis] for size in sizes) for axis in range(2))
     pad = LARGEST_CONTACT
-    bits = np.zeros((len(shown), 2, high + 2 * pad, wide + 2 * pad), dtype=np.float32)
+    bits = np.zeros((len(shown), bits_each, high + 2 * pad, wide + 2 * pad), dtype=np.float32)
     for tape, symbols in enumerate(shown):
         rows, columns = symbols.shape
-        values = np.where(symbols == NO_PART, 0, np.stack([2 * (symbols % 2), 2 * (symbols // 2)]).astype(np.int64) - 1)
+        planes = np.stack([2 * (symbols >> bit & 1) for bit in range(bits_each)]).astype(np.int64)
+        values = np.where(symbols == NO_PART, 0, planes - 1)
         bits[tape, :, pad : pad + rows, pad : pad + columns] = values
     size_of = np.array([sizes.index((symbols.shape[1], symbols.shape[0])) for symbols in shown])
     bounds = [0, *(np.flatnonzero(np.diff(size_of)) + 1).tolist(), len(shown)]
@@ -118,10 +120,11 @@ def weigh_matrices(tables: Tables, matrices: Matrices, least: int, base: FloatAr
 
     ``least`` is the fewest dots on a tape; the tally is a new one.
     """
-    _weigh(tables, matrices, _frame(tables, matrices), least, np.maximum(base, _NEVER), cue, tally)
+    _weigh(tables, matrices, frame_of(tables, matrices), least, np.maximum(base, _NEVER), cue, tally)
 
 
-def _frame(tables: Tables, matrices: Matrices) -> Frame:
+def frame_of(tables: Tables, matrices: Matrices) -> Frame:
+    """What the places have in common, its tables still to be filled in."""
     n, m = tables.evidence.shape[1], tables.dots.shape[1] - 1
     first = min(n, max(_LEAST_FIRST, ceil(_SHARE_FIRST * n)))
     order = np.argsort(-np.abs(tables.evidence[0, :, 1:]).sum(axis=1), kind="stable").astype(np.int64)
@@ -142,9 +145,9 @@ def _frame(tables: Tables, matrices: Matrices) -> Frame:
 @kernel()
 def _weigh(tables: Tables, matrices: Matrices, frame: Frame, least: int, base: FloatArray, cue: FloatArray, tally: Tally) -> None:
     for turn in range(4):
-        _fill_below(tables, frame, turn)
+        fill_below(tables, frame, turn)
         for size in range(len(matrices.sizes)):
-            _fill_frame(tables, frame, matrices.sizes[size], (turn, size), least, base[turn])
+            fill_frame(tables, frame, matrices.sizes[size], (turn, size), least, base[turn])
     for tape in range(len(matrices.bits)):
         for turn in range(4):
             _add_first(tables, matrices, frame, tape, turn)
@@ -156,7 +159,7 @@ def _weigh(tables: Tables, matrices: Matrices, frame: Frame, least: int, base: F
 
 
 @inner_kernel()
-def _fill_below(tables: Tables, frame: Frame, turn: int) -> None:
+def fill_below(tables: Tables, frame: Frame, turn: int) -> None:
     """Fill `Frame.below` for a turn."""
     below = frame.below
     for c in range(len(below)):
@@ -171,7 +174,7 @@ def _fill_below(tables: Tables, frame: Frame, turn: int) -> None:
 
 
 @inner_kernel()
-def _fill_frame(tables: Tables, frame: Frame, size: IntArray, of: tuple[int, int], least: int, base: FloatArray) -> None:
+def fill_frame(tables: Tables, frame: Frame, size: IntArray, of: tuple[int, int], least: int, base: FloatArray) -> None:
     """Fill `Frame.said` and `Frame.weight` of a turn and size of tapes."""
     turn, dots, below = of[0], tables.dots[of[0]], frame.below
     wide, high = tables.size[turn, 0], tables.size[turn, 1]

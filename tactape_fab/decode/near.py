@@ -6,16 +6,16 @@ import numpy as np
 
 from tactape_fab.decode.evidence import Tables
 from tactape_fab.decode.kernels import kernel
-from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
+from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray, gray_codes
 from tactape_fab.texture.tape import Tape
 
-NO_PART = 4
+NO_PART = 255
 """Stands for a symbol where a grid point carries no part."""
 
 
 def shown_by(tape: Tape) -> SymbolArray:
-    """The symbols that a tape's parts show, `NO_PART` where there is none; shape (rows, columns)."""
-    return np.where(tape.placed, tape.symbols, NO_PART).astype(np.uint8)
+    """The symbols that a tape's parts show, as `frames.gray_codes`, `NO_PART` where there is none; shape (rows, columns)."""
+    return np.where(tape.placed, gray_codes(tape.directions)[tape.symbols], NO_PART).astype(np.uint8)
 
 
 def evidence_at(tables: Tables, shown: SymbolArray, turn: int, x: int, y: int) -> tuple[float, int]:
@@ -63,7 +63,9 @@ def _add_evidence(
             if 0 <= column < columns and 0 <= row < rows:
                 symbol = int(shown[row, column])
                 if symbol != NO_PART:
-                    x, y = 2.0 * (symbol % 2) - 1.0, 2.0 * (symbol // 2) - 1.0
+                    x, y = 2.0 * (symbol % 2) - 1.0, 2.0 * (symbol // 2 % 2) - 1.0
                     total += evidence[i, 0] + evidence[i, 1] * x + evidence[i, 2] * y
+                    if evidence.shape[1] == 4:
+                        total += evidence[i, 3] * (2.0 * (symbol // 4) - 1.0)
                     count += 1
         values[n], dots[n] = total, count

@@ -40,6 +40,8 @@ class View:
         By how much, as a share, the scale may be off; 0 where it is fixed.
     centre_px : ndarray, shape (2,)
         The image centre p0.
+    directions : int
+        That parts are displaced in.
     """
 
     pitch_mm: float
@@ -48,6 +50,7 @@ class View:
     px_per_mm: float
     scale_tolerance: float
     centre_px: FloatArray
+    directions: int = 4
 
     @property
     def pitch_px(self) -> float:
@@ -114,7 +117,7 @@ def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
     lattices = find_lattices(xy, strength, view.pitch_px, view.scale_tolerance, most)
     free = view.scale_tolerance > 0.0
     fits = [
-        fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, view.shift, free)
+        fit_grid(xy, dots.weights, dots.trust, angle, pitch, phase_a, phase_b, view.shift, free, view.directions)
         for angle, pitch, phase_a, phase_b, power in lattices.tolist()
         if power >= LEAST_GRID_POWER
     ]

@@ -36,7 +36,9 @@ STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0
 )
 """Turns (rad), changes of pitch (share) and of both phases (pitches) of those other starts."""
 LARGEST_LN = 700.0
-"""Exponentials of more are no numbers; a dot so far from all four places fits none of them anyway."""
+"""Exponentials of more are no numbers; a dot so far from all its places fits none of them anyway."""
+HALF = np.sqrt(0.5)
+"""What a diagonal displacement is along each axis."""
 SMALL_SIGMA = 0.02
 """Up to this error a fit as likely as it should be is the right one."""
 
@@ -50,8 +52,9 @@ class Fit(NamedTuple):
         (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
     nodes : ndarray of int, shape (n, 2)
         Grid point of each dot.
-    squares : ndarray, shape (n, 4)
-        Squared distances from the four places of the dot's grid point (+a axis, +b axis, -a, -b), in pitches squared.
+    squares : ndarray, shape (n, 4) or (n, 8)
+        Squared distances from the places of the dot's grid point (+a axis, +b axis, -a, -b; of eight directions those between
+        as well, from +a to +b and on), in pitches squared.
     sigma : float
         Error of a good dot along one axis, in pitches.
     value : float
@@ -78,10 +81,11 @@ def fit_grid(
     phase_b: float,
     shift: float,
     free_scale: bool,
+    directions: int = 4,
 ) -> Fit:
-    """Fit angle, pitch and place of a grid whose every dot is displaced along one of four directions.
+    """Fit angle, pitch and place of a grid whose every dot is displaced along one of four directions, or of eight.
 
-    Likelihood of a mixture, its four directions and the outliers weighed anew in every step (expectation maximisation).
+    Likelihood of a mixture, its directions and the outliers weighed anew in every step (expectation maximisation).
 
     Parameters
     ----------
@@ -96,12 +100,13 @@ def fit_grid(
         Displacement as a share of the pitch.
     free_scale : bool
         Whether the pitch may change.
+    directions : {4, 8}
     """
     n = len(weights)
-    nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, 4)), np.empty(4)
+    nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, directions)), np.empty(4)
     turns, room = 2.0 * np.pi, np.empty((n, 3))
     start = (angle, pitch, phase_a / turns, phase_b / turns)
-    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, room, grid)
+    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, directions, free_scale, STARTS, room, grid)
     _nearest(xy, grid, shift, nodes, squares)
     return Fit(grid, nodes, squares, sigma, value, expected)
 
@@ -113,6 +118,7 @@ def _best_fit(
     trust: FloatArray,
     start: Grid,
     shift: float,
+    directions: int,
     free_scale: bool,
     starts: FloatArray,
     room: FloatArray,
@@ -132,11 +138,13 @@ def _best_fit(
             angle, phase_a, phase_b = angle + starts[m, 0], phase_a + starts[m, 2], phase_b + starts[m, 3]
             if free_scale:
                 pitch *= 1.0 + starts[m, 1]
-        grid, sigma, value = _fitted(xy, weights, trust, _grid(angle, pitch, phase_a, phase_b), shift, free_scale, room)
+        grid, sigma, value = _fitted(
+            xy, weights, trust, _grid(angle, pitch, phase_a, phase_b), shift, directions, free_scale, room
+        )
         if m < 0 or value > most:
             out[0], out[1], out[2], out[3] = grid
             best_sigma, most = sigma, value
-            expected = _as_expected(weights, trust, sigma, value)
+            expected = _as_expected(weights, trust, directions, sigma, value)
         if m < 0 and (expected or dots >= FEW_DOTS):
             break
     return best_sigma, most, expected
@@ -144,15 +152,21 @@ def _best_fit(
 
 @kernel()
 def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, squares: FloatArray) -> None:
-    """Fill in the grid point of each dot and the squared distances from its four places."""
+    """Fill in the grid point of each dot and the squared distances from its places."""
     for i in range(len(xy)):
         k, j = _on_grid((grid[0], grid[1], grid[2], grid[3]), xy[i, 0], xy[i, 1])
         nodes[i, 0], nodes[i, 1] = round(k), round(j)
         e, f = k - nodes[i, 0], j - nodes[i, 1]
+        step, aside = squares.shape[1] // 4, HALF * shift
         squares[i, 0] = (e - shift) ** 2 + f**2
-        squares[i, 1] = e**2 + (f - shift) ** 2
-        squares[i, 2] = (e + shift) ** 2 + f**2
-        squares[i, 3] = e**2 + (f + shift) ** 2
+        squares[i, step] = e**2 + (f - shift) ** 2
+        squares[i, 2 * step] = (e + shift) ** 2 + f**2
+        squares[i, 3 * step] = e**2 + (f + shift) ** 2
+        if step == 2:
+            squares[i, 1] = (e - aside) ** 2 + (f - aside) ** 2
+            squares[i, 3] = (e + aside) ** 2 + (f - aside) ** 2
+            squares[i, 5] = (e + aside) ** 2 + (f + aside) ** 2
+            squares[i, 7] = (e - aside) ** 2 + (f + aside) ** 2
 
 
 @inlined_kernel()
@@ -186,6 +200,7 @@ def _fitted(
     trust: FloatArray,
     start: Grid,
     shift: float,
+    directions: int,
     free_scale: bool,
     room: FloatArray,
 ) -> tuple[Grid, float, float]:
@@ -204,11 +219,17 @@ def _fitted(
             south = np.exp(min(max(shift * f / variance, -LARGEST_LN), LARGEST_LN))
             west, north = 1.0 / east, 1.0 / south
             total = east + west + south + north
+            to_east, to_south = east - west, south - north
+            if directions == 8:
+                diagonals, sideways, down = _between(e, f, HALF * shift / variance)
+                total += diagonals
+                to_east += HALF * sideways
+                to_south += HALF * down
             common = e * e + f * f + shift * shift
             part = trust[i] * (1.0 - OUTLIER_SHARE)
-            density = part * np.exp(-0.5 * common / variance) * total / (8.0 * np.pi * variance)
+            density = part * np.exp(-0.5 * common / variance) * total / (2.0 * directions * np.pi * variance)
             fits = density / (density + 1.0 - part)
-            along, across = shift * (east - west) / total, shift * (south - north) / total
+            along, across = shift * to_east / total, shift * to_south / total
             room[i, 0], room[i, 1], room[i, 2] = node_k + along, node_j + across, fits / variance
             if step == FIT_STEPS - 1:
                 value += np.log(density + 1.0 - part)
@@ -223,12 +244,22 @@ def _fitted(
 
 
 @inlined_kernel()
-def _as_expected(weights: FloatArray, trust: FloatArray, sigma: float, value: float) -> bool:
+def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
+    """What the four diagonal places add to the sum of all, and to its parts towards +a and towards +b."""
+    down = np.exp(min(max(share * (e + f), -LARGEST_LN), LARGEST_LN))
+    up = np.exp(min(max(share * (e - f), -LARGEST_LN), LARGEST_LN))
+    against_down, against_up = 1.0 / down, 1.0 / up
+    along, across = down - against_down, up - against_up
+    return down + against_down + up + against_up, along + across, along - across
+
+
+@inlined_kernel()
+def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma: float, value: float) -> bool:
     """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
     expected = 0.0
     for i in range(len(weights)):
         if trust[i] > 0.5:
-            expected += np.log(trust[i] / (8.0 * np.pi * squared_error(weights[i], sigma))) - 1.0
+            expected += np.log(trust[i] / (2.0 * directions * np.pi * squared_error(weights[i], sigma))) - 1.0
         else:
             expected += np.log(1.0 - trust[i])
     return sigma < SMALL_SIGMA and value > expected - np.sqrt(len(weights))
@@ -264,12 +295,12 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
 
 
 def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
-    """What each dot says of its symbol before any tape is looked at; shape (n, 4), rows sum to 1.
+    """What each dot says of its symbol before any tape is looked at; shape (n, 4), of eight directions (n, 8), rows sum to 1.
 
     Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid point only the
     one that is most likely its part says anything: the bits of a point are tossed once.
     """
-    q = np.empty((len(weights), 4))
+    q = np.empty(squares.shape)
     _fill_posteriors(nodes, squares, weights, trust, sigma, q)
     return q
 
@@ -278,7 +309,7 @@ def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: Flo
 def _fill_posteriors(
     nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float, q: FloatArray
 ) -> None:
-    n = len(weights)
+    n, places = len(weights), squares.shape[1]
     for i in range(n):
         part = trust[i] * (1.0 - OUTLIER_SHARE)
         for k in range(n):
@@ -288,10 +319,10 @@ def _fill_posteriors(
                     part = 0.0
         variance = squared_error(weights[i], sigma)
         total = 0.0
-        for k in range(4):
-            q[i, k] = np.exp(-0.5 * squares[i, k] / variance) / (2.0 * np.pi * variance) / 4.0
+        for k in range(places):
+            q[i, k] = np.exp(-0.5 * squares[i, k] / variance) / (2.0 * np.pi * variance) / places
             total += q[i, k]
         # an outlier lies anywhere in its cell of area 1
-        for k in range(4):
-            q[i, k] = (part * q[i, k] + (1.0 - part) / 4.0) / (part * total + 1.0 - part)
-            q[i, k] = (1.0 - WRONG_SHARE) * q[i, k] + WRONG_SHARE / 4.0
+        for k in range(places):
+            q[i, k] = (part * q[i, k] + (1.0 - part) / places) / (part * total + 1.0 - part)
+            q[i, k] = (1.0 - WRONG_SHARE) * q[i, k] + WRONG_SHARE / places

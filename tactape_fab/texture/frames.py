@@ -52,6 +52,7 @@ def bits_of(directions: int) -> int:
     """Bits of a symbol: 2 of four directions, 3 of eight."""
     return directions.bit_length() - 1
 
+
 NM_PER_MM = 1_000_000
 
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)

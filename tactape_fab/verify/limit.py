@@ -38,7 +38,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.shown import parts_shown
 
 _AROUND = {4: DIRECTIONS_XY[[2, 3, 1, 0]], 8: DIRECTIONS_XY[[2, 6, 3, 7, 1, 5, 0, 4]]}
-"""E, S, W, N: the directions as they follow each other along a grid's axes."""
+"""E, S, W, N, or E, SE, S and on: the directions as they follow each other round a grid's axes, by how many there are."""
 MARGIN = 1.5
 """Bounds from a grid that was fitted without knowing the symbols are no larger than from one that was by more than this, in 99 of
 100 contacts that say just enough (1.44 for p_tape, 1.6 for p_place, of 2,099 of random tapes)."""
@@ -67,6 +67,7 @@ def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
         px_per_mm=sensor.px_per_mm[0],
         scale_tolerance=0.0,
         centre_px=np.zeros(2),
+        directions=tape.directions,
     )
     return Rule(
         tape=tape,
@@ -194,7 +195,7 @@ def _verdict(rule: Rule, at: FloatArray, weights: FloatArray, trust: FloatArray,
     if n < LEAST_DOTS:
         return empty
     nodes = np.rint(at).astype(np.int64)
-    squares = ((at[:, None] - nodes[:, None] - shift * _AROUND) ** 2).sum(axis=2)
+    squares = ((at[:, None] - nodes[:, None] - shift * _AROUND[rule.view.directions]) ** 2).sum(axis=2)
     q = posteriors(nodes, squares, weights, trust, sigma)
     grid = np.array([rule.view.pitch_px, 0.0, 0.0, 0.0])
     tapes, families, centre_px = rule.world.tapes, rule.world.families, rule.view.centre_px
