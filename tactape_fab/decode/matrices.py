@@ -90,7 +90,7 @@ class Frame(NamedTuple):
 
 
 def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], bits_each: int = 2) -> Matrices:
-    """Matrices from what tapes show (`near.shown_by`), ordered by size, the sizes (columns, rows) that occur, and a symbol's bits."""
+    """Matrices from what tapes show (`near.shown_by`), ordered by size, and the sizes (columns, rows) that occur."""
     wide, high = (max(size[axis] for size in sizes) for axis in range(2))
     pad = LARGEST_CONTACT
     bits = np.zeros((len(shown), bits_each, high + 2 * pad, wide + 2 * pad), dtype=np.float32)

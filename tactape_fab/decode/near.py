@@ -9,7 +9,7 @@ from tactape_fab.decode.kernels import kernel
 from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray, gray_codes
 from tactape_fab.texture.tape import Tape
 
-NO_PART = 255
+NO_PART = 8
 """Stands for a symbol where a grid point carries no part."""
 
 

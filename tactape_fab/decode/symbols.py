@@ -138,9 +138,8 @@ def _best_fit(
             angle, phase_a, phase_b = angle + starts[m, 0], phase_a + starts[m, 2], phase_b + starts[m, 3]
             if free_scale:
                 pitch *= 1.0 + starts[m, 1]
-        grid, sigma, value = _fitted(
-            xy, weights, trust, _grid(angle, pitch, phase_a, phase_b), shift, directions, free_scale, room
-        )
+        begun = _grid(angle, pitch, phase_a, phase_b)
+        grid, sigma, value = _fitted(xy, weights, trust, begun, shift, directions, free_scale, room)
         if m < 0 or value > most:
             out[0], out[1], out[2], out[3] = grid
             best_sigma, most = sigma, value

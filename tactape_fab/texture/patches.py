@@ -96,8 +96,8 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4
         bits, pairs = out.tolist()
         found.append(PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs))
     for name, mask in list(PATCHES.items())[len(shapes.side) :]:
-        windows, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
-        nearest_of_long(*windows.words, windows.count, out)
+        long, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
+        nearest_of_long(long.words[0], long.words[1], long.count, out)
         bits, pairs = out.tolist()
-        found.append(PatchDistance(shape=name, patches=windows.count, bits=bits if pairs else None, pairs=pairs))
+        found.append(PatchDistance(shape=name, patches=long.count, bits=bits if pairs else None, pairs=pairs))
     return tuple(found)

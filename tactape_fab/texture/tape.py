@@ -433,10 +433,8 @@ def read_directions(table: Fields, code: str) -> int:
         table.problem("directions", f"directions = {shown(directions)} is neither 4 nor 8; give one of them")
         return 4
     if directions != 4 and code != TOUCH_CODE:
-        table.problem(
-            "directions",
-            f"directions = {directions} of code '{code}': only '{TOUCH_CODE}' has 8; use --code {TOUCH_CODE}, or 4 directions",
-        )
+        message = f"directions = {directions} of code '{code}': only '{TOUCH_CODE}' has 8"
+        table.problem("directions", f"{message}; use --code {TOUCH_CODE}, or 4 directions")
     return directions
 
 

@@ -2,9 +2,10 @@
 
 A patch is a word of two bits per symbol, three of eight directions, and two patches differ in as many bits as their words do. A
 symbol stands here as its Gray code (`frames.gray_codes`): of four directions one bit is a part that points a quarter turn
-elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135. A conflict is a pair of patches that differ in fewer bits than asked
-for: of the grid itself, one of them in one of four turns, or of the grid and patches that are given. To change a symbol
-concerns the patches that hold it, and each of them is held against all others once for all symbols that may stand there.
+elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135.
+A conflict is a pair of patches that differ in fewer bits than asked for: of the grid itself, one of them in one of four turns, or
+of the grid and patches that are given. To change a symbol concerns the patches that hold it, and each of them is held against all
+others once for all symbols that may stand there.
 """
 
 from __future__ import annotations
