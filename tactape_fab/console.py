@@ -145,7 +145,7 @@ def kit_lines(kit: Kit) -> list[str]:
     return [
         f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm",
         f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
-        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm",
+        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm{tape.in_directions}",
         *_search_lines(kit.search),
         f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified",
         *(f"{f.rule}: {f.message}" for f in kit.findings if f.rule == "coverlay" and f.level == "info"),
@@ -197,7 +197,7 @@ def panel_lines(made: PanelKit) -> list[str]:
     return [
         f"{made.path}: {panel.columns} x {panel.rows} tapes of {panel.tape_mm[0]:g} x {panel.tape_mm[1]:g} mm, "
         f"panel {width:g} x {height:g} mm, {parts} parts",
-        f"{first.code}; pitch {first.pitch_mm:g} mm, displacement {first.displacement_mm:g} mm",
+        f"{first.code}; pitch {first.pitch_mm:g} mm, displacement {first.displacement_mm:g} mm{first.in_directions}",
         *table_lines(("tape", "sector", "origin", "at x, y mm", "kit"), rows),
         f"verified: {len(made.checks)} checks of the written files" if made.checks else "not verified",
         *(f"{f.rule}: {f.message}" for f in made.findings if f.rule == "coverlay" and f.level == "info"),

@@ -17,7 +17,7 @@ from tactape_fab.report.layers import HIDDEN, TITLES, Shapes, film_shapes, solid
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid import solid_view
 from tactape_fab.solids.placements import read_placements
-from tactape_fab.texture.frames import LETTERS
+from tactape_fab.texture.frames import LETTERS, gray_codes
 from tactape_fab.texture.tape import Tape
 
 REPORT_NAME = "report.html"
@@ -96,6 +96,7 @@ def report_data(kit: Written) -> dict[str, Any]:
         "origin": list(tape.origin),
         "grid": [tape.columns, tape.rows],
         "letters": LETTERS[: tape.directions],
+        **({} if tape.directions == 4 else {"codes": gray_codes(tape.directions).tolist()}),
         "body_mm": list(tape.part.body_mm),
         "places": places.to_mapping(),
         "shapes": [shape.to_mapping() for shape in shapes],
@@ -139,7 +140,7 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     yield "sector", f"{tape.sector} of {tape.code}"
     yield "origin in the code", f"column {tape.origin[0]}, row {tape.origin[1]}"
     yield "parts", f"{tape.part_count} on {tape.columns} x {tape.rows} grid points"
-    yield "pitch W, displacement Δ", f"{tape.pitch_mm:g} mm, {tape.displacement_mm:g} mm"
+    yield "pitch W, displacement Δ", f"{tape.pitch_mm:g} mm, {tape.displacement_mm:g} mm{tape.in_directions}"
     if surface is not None:
         yield "on", f"{surface['source']}, round ({', '.join(f'{v:.3f}' for v in surface['centre_mm'])}) mm"
     else:

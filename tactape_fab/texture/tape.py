@@ -151,6 +151,11 @@ class Tape:
     def part_count(self) -> int:
         return self.rows * self.columns - len(self.omitted)
 
+    @property
+    def in_directions(self) -> str:
+        """What is said of the displacement beside its length; nothing of four directions."""
+        return "" if self.directions == 4 else f" in {self.directions} directions"
+
     def cells(self) -> IntArray:
         """(column, row) of every placed part in designator order R1 ... Rn: row-major; shape (n, 2)."""
         row, column = np.nonzero(self.placed)

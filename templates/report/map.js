@@ -3,7 +3,7 @@
 const MARGIN = 0.2;
 const BATCH = 120;
 const LEAST_SCALE = 0.02, MOST_SCALE = 2000;
-const SYMBOLS = ["#0072b2", "#009e73", "#e69f00", "#d55e00"];
+const SYMBOLS = ["#0072b2", "#009e73", "#e69f00", "#d55e00", "#56b4e9", "#6a51a3", "#8c6d1f", "#cc79a7"];
 
 const shapes = data.shapes.map((shape) => ({
   ...shape,
@@ -130,13 +130,14 @@ function* paintGrid(brush, k, mapX, mapY) {
 /** An arrow from its grid point for every part, and its letter where there is room. */
 function* paintSymbols(brush, k, mapX, mapY, w, h) {
   const size = 0.3 * pitch * k, letters = pitch * k > 26;
-  const along = [[0, -1], [-1, 0], [1, 0], [0, 1]];
+  const half = Math.SQRT1_2;
+  const along = [[0, -1], [-1, 0], [1, 0], [0, 1], [half, -half], [-half, -half], [half, half], [-half, half]];
   brush.lineWidth = Math.max(1, size / 8);
   brush.lineJoin = "round";
   brush.font = `600 ${Math.round(0.24 * pitch * k)}px system-ui, sans-serif`;
   brush.textAlign = "center";
   brush.textBaseline = "middle";
-  for (let symbol = 0; symbol < 4; symbol++) {
+  for (let symbol = 0; symbol < data.letters.length; symbol++) {
     const [dx, dy] = along[symbol];
     let inBatch = 0;
     brush.beginPath();
@@ -151,8 +152,8 @@ function* paintSymbols(brush, k, mapX, mapY, w, h) {
       const u = mapX(places.xy[2 * i]), v = mapY(places.xy[2 * i + 1]);
       if (u < -size || v < -size || u > w + size || v > h + size) continue;
       brush.moveTo(u + dx * size, v + dy * size);
-      brush.lineTo(u - (dx + dy) * 0.6 * size, v - (dy + dx) * 0.6 * size);
-      brush.lineTo(u - (dx - dy) * 0.6 * size, v - (dy - dx) * 0.6 * size);
+      brush.lineTo(u - (dx + dy) * 0.6 * size, v - (dy - dx) * 0.6 * size);
+      brush.lineTo(u - (dx - dy) * 0.6 * size, v - (dy + dx) * 0.6 * size);
       brush.closePath();
       if (++inBatch === BATCH) {
         finish();

@@ -1,7 +1,11 @@
 // What is around the map: switches, search, the part under the pointer, the sensor window, links from the tables.
 const WINDOW_MM = [20, 15];
 const WEAK = 16;
-const SYMBOL_WORDS = { N: "up", W: "left", E: "right", S: "down" };
+const SYMBOL_WORDS = {
+  N: "up", W: "left", E: "right", S: "down", n: "up and right", w: "up and left", e: "down and right", s: "down and left",
+};
+/** Bits of a symbol: x and y, or the three of eight directions. */
+const bitsOf = (symbol) => (data.codes ? data.codes[symbol].toString(2).padStart(3, "0") : `${symbol & 1}, ${symbol >> 1}`);
 
 const number = new Map(places.names.map((name, i) => [name.toLowerCase(), i]));
 let hovered = -1, selected = -1, spot = null;
@@ -31,7 +35,7 @@ function describe(i) {
     ["designator", places.names[i]],
     ["column, row", `${c}, ${r}`],
     ["code index", `${data.origin[0] + c}, ${data.origin[1] + r}`],
-    ["symbol", `${letter}, ${SYMBOL_WORDS[letter]}; bits ${places.symbols[i] & 1}, ${places.symbols[i] >> 1}`],
+    ["symbol", `${letter}, ${SYMBOL_WORDS[letter]}; bits ${bitsOf(places.symbols[i])}`],
     ["texture x, y", `${mm(tx, 4)}, ${mm(ty, 4)} mm`],
   ];
   if (places.model) lines.push(["on the part", `${[0, 1, 2].map((axis) => mm(places.model[3 * i + axis])).join(", ")} mm`]);

@@ -163,6 +163,7 @@ SPECS = {
     "best": {"sector": 3, "origin": "best", **SMALL},
     "anoto": {"sector": 3000, "code": "anoto-6x6", "tag": "none", **SMALL},
     "touch": {"sector": 4000, "code": "touch-1", "tag": "none", **SMALL},
+    "eight": {"sector": 7, "code": "touch-1", "directions": 8, "part": "block", "size_mm": (16.0, 12.0)},
     "dome": {"sector": 7, "part": "dome", "size_mm": (16.0, 12.0)},
     "cone": {"sector": 7, "part": "cone", "size_mm": (16.0, 12.0), "cylinder_mm": 12.0},
 }

@@ -33,7 +33,7 @@ def render_solid(tape: Tape, form: SolidForm) -> list[Artifact]:
     mesh = texture_mesh(tape, form)
     metadata = {
         "Description": f"{_kind(tape, form)}: sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}, "
-        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm",
+        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm{tape.in_directions}",
         "Application": f"tactape-fab {__version__}",
     }
     files = (
