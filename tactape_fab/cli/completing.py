@@ -27,6 +27,12 @@ def _codes() -> Sequence[str]:
     return ALL_CODE_NAMES
 
 
+def _plane_codes() -> Sequence[str]:
+    from tactape_fab.texture.code import CODE_NAMES
+
+    return CODE_NAMES
+
+
 def _houses() -> Sequence[str]:
     from tactape_fab.profiles import ASSEMBLY_FORMATS
 
@@ -41,9 +47,13 @@ NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
     ("sensor", "NAME"): _profiles("sensors"),
     ("sensor", "NAME|FILE.toml"): _profiles("sensors"),
     ("code", "NAME"): _codes,
+    ("code", "CODE"): _plane_codes,
     ("assembly", "HOUSE"): _houses,
 }
-"""What stands for a name that the package knows, by key and metavar. Profiles may be files of the user's, too."""
+"""What stands for a name that the package knows, by key and metavar; a CODE is one with a plane.
+
+Profiles may be files of the user's, too.
+"""
 
 
 class Offered(click.types.StringParamType):

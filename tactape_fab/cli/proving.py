@@ -60,7 +60,7 @@ def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_f
 
 @main.command()
 @click.argument("kits", nargs=-1, metavar="KITS...")
-@click.option("--code", metavar="NAME", help="Without kits: the tapes of this code's sectors, as make would make them.")
+@click.option("--code", metavar="CODE", help="Without kits: the tapes of this code's sectors, as make would make them.")
 @click.option("--size", "size_mm", metavar="WxH", help="Outline of the tapes of --code, mm.  [default: 100x50]")
 @click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
 @click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")

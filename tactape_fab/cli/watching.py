@@ -34,7 +34,7 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 @click.argument("source")
 @click.argument("more", nargs=-1, metavar="")
 @click.option("--tape", "kits", multiple=True, metavar="KIT...", help="Kits that can be touched, or a folder of kits.")
-@click.option("--code", metavar="NAME", help="Without --tape: the code alone; it asks for many more dots.")
+@click.option("--code", metavar="CODE", help="Without --tape: the code alone; it asks for many more dots.")
 @click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]")
 @click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]")
 @click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)

@@ -12,7 +12,7 @@ from tactape_fab.decode.matrices import Matrices, matrices_of
 from tactape_fab.decode.near import shown_by
 from tactape_fab.decode.sites import OVERHANG, Sites, sites_of
 from tactape_fab.texture.code import TOUCH_CODE, Code, default_origin, get_code
-from tactape_fab.texture.frames import SymbolArray, bits_of
+from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.tape import Tape
 
 LEAST_COLUMNS, LEAST_ROWS = 62, 32
@@ -92,7 +92,7 @@ def _planeless(name: str, tapes: Sequence[Tape], numbers: Sequence[int]) -> Fami
         code=name,
         tapes=tuple(numbers[k] for k in order),
         shown=shown,
-        registered=matrices_of(shown, sizes, max(bits_of(tape.directions) for tape in tapes)),
+        registered=matrices_of(shown, sizes, max(tape.directions for tape in tapes)),
         unregistered=None,
         beyond=None,
     )

@@ -1,36 +1,50 @@
 """Tapes without a code plane: the dots held against every place of their matrices of symbols, in all turns.
 
-Nothing is known of a matrix but its symbols, so each place is a sum over dots. The dots that say most are added up first, at
-all places; what the others could say at most drops nearly all of these, and only the rest is added up to the end. What is
-dropped is counted at its bound, as for codes with a plane.
+Nothing is known of a matrix but its symbols. So wrong symbols are counted first, at 64 places at once: each dot adds one bit
+to the counts of all places where a part shows another symbol than the dot. So many wrong symbols leave a place too little
+evidence, however well the other dots fit: it is dropped, and counted at that bound, as for codes with a plane. At the few
+places that remain the evidence is added up dot by dot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
-from math import ceil
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.decode.counting import FAR_BELOW, Tally, count_at, count_bound, least_of
-from tactape_fab.decode.evidence import Floats, Tables
+from tactape_fab.decode.evidence import Tables
 from tactape_fab.decode.kernels import inlined_kernel, inner_kernel, kernel
 from tactape_fab.decode.near import NO_PART
 from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 
+Words = npt.NDArray[np.uint64]
+
 LARGEST_CONTACT = 24
 """Cells; dots that reach farther are no contact."""
-_LEAST_FIRST, _SHARE_FIRST = 12, 0.34
-"""So many dots, or this share of them, are added up at all places before any place is dropped."""
-_MORE = 6
-"""So many dots are added up at a time then."""
-_ROUNDING = 1e-3
-"""More than sums in single precision may be off by (ln)."""
-_NEVER = np.float32(-1e30)
+_WORD = 64
+_PLANES, _MOST_COUNTED = 5, 30
+"""Binary digits of a count of wrong symbols, and dots that are counted: one more may be asked for."""
+_USUAL_LOSS = 30.0
+"""What a place may have lost (ln) and matter, more or less: it says which dots are worth counting."""
+_FEW_PLACES = 1e-5
+"""Share of places left by chance from which on more dots are not worth counting."""
+_FIRST_LEAST = (0.0, -6.0, -12.0, -1e29)
+"""Weighted evidence (ln) from which on places are looked at to find the best one: no answer is below the first."""
+_DEEPER = 2.0
+"""Places are counted at the bound that they are dropped by; it is set so much (ln) lower, so that they weigh even less."""
+_NEGLIGIBLE_TO_NONE = -4.0
+"""`counting.NEGLIGIBLE` where the best place has no evidence: there is no answer, whatever the others weigh."""
+_NEVER = -1e30
 """Weight (ln) of a place with too few dots on the tape."""
-_EVIDENT = np.float32(-1e29)
+_EVIDENT = -1e29
+_ROUNDING = 1e-6
+_ONE = np.uint64(1)
 
 
 class Matrices(NamedTuple):
@@ -38,80 +52,78 @@ class Matrices(NamedTuple):
 
     Attributes
     ----------
-    bits : ndarray of float32, shape (n, 2, high, wide)
-        The x and the y bits of each tape's symbols as -1 and 1, 0 where there is no part; `LARGEST_CONTACT` zeros on every side.
-        Of eight directions (n, 3, high, wide).
-    holes : ndarray of int, shape (k, 2)
-        Column and row of grid points without a part, tape by tape.
-    first_hole : ndarray of int, shape (n + 1,)
-        Where those of each tape begin.
+    wrong : ndarray of uint64, shape (n, symbols, words, high)
+        Bit c % 64 of word c // 64 is set where column c of a row has a part that shows another symbol; `LARGEST_CONTACT` rows
+        and columns without parts come before and after.
+    shown : ndarray of uint8, shape (n, high x wide)
+        From `near.shown_by`, but for the number of symbols where there is no part, beyond the tape as well: as many rows and
+        columns as in ``wrong``, row by row.
     sizes, size_of, classes : ndarray of int
         As in `sites.Sites`.
-    sums, most : ndarray of float32
-        Room to work in, written over and over by one call: (n, 4, places down, places across) what is added up so far at each
-        place, and (n, 4, places down) the largest of each row with its weight.
     """
 
-    bits: Floats
-    holes: IntArray
-    first_hole: IntArray
+    wrong: Words
+    shown: SymbolArray
     sizes: IntArray
     size_of: IntArray
     classes: IntArray
-    sums: Floats
-    most: Floats
 
 
 class Frame(NamedTuple):
-    """What the places of all tapes of a size have in common for some dots.
+    """What is known of some dots before they are held against a tape, those first that lose most by another symbol.
 
     Attributes
     ----------
-    order : ndarray of int, shape (dots,)
-        The dots, those that say most first.
-    first : int
-        How many of them are added up first.
-    rest : ndarray, shape (4, dots + 1)
-        Most that all dots after so many of them can say, by turn.
-    said : ndarray of float32, shape (4, sizes, places down, places across)
-        What the first dots that lie on the tape say whatever its symbols.
-    weight : ndarray of float32, of the same shape
-        ln of the weight of each place.
-    below : ndarray of float32, shape (m + 1, m + 1)
-        Room: what the first dots say whatever the symbols, in columns below c and rows below r.
+    cells : ndarray of int, shape (4, n, 2)
+        `Tables.cells`.
+    said : ndarray, shape (4, n, symbols + 1)
+        ln E of each dot for each symbol, and 0 where there is no part.
+    fits : ndarray of int, shape (4, n)
+        The symbol that fits each dot best.
+    floor : ndarray, shape (n + 1,)
+        What a place at least loses by so many wrong ones of those that are counted.
+    rest : ndarray, shape (4, n + 1)
+        Most that all dots after so many can say.
+    most : ndarray, shape (4, m + 1, m + 1)
+        Most that the dots in columns below c and rows below r can say.
+    least : ndarray of uint64, shape (4, sizes, planes, words, places down)
+        Room: binary digits of the fewest wrong symbols that a place is dropped by.
+    counts : ndarray of uint64, shape (planes + 1, places down)
+        Room: binary digits of the wrong symbols at each place, and whether it remains.
     """
 
-    order: IntArray
-    first: int
+    cells: IntArray
+    said: FloatArray
+    fits: IntArray
+    floor: FloatArray
     rest: FloatArray
-    said: Floats
-    weight: Floats
-    below: Floats
+    most: FloatArray
+    least: Words
+    counts: Words
 
 
-def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], bits_each: int = 2) -> Matrices:
-    """Matrices from what tapes show (`near.shown_by`), ordered by size, and the sizes (columns, rows) that occur."""
-    wide, high = (max(size[axis] for size in sizes) for axis in range(2))
+def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], directions: int = 4) -> Matrices:
+    """Matrices from the symbols that tapes show (`near.shown_by`), ordered by size, and the sizes (columns, rows) that occur."""
     pad = LARGEST_CONTACT
-    bits = np.zeros((len(shown), bits_each, high + 2 * pad, wide + 2 * pad), dtype=np.float32)
+    wide, high = (max(size[axis] for size in sizes) for axis in range(2))
+    words = -(-(wide + pad) // _WORD) + 1
+    padded = np.full((len(shown), high + 2 * pad, words * _WORD), directions, dtype=np.uint8)
     for tape, symbols in enumerate(shown):
-        rows, columns = symbols.shape
-        planes = np.stack([2 * (symbols >> bit & 1) for bit in range(bits_each)]).astype(np.int64)
-        values = np.where(symbols == NO_PART, 0, planes - 1)
-        bits[tape, :, pad : pad + rows, pad : pad + columns] = values
+        padded[tape, pad : pad + symbols.shape[0], pad : pad + symbols.shape[1]] = np.where(
+            symbols == NO_PART, directions, symbols
+        )
+    wrong = np.empty((len(shown), directions, words, high + 2 * pad), dtype=np.uint64)
+    for symbol in range(directions):
+        other = (padded != directions) & (padded != symbol)
+        wrong[:, symbol] = np.packbits(other, axis=2, bitorder="little").view("<u8").swapaxes(1, 2)
     size_of = np.array([sizes.index((symbols.shape[1], symbols.shape[0])) for symbols in shown])
     bounds = [0, *(np.flatnonzero(np.diff(size_of)) + 1).tolist(), len(shown)]
-    holes = [np.argwhere(symbols == NO_PART)[:, ::-1] for symbols in shown]
-    places = (high + pad - 1, wide + pad - 1)
     return Matrices(
-        bits=bits,
-        holes=np.concatenate(holes).astype(np.int64),
-        first_hole=np.cumsum([0, *map(len, holes)]).astype(np.int64),
+        wrong=wrong,
+        shown=padded.reshape(len(shown), -1),
         sizes=np.array(sizes, dtype=np.int64),
         size_of=size_of.astype(np.int64),
         classes=np.array([(a, b, size_of[a], 1, 1, 0) for a, b in pairwise(bounds)], dtype=np.int64),
-        sums=np.empty((len(shown), 4, *places), dtype=np.float32),
-        most=np.empty((len(shown), 4, places[0]), dtype=np.float32),
     )
 
 
@@ -120,215 +132,258 @@ def weigh_matrices(tables: Tables, matrices: Matrices, least: int, base: FloatAr
 
     ``least`` is the fewest dots on a tape; the tally is a new one.
     """
-    _weigh(tables, matrices, frame_of(tables, matrices), least, np.maximum(base, _NEVER), cue, tally)
+    frame = _frame(tables, matrices)
+    _weigh(frame, tables.dots, tables.size, matrices, least, np.maximum(base, _NEVER), cue, tally)
 
 
-def frame_of(tables: Tables, matrices: Matrices) -> Frame:
-    """What the places have in common, its tables still to be filled in."""
-    n, m = tables.evidence.shape[1], tables.dots.shape[1] - 1
-    first = min(n, max(_LEAST_FIRST, ceil(_SHARE_FIRST * n)))
-    order = np.argsort(-np.abs(tables.evidence[0, :, 1:]).sum(axis=1), kind="stable").astype(np.int64)
-    most = (tables.evidence[..., 0] + np.abs(tables.evidence[..., 1:]).sum(axis=2))[:, order]
-    after = np.concatenate([np.cumsum(most[:, ::-1], axis=1)[:, ::-1], np.zeros((4, 1))], axis=1)
-    wide, high = (matrices.sizes.max(axis=0) + m - 1).tolist()
-    shape = (4, len(matrices.sizes), high, wide)
+def _frame(tables: Tables, matrices: Matrices) -> Frame:
+    said, m = tables.evidence @ _signs(tables.evidence.shape[2] - 1), tables.dots.shape[1] - 1
+    ranked = np.sort(said[0], axis=1)
+    lost = ranked[:, -1] - ranked[:, -2]
+    order = np.argsort(-lost, kind="stable")
+    said, cells = said[:, order], tables.cells[:, order]
+    best = said.max(axis=2)
+    floor, most = np.empty(len(order) + 1), np.zeros((4, m + 1, m + 1))
+    counted = _choose(lost[order], _by_chance(said.shape[2]), floor)
+    _fill_most(cells, best, most)
+    rest = np.concatenate([np.cumsum(best[:, ::-1], axis=1)[:, ::-1], np.zeros((4, 1))], axis=1)
+    high, words = int(matrices.sizes[:, 1].max()) + m, matrices.wrong.shape[2]
     return Frame(
-        order=order,
-        first=first,
-        rest=after,
-        said=np.empty(shape, dtype=np.float32),
-        weight=np.empty(shape, dtype=np.float32),
-        below=np.empty((m + 1, m + 1), dtype=np.float32),
+        cells=cells,
+        said=np.concatenate([said, np.zeros((4, len(order), 1))], axis=2),
+        fits=said.argmax(axis=2),
+        floor=floor[: counted + 1],
+        rest=rest,
+        most=most,
+        least=np.empty((4, len(matrices.sizes), _PLANES, words, high), dtype=np.uint64),
+        counts=np.empty((_PLANES + 1, high), dtype=np.uint64),
     )
+
+
+@cache
+def _signs(bits: int) -> FloatArray:
+    """What makes a dot's ln E for each symbol of its mean and of the evidence of each bit; shape (1 + bits, symbols)."""
+    symbols = np.arange(1 << bits)
+    return np.stack([np.ones(1 << bits), *(2.0 * (symbols >> bit & 1) - 1.0 for bit in range(bits))])
+
+
+@cache
+def _by_chance(symbols: int) -> FloatArray:
+    """How likely at most w of k symbols are wrong where any is as likely as any other; shape (k + 1, w + 1)."""
+    wrong, counts = 1.0 - 1.0 / symbols, range(_MOST_COUNTED + 1)
+    of = [[comb(k, w) * wrong**w * (1.0 - wrong) ** (k - w) for w in counts] for k in counts]
+    return np.cumsum(of, axis=1)
 
 
 @kernel()
-def _weigh(tables: Tables, matrices: Matrices, frame: Frame, least: int, base: FloatArray, cue: FloatArray, tally: Tally) -> None:
+def _choose(lost: FloatArray, by_chance: FloatArray, floor: FloatArray) -> int:
+    """How many dots to count, and fill `Frame.floor`; ``lost`` falls."""
+    counted, least = 0, 2.0
+    for k in range(1, min(len(lost), _MOST_COUNTED) + 1):
+        total, w = 0.0, 0
+        while w < k and total + lost[k - 1 - w] <= _USUAL_LOSS:
+            total += lost[k - 1 - w]
+            w += 1
+        if by_chance[k, w] < least:
+            counted, least = k, by_chance[k, w]
+        if least < _FEW_PLACES:
+            break
+    floor[0] = 0.0
+    for w in range(counted):
+        floor[w + 1] = floor[w] + lost[counted - 1 - w]
+    return counted
+
+
+@kernel()
+def _fill_most(cells: IntArray, best: FloatArray, most: FloatArray) -> None:
+    """Fill `Frame.most`, zero before."""
+    m = most.shape[1]
     for turn in range(4):
-        fill_below(tables, frame, turn)
-        for size in range(len(matrices.sizes)):
-            fill_frame(tables, frame, matrices.sizes[size], (turn, size), least, base[turn])
-    for tape in range(len(matrices.bits)):
+        of = most[turn]
+        for k in range(cells.shape[1]):
+            of[cells[turn, k, 0] + 1, cells[turn, k, 1] + 1] += best[turn, k]
+        for c in range(1, m):
+            for r in range(1, m):
+                of[c, r] += of[c - 1, r] + of[c, r - 1] - of[c - 1, r - 1]
+
+
+@kernel()
+def _weigh(
+    frame: Frame, dots: IntArray, size: IntArray, matrices: Matrices, least: int, base: FloatArray, cue: FloatArray, tally: Tally
+) -> None:
+    sums, tapes = tally.sums, len(matrices.shown)
+    for k in range(len(_FIRST_LEAST)):
+        if sums[0] > _EVIDENT:
+            break
+        _fill_least(frame, dots, size, matrices.sizes, least, base, _FIRST_LEAST[k])
+        for tape in range(tapes):
+            for turn in range(4):
+                _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], _FIRST_LEAST[k], tally, False)
+    widest = 0
+    for of in range(len(matrices.sizes)):
+        widest = max(widest, matrices.sizes[of, 0] + frame.most.shape[1] - 1)
+    places = np.log(4.0 * tapes * frame.counts.shape[1] * widest)
+    bound = least_of(places, (0.0, 0.0), sums) - _DEEPER
+    if sums[0] <= 0.0:
+        bound = max(bound, sums[0] + _NEGLIGIBLE_TO_NONE - places)
+    _fill_least(frame, dots, size, matrices.sizes, least, base, bound)
+    for tape in range(tapes):
         for turn in range(4):
-            _add_first(tables, matrices, frame, tape, turn)
-        tally.sums[0] = max(tally.sums[0], _guess(tables, matrices, frame, tape) - _ROUNDING)
-    places = np.log(4.0 * matrices.sums.shape[2] * matrices.sums.shape[3] * len(matrices.bits))
-    for tape in range(len(matrices.bits)):
-        for turn in range(4):
-            _count_rows(tables, matrices, frame, tape, turn, base[turn], cue[turn], places, tally)
+            _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], bound, tally, True)
+    likelihood = _NEVER
+    for turn in range(4):
+        for over in range(2):
+            if base[turn, over] > _EVIDENT:
+                likelihood = max(likelihood, bound - base[turn, over] + cue[turn])
+    count_bound(np.exp(places + bound - sums[0]), likelihood, sums)
 
 
 @inner_kernel()
-def fill_below(tables: Tables, frame: Frame, turn: int) -> None:
-    """Fill `Frame.below` for a turn."""
-    below = frame.below
-    for c in range(len(below)):
-        for r in range(len(below)):
-            below[c, r] = 0.0
-    for k in range(frame.first):
-        dot = frame.order[k]
-        below[tables.cells[turn, dot, 0] + 1, tables.cells[turn, dot, 1] + 1] += tables.evidence[turn, dot, 0]
-    for c in range(1, len(below)):
-        for r in range(1, len(below)):
-            below[c, r] += below[c - 1, r] + below[c, r - 1] - below[c - 1, r - 1]
-
-
-@inner_kernel()
-def fill_frame(tables: Tables, frame: Frame, size: IntArray, of: tuple[int, int], least: int, base: FloatArray) -> None:
-    """Fill `Frame.said` and `Frame.weight` of a turn and size of tapes."""
-    turn, dots, below = of[0], tables.dots[of[0]], frame.below
-    wide, high = tables.size[turn, 0], tables.size[turn, 1]
-    for j in range(size[1] + high - 1):
-        said, weight = frame.said[turn, of[1], j], frame.weight[turn, of[1], j]
-        y = j - high + 1
-        r0, r1 = max(0, -y), min(high, size[1] - y)
-        for i in range(size[0] + wide - 1):
-            if wide <= i < size[0]:  # all columns of dots on the tape, as at the place before
-                said[i], weight[i] = said[i - 1], weight[i - 1]
-                continue
-            x = i - wide + 1
-            c0, c1 = max(0, -x), min(wide, size[0] - x)
-            over = 0 if c1 - c0 == wide and r1 - r0 == high else 1
-            enough = dots[c1, r1] - dots[c0, r1] - dots[c1, r0] + dots[c0, r0] >= least
-            weight[i] = base[over] if enough else _NEVER
-            said[i] = below[c1, r1] - below[c0, r1] - below[c1, r0] + below[c0, r0]
-
-
-@inner_kernel(fastmath=True)
-def _add_first(tables: Tables, matrices: Matrices, frame: Frame, tape: int, turn: int) -> None:
-    """Fill `Matrices.sums` and `Matrices.most` of a tape and turn."""
-    size, x_bits, y_bits = matrices.sizes[matrices.size_of[tape]], matrices.bits[tape, 0], matrices.bits[tape, 1]
-    cells, evidence = tables.cells[turn], tables.evidence[turn]
-    wide, high = size[0] + tables.size[turn, 0] - 1, size[1] + tables.size[turn, 1] - 1
-    left, top = LARGEST_CONTACT - tables.size[turn, 0] + 1, LARGEST_CONTACT - tables.size[turn, 1] + 1
-    for j in range(high):
-        out, said = matrices.sums[tape, turn, j], frame.said[turn, matrices.size_of[tape], j]
-        for i in range(wide):
-            out[i] = said[i]
-        for k in range(0, frame.first, 4):  # four at a time, so that the sums pass through memory less often
-            r1, c1, ex1, ey1 = _dot(cells, evidence, frame, k)
-            r2, c2, ex2, ey2 = _dot(cells, evidence, frame, k + 1)
-            r3, c3, ex3, ey3 = _dot(cells, evidence, frame, k + 2)
-            r4, c4, ex4, ey4 = _dot(cells, evidence, frame, k + 3)
-            x1, y1 = x_bits[r1 + top + j, c1 + left :], y_bits[r1 + top + j, c1 + left :]
-            x2, y2 = x_bits[r2 + top + j, c2 + left :], y_bits[r2 + top + j, c2 + left :]
-            x3, y3 = x_bits[r3 + top + j, c3 + left :], y_bits[r3 + top + j, c3 + left :]
-            x4, y4 = x_bits[r4 + top + j, c4 + left :], y_bits[r4 + top + j, c4 + left :]
-            for i in range(wide):
-                out[i] += ex1 * x1[i] + ey1 * y1[i] + ex2 * x2[i] + ey2 * y2[i]
-                out[i] += ex3 * x3[i] + ey3 * y3[i] + ex4 * x4[i] + ey4 * y4[i]
-    for k in range(matrices.first_hole[tape], matrices.first_hole[tape + 1]):
-        for d in range(frame.first):
-            dot = frame.order[d]
-            i = matrices.holes[k, 0] - cells[dot, 0] + tables.size[turn, 0] - 1
-            j = matrices.holes[k, 1] - cells[dot, 1] + tables.size[turn, 1] - 1
-            matrices.sums[tape, turn, j, i] -= np.float32(evidence[dot, 0])
-    for j in range(high):
-        out, weight, most = matrices.sums[tape, turn, j], frame.weight[turn, matrices.size_of[tape], j], _NEVER
-        for i in range(wide):
-            most = max(most, out[i] + weight[i])
-        matrices.most[tape, turn, j] = most
+def _fill_least(
+    frame: Frame, dots: IntArray, size: IntArray, sizes: IntArray, least: int, base: FloatArray, bound: float
+) -> None:
+    """Fill `Frame.least`: places with so many wrong symbols stay below a bound of their weighted evidence (ln)."""
+    for turn in range(4):
+        wide, high = size[turn, 0], size[turn, 1]
+        for of in range(len(sizes)):
+            columns, rows, digits = sizes[of, 0], sizes[of, 1], frame.least[turn, of]
+            for j in range(rows + high - 1):
+                if high <= j < rows:  # all rows of dots on the tape, as at the place before
+                    for plane in range(_PLANES):
+                        for word in range(digits.shape[1]):
+                            digits[plane, word, j] = digits[plane, word, j - 1]
+                    continue
+                for plane in range(_PLANES):
+                    for word in range(digits.shape[1]):
+                        digits[plane, word, j] = 0
+                count, y = 0, j - high + 1
+                r0, r1 = max(0, -y), min(high, rows - y)
+                for i in range(columns + wide - 1):
+                    if not wide <= i < columns:
+                        x = i - wide + 1
+                        span = (max(0, -x), min(wide, columns - x), r0, r1)
+                        over = 0 if span[1] - span[0] == wide and r1 - r0 == high else 1
+                        enough = _within(dots[turn], span) >= least
+                        count = _fewest(frame, _within(frame.most[turn], span) + base[turn, over] - bound) if enough else 0
+                    for plane in range(_PLANES):
+                        digits[plane, i // _WORD, j] |= np.uint64((count >> plane) & 1) << np.uint64(i % _WORD)
 
 
 @inlined_kernel()
-def _dot(cells: IntArray, evidence: FloatArray, frame: Frame, k: int) -> tuple[int, int, np.float32, np.float32]:
-    """Row and column of a dot, and what its bits say; nothing beyond those that are added up first."""
-    dot = frame.order[min(k, frame.first - 1)]
-    share = 1.0 if k < frame.first else 0.0
-    return cells[dot, 1], cells[dot, 0], np.float32(share * evidence[dot, 1]), np.float32(share * evidence[dot, 2])
+def _within(below: FloatArray, span: tuple[int, int, int, int]) -> float:
+    """What lies in columns and rows from the first to before the last, from sums of all below."""
+    c0, c1, r0, r1 = span
+    return below[c1, r1] - below[c0, r1] - below[c1, r0] + below[c0, r0]  # type: ignore[no-any-return]
 
 
 @inner_kernel()
-def _guess(tables: Tables, matrices: Matrices, frame: Frame, tape: int) -> float:
-    """Ln E with its weight of the place of a tape where the first dots fit best."""
-    best, turn, row, size = _EVIDENT, 0, -1, matrices.size_of[tape]
-    for t in range(4):
-        for j in range(matrices.sizes[size, 1] + tables.size[t, 1] - 1):
-            if matrices.most[tape, t, j] > best:
-                best, turn, row = matrices.most[tape, t, j], t, j
-    if row < 0:
-        return -np.inf
-    out, weight, at = matrices.sums[tape, turn, row], frame.weight[turn, size, row], 0
-    for i in range(matrices.sizes[size, 0] + tables.size[turn, 0] - 1):
-        if out[i] + weight[i] > out[at] + weight[at]:
-            at = i
-    return float(_finished(tables, matrices, frame, tape, turn, at, row) + weight[at])
+def _fewest(frame: Frame, spare: float) -> int:
+    """The fewest wrong symbols by which a place loses more than it may (ln)."""
+    count = 0
+    while count < len(frame.floor) and frame.floor[count] <= spare + _ROUNDING:
+        count += 1
+    return count
 
 
 @inner_kernel()
-def _finished(tables: Tables, matrices: Matrices, frame: Frame, tape: int, turn: int, i: int, j: int) -> float:
-    """Ln E at a place, of all dots."""
-    total = float(matrices.sums[tape, turn, j, i])
-    left, top = LARGEST_CONTACT - tables.size[turn, 0] + 1 + i, LARGEST_CONTACT - tables.size[turn, 1] + 1 + j
-    for k in range(frame.first, len(frame.order)):
-        dot = frame.order[k]
-        row, column = top + tables.cells[turn, dot, 1], left + tables.cells[turn, dot, 0]
-        x, y = matrices.bits[tape, 0, row, column], matrices.bits[tape, 1, row, column]
-        if x != 0.0:
-            total += tables.evidence[turn, dot, 0]
-            total += tables.evidence[turn, dot, 1] * x + tables.evidence[turn, dot, 2] * y
-    return total
-
-
-@inner_kernel(fastmath=True)
-def _add_more(tables: Tables, matrices: Matrices, frame: Frame, at: tuple[int, int, int], first: int, last: int) -> float:
-    """Add some more dots to the sums of a row, and the largest of them with its weight; ``at`` is tape, turn and row."""
-    tape, turn, j = at
-    size, x_bits, y_bits = matrices.size_of[tape], matrices.bits[tape, 0], matrices.bits[tape, 1]
-    out, weight, wide = (
-        matrices.sums[tape, turn, j],
-        frame.weight[turn, size, j],
-        matrices.sizes[size, 0] + tables.size[turn, 0] - 1,
-    )
-    left, top = LARGEST_CONTACT - tables.size[turn, 0] + 1, LARGEST_CONTACT - tables.size[turn, 1] + 1 + j
-    for k in range(first, last):
-        dot = frame.order[k]
-        row, column = tables.cells[turn, dot, 1] + top, tables.cells[turn, dot, 0] + left
-        x, y = x_bits[row, column:], y_bits[row, column:]
-        said = np.float32(tables.evidence[turn, dot, 0])
-        ex, ey = np.float32(tables.evidence[turn, dot, 1]), np.float32(tables.evidence[turn, dot, 2])
-        for i in range(wide):
-            out[i] += ex * x[i] + ey * y[i] + said * x[i] * x[i]  # a square is 1 where there is a part
-    most = _NEVER
-    for i in range(wide):
-        most = max(most, out[i] + weight[i])
-    return float(most)
-
-
-@inner_kernel()
-def _count_rows(
-    tables: Tables,
-    matrices: Matrices,
+def _look(
     frame: Frame,
-    tape: int,
-    turn: int,
+    size: IntArray,
+    matrices: Matrices,
+    at: tuple[int, int],
     base: FloatArray,
     cue: float,
-    places: float,
+    bound: float,
     tally: Tally,
+    counted: bool,
 ) -> None:
-    """Count the places of a tape in one turn, a row that cannot matter at its bound; ``places`` is ln of how many there are."""
-    sums, size, dots = tally.sums, matrices.size_of[tape], len(frame.order)
-    wide = matrices.sizes[size, 0] + tables.size[turn, 0] - 1
-    lightest = base[1] if base[0] < _EVIDENT or _EVIDENT < base[1] < base[0] else base[0]
-    for j in range(matrices.sizes[size, 1] + tables.size[turn, 1] - 1):
-        most, k = float(matrices.most[tape, turn, j]), frame.first
-        if most < _EVIDENT:
-            continue
-        bound = most + frame.rest[turn, k]
-        while k < dots and bound >= least_of(places, (0.0, 0.0), sums):
-            last = min(k + _MORE, dots)
-            bound = _add_more(tables, matrices, frame, (tape, turn, j), k, last) + frame.rest[turn, last]
-            k = last
-        if bound < least_of(places, (0.0, 0.0), sums):
-            count_bound(float(wide) * np.exp(bound - sums[0]), bound - lightest + cue, sums)
-            continue
-        out, weight = matrices.sums[tape, turn, j], frame.weight[turn, size, j]
-        for i in range(wide):
-            if weight[i] < _EVIDENT:
-                continue
-            if out[i] + weight[i] < sums[0] - FAR_BELOW:
-                sums[4] = max(sums[4], float(out[i]) + cue)
-                continue
-            at = (turn, tape, i - tables.size[turn, 0] + 1, j - tables.size[turn, 1] + 1, -1, -1)
-            count_at(tally, float(out[i]), 1.0, (float(weight[i]), cue), at)
+    """Add up the evidence at the places of a tape and turn that may reach a bound; count them, or keep the best's weight only."""
+    tape, turn = at
+    of, sums = matrices.size_of[tape], tally.sums
+    wide, high, columns, rows = size[turn, 0], size[turn, 1], matrices.sizes[of, 0], matrices.sizes[of, 1]
+    across, down, stride = columns + wide - 1, rows + high - 1, matrices.wrong.shape[2] * _WORD
+    for word in range((across + _WORD - 1) // _WORD):
+        _count_wrong(frame, matrices.wrong[tape], turn, word, (wide, high), down)
+        _compare(frame.counts, frame.least[turn, of], word, down)
+        for j in range(down):
+            left = frame.counts[_PLANES, j]
+            while left != 0:
+                lowest = left & (~left + _ONE)
+                left ^= lowest
+                x, y = word * _WORD + _index(lowest) - wide + 1, j - high + 1
+                over = 0 if 0 <= x <= columns - wide and 0 <= y <= rows - high else 1
+                start = (LARGEST_CONTACT + y) * stride + LARGEST_CONTACT + x
+                value = _add_up(frame, matrices.shown[tape], turn, start, stride, bound - base[over])
+                if value == _NEVER:
+                    continue
+                score = value + base[over]
+                if not counted:
+                    sums[0] = max(sums[0], score)
+                elif score < sums[0] - FAR_BELOW:
+                    sums[4] = max(sums[4], value + cue)
+                else:
+                    count_at(tally, value, 1.0, (base[over], cue), (turn, tape, x, y, -1, -1))
+
+
+@inner_kernel()
+def _count_wrong(frame: Frame, wrong: Words, turn: int, word: int, size: tuple[int, int], down: int) -> None:
+    """Count the wrong symbols at 64 places of every row, in binary digits: two dots at a time, by an adder, then the carry."""
+    one, two, four, eight, most = frame.counts[0], frame.counts[1], frame.counts[2], frame.counts[3], frame.counts[4]
+    for j in range(down):
+        one[j] = two[j] = four[j] = eight[j] = most[j] = 0
+    counted, left, top = len(frame.floor) - 1, LARGEST_CONTACT - size[0] + 1, LARGEST_CONTACT - size[1] + 1
+    for k in range(0, counted, 2):
+        last = min(k + 1, counted - 1)
+        c1, r1, c2, r2 = frame.cells[turn, k, 0], frame.cells[turn, k, 1], frame.cells[turn, last, 0], frame.cells[turn, last, 1]
+        low1, high1 = wrong[frame.fits[turn, k], word, top + r1 :], wrong[frame.fits[turn, k], word + 1, top + r1 :]
+        low2, high2 = wrong[frame.fits[turn, last], word, top + r2 :], wrong[frame.fits[turn, last], word + 1, top + r2 :]
+        down1, down2 = np.uint64(left + c1), np.uint64(left + c2)  # 1 to LARGEST_CONTACT
+        up1, up2 = np.uint64(_WORD - left - c1), np.uint64(_WORD - left - c2)
+        both = ~np.uint64(0) if k + 1 < counted else np.uint64(0)
+        for j in range(down):
+            a = (low1[j] >> down1) | (high1[j] << up1)
+            b = ((low2[j] >> down2) | (high2[j] << up2)) & both
+            half = a ^ b
+            carry = (a & b) | (half & one[j])
+            one[j] ^= half
+            more = two[j] & carry
+            two[j] ^= carry
+            carry = four[j] & more
+            four[j] ^= more
+            more = eight[j] & carry
+            eight[j] ^= carry
+            most[j] ^= more
+
+
+@inner_kernel()
+def _compare(counts: Words, least: Words, word: int, down: int) -> None:
+    """Which places have fewer wrong symbols than they are dropped by, digit by digit."""
+    remain = counts[_PLANES]
+    for j in range(down):
+        remain[j] = 0
+    for plane in range(_PLANES):
+        count, limit = counts[plane], least[plane, word]
+        for j in range(down):
+            remain[j] = (~count[j] & limit[j]) | (~(count[j] ^ limit[j]) & remain[j])
+
+
+@inlined_kernel()
+def _index(bit: np.uint64) -> int:
+    """Number of the one bit that is set."""
+    index = 0
+    for step in (32, 16, 8, 4, 2, 1):
+        if bit >> np.uint64(step) != 0:
+            bit >>= np.uint64(step)
+            index += step
+    return index
+
+
+@inner_kernel()
+def _add_up(frame: Frame, shown: SymbolArray, turn: int, start: int, stride: int, least: float) -> float:
+    """Ln E at a place, whose first column and row of dots are at ``start``; `_NEVER` once it cannot reach what matters."""
+    total, cells, said, rest = 0.0, frame.cells[turn], frame.said[turn], frame.rest[turn]
+    for k in range(cells.shape[0]):
+        total += said[k, shown[start + cells[k, 1] * stride + cells[k, 0]]]
+        if total + rest[k + 1] < least - _ROUNDING:
+            return _NEVER
+    return total

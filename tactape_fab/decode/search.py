@@ -13,7 +13,6 @@ from tactape_fab.decode.evidence import Tables, tables_of
 from tactape_fab.decode.families import Family
 from tactape_fab.decode.groups import count_places, groups_of
 from tactape_fab.decode.matrices import LARGEST_CONTACT, Matrices, weigh_matrices
-from tactape_fab.decode.matrices_eight import weigh_eight
 from tactape_fab.decode.near import evidence_at, places_near
 from tactape_fab.decode.sites import FIRST, LAST, TAPES, Sites
 from tactape_fab.decode.weigh import weigh_sites
@@ -184,8 +183,7 @@ def search(
         tallies = [new_tally(negligible=negligible) for _ in families]
         for t, g, family, tally in zip(tables, groups, families, tallies, strict=True):
             if isinstance(family.registered, Matrices):
-                weigh = weigh_matrices if family.registered.bits.shape[1] == 2 else weigh_eight
-                weigh(t, family.registered, LEAST_DOTS, base, cue, tally)
+                weigh_matrices(t, family.registered, LEAST_DOTS, base, cue, tally)
             else:
                 weigh_sites(t, family.registered, g, base, cue, tally)
         of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])

@@ -44,8 +44,14 @@ MAIN_JOB = ("make", "--sector", "7", "--w", "1.5", "--delta", "0.25")
 
 @pytest.mark.parametrize(
     ("name", "arguments", "most_s"),
-    [("make", MAIN_JOB, 1.5), ("make --no-verify", (*MAIN_JOB, "--no-verify"), 0.8), ("--help", ("--help",), 0.25)],
-    ids=["make", "no-verify", "help"],
+    [
+        ("make", MAIN_JOB, 1.5),
+        ("make --no-verify", (*MAIN_JOB, "--no-verify"), 0.8),
+        ("advise", ("advise", "--contact", "6"), 2.0),
+        ("advise --process sla", ("advise", "--contact", "5", "--process", "sla", "--tapes", "16"), 2.0),
+        ("--help", ("--help",), 0.25),
+    ],
+    ids=["make", "no-verify", "advise", "advise-sla", "help"],
 )
 def test_whole_process_answers_soon(
     benchmark: BenchmarkFixture, tmp_path: Path, name: str, arguments: tuple[str, ...], most_s: float

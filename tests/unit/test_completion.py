@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from tactape_fab.cli import main
 from tactape_fab.cli.completing import NAMES
 from tactape_fab.profiles import ASSEMBLY_FORMATS, profile_names
-from tactape_fab.texture.code import ALL_CODE_NAMES
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES
 
 
 def offered(line: str) -> list[tuple[str, str]]:
@@ -42,6 +42,8 @@ def words(line: str) -> list[str]:
         ("check --process ", profile_names("processes")),
         ("make --assembly ", list(ASSEMBLY_FORMATS)),
         ("make --code ", list(ALL_CODE_NAMES)),
+        ("certify --code ", list(CODE_NAMES)),
+        ("decode --code ", list(CODE_NAMES)),
         ("simulate --sensor ", profile_names("sensors")),
         ("verify --sensor di", ["digit"]),
         ("decode --world ", ["open", "closed"]),

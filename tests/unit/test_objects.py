@@ -160,7 +160,7 @@ def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> N
         "tapes[0].rpy_deg[2] = nan deg is not a finite number",
         "tapes[1].surface = 'ball' is none of",
         "nowhere",
-        "tapes[1].of rpy_deg, quaternion_xyzw, tag_corners_mm one says how the film lies, but given is none",
+        "tapes[1].rpy_deg or quaternion_xyzw or tag_corners_mm says how the film lies, but given is none",
         "tapes[2].kit is missing",
         "tapes[2].radius_mm = -1 mm is not above 0",
         "tapes[2].around is missing",
