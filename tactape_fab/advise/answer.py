@@ -17,6 +17,7 @@ from tactape_fab.kit.order import estimate
 from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.make import examine
 from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, read_part
+from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.tape import Tape
 
 LOCATED = 0.9
@@ -78,6 +79,7 @@ class Line:
             "part": design.part,
             "body_mm": list(design.body_mm),
             "code": self.code.name,
+            "directions": design.directions,
             "coverlay": design.coverlay,
             "warnings": list(design.warnings),
             "least_contact_mm": self.least_mm,
@@ -168,6 +170,7 @@ def seen_of(design: Design, question: Question, points: int) -> Seen:
         sensor=question.sensor,
         blur_mm=question.blur_mm,
         placement_mm=question.placement_mm,
+        directions=design.directions,
     )
 
 
@@ -198,8 +201,9 @@ def _line(design: Design, question: Question) -> Line:
 
 def _code_for(seen: Seen, contact_mm: float, field_mm: float) -> tuple[Code, float | None]:
     """The first code by which the design locates the contact, else that by which it locates the smallest; and that contact."""
-    best, least_mm = CODES[0], None
-    for code in CODES:
+    codes = CODES if seen.directions == 4 else tuple(code for code in CODES if code.name == TOUCH_CODE)
+    best, least_mm = codes[0], None
+    for code in codes:
         if code.axis > best.axis or (code is not best and code.axis == best.axis) or seen.points > code.most_points:
             continue
         found_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
@@ -211,23 +215,25 @@ def _code_for(seen: Seen, contact_mm: float, field_mm: float) -> tuple[Code, flo
 
 
 def _best(lines: Sequence[Line], question: Question) -> list[Line]:
-    """Lines that no other beats in all of contact, warnings, parts and coverlay, the one that the fab prefers; those that reach
-    the contact first, the least warned of and the least parts before others, then those that come nearest.
+    """Lines that no other beats in all of contact, warnings, directions, parts and coverlay, the one that the fab prefers; those
+    that reach the contact first, the least warned of, of four directions and the least parts before others, then those that come
+    nearest.
     """
     making, contact_mm = question.making, question.contact_mm
     modes = list(making.coverlay_modes) if isinstance(making, FabProfile) else []
 
     def figures(line: Line) -> tuple[float, ...]:
         coverlay = [mode == line.design.coverlay for mode in modes]
-        return (line.least_mm or np.inf, len(line.design.warnings), line.parts, coverlay.index(True) if any(coverlay) else 0)
+        preferred = coverlay.index(True) if any(coverlay) else 0
+        return (line.least_mm or np.inf, len(line.design.warnings), line.design.directions, line.parts, preferred)
 
     def beaten(line: Line) -> bool:
         mine = figures(line)
         return any(figures(o) != mine and all(a <= b for a, b in zip(figures(o), mine, strict=True)) for o in lines)
 
     def order(line: Line) -> tuple[float, ...]:
-        least_mm, warnings, parts, _ = figures(line)
-        return (0.0, warnings, parts) if line.reaches(contact_mm) else (1.0, least_mm, warnings)
+        least_mm, warnings, directions, parts, _ = figures(line)
+        return (0.0, warnings, directions, parts) if line.reaches(contact_mm) else (1.0, least_mm, warnings)
 
     return sorted((line for line in lines if line.least_mm is not None and not beaten(line)), key=order) or sorted(
         lines, key=lambda line: line.noise_um / max(line.height_um, 1e-9)
@@ -255,7 +261,8 @@ def _counted(line: Line, question: Question) -> Line:
 
 def tape_of(line: Line, question: Question, sector: int) -> Tape:
     """A tape as the line's command makes it, of another sector."""
-    return examine(replace(line.design.spec(question.size_mm, code=line.code.name), sector=sector)).tape
+    spec = line.design.spec(question.size_mm, code=line.code.name, directions=line.design.directions)
+    return examine(replace(spec, sector=sector)).tape
 
 
 def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None) -> Advice:

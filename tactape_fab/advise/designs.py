@@ -12,11 +12,12 @@ from itertools import product
 from math import ceil
 
 from tactape_fab.errors import Finding, SpecError
-from tactape_fab.kit.coverlay import least_pitch_mm
+from tactape_fab.kit.coverlay import least_pitch_mm, worst_box_gap_mm
 from tactape_fab.kit.outlines import opening_size_mm
+from tactape_fab.kit.rules import finding
 from tactape_fab.kit.spec import DEFAULT_PITCH_MM, TapeSpec
 from tactape_fab.make import examine
-from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, read_part
+from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, load_process, read_part
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.tape import TapePart
@@ -24,7 +25,7 @@ from tactape_fab.texture.tape import TapePart
 FILM = "fpc"
 ROTATION_DEG = 45.0
 SHARES = (0.14, 1.0 / 6.0, 0.2)
-"""Δ as shares of W."""
+"""Δ as shares of W; of eight directions, which lie nearer to each other, without the first."""
 FILM_PARTS = ("r0201", "r01005")
 ELEMENTS = (
     ("block", (0.6, 0.3, 0.23)),
@@ -45,6 +46,7 @@ class Design:
     """W, Δ, a part, and how the coverlay is opened; ``warnings`` are the rules that say more than nothing of it.
 
     ``coverlay`` and ``fab`` are None for solid elements, ``process`` for parts with lands, ``body_mm`` where it is the profile's.
+    Of eight directions only solid elements are advised.
     """
 
     part: str
@@ -56,9 +58,10 @@ class Design:
     fab: str | None = None
     process: str | None = None
     warnings: tuple[str, ...] = ()
+    directions: int = 4
 
     def spec(self, size_mm: tuple[float, float], **more: object) -> TapeSpec:
-        """A tape of it."""
+        """A tape of it, of four directions unless said otherwise: those of eight take a code that takes seconds."""
         values: dict[str, object] = {"part": self.part, "pitch_mm": self.pitch_mm, "displacement_mm": self.displacement_mm}
         if self.fab is not None:
             values |= {"fab": self.fab, "coverlay": self.coverlay}
@@ -77,6 +80,7 @@ class Design:
             size = self.body_mm if self.shape == "block" else self.body_mm[1:]
             words += [f"--part {self.part} --body {'x'.join(f'{side:g}' for side in size)} --process {self.process}"]
         words += [f"--code {code}"] if code != default_code else []
+        words += [f"--directions {self.directions}"] if self.directions != 4 else []
         return " ".join([*words, f"--size {size_mm[0]:g}x{size_mm[1]:g}"])
 
 
@@ -97,10 +101,12 @@ def usual_design(fab: FabProfile) -> Design:
 def solid_designs(process: ProcessProfile) -> Iterator[Design]:
     """Designs of solid elements, with and without what the process warns of."""
     parts = {name: part for name, _ in ELEMENTS if isinstance(part := read_part(name), ElementProfile)}
-    for (name, body_mm), share, careful in product(ELEMENTS, SHARES, (True, False)):
+    shares = [(4, share) for share in SHARES] + [(8, share) for share in SHARES[1:]]
+    for (name, body_mm), (directions, share), careful in product(ELEMENTS, shares, (True, False)):
         part = replace(parts[name], body_mm=body_mm, top_mm=None)
         gap_mm = process.limits["gap"].value_mm if careful or process.limits["gap"].level == "block" else 0.0
-        yield replace(_design(part, _settled(partial(_solid_pitch_mm, part, gap_mm), share), share), process=process.name)
+        pitch_mm = _settled(partial(_solid_pitch_mm, part, gap_mm, directions), share)
+        yield replace(_design(part, pitch_mm, share), process=process.name, directions=directions)
 
 
 def _design(part: PartProfile | ElementProfile, pitch_mm: float, share: float) -> Design:
@@ -144,9 +150,9 @@ def _film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displaceme
     return max(asked)
 
 
-def _solid_pitch_mm(part: ElementProfile, gap_mm: float, displacement_mm: float) -> float:
+def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displacement_mm: float) -> float:
     if part.shape == "block":
-        apart_mm = least_pitch_mm(part.body_mm[:2], gap_mm, ROTATION_DEG, displacement_mm)
+        apart_mm = least_pitch_mm(part.body_mm[:2], gap_mm, ROTATION_DEG, displacement_mm, directions=directions)
     else:
         apart_mm = part.body_mm[0] + gap_mm + 2.0 * displacement_mm
     return max(apart_mm, _cell_mm(part, displacement_mm))
@@ -177,7 +183,15 @@ def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | No
         found = examine(design.spec(size_mm, tag="none", name="t")).findings
     except SpecError:
         return None
+    if design.directions == 8 and design.shape == "block" and design.process is not None:
+        found = tuple(_gap_of_eight(design, load_process(design.process)) if f.rule == "gap" else f for f in found)
     return [f for f in found if not f.passed and f.level != "info" and f.rule not in _OF_ANY_TAPE]
+
+
+def _gap_of_eight(design: Design, process: ProcessProfile) -> Finding:
+    """The gap between two blocks at their worst: all else about a tape is as with four directions."""
+    gap_mm = worst_box_gap_mm(design.body_mm[:2], ROTATION_DEG, design.pitch_mm, design.displacement_mm, design.directions)
+    return finding(process, "gap", (gap_mm, None), "gap between two elements", "use a larger --w")
 
 
 _OF_ANY_TAPE = ("size", "windows", "part-count", "label", "assembly-size")

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactape_fab.profiles.sensors import SensorProfile
 from tactape_fab.texture.code import TOUCH_CODE
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import FloatArray, IntArray, gray_codes
 from tactape_fab.texture.touch import MOST_TOUCH_POINTS
 
 IMPRINT_SHARE = 0.12 / 0.23
@@ -106,6 +106,8 @@ class Seen:
         Standard deviations of the gel's smoothing, and of the parts' places along each axis.
     top_mm : float or None
         Diameter of a dome's flat top.
+    directions : int
+        That parts are displaced in.
     """
 
     pitch_mm: float
@@ -118,6 +120,7 @@ class Seen:
     blur_mm: float
     placement_mm: float
     top_mm: float | None = None
+    directions: int = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,10 +173,13 @@ def signal_of(seen: Seen) -> Signal:
 def _pull_mm(seen: Seen, s_mm: float) -> float:
     """Scatter along one axis of how far the two neighbours on it draw a top towards them; all bumps as Gaussians.
 
-    Of the 16 pairs of symbols so many change the distance along the axis by so many displacements.
+    All pairs of symbols change the distance along the axis by so many displacements.
     """
     width2_mm2 = s_mm**2 + (seen.body_mm[0] ** 2 + seen.body_mm[1] ** 2) / 24.0
     steps, pairs = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+    if seen.directions == 8:
+        along = _around(8)[:, 0]
+        steps, pairs = np.subtract.outer(along, along).ravel(), np.full(64, 1.0 / 64.0)
     apart_mm = seen.pitch_mm + steps * seen.displacement_mm
     drawn_mm = apart_mm * np.exp(-(apart_mm**2) / (2.0 * width2_mm2))
     mean_mm = float(pairs @ drawn_mm)
@@ -202,21 +208,29 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
     return peak, max(curvature, 1e-9), float((profile * 2.0 * pi * r).sum() * step)
 
 
-@lru_cache(maxsize=1)
-def _drawn() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Draws that all designs share: phases (p, 1, 2), directions (p, k, 2), unit errors (p, k, 2), and tops of noise (m, 4).
+def _around(directions: int) -> FloatArray:
+    """Directions as they follow each other round a grid point; shape (directions, 2)."""
+    if directions == 4:
+        return np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+    angles = np.arange(directions) * (2.0 * pi / directions)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
-    Of the last the places in a cell, the heights over their median, and a symbol.
+
+@lru_cache(maxsize=2)
+def _drawn(directions: int) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Draws that all designs share.
+
+    Symbols (p, k), phases (p, 1, 2), directions (p, k, 2), unit errors (p, k, 2), and tops of noise (m, 4): of these the places
+    in a cell, the heights over their median, and a symbol.
     """
     rng = np.random.default_rng(_SEED)
-    around = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
     phases = rng.uniform(-0.5, 0.5, (POSES, 1, 2))
-    symbols = rng.integers(0, 4, (POSES, _LATTICE**2))
+    symbols = rng.integers(0, directions, (POSES, _LATTICE**2))
     errors = rng.standard_normal((POSES, _LATTICE**2, 2))
     tops = np.column_stack(
-        [rng.uniform(-0.5, 0.5, (_TOPS, 2)), 1.0 + 0.6 * rng.standard_normal(_TOPS), rng.integers(0, 4, _TOPS)]
+        [rng.uniform(-0.5, 0.5, (_TOPS, 2)), 1.0 + 0.6 * rng.standard_normal(_TOPS), rng.integers(0, directions, _TOPS)]
     )
-    return phases, around[symbols], errors, tops
+    return symbols, phases, _around(directions)[symbols], errors, tops
 
 
 @lru_cache(maxsize=1)
@@ -239,7 +253,7 @@ def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss) -> floa
 
 def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Nats that each pose's dots say (p,), by axis (p, 2), how many there are (p,), and what shape says of the turn (p,)."""
-    phases, directions, errors, _ = _drawn()
+    symbols, phases, directions, errors, _ = _drawn(seen.directions)
     pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
     reach = (contact_mm + ROLL_OFF_MM) / 2.0 / pitch + shift + 0.8
     count = int(np.count_nonzero(np.hypot(*_nodes().T) < reach))
@@ -253,30 +267,57 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     true = np.sqrt((top / low) ** 2 + placed**2 + rim**2)
     sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
     variance = (sigma / low) ** 2 + rim**2
-    # along the symbol's own direction, and across it: the other three places are 2 shift, and shift and shift, away
+    # along the symbol's own direction, and across it
     e, f = true * errors[:, :count, 0], true * errors[:, :count, 1]
-    own = e**2 + f**2
-    away = np.stack(
-        [own, (e + shift) ** 2 + (f - shift) ** 2, (e + 2.0 * shift) ** 2 + f**2, (e + shift) ** 2 + (f + shift) ** 2]
-    )
-    q = posteriors(away, variance, _trusted(weight, noise))
+    q = posteriors(_away(e, f, shift, seen.directions), variance, _trusted(weight, noise))
     seen_dots = weight >= LEAST_SHARE
-    # one bit is shared with the neighbour on either side
-    first, second = (np.where(seen_dots, np.log(2.0 * (q[0] + q[k])), 0.0).sum(axis=1) for k in (1, 3))
+    first, *others = (np.where(seen_dots, said, 0.0).sum(axis=1) for said in _said(q, symbols[:, :count]))
+    second = np.sum(others, axis=0)
     good = np.count_nonzero(weight >= 0.8, axis=1)
     turn = np.where((good >= 4) & _long(seen), log(2.0 * MOST_TURN), 0.0)
-    lost = loss.tops * _lost_to_noise(noise, sigma, shift) * _field_mm2(seen.sensor) / signal.alike_mm**2
+    lost = loss.tops * _lost_to_noise(noise, sigma, shift, seen.directions) * _field_mm2(seen.sensor) / signal.alike_mm**2
     per_axis = np.stack([first, second], axis=1) - lost / 2.0
     return first + second - lost, per_axis, seen_dots.sum(axis=1), turn
 
 
+def _away(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
+    """Squared distances to all places round a grid point, the dot's own first, of dots that are off it by so much."""
+    if directions == 4:
+        return np.stack(
+            [e**2 + f**2, (e + shift) ** 2 + (f - shift) ** 2, (e + 2.0 * shift) ** 2 + f**2, (e + shift) ** 2 + (f + shift) ** 2]
+        )
+    return np.stack([(e + shift * (1.0 - x)) ** 2 + (f - shift * y) ** 2 for x, y in _around(directions).tolist()])
+
+
+def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
+    """Nats that dots say of each bit of their symbols, from what they say of all places, their own first.
+
+    Of four directions one bit is shared with the neighbour on either side. Of eight the bits are those of `frames.gray_codes`.
+    """
+    if len(q) == 4:
+        return [np.log(2.0 * (q[0] + q[k])) for k in (1, 3)]
+    bits, found = _BITS_AROUND, []
+    for of in bits:
+        alike = np.stack([of == np.roll(of, -k) for k in range(8)])
+        found.append(np.log(2.0 * (q * alike[:, symbols]).sum(axis=0)))
+    return found
+
+
 def posteriors(away: FloatArray, variance: FloatArray, trust: FloatArray) -> FloatArray:
-    """What dots say of four places, from squared distances to them in pitches; shape (4, ...), as `decode.symbols` has it."""
+    """What dots say of their places, from squared distances to them in pitches; shape (4, ...), as `decode.symbols` has it.
+
+    Of eight directions (8, ...).
+    """
+    places = float(len(away))
     part = trust * (1.0 - OUTLIER_SHARE)
-    q = np.exp(-0.5 * away / variance) / (8.0 * pi * variance)
-    q = (part * q + (1.0 - part) / 4.0) / (part * q.sum(axis=0) + 1.0 - part)
-    said: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / 4.0
+    q = np.exp(-0.5 * away / variance) / (2.0 * places * pi * variance)
+    q = (part * q + (1.0 - part) / places) / (part * q.sum(axis=0) + 1.0 - part)
+    said: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / places
     return said
+
+
+_BITS_AROUND = np.array([gray_codes(8)[[2, 6, 3, 7, 1, 5, 0, 4]] >> bit & 1 for bit in range(3)])
+"""Bits of the symbols as they follow each other in `_around`: E, SE, S and on; shape (3, 8)."""
 
 
 def _trusted(weight: FloatArray, noise: float) -> FloatArray:
@@ -286,16 +327,16 @@ def _trusted(weight: FloatArray, noise: float) -> FloatArray:
     return trust
 
 
-def _lost_to_noise(noise: float, sigma: float, shift: float) -> float:
+def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) -> float:
     """Nats that a top of the noise costs on the mean: it lies anywhere in its cell, and is trusted by its height."""
-    e, f, height, symbol = _drawn()[3].T
+    e, f, height, symbol = _drawn(directions)[4].T
     weight = noise * height
     variance = (sigma / np.clip(weight, LEAST_WEIGHT, 1.0)) ** 2 + (RIM_ERROR * np.maximum(1.0 - weight, 0.0)) ** 2
-    away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in ((1, 0), (0, 1), (-1, 0), (0, -1))])
+    away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in _around(directions).tolist()])
     q = posteriors(away, variance, _trusted(weight, noise))
     one = symbol.astype(np.int64)
-    own, left, right = (np.take_along_axis(q, ((one + k) % 4)[None], axis=0)[0] for k in (0, 1, 3))
-    said = np.log(2.0 * (own + left)) + np.log(2.0 * (own + right))
+    around = np.stack([np.take_along_axis(q, ((one + k) % directions)[None], axis=0)[0] for k in range(directions)])
+    said = np.sum(_said(around, one), axis=0)
     return float(np.where(weight >= LEAST_SHARE, -said, 0.0).mean())
 
 

@@ -9,7 +9,7 @@ from tactape_fab.advise.model import IMPRINT_SHARE, LOSS, ROLL_OFF_MM
 from tactape_fab.console import table_lines
 from tactape_fab.profiles import FabProfile
 
-HEADER = ("W", "Δ", "part", "code", "coverlay", "contact", "error", "angle", "parts", "cost", "warnings")
+HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "error", "angle", "parts", "cost", "warnings")
 
 
 def advice_lines(advice: Advice) -> list[str]:
@@ -39,6 +39,7 @@ def _row(line: Line, advice: Advice) -> tuple[str, ...]:
         f"{design.displacement_mm:.2f}",
         design.part + body,
         line.code.name,
+        str(design.directions),
         design.coverlay or "-",
         "-" if line.least_mm is None else f"{line.least_mm:.1f}",
         f"{line.error_um:.0f}",

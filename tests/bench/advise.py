@@ -11,7 +11,7 @@ import platform
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,8 @@ from tactape_fab.profiles import SensorProfile
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES, PAGE = DOCS / "advise.json", DOCS / "choose.md"
 DESIGNS, FRAMES, SEED = 24, 100, 31
+OF_EIGHT, SEED_OF_EIGHT = 10, 32
+"""As many designs of eight directions, printed ones."""
 FIT_DESIGNS, FIT_FRAMES, FIT_SEED, STEP_MM = 24, 40, 5, 0.5
 SLACK = 0.05
 """A promise is kept where no more than this is missing from it."""
@@ -39,35 +41,49 @@ LEAST_PITCH_MM = {
     ("dome", (0.6, 0.6, 0.23)): 1.1,
     ("dome", (0.4, 0.4, 0.18)): 0.85,
 }
-VARIANTS = {
-    "0201, W 1.5, Δ 0.25": ("r0201", (0.6, 0.3, 0.23), 1.5, 0.25, 7.0),
-    "0201, W 1.39, Δ 0.20": ("r0201", (0.6, 0.3, 0.23), 1.39, 0.20, 6.6),
-    "0201, W 1.28, Δ 0.20": ("r0201", (0.6, 0.3, 0.23), 1.28, 0.20, 6.0),
-    "block, W 0.96, Δ 0.16": ("block", (0.6, 0.3, 0.23), 0.96, 0.16, 4.6),
-    "dome of 0.4 mm, W 0.9, Δ 0.15": ("dome", (0.4, 0.4, 0.18), 0.9, 0.15, 4.4),
-    "01005, W 0.9, Δ 0.15": ("r01005", (0.4, 0.2, 0.13), 0.9, 0.15, None),
-    "01005, W 0.83, Δ 0.14": ("r01005", (0.4, 0.2, 0.13), 0.83, 0.14, 4.1),
+LEAST_PITCH_OF_EIGHT_MM = {
+    ("block", (0.6, 0.3, 0.23)): 1.06,
+    ("block", (0.4, 0.3, 0.2)): 0.9,
+    ("dome", (0.6, 0.6, 0.23)): 1.1,
+    ("dome", (0.4, 0.4, 0.18)): 0.85,
 }
-"""Denser tapes: part, body, W, Δ, and the contact that a model of hard symbols had said, mm; None where it was not asked."""
-VARIANT_STEP_MM = 0.25
+VARIANTS = {
+    "0201, W 1.5, Δ 0.25": ("r0201", (0.6, 0.3, 0.23), 1.5, 0.25, 7.0, 4),
+    "0201, W 1.39, Δ 0.20": ("r0201", (0.6, 0.3, 0.23), 1.39, 0.20, 6.6, 4),
+    "0201, W 1.28, Δ 0.20": ("r0201", (0.6, 0.3, 0.23), 1.28, 0.20, 6.0, 4),
+    "block, W 0.96, Δ 0.16": ("block", (0.6, 0.3, 0.23), 0.96, 0.16, 4.6, 4),
+    "dome of 0.4 mm, W 0.9, Δ 0.15": ("dome", (0.4, 0.4, 0.18), 0.9, 0.15, 4.4, 4),
+    "01005, W 0.9, Δ 0.15": ("r01005", (0.4, 0.2, 0.13), 0.9, 0.15, None, 4),
+    "01005, W 0.83, Δ 0.14": ("r01005", (0.4, 0.2, 0.13), 0.83, 0.14, 4.1, 4),
+    "block, W 1.06, Δ 0.1767": ("block", (0.6, 0.3, 0.23), 1.06, 0.1767, None, 4),
+    "block, W 1.06, Δ 0.1767, 8 directions": ("block", (0.6, 0.3, 0.23), 1.06, 0.1767, 4.5, 8),
+    "block, W 1.5, Δ 0.25": ("block", (0.6, 0.3, 0.23), 1.5, 0.25, None, 4),
+    "block, W 1.5, Δ 0.25, 8 directions": ("block", (0.6, 0.3, 0.23), 1.5, 0.25, 6.1, 8),
+}
+"""Denser tapes: part, body, W, Δ, the contact that a model of hard symbols had said, mm (None where it was not asked), directions."""
+VARIANT_STEP_MM, VARIANT_FRAMES = 0.25, 200
 
 
-def drawn(seed: int, count: int) -> Iterator[tuple[Design, Question]]:
+def drawn(seed: int, count: int, directions: int = 4) -> Iterator[tuple[Design, Question]]:
     """Random designs that are legal, and what they are asked for."""
     rng = np.random.default_rng(seed)
-    kinds, given = list(LEAST_PITCH_MM), 0
+    least_mm = LEAST_PITCH_MM if directions == 4 else LEAST_PITCH_OF_EIGHT_MM
+    kinds, given = list(least_mm), 0
     while given < count:
         part, body_mm = kinds[int(rng.integers(len(kinds)))]
-        pitch_mm = round(LEAST_PITCH_MM[part, body_mm] * float(rng.uniform(1.0, 1.35)), 2)
+        pitch_mm = round(least_mm[part, body_mm] * float(rng.uniform(1.0, 1.35)), 2)
         displacement_mm = round(pitch_mm * float(rng.uniform(0.13, 0.19)), 2)
         blur_mm, placement_mm = round(float(rng.uniform(0.10, 0.25)), 2), round(float(rng.uniform(0.0, 0.05)), 3)
         tapes, sensor = int(rng.choice([1, 4, 16])), str(rng.choice(["gelsight-mini", "digit"]))
-        if (design := judged(design_of(part, body_mm, pitch_mm, displacement_mm))) is not None:
+        tapes = tapes if directions == 4 else 1  # each would be designed for some seconds
+        if (design := judged(design_of(part, body_mm, pitch_mm, displacement_mm, directions))) is not None:
             given += 1
             yield design, asked(sensor, blur_mm, placement_mm, tapes, part)
 
 
-def design_of(part: str, body_mm: tuple[float, float, float], pitch_mm: float, displacement_mm: float) -> Design:
+def design_of(
+    part: str, body_mm: tuple[float, float, float], pitch_mm: float, displacement_mm: float, directions: int = 4
+) -> Design:
     film = part.startswith("r")
     return Design(
         part=part,
@@ -78,6 +94,7 @@ def design_of(part: str, body_mm: tuple[float, float, float], pitch_mm: float, d
         coverlay="gang" if film else None,
         fab="generic-fpc" if film else None,
         process=None if film else "sla",
+        directions=directions,
     )
 
 
@@ -96,12 +113,13 @@ def line_of(design: Design, question: Question) -> Line:
     """What is promised of a design."""
     points = examine(design.spec(question.size_mm)).tape.part_count
     seen, field_mm = seen_of(design, question, points), _field_mm(question.sensor)
-    promised_mm = least_contact_mm(seen, CODES[0], LOSS, LOCATED, field_mm)
+    code = CODES[0] if design.directions == 4 else CODES[-1]
+    promised_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
     error_mm, angle_deg = accuracy(seen, promised_mm or field_mm, LOSS)
     signal = signal_of(seen)
     return Line(
         design=design,
-        code=CODES[0],
+        code=code,
         least_mm=promised_mm,
         error_um=1000.0 * error_mm,
         angle_deg=angle_deg,
@@ -117,7 +135,7 @@ def line_of(design: Design, question: Question) -> Line:
 def promises(count: int = DESIGNS, frames: int = FRAMES) -> list[dict[str, Any]]:
     """Rows: a design, what is promised of it, and what was simulated there."""
     rows = []
-    for design, question in drawn(SEED, count):
+    for design, question in chain(drawn(SEED, count), drawn(SEED_OF_EIGHT, OF_EIGHT, 8)):
         line = line_of(design, question)
         sim = None if line.least_mm is None else simulated(line, question, frames)
         rows.append({**_described(design, question), "promise": _promise(line), "simulated": _said(sim)})
@@ -131,6 +149,7 @@ def _described(design: Design, question: Question) -> dict[str, Any]:
         "body_mm": list(design.body_mm),
         "pitch_mm": design.pitch_mm,
         "displacement_mm": design.displacement_mm,
+        "directions": design.directions,
         "blur_mm": question.blur_mm,
         "placement_mm": question.placement_mm,
         "tapes": question.tapes,
@@ -154,11 +173,12 @@ def kept(row: Any) -> bool:
     return sim is None or sim["located"] / sim["frames"] >= LOCATED - SLACK
 
 
-def variants(frames: int = FRAMES) -> list[dict[str, Any]]:
+def variants(frames: int = VARIANT_FRAMES) -> list[dict[str, Any]]:
     """Rows: a denser tape, the smallest contact of which 9 in 10 are located in simulation, and what is promised."""
     rows = []
-    for name, (part, body_mm, pitch_mm, displacement_mm, before_mm) in VARIANTS.items():
-        design, question = design_of(part, body_mm, pitch_mm, displacement_mm), asked("gelsight-mini", 0.15, 0.0, 1, part)
+    for name, (part, body_mm, pitch_mm, displacement_mm, before_mm, directions) in VARIANTS.items():
+        design = design_of(part, body_mm, pitch_mm, displacement_mm, directions)
+        question = asked("gelsight-mini", 0.15, 0.0, 1, part)
         line = line_of(design, question)
         assert line.least_mm is not None
         size_mm = np.floor(line.least_mm / VARIANT_STEP_MM) * VARIANT_STEP_MM
@@ -219,6 +239,7 @@ def promise_table(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         sim, promise = row["simulated"], row["promise"]
         body = "" if row["part"].startswith("r") else " " + "x".join(f"{side:g}" for side in row["body_mm"])
+        body += ", 8 directions" if row.get("directions") == 8 else ""
         where = "nothing" if promise["contact_mm"] is None else f"{promise['contact_mm']:g} mm"
         said = "-" if sim is None else f"{100 * sim['located'] / sim['frames']:.0f} %"
         error = "-" if sim is None else f"{sim['error_um']:.0f} µm, {promise['error_um']:.0f} µm"

@@ -23,7 +23,8 @@ import numpy as np
 
 from tactape_fab import Tape
 from tactape_fab.decode.localizer import Localizer, World
-from tactape_fab.simulate import Scene, draw_dots, iterate_frames
+from tactape_fab.simulate import SURFACES, Scene, draw_dots, iterate_frames, other_surface
+from tactape_fab.simulate.impostors import Surface
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.patches import PATCHES, patch_distances, patch_shapes
@@ -50,6 +51,9 @@ ROWS: tuple[Row, ...] = (
 )
 """Contact (mm), share of missing parts, registered tapes, largest p_tape where it has a limit of its own."""
 PLANE_SECTORS = (7, 8, 24, 100, 246)
+EIGHT = "eight"
+"""Subjects of that name and a sector are other touch tapes of eight directions."""
+EIGHT_SUBJECTS = ("microdots-4x4 8", "microdots-4x4 100", "touch-1 7", "eight 1", "eight 2")
 SECTORS = (SECTOR, *(sector for sector in range(16) if sector != SECTOR))
 
 
@@ -81,6 +85,15 @@ def touch_tapes(count: int, path: Path | None) -> list[Tape]:
     ]
 
 
+@cache
+def eight_tape(sector: int = SECTOR) -> Tape:
+    """A touch tape of eight directions on the same grid."""
+    like = registered_tape()
+    symbols = design(sector, (like.rows, like.columns), directions=8)
+    names = {"name": f"eight-{sector}", "code": TOUCH_CODE, "sector": sector, "origin": (0, 0)}
+    return replace(like, **names, symbols=symbols, directions=8, tag=None)  # type: ignore[arg-type]
+
+
 def plane_tapes(count: int) -> list[Tape]:
     return [registered_tape(), *(tape_of(sector) for sector in SECTORS[1:count])]
 
@@ -106,11 +119,12 @@ def side_by_side(row: Row, frames: int, path: Path | None) -> dict[str, Any]:
     return found
 
 
-def foreign(subject: str, world: World, frames: int, path: Path | None) -> dict[str, Any]:
+def foreign(subject: str, world: World, frames: int, path: Path | None, *, eight: bool = False) -> dict[str, Any]:
     """How often what is not the registered touch tape is located, as dots that the detector makes of such contacts."""
-    localizer, tally, k = Localizer(touch_tapes(1, path), world=world), Tally(), 0
+    own = [eight_tape()] if eight else touch_tapes(1, path)
+    localizer, tally, k = Localizer(own, world=world), Tally(), 0
     while k < frames:
-        for contact, dots in _part_of(subject, k // PART, path):
+        for contact, dots in _part_of(subject, k // PART, own[0], path):
             if k == frames:
                 break
             tally.add(f"{subject}, frame {k}", contact, localizer.locate_dots(dots.xy_px, dots.weights))
@@ -119,8 +133,8 @@ def foreign(subject: str, world: World, frames: int, path: Path | None) -> dict[
     return {"subject": subject, "world": world, "frames": frames, "located": tally.located, **by}
 
 
-def _part_of(subject: str, part: int, path: Path | None) -> Iterator[tuple[str, Any]]:
-    tape = _touched(subject, path)
+def _part_of(subject: str, part: int, own: Tape, path: Path | None) -> Iterator[tuple[str, Any]]:
+    tape = _touched(subject, own, path)
     drawn = []
     for contact, (scene, edge) in SCENES.items():
         rng = np.random.default_rng([SEED, crc32(f"{subject}, {contact}".encode()), part])
@@ -134,11 +148,22 @@ def _part_of(subject: str, part: int, path: Path | None) -> Iterator[tuple[str, 
         yield contact, dots[k // len(drawn)]
 
 
-def _touched(subject: str, path: Path | None) -> Tape:
+def _touched(subject: str, own: Tape, path: Path | None) -> Tape:
     kind, _, number = subject.partition(" ")
+    if kind == EIGHT:
+        return eight_tape(int(number))
     if kind == TOUCH_CODE:
-        return touch_tapes(16, path)[SECTORS.index(int(number))]
-    return tape_of(int(number)) if kind == "microdots-4x4" else touch_tapes(1, path)[0]
+        place = SECTORS.index(int(number))
+        return touch_tapes(place + 1, path)[place]
+    return tape_of(int(number)) if kind == "microdots-4x4" else own
+
+
+def foreign_surface(kind: Surface, frames: int) -> dict[str, Any]:
+    """How often a surface without parts is located as the tape of eight directions, as depth maps."""
+    localizer, located = Localizer([eight_tape()]), 0
+    for seed in range(frames):
+        located += localizer.locate(other_surface(kind, seed=seed)).located
+    return {"subject": f"surface: {kind}", "world": "open", "frames": frames, "located": located}
 
 
 def registry_distances(path: Path | None) -> dict[str, Any]:
@@ -191,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.touch", description=__doc__)
     parser.add_argument("--frames", type=int, default=1000, metavar="N", help="contacts a row")
     parser.add_argument("--foreign", type=int, default=4000, metavar="N", help="contacts of each that must not be located")
-    parser.add_argument("--only", choices=("rows", "foreign", "registry", "speed"), help="this part alone")
+    parser.add_argument("--only", choices=("rows", "foreign", "foreign_eight", "registry", "speed"), help="this part alone")
     parser.add_argument("--designs", type=Path, metavar="FILE.npz")
     chosen = parser.parse_args(arguments)
     content = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
@@ -210,6 +235,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for subject in subjects:
             if wanted("foreign", f"{subject}, {world}", chosen.foreign):
                 _keep(content, "foreign", f"{subject}, {world}", foreign(subject, world, chosen.foreign, chosen.designs))
+    for world in WORLDS:
+        for subject in (*IMPOSTORS, MIRRORED, *EIGHT_SUBJECTS):
+            if wanted("foreign_eight", f"{subject}, {world}", chosen.foreign):
+                _keep(
+                    content,
+                    "foreign_eight",
+                    f"{subject}, {world}",
+                    foreign(subject, world, chosen.foreign, chosen.designs, eight=True),
+                )
+    for kind in SURFACES:
+        if wanted("foreign_eight", f"surface: {kind}, open", chosen.foreign):
+            _keep(content, "foreign_eight", f"surface: {kind}, open", foreign_surface(kind, chosen.foreign))
     if chosen.only in (None, "registry"):
         _keep(content, "registry", "16 tapes", registry_distances(chosen.designs))
     if chosen.only in (None, "speed"):
