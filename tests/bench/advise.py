@@ -60,7 +60,7 @@ VARIANTS = {
     "block, W 1.5, Δ 0.25": ("block", (0.6, 0.3, 0.23), 1.5, 0.25, None, 4),
     "block, W 1.5, Δ 0.25, 8 directions": ("block", (0.6, 0.3, 0.23), 1.5, 0.25, 6.1, 8),
 }
-"""Denser tapes: part, body, W, Δ, the contact that a model of hard symbols had said, mm (None where it was not asked), directions."""
+"""Denser tapes: part, body, W, Δ, the contact that a model of hard symbols had said, mm (None: not asked), directions."""
 VARIANT_STEP_MM, VARIANT_FRAMES = 0.25, 200
 
 

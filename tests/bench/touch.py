@@ -23,7 +23,7 @@ import numpy as np
 
 from tactape_fab import Tape
 from tactape_fab.decode.localizer import Localizer, World
-from tactape_fab.simulate import SURFACES, Scene, draw_dots, iterate_frames, other_surface
+from tactape_fab.simulate import Scene, draw_dots, iterate_frames, other_surface
 from tactape_fab.simulate.impostors import Surface
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import SymbolArray
@@ -244,7 +244,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     f"{subject}, {world}",
                     foreign(subject, world, chosen.foreign, chosen.designs, eight=True),
                 )
-    for kind in SURFACES:
+    kinds: tuple[Surface, ...] = ("blank", "ball", "ridges")
+    for kind in kinds:
         if wanted("foreign_eight", f"surface: {kind}, open", chosen.foreign):
             _keep(content, "foreign_eight", f"surface: {kind}, open", foreign_surface(kind, chosen.foreign))
     if chosen.only in (None, "registry"):
