@@ -9,6 +9,7 @@ from typing import Any
 
 PAGE = Path(__file__).parent / "touch-code.md"
 FIGURES = Path(__file__).parent / "touch.json"
+ADVISE = Path(__file__).parent / "advise.json"
 CODES = ("microdots-4x4", "touch-1")
 WORLDS = ("open", "closed")
 
@@ -49,11 +50,21 @@ def _rates(content: Content, *, told: bool) -> str:
 
 def foreign_table(content: Content) -> str:
     """Located frames of what is no registered tape; tapes of a code together, and the worst of them."""
+    return _located(content["foreign"], {code: f"another tape of `{code}`" for code in CODES})
+
+
+def foreign_eight_table(content: Content) -> str:
+    """The same against a tape of eight directions."""
+    others = {"microdots-4x4": "a tape of `microdots-4x4`", "touch-1": "a touch tape of four directions"}
+    return _located(content["foreign_eight"], {**others, "eight": "another tape of eight directions"})
+
+
+def _located(found: Content, names: dict[str, str]) -> str:
     out = ["| what is touched | world | frames | located | rate below | worst of them |", "|---|---|---|---|---|---|"]
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in content["foreign"].values():
+    for row in found.values():
         subject = row["subject"]
-        kind = next((f"another tape of `{code}`" for code in CODES if subject.startswith(f"{code} ")), subject)
+        kind = next((name for code, name in names.items() if subject.startswith(f"{code} ")), subject)
         groups.setdefault((kind, row["world"]), []).append(row)
     for (kind, world), rows in groups.items():
         frames, located = sum(row["frames"] for row in rows), sum(row["located"] for row in rows)
@@ -78,6 +89,17 @@ def registry_table(content: Content) -> str:
     return "\n".join([*head, *(f"| {what} | {' | '.join(str(bits[n]) for n in names)} |" for what, bits in lines)]) + "\n"
 
 
+def eight_table(_: Content) -> str:
+    """The variants of `python -m tests.bench.advise` that differ in directions alone, side by side."""
+    rows = {row["name"]: row for row in json.loads(ADVISE.read_text(encoding="utf-8"))["variants"]}
+    out = ["| tape | 4 directions | 8 directions | estimate of hard symbols, 8 directions |", "|---|---|---|---|"]
+    for name, row in rows.items():
+        eight = rows.get(f"{name}, 8 directions")
+        if eight is not None:
+            out.append(f"| {name} | {row['simulated_mm']:g} mm | {eight['simulated_mm']:g} mm | {eight['before_mm']:g} mm |")
+    return "\n".join(out) + "\n"
+
+
 def speed_table(content: Content) -> str:
     out = ["| code | registered tapes | ms |", "|---|---|---|"]
     for name, ms in content["speed"]["11x9 mm"].items():
@@ -91,6 +113,8 @@ TABLES: dict[str, Callable[[Content], str]] = {
     "rows": rows_table,
     "told": told_table,
     "foreign": foreign_table,
+    "eight": eight_table,
+    "foreign_eight": foreign_eight_table,
     "speed": speed_table,
 }
 

@@ -20,6 +20,9 @@ TAPES: dict[str, dict[str, Any]] = {
     "r0201 1.28 gang": {"pitch_mm": 1.28, "displacement_mm": 0.20, "coverlay": "gang"},
     "r01005 0.9": {"pitch_mm": 0.9, "displacement_mm": 0.15, "part": "r01005"},
     "block 0.96": {"pitch_mm": 0.96, "displacement_mm": 0.16, "part": "block"},
+    "block 1.06 of eight": {"pitch_mm": 1.06, "part": "block", "code": "touch-1", "directions": 8},
+    "dome 0.95 of eight": {"pitch_mm": 0.95, "part": "dome", "body_mm": (0.4, 0.4, 0.18), "code": "touch-1", "directions": 8},
+    "r0201 2.0 of eight": {"pitch_mm": 2.0, "displacement_mm": 0.35, "code": "touch-1", "directions": 8},
     "dome 0.9": {"pitch_mm": 0.9, "displacement_mm": 0.15, "part": "dome", "body_mm": (0.4, 0.4, 0.18)},
 }
 LESS_IMPRINTED = {"r01005 0.9": 0.07}

@@ -18,9 +18,11 @@ import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.cli import main
+from tactape_fab.kit.coverlay import least_pitch_mm
+from tactape_fab.kit.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm
 from tactape_fab.make_panel import PanelKit
 from tactape_fab.texture.code import get_code, locate_windows
-from tactape_fab.texture.touch import ALONE, MOST_TOUCH_POINTS
+from tactape_fab.texture.touch import ALONE, ALONE_OF_EIGHT, MOST_TOUCH_POINTS
 from tests.surfaces import box, emboss
 from tests.thorough import only_thorough
 from tests.unit.test_docs import script_of
@@ -124,6 +126,13 @@ def test_the_page_on_the_touch_code_says_what_is_designed_for() -> None:
     text = (DOCS / "touch-code.md").read_text(encoding="utf-8")
     assert f"| {' | '.join(map(str, ALONE[-1]))} |" in text
     assert f"**Its size is bounded**: {MOST_TOUCH_POINTS:,} grid points" in text
+    assert f"| {' | '.join(map(str, ALONE_OF_EIGHT[-1]))} |\n\nand a 5x5" in text
+    scatter = f"taken for {PLACEMENT_MM:g} mm along\n  each axis, and a tape of which more than {100 * MOST_SYMBOL_ERRORS:g} %"
+    assert scatter in text and f"Δ below {least_displacement_mm():g} mm" in text
+    apart, across = 2 * np.sin(np.pi / 8), 2 * np.sin(np.pi / 4)
+    assert f"{apart:.2f} Δ instead of {across:.2f} Δ" in text
+    least = [np.ceil(100 * least_pitch_mm((0.6, 0.3), 0.15, 45.0, w / 6, directions=n)) / 100 for n, w in ((8, 1.06), (4, 0.96))]
+    assert least == [1.06, 0.96] and "from W 1.06 with Δ = W/6 on, where four\n  directions need W 0.96" in text
 
 
 @only_thorough
