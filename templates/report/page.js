@@ -164,7 +164,7 @@ function senseAgain() {
   verdict.textContent = words;
   listInto("window", [
     ["dots", `${dots}, ${dots === 0 ? "none" : dots < WEAK ? "weak" : "solid"}`],
-    ["bits", `${2 * dots}`],
+    ["bits", `${(data.codes ? 3 : 2) * dots}`],
     ["whole square", sensor.square.side ? `${sensor.square.side} x ${sensor.square.side} parts from column ${sensor.square.column}, row ${sensor.square.row}` : "none"],
     ["", verdict],
   ]);
