@@ -102,7 +102,7 @@ def test_shares_grow_with_the_contact_and_fall_with_what_makes_it_hard() -> None
     tried = {
         "usual": USUAL,
         "denser": replace(USUAL, pitch_mm=1.28, displacement_mm=0.2),
-        "more tapes": replace(USUAL, tapes=16),
+        "more tapes": replace(USUAL, tapes=100),
         "more blur": replace(USUAL, blur_mm=0.25),
         "more scatter": replace(USUAL, placement_mm=0.06),
     }
