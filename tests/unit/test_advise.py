@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab.advise import model
-from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING
+from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING, seen_of
 from tactape_fab.advise.asking import read_question
 from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, Design, film_designs, judged, rules_of, solid_designs
 from tactape_fab.advise.model import CODES, LOSS, Seen, least_contact_mm, located_share, signal_of
@@ -102,7 +102,7 @@ def test_shares_grow_with_the_contact_and_fall_with_what_makes_it_hard() -> None
     tried = {
         "usual": USUAL,
         "denser": replace(USUAL, pitch_mm=1.28, displacement_mm=0.2),
-        "more tapes": replace(USUAL, tapes=16),
+        "more tapes": replace(USUAL, tapes=100),
         "more blur": replace(USUAL, blur_mm=0.25),
         "more scatter": replace(USUAL, placement_mm=0.06),
     }
@@ -271,10 +271,13 @@ def test_promises_of_the_page_are_kept_and_are_those_of_the_model() -> None:
     text = bench.PAGE.read_text(encoding="utf-8")
     assert text == bench.made_anew(text, content), "run python -m tests.bench.advise"
     rows = content["promises"]
-    assert len(rows) == bench.DESIGNS
+    assert len(rows) == bench.DESIGNS + bench.OF_EIGHT
     assert all(bench.kept(row) for row in rows)
     for row, (design, question) in zip(rows[:4], bench.drawn(bench.SEED, 4), strict=True):
         assert bench.line_of(design, question).least_mm == pytest.approx(row["promise"]["contact_mm"], abs=0.11)
+    for row, (design, question) in zip(rows[bench.DESIGNS :], bench.drawn(bench.SEED_OF_EIGHT, 1, 8), strict=False):
+        promised = least_contact_mm(seen_of(design, question, 4000), CODES[-1], LOSS, 0.9, 12.0)  # without the design of a tape
+        assert row["directions"] == 8 and promised == pytest.approx(row["promise"]["contact_mm"], abs=0.21)
     missed = {**rows[0], "simulated": {"located": 84, "frames": 100}}
     assert not bench.kept(missed)
 
