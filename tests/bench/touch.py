@@ -193,6 +193,7 @@ def speeds(path: Path | None) -> dict[str, Any]:
         ("microdots-4x4, 1", plane_tapes(1)),
         ("touch-1, 1", touch_tapes(1, path)),
         ("touch-1, 64", [*touch_tapes(1, path), *many]),
+        ("touch-1 of 8 directions, 1", [eight_tape()]),
     ):
         localizer = Localizer(tapes)
         depths = [frame.depth for frame in iterate_frames(tapes[0], 20, SEED, scene=Scene())]

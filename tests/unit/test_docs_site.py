@@ -18,7 +18,7 @@ import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.cli import main
-from tactape_fab.kit.coverlay import least_pitch_mm
+from tactape_fab.kit.coverlay import worst_box_gap_mm
 from tactape_fab.kit.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm
 from tactape_fab.make_panel import PanelKit
 from tactape_fab.texture.code import get_code, locate_windows
@@ -131,8 +131,9 @@ def test_the_page_on_the_touch_code_says_what_is_designed_for() -> None:
     assert scatter in text and f"Δ below {least_displacement_mm():g} mm" in text
     apart, across = 2 * np.sin(np.pi / 8), 2 * np.sin(np.pi / 4)
     assert f"{apart:.2f} Δ instead of {across:.2f} Δ" in text
-    least = [np.ceil(100 * least_pitch_mm((0.6, 0.3), 0.15, 45.0, w / 6, directions=n)) / 100 for n, w in ((8, 1.06), (4, 0.96))]
-    assert least == [1.06, 0.96] and "from W 1.06 with Δ = W/6 on, where four\n  directions need W 0.96" in text
+    gaps = [worst_box_gap_mm((0.6, 0.3), 45.0, w, w / 6, n) for n, w in ((8, 1.06), (4, 0.96), (8, 1.05), (4, 0.95))]
+    assert [round(gap, 3) >= 0.15 for gap in gaps] == [True, True, False, False]
+    assert "from W 1.06 with Δ = W/6 on, where four\n  directions need W 0.96" in text
 
 
 @only_thorough
