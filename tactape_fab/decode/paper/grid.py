@@ -171,7 +171,7 @@ def find_grid(xy_px: FloatArray, contact: int, delta_px: float) -> tuple[tuple[f
 
 def quadrant(offset_px: FloatArray) -> IntArray:
     """Symbol values of displacements from their grid points by 45-degree quadrants (Fig. 6c); (n, 2) -> (n,)."""
-    return np.asarray((offset_px @ DIRECTIONS_XY.T).argmax(axis=1), dtype=np.int64)
+    return np.asarray((offset_px @ DIRECTIONS_XY[:4].T).argmax(axis=1), dtype=np.int64)
 
 
 def read_symbols(
