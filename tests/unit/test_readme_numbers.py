@@ -11,6 +11,7 @@ import pytest
 
 from tactape_fab.decode.elongation import MOST_SHARE
 from tactape_fab.decode.search import OVERHANG_SHARE
+from tactape_fab.kit.scatter import MOST_SYMBOL_ERRORS
 from tactape_fab.live.replay import USUAL_HZ
 from tactape_fab.live.rerun_log import BOX_UM
 from tactape_fab.verify.shown import IN_PLACE_MM
@@ -27,6 +28,7 @@ DECIDED = {
     "localization.md": [f"{100 * MOST_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": ["1 µm"],  # a tolerance of tests/readers
+    "touch-code.md": [f"{100 * MOST_SYMBOL_ERRORS:g} %"],
     "verify.md": [f"{1000 * IN_PLACE_MM:g} µm"],
 }
 """Figures of pages that the code decides."""
