@@ -21,12 +21,14 @@ from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, Design, film_design
 from tactape_fab.advise.model import CODES, LOSS, Seen, least_contact_mm, located_share, signal_of
 from tactape_fab.cli import main
 from tactape_fab.decode import detect, elongation, reading, search, symbols
+from tactape_fab.decode.evidence import tables_of
 from tactape_fab.decode.localizer import MAX_P_FALSE
 from tactape_fab.errors import SpecError
+from tactape_fab.make import examine
 from tactape_fab.profiles import load_fab, load_process, load_sensor
 from tactape_fab.simulate import Scene
 from tactape_fab.simulate.gel import press
-from tactape_fab.texture.code import ALL_CODE_NAMES
+from tactape_fab.texture.code import ALL_CODE_NAMES, TOUCH_CODE
 from tests.bench import advise as bench
 from tests.thorough import only_thorough
 
@@ -163,6 +165,41 @@ def test_elements_keep_their_process_s_gap_or_are_warned_of() -> None:
     legal = [design for design in map(judged, dict.fromkeys(solid_designs(process))) if design is not None]
     assert {(d.part, d.body_mm) for d in legal} == set(ELEMENTS)
     assert {d.warnings for d in legal} == {(), ("gap",)}
+
+
+def test_designs_of_eight_directions_keep_the_rules_that_a_tape_of_them_keeps() -> None:
+    process = load_process("sla")
+    eight = [design for design in map(judged, dict.fromkeys(solid_designs(process))) if design and design.directions == 8]
+    assert {(d.part, d.body_mm) for d in eight} == set(ELEMENTS)
+    for design in (min(eight, key=lambda d: d.pitch_mm), next(d for d in eight if d.shape == "block" and not d.warnings)):
+        found = examine(design.spec((30.0, 30.0), code=TOUCH_CODE, directions=8)).findings
+        assert sorted(f.rule for f in found if not f.passed and f.rule != "windows") == list(design.warnings)
+        (gap,) = [f for f in found if f.rule == "gap"]
+        (known,) = [f for f in rules_of(design, (30.0, 30.0)) or [gap] if f.rule == "gap"]
+        assert gap.value == pytest.approx(known.value, abs=0.002)  # on a small tape the worst pair may not stand
+
+
+def test_dots_of_eight_directions_say_in_the_model_what_they_say_to_the_decoder() -> None:
+    rng, n, shift = np.random.default_rng(3), 60, 1 / 6
+    own, at = rng.integers(0, 8, n), rng.normal(0.0, 0.05, (n, 2))  # off their places, along and across each direction
+    trust, variance = rng.uniform(0.3, 1.0, n), np.full(n, 0.02**2)
+    q = model.posteriors(model._away(at[:, 0], at[:, 1], shift, 8), variance, trust)
+    around = np.stack([np.roll(q[:, i], own[i]) for i in range(n)])  # by place, as the decoder has them
+    tables = tables_of(np.zeros((n, 2), dtype=np.int64), around, np.empty(0, dtype=np.float32), 24)
+    bits = 2.0 * model._BITS_AROUND.T[own] - 1.0
+    said = np.sum(model._said(q, own), axis=0)
+    np.testing.assert_allclose(said, tables.evidence[0, :, 0] + (tables.evidence[0, :, 1:] * bits).sum(axis=1), rtol=1e-9)
+
+
+def test_a_line_of_eight_directions_has_the_command_that_makes_it() -> None:
+    lines = asked("--contact 3.9 --process sla")["lines"]
+    eight = next(line for line in lines if line["directions"] == 8)
+    assert eight["code"] == "touch-1" and "--code touch-1 --directions 8 --size" in eight["command"]
+    checked = run(eight["command"].removeprefix("tactape-fab ").replace("make", "check", 1).replace("100x50", "20x16"))
+    assert checked.exit_code == 0
+    assert all(line["directions"] == 4 for line in asked("--contact 7")["lines"])
+    order = [(len(line["warnings"]), line["directions"]) for line in lines if line["least_contact_mm"] <= 3.9]
+    assert order == sorted(order)
 
 
 def test_a_part_whose_openings_no_film_takes_is_refused_whatever_w() -> None:

@@ -16,7 +16,7 @@ import pytest
 import shapely
 from click.testing import CliRunner
 
-from tactape_fab import Tape, TapeSpec
+from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.cli import main
 from tactape_fab.decode import Localizer
 from tactape_fab.decode.counting import new_tally
@@ -257,6 +257,13 @@ def test_parts_that_show_another_symbol_are_found() -> None:
 def test_misplaced_parts_are_explained(moved: Any, said: str | None) -> None:
     tape = printed(1)
     assert explain(tape, moved(tape.part_xy_mm())) == said
+
+
+def test_a_report_has_all_letters_and_their_bits(tmp_path: Path) -> None:
+    kit = make_kit(TapeSpec(sector=1, size_mm=(16.0, 12.0), **PRINTED), tmp_path / "kit", verify=False)
+    text = (kit.path / "report.html").read_text(encoding="utf-8")
+    assert '"letters":"NWESnwes"' in text.replace(" ", "") and '"codes":[0,3,5,6,4,1,7,2]' in text.replace(" ", "")
+    assert "in 8 directions" in text
 
 
 # Decoding
