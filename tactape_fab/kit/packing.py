@@ -109,7 +109,7 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
     sides = _whole(sizes + gap_mm)
     width, height = (int(side) for side in _whole(np.asarray(sheet_mm) + gap_mm))
     found = [_packed(sides, (width, height), algorithm, sort) for algorithm in _ALGORITHMS for sort in _SORTS]
-    places = _in_order(min(found, key=lambda rows: _cost(rows, sides)), sides)
+    places = _in_order(min(found, key=lambda rows: _cost(rows, sides)), sizes)
     return Packing(
         sheet_mm=sheet_mm,
         sizes_mm=sizes,
@@ -152,13 +152,13 @@ def _cost(places: IntArray, sides: IntArray) -> tuple[int, int, int]:
     return len(area), int(area.min()), int(places[:, 3].sum())
 
 
-def _in_order(places: IntArray, sides: IntArray) -> IntArray:
-    """The same places, fullest sheet first, taken by tapes of one size in the order given."""
-    area = np.bincount(places[:, 0], weights=sides.prod(axis=1).astype(np.float64))
+def _in_order(places: IntArray, sizes_mm: FloatArray) -> IntArray:
+    """The same places, the sheet with most area of tapes first, taken by tapes of one size in the order given."""
+    area = np.bincount(places[:, 0], weights=sizes_mm.prod(axis=1)).round(6)
     rank = np.empty(len(area), dtype=np.int64)
     rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
     places = np.column_stack([rank[places[:, 0]], places[:, 1:]])
-    _, kinds = np.unique(sides, axis=0, return_inverse=True)
+    _, kinds = np.unique(sizes_mm, axis=0, return_inverse=True)
     ordered = places.copy()
     for kind in range(kinds.max() + 1):
         alike = np.flatnonzero(kinds.reshape(-1) == kind)

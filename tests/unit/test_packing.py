@@ -49,6 +49,14 @@ def test_tapes_keep_their_gap_and_their_sheet(sizes: list[tuple[float, float]], 
     assert np.array_equal(packing.offset_mm, again.offset_mm) and np.array_equal(packing.sheet, again.sheet)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_gaps_do_not_make_a_sheet_fuller(seed: int) -> None:
+    """Many small tapes take more room than one large one of their area."""
+    rng = np.random.default_rng(seed)
+    sizes = [(float(width), float(height)) for width, height in rng.uniform(10.0, 230.0, (24, 2)).round(1)]
+    assert (np.diff(pack(sizes, SHEET_MM, 3.3).tape_area_mm2()) <= 1e-6).all()
+
+
 @pytest.mark.parametrize(
     ("size_mm", "sheet_mm", "gap_mm", "on_a_sheet"),
     [
