@@ -126,16 +126,20 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _serve(theirs: Connection, function: Callable[[Any], Any]) -> None:
-    """What a process does: answer until nobody asks."""
+    """What a process does: answer until nobody asks.
+
+    Asked to stop it cleans up behind a function at work, and ends at once otherwise: a collector would swallow the exception.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     settled = False
     while True:
         try:
             argument = theirs.recv()
         except (EOFError, OSError):
             return
+        signal.signal(signal.SIGTERM, _leave)
         answer = function(argument)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         try:
             theirs.send(answer)
         except OSError:
@@ -144,6 +148,10 @@ def _serve(theirs: Connection, function: Callable[[Any], Any]) -> None:
             gc.collect()
             gc.freeze()
             settled = True
+
+
+def _leave(*_: object) -> None:
+    sys.exit(128 + signal.SIGTERM)
 
 
 def _stop(workers: Sequence[_Worker[Any, Any]]) -> None:

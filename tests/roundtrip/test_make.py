@@ -253,7 +253,7 @@ def test_every_code_and_size_makes_a_kit_that_verifies(
     spec = TapeSpec(sector=255, code=code, size_mm=size_mm, pitch_mm=pitch_mm, **options)
     kit = make_kit(spec, tmp_path / "kit", verify=False)
     verification = verify_kit(kit.path)
-    assert [check.message for check in verification.checks if not check.passed] == []
+    assert [check.message for check in verification.checks if not check.passed and not check.warning] == []
     assert any(check.name == "windows from copper" for check in verification.checks)
     assert Tape.load(kit.path).origin == default_origin(code, 255)
 
