@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import re
-import shutil
 import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import tactape_fab
-from tactape_fab.programs import FREECAD, PRUSA_SLICER, installed
+from tactape_fab.launch import FREECAD, PRUSA_SLICER, installed, run
 
 PACKAGE = "tactape-fab"
 EXTRAS = {
@@ -170,12 +169,12 @@ def _programs() -> tuple[Program, ...]:
 
 def _node_module(name: str) -> str | None:
     """Where Node.js finds a module; None without it or without Node.js."""
-    node = shutil.which("node")
+    node = installed(("node",))
     if node is None:
         return None
     command = [node, "-p", f"require.resolve({name!r})"]
     try:
-        run = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=_PATIENCE_S)
+        answer = run(command, timeout_s=_PATIENCE_S)
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return run.stdout.strip() or None if run.returncode == 0 else None
+    return answer.stdout.strip() or None if answer.returncode == 0 else None

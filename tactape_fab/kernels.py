@@ -6,9 +6,15 @@ others. Kernels make no arrays: they are given room to work in, and counting ref
 
 from __future__ import annotations
 
+import os
 from functools import partial
 
 from numba import njit
+from numba.core import config
+
+config._config_fname = os.devnull
+config.reload_config()  # type: ignore[no-untyped-call]
+# numba obeys a .numba_config.yaml of the current folder, which may be a stranger's and can name a folder of compiled functions
 
 
 def _probe() -> None:

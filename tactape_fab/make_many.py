@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from tactape_fab.kit.spec import TapeSpec
 from tactape_fab.list_tapes import Planned
 from tactape_fab.make import examine, make_examined
 from tactape_fab.profiles import FabProfile
-from tactape_fab.workers import Lost, answers
+from tactape_fab.workers import LostProcessError, ProcessPool
 
 DEFAULT_FOLDER = "tactape-kits"
 
@@ -106,25 +107,26 @@ def make_kits(
     orders = [
         _Order(spec=tape.spec, path=folder / tape.spec.name, overwrite=overwrite, verify=verify, force=force) for tape in tapes
     ]
+    pool = ProcessPool(min(jobs, len(orders)))
     try:
-        with closing(answers(_make, orders, jobs)) as results:
-            early: dict[int, MadeKit | FailedKit] = {}
-            following = 0
-            for index, result in results:
-                early[index] = _lost(orders[index], result) if isinstance(result, Lost) else result
-                while following in early:
-                    yield early.pop(following)
-                    following += 1
+        futures = [pool.submit(_make, order, Path.cwd()) for order in orders]
+        for order, future in zip(orders, futures, strict=True):
+            try:
+                yield future.result()
+            except LostProcessError as lost:
+                yield _lost(order, lost)
     finally:
+        pool.stop()
         for parent in missing:  # innermost first; one that holds a kit stays
             with suppress(OSError):
                 parent.rmdir()
 
 
-def _make(order: _Order) -> MadeKit | FailedKit:
-    """Make one kit in a process of its own."""
+def _make(order: _Order, folder: Path) -> MadeKit | FailedKit:
+    """Make one kit in a process of its own, which works where paths of the order mean what its user meant."""
     import cv2
 
+    os.chdir(folder)
     cv2.setNumThreads(1)
     try:
         kit = make_examined(examine(order.spec), order.path, overwrite=order.overwrite, verify=order.verify, force=order.force)
@@ -153,9 +155,9 @@ def _failed(order: _Order, error: TactapeError) -> FailedKit:
     return FailedKit(path=order.path, name=order.spec.name, sector=order.spec.sector, error=error)
 
 
-def _lost(order: _Order, lost: Lost) -> FailedKit:
+def _lost(order: _Order, lost: LostProcessError) -> FailedKit:
     status = lost.exit_status
-    how = f"was ended by signal {-status}" if status is not None and status < 0 else f"ended with status {status}"
+    how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
     return _failed(order, TactapeError(f"its process {how}; where memory is short, use fewer --jobs"))
 
 

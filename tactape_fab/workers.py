@@ -1,147 +1,166 @@
-"""One function in several processes: answers as they come, a lost process costs one answer, and none outlives the call."""
+"""An executor of isolated processes: a lost process costs one answer, and none outlives the pool."""
 
 from __future__ import annotations
 
 import gc
+import os
+import pickle
 import signal
+import subprocess
 import sys
+import tempfile
+import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from multiprocessing import connection, get_context, resource_tracker
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
-from typing import Any, Generic, TypeVar
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, TypeVar
 
-A = TypeVar("A")
+from tactape_fab.launch import python_command, start
+
 R = TypeVar("R")
 _PATIENCE_S = 20.0
 """How long a process may take to clean up behind itself when it is asked to stop."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lost:
-    """In the place of an answer: the process died, with this exit status (negative: of a signal)."""
+class LostProcessError(Exception):
+    """A process died before it answered, with this exit status (negative: of a signal)."""
 
-    exit_status: int | None
-
-
-@dataclass(slots=True)
-class _Worker(Generic[A, R]):
-    process: BaseProcess
-    ours: Connection
-    index: int | None = None
+    def __init__(self, exit_status: int) -> None:
+        super().__init__(f"a process ended with status {exit_status}")
+        self.exit_status = exit_status
 
 
-def answers(function: Callable[[A], R], arguments: Sequence[A], count: int) -> Generator[tuple[int, R | Lost]]:
-    """Call a function with each argument, in `count` fresh processes.
+class ProcessPool(Executor):
+    """Calls functions in up to `count` fresh processes, one call at a time in each.
 
-    Each process gets one argument at a time, so memory does not grow with their number. Close the iterator to stop early
-    (`contextlib.closing`): processes at work are asked to end by SIGTERM, which raises SystemExit in them. SIGINT is for this
-    process alone; the others never see it. They end by themselves, too, when this process is no more.
-
-    Parameters
-    ----------
-    function : callable
-        Of a module's top level, since it is imported in the other processes.
-    arguments : sequence
-        Each is pickled.
-    count : int
-        Number of processes at most.
-
-    Yields
-    ------
-    int
-        Index of the argument.
-    R or Lost
-        Its answer.
+    Unlike concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.launch`: they import nothing from
+    the current folder, and never see SIGINT. A process that dies fails its own call alone, with `LostProcessError`. They end by
+    themselves when this process is no more. Used as a context manager, it stops at once when the block is left by an exception.
     """
-    waiting = iter(enumerate(arguments))
-    workers: list[_Worker[A, R]] = []
-    try:
-        for _ in range(min(count, len(arguments))):
-            _next_job(_start(function, workers), waiting)
-        while busy := {worker.ours: worker for worker in workers if worker.index is not None}:
-            for ready in connection.wait(list(busy)):
-                worker = busy[ready]  # type: ignore[index]
-                index, answer = worker.index, _received(worker)
-                assert index is not None
-                if not isinstance(answer, Lost):
-                    _next_job(worker, waiting)
-                else:
-                    workers.remove(worker)
-                    if (job := next(waiting, None)) is not None:
-                        _give(_start(function, workers), job)
-                yield index, answer
-    finally:
-        _stop(workers)
+
+    def __init__(self, count: int) -> None:
+        self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
+        self._threads = ThreadPoolExecutor(max(1, count))
+        self._own = threading.local()
+        self._lock = threading.Lock()
+        self._children: list[subprocess.Popen[bytes]] = []
+        self._stopped = False
+
+    def submit(self, function: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
+        """Call a function of a module's top level in another process; arguments and answer are pickled."""
+        return self._threads.submit(self._ask, function, args, kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Let the calls end, then the processes."""
+        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if wait:
+            self._end()
+
+    def stop(self) -> None:
+        """Ask processes at work to stop by SIGTERM, which raises SystemExit in them, and wait until all have ended."""
+        with self._lock:
+            self._stopped = True
+            for child in self._children:
+                with suppress(OSError):
+                    child.terminate()
+        self._end()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool | None:
+        if kind is not None:
+            self.stop()
+        return super().__exit__(kind, error, trace)
+
+    def _ask(self, function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
+        child = self._child()
+        assert child.stdin is not None and child.stdout is not None
+        try:
+            _send(child.stdin, (function, args, kwargs))
+            answered, answer = pickle.load(child.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self._own.child = None
+            raise LostProcessError(self._ended(child)) from None
+        if not answered:
+            raise answer
+        result: R = answer
+        return result
+
+    def _child(self) -> subprocess.Popen[bytes]:
+        """The process of this thread."""
+        child: subprocess.Popen[bytes] | None = getattr(self._own, "child", None)
+        if child is None:
+            command = python_command(f"from {__name__} import serve; serve()")
+            with self._lock:
+                if self._stopped:
+                    raise LostProcessError(-signal.SIGTERM)
+                # a session of its own: the terminal's Ctrl-C is for this process alone
+                child = start(
+                    command, Path(self._scratch.name), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+                )
+                self._children.append(child)
+            self._own.child = child
+        return child
+
+    def _ended(self, child: subprocess.Popen[bytes]) -> int:
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(_PATIENCE_S)
+        if child.poll() is None:
+            child.kill()
+        status = child.wait()
+        with self._lock:
+            if child in self._children:
+                self._children.remove(child)
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        return status
+
+    def _end(self) -> None:
+        with self._lock:
+            children = list(self._children)
+        for child in children:
+            if child.stdin is not None:
+                with suppress(OSError):
+                    child.stdin.close()
+        end = time.monotonic() + _PATIENCE_S
+        for child in children:
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(max(0.0, end - time.monotonic()))
+            self._ended(child)
+        self._scratch.cleanup()
 
 
-def _received(worker: _Worker[A, R]) -> R | Lost:
-    try:
-        answer: R = worker.ours.recv()
-    except (EOFError, OSError):
-        worker.process.join(_PATIENCE_S)
-        return Lost(exit_status=worker.process.exitcode)
-    return answer
+def _send(pipe: BinaryIO | Any, value: object) -> None:
+    pipe.write(pickle.dumps(value))
+    pipe.flush()
 
 
-def _next_job(worker: _Worker[A, R], waiting: Iterator[tuple[int, A]]) -> None:
-    worker.index = None
-    if (job := next(waiting, None)) is not None:
-        _give(worker, job)
-
-
-def _give(worker: _Worker[A, R], job: tuple[int, A]) -> None:
-    worker.index, argument = job
-    with suppress(OSError):  # one that is dead is found by its connection's end
-        worker.ours.send(argument)
-
-
-def _start(function: Callable[[A], R], workers: list[_Worker[A, R]]) -> _Worker[A, R]:
-    context = get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, function), daemon=True)
-    worker: _Worker[A, R] = _Worker(process, ours)
-    with _interrupts_held():
-        workers.append(worker)
-        process.start()
-    theirs.close()
-    return worker
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold SIGINT back for a moment; a process that is started meanwhile never gets it."""
-    if sys.platform == "win32":
-        yield
-        return
-    resource_tracker.ensure_running()  # otherwise started with the first process, and it changes the signal mask
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _serve(theirs: Connection, function: Callable[[Any], Any]) -> None:
-    """What a process does: answer until nobody asks.
+def serve() -> None:
+    """What a process of the pool does: answer until nobody asks.
 
     Asked to stop it cleans up behind a function at work, and ends at once otherwise: a collector would swallow the exception.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asked, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a function prints is no answer
     settled = False
     while True:
         try:
-            argument = theirs.recv()
+            function, args, kwargs = pickle.load(asked)
         except (EOFError, OSError):
             return
         signal.signal(signal.SIGTERM, _leave)
-        answer = function(argument)
+        try:
+            answer: tuple[bool, Any] = (True, function(*args, **kwargs))
+        except Exception as error:  # it is the caller's
+            answer = (False, error)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         try:
-            theirs.send(answer)
+            _send(answers, answer)
         except OSError:
             return
         if not settled:  # what the first answer has loaded stays: the collector need not look at it with each of the others
@@ -152,17 +171,3 @@ def _serve(theirs: Connection, function: Callable[[Any], Any]) -> None:
 
 def _leave(*_: object) -> None:
     sys.exit(128 + signal.SIGTERM)
-
-
-def _stop(workers: Sequence[_Worker[Any, Any]]) -> None:
-    started = [worker for worker in workers if worker.process.pid is not None]
-    for worker in started:
-        if worker.index is not None:
-            worker.process.terminate()
-        worker.ours.close()
-    end = time.monotonic() + _PATIENCE_S
-    for worker in started:
-        worker.process.join(max(0.0, end - time.monotonic()))
-        if worker.process.is_alive():
-            worker.process.kill()
-            worker.process.join()

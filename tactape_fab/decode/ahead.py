@@ -7,6 +7,7 @@ import logging
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +29,7 @@ from tactape_fab.decode.search import LEAST_DOTS
 from tactape_fab.decode.sites import sites_of
 from tactape_fab.decode.symbols import fit_grid, posteriors
 from tactape_fab.decode.weigh import compile_weighing
+from tactape_fab.launch import python_command, start
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import FloatArray
 
@@ -55,7 +57,8 @@ def search_compiled(*, needed: bool = True) -> Iterator[None]:
         yield
         return
     _log.warning("tactape-fab compiles its decoder, once on this machine; it takes some ten seconds")
-    process = _started() if needed else None
+    scratch = tempfile.TemporaryDirectory(prefix="tactape-compile-", ignore_cleanup_errors=True)
+    process = _started(Path(scratch.name)) if needed else None
     try:
         yield
         if process is not None:
@@ -65,6 +68,7 @@ def search_compiled(*, needed: bool = True) -> Iterator[None]:
         if process is not None and process.poll() is None:
             process.kill()
             process.wait()
+        scratch.cleanup()
 
 
 def cache_folder() -> Path | None:
@@ -83,16 +87,15 @@ def compiled() -> bool:
     return sum(turned.stats.cache_misses.values()) == 0
 
 
-def _started() -> subprocess.Popen[bytes] | None:
+def _started(scratch: Path) -> subprocess.Popen[bytes] | None:
     """A process that compiles the search; None where this one is no Python to be started again, or has but one core."""
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     if cores == 1 or getattr(sys, "frozen", False) or not Path(sys.executable or "").name.startswith("python"):
         return None
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    command = [sys.executable, "-c", f"from {__name__} import compile_search; compile_search()"]
     quiet = subprocess.DEVNULL
+    command = python_command(f"from {__name__} import compile_search; compile_search()")
     try:
-        return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=environment)
+        return start(command, scratch, stdin=quiet, stdout=quiet, stderr=quiet)
     except OSError:
         return None
 

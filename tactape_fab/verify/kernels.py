@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab import programs
+from tactape_fab import launch
 from tactape_fab.errors import Check
 from tactape_fab.fields import shown_path
 from tactape_fab.kit.readback import CplContent
@@ -75,12 +74,10 @@ def check_with_others(
             return [line for run in runs for line in run.result()]
 
 
-def _run(arguments: list[str], **settings: Any) -> subprocess.CompletedProcess[str] | str:
+def _run(arguments: list[str], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
     """Output of a program, or in words why there is none."""
     try:
-        return subprocess.run(
-            arguments, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S, check=False, **settings
-        )
+        return launch.run(arguments, timeout_s=_TIMEOUT_S, scratch=scratch)
     except subprocess.TimeoutExpired:
         return f"no answer within {_TIMEOUT_S} s"
     except OSError as error:
@@ -106,7 +103,7 @@ def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplCon
     names = [str(paths.get(role, "-")) for role in ("step-solid", "step-assembly")]
     if names == ["-", "-"]:
         return []
-    found = _answer(_run([sys.executable, "-m", "tactape_fab.verify.occt_reader", *names]))
+    found = _answer(_run(launch.python_command("from tactape_fab.verify.occt_reader import main; main()", *names)))
     failed = found if "error" in found else None
     checks = []
     if "step-solid" in paths:
@@ -196,14 +193,14 @@ def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> lis
 def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
     if "step-solid" not in paths:
         return []
-    program = programs.installed(programs.FREECAD)
+    program = launch.installed(launch.FREECAD)
     if program is None:
         return [_missing("FreeCAD")]
     folder = paths["step-solid"].parent
     script, answer = folder / "read.py", folder / "answer.json"
     files = {key: str(paths[role]) for key, role in (("solid", "step-solid"), ("assembly", "step-assembly")) if role in paths}
     script.write_text(_FREECAD.format(files=files, answer=str(answer)), encoding="utf-8")
-    run = _run([program, str(script)], stdin=subprocess.DEVNULL)
+    run = _run([program, str(script)], folder)
     try:
         found = json.loads(answer.read_bytes())
     except (OSError, ValueError):
@@ -234,7 +231,7 @@ def _check_centres(tape: Tape, centres: list[list[float]], cpl: CplContent) -> C
 
 
 def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
-    program = programs.installed(programs.PRUSA_SLICER)
+    program = launch.installed(launch.PRUSA_SLICER)
     if program is None:
         return [_missing("PrusaSlicer")]
     checks = []
@@ -254,7 +251,7 @@ def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplC
 
 
 def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
-    found = _answer(_run([sys.executable, "-c", _TRIMESH, str(paths["stl"])]))
+    found = _answer(_run(launch.python_command(f"exec({_TRIMESH!r})", str(paths["stl"]))))
     if "error" in found:
         return [Check(name="stl by trimesh", passed=False, message=str(found["error"]))]
     watertight, consistent, bodies, volume = found[str(paths["stl"])]

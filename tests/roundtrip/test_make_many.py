@@ -24,6 +24,8 @@ from tests.roundtrip.test_interrupted import Files, contents
 
 SMALL = "--size 20x20 --no-3d"
 PATIENCE_S = 60.0
+MARK = "TACTAPE_TEST_RUN"
+"""Kept by all processes that a run starts; its value is the folder that the run was started in."""
 
 
 def run(args: str) -> Result:
@@ -108,7 +110,14 @@ def test_tapes_that_cannot_be_told_apart_are_warned_of(here: Path) -> None:
 def started(folder: Path, args: str, **options: Any) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "tactape_fab", *shlex.split(args)]
     return subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **options
+        command,
+        cwd=folder,
+        env=os.environ | {MARK: str(folder)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **options,
     )
 
 
@@ -136,16 +145,16 @@ def test_one_kit_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == ["tactape-s001", "tactape-s002", "tactape-s004"]
 
 
-def processes_of(session: int) -> list[int]:
-    """Living processes of a session."""
+def processes_of(folder: Path) -> list[int]:
+    """Living processes of the run that was started in a folder."""
     found = []
     for place in Path("/proc").glob("[0-9]*"):
         try:
-            fields = (place / "stat").read_text().rsplit(")", 1)[1].split()
+            state = (place / "stat").read_text().rsplit(")", 1)[1].split()[0]
+            if state != "Z" and f"{MARK}={folder}".encode() in (place / "environ").read_bytes().split(b"\0"):
+                found.append(int(place.name))
         except OSError:
             continue
-        if int(fields[3]) == session and fields[0] != "Z":
-            found.append(int(place.name))
     return found
 
 
@@ -172,7 +181,7 @@ def stop_at_work(folder: Path, send: Callable[[int], None], kits: int) -> tuple[
     wait_until(lambda: at_work() or run.poll() is not None, "no kit was begun")
     send(run.pid)
     _, stderr = run.communicate(timeout=PATIENCE_S)
-    wait_until(lambda: not processes_of(run.pid), "processes are left")
+    wait_until(lambda: not processes_of(folder), "processes are left")
     return run.returncode, stderr
 
 
@@ -214,7 +223,7 @@ def test_processes_end_when_the_one_that_started_them_is_killed(tmp_path: Path) 
 def test_a_killed_process_costs_one_kit(tmp_path: Path) -> None:
     run = started(tmp_path, f"make --sectors 0-5 {SMALL} --no-verify -o kits --jobs 1")
     wait_until(lambda: len(list(tmp_path.glob("kits/tactape*"))) >= 1, "no kit was made")
-    worker = max(processes_of(run.pid))
+    worker = max(set(processes_of(tmp_path)) - {run.pid})
     os.kill(worker, signal.SIGKILL)
     stdout, stderr = run.communicate(timeout=PATIENCE_S)
     failed = [line.split()[0] for line in stdout.splitlines() if line.endswith("failed")]

@@ -64,7 +64,7 @@ def textures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kit]:
 @pytest.fixture
 def only_occt(monkeypatch: pytest.MonkeyPatch) -> None:
     """Verify without FreeCAD and PrusaSlicer, for the time it takes."""
-    monkeypatch.setattr("tactape_fab.programs.shutil.which", lambda name: None)
+    monkeypatch.setattr("tactape_fab.launch.shutil.which", lambda name, path=None: None)
 
 
 def judge(verification: Verification, fails: tuple[str, ...], says: str) -> None:

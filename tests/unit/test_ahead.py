@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,7 +40,7 @@ def process(monkeypatch: pytest.MonkeyPatch) -> Process:
     """Nothing is on the disk, and another process is at work."""
     found = Process()
     monkeypatch.setattr(ahead, "compiled", lambda: False)
-    monkeypatch.setattr(ahead, "_started", lambda: found)
+    monkeypatch.setattr(ahead, "_started", lambda *_: found)
     return found
 
 
@@ -76,7 +77,7 @@ def test_what_is_on_the_disk_is_not_compiled_again(
 def test_a_program_that_is_no_python_is_not_started_again(monkeypatch: pytest.MonkeyPatch, name: str, value: Any) -> None:
     monkeypatch.setattr(sys, name, value, raising=False)
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("it was started"))
-    assert ahead._started() is None
+    assert ahead._started(Path()) is None
 
 
 def test_where_nothing_can_be_kept_nothing_is_compiled_ahead(
