@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab import TapeSpec, __version__
-from tactape_fab.decode import Localizer
-from tactape_fab.make import examine
-from tactape_fab.simulate import Scene, simulate_frames
+from tactape_fab import Localizer, TapeSpec, __version__
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Scene, simulate_frames
 from tactape_fab.texture.tape import Tape
 
 PAGE = Path(__file__).parent / "choose.md"

@@ -8,10 +8,11 @@ from pathlib import Path
 import cv2
 
 from tactape_fab import TapeSpec, make_kit
-from tactape_fab.kit.anchors import anchor_modes
-from tactape_fab.kit.coverlay import coverlay_modes, first_legal
-from tactape_fab.make import examine
-from tactape_fab.profiles import load_fab, load_part, profile_names
+from tactape_fab.base.templates import profile_names
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.film.anchors import anchor_modes
+from tactape_fab.kit.film.coverlay import coverlay_modes, first_legal
+from tactape_fab.kit.profiles import load_fab, load_part
 
 PAGE = Path(__file__).parent / "fabs.md"
 FIGURES = Path(__file__).parent / "figures"

@@ -9,8 +9,8 @@ import matplotlib as mpl
 import numpy as np
 
 from tactape_fab import Tape, TapeSpec
-from tactape_fab.make import examine
-from tactape_fab.simulate import simulate
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import simulate
 from tactape_fab.texture.frames import texture_to_board
 
 mpl.use("Agg")

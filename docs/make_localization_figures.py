@@ -6,10 +6,10 @@ import tempfile
 from pathlib import Path
 
 from tactape_fab import TapeSpec, make_kit
-from tactape_fab.localize import localize, prepare
-from tactape_fab.overlay import draw_overlay
-from tactape_fab.simulate_file import simulate_file
-from tactape_fab.verify_file import verify_file
+from tactape_fab.sense.files.jobs import localize, prepare
+from tactape_fab.sense.files.simulated import simulate_file
+from tactape_fab.sense.overlay import draw_overlay
+from tactape_fab.verify.file import verify_file
 
 FIGURES = Path(__file__).parent / "figures"
 

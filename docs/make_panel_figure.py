@@ -7,7 +7,8 @@ from tempfile import TemporaryDirectory
 
 import cv2
 
-from tactape_fab.make_panel import ExaminedPanel, examine_order, make_panel
+from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
+from tactape_fab.make.panel import make_panel
 
 FIGURES = Path(__file__).parent / "figures"
 SHARE = 0.4

@@ -11,12 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tactape_fab import TapeSpec
-from tactape_fab.decode import Localizer, load_network, make_reconstruction
-from tactape_fab.decode.torch_file import read_tensors
-from tactape_fab.make import examine
-from tactape_fab.overlay import draw_overlay
-from tactape_fab.simulate import Scene, simulate
+from tactape_fab import Localizer, TapeSpec
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Scene, load_network, make_reconstruction, simulate
+from tactape_fab.sense.overlay import draw_overlay
+from tactape_fab.sense.raw.torch_file import read_tensors
 from tests.raw_images import image_of, plain_layers
 
 PX_PER_MM = 16.0

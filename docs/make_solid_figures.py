@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from tactape_fab import TapeSpec, make_kit
-from tactape_fab.emboss import emboss_kit
-from tactape_fab.solids.charts import Placement
+from tactape_fab.make.emboss import emboss_kit
+from tactape_fab.solids.mesh.stl import read_stl
 from tactape_fab.solids.picture import png_bytes, shaded
-from tactape_fab.solids.readmesh import read_stl
+from tactape_fab.solids.surface.charts import Placement
 
 FIGURES = Path(__file__).parent / "figures"
 WIDTH_PX = 640

@@ -1,48 +1,75 @@
-"""tactape-fab: make tactile fiducial tapes that a PCB fab can build, and prove them from the written files."""
+"""tactape-fab: make tactile fiducial tapes that a PCB fab can build, prove them from the written files, locate contacts on them.
+
+What specialists use is in `tactape_fab.sense` (sensors, simulation, live sources) and `tactape_fab.solids` (CAD); anything deeper
+is private.
+"""
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path as _Path
+from typing import TYPE_CHECKING
+
+from tactape_fab.base.lazy import lazy_names
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from tactape_fab.kit.spec import TapeSpec as TapeSpec
-    from tactape_fab.make import Kit as Kit
-    from tactape_fab.make import make_kit as make_kit
-    from tactape_fab.objects import TapedObject as TapedObject
-    from tactape_fab.objects import read_object as read_object
-    from tactape_fab.tag_pose import refine_tag_pose as refine_tag_pose
+    from tactape_fab.kit.spec.tape_spec import TapeSpec as TapeSpec
+    from tactape_fab.make.kit import Kit as Kit
+    from tactape_fab.make.kit import make_kit as make_kit
+    from tactape_fab.sense.decode.localizer import Localizer as Localizer
+    from tactape_fab.sense.decode.result import Localization as Localization
+    from tactape_fab.sense.decode.search.search import Prior as Prior
+    from tactape_fab.sense.objects.tag_pose import refine_tag_pose as refine_tag_pose
+    from tactape_fab.sense.objects.tag_view import pixels_to_texture as pixels_to_texture
+    from tactape_fab.sense.objects.tag_view import tag_side_mm as tag_side_mm
+    from tactape_fab.sense.objects.tag_view import tag_to_texture as tag_to_texture
+    from tactape_fab.sense.objects.tag_view import texture_to_pixels as texture_to_pixels
+    from tactape_fab.sense.objects.taped_object import TapedObject as TapedObject
+    from tactape_fab.sense.objects.taped_object import read_object as read_object
+    from tactape_fab.sense.track.motion import Motion as Motion
+    from tactape_fab.sense.track.tracker import Track as Track
+    from tactape_fab.sense.track.tracker import Tracker as Tracker
     from tactape_fab.texture.code import default_origin as default_origin
-    from tactape_fab.texture.tag_view import pixels_to_texture as pixels_to_texture
-    from tactape_fab.texture.tag_view import tag_side_mm as tag_side_mm
-    from tactape_fab.texture.tag_view import tag_to_texture as tag_to_texture
-    from tactape_fab.texture.tag_view import texture_to_pixels as texture_to_pixels
     from tactape_fab.texture.tape import Tape as Tape
-    from tactape_fab.verify import verify_kit as verify_kit
+    from tactape_fab.verify.kit import Verification as Verification
+    from tactape_fab.verify.kit import verify_kit as verify_kit
 
+_TAG_VIEW = "tactape_fab.sense.objects.tag_view"
 _HOMES = {
-    "Kit": "tactape_fab.make",
+    "Kit": "tactape_fab.make.kit",
+    "Localization": "tactape_fab.sense.decode.result",
+    "Localizer": "tactape_fab.sense.decode.localizer",
+    "Motion": "tactape_fab.sense.track.motion",
+    "Prior": "tactape_fab.sense.decode.search.search",
     "Tape": "tactape_fab.texture.tape",
-    "TapeSpec": "tactape_fab.kit.spec",
-    "TapedObject": "tactape_fab.objects",
+    "TapeSpec": "tactape_fab.kit.spec.tape_spec",
+    "TapedObject": "tactape_fab.sense.objects.taped_object",
+    "Track": "tactape_fab.sense.track.tracker",
+    "Tracker": "tactape_fab.sense.track.tracker",
+    "Verification": "tactape_fab.verify.kit",
     "default_origin": "tactape_fab.texture.code",
-    "make_kit": "tactape_fab.make",
-    "pixels_to_texture": "tactape_fab.texture.tag_view",
-    "read_object": "tactape_fab.objects",
-    "refine_tag_pose": "tactape_fab.tag_pose",
-    "tag_side_mm": "tactape_fab.texture.tag_view",
-    "tag_to_texture": "tactape_fab.texture.tag_view",
-    "texture_to_pixels": "tactape_fab.texture.tag_view",
-    "verify_kit": "tactape_fab.verify",
+    "make_kit": "tactape_fab.make.kit",
+    "pixels_to_texture": _TAG_VIEW,
+    "read_object": "tactape_fab.sense.objects.taped_object",
+    "refine_tag_pose": "tactape_fab.sense.objects.tag_pose",
+    "tag_side_mm": _TAG_VIEW,
+    "tag_to_texture": _TAG_VIEW,
+    "texture_to_pixels": _TAG_VIEW,
+    "verify_kit": "tactape_fab.verify.kit",
 }
-
 __all__ = [
     "Kit",
+    "Localization",
+    "Localizer",
+    "Motion",
+    "Prior",
     "Tape",
     "TapeSpec",
     "TapedObject",
+    "Track",
+    "Tracker",
+    "Verification",
     "__version__",
     "default_origin",
     "make_kit",
@@ -54,14 +81,5 @@ __all__ = [
     "texture_to_pixels",
     "verify_kit",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Import public names on first use, so that the command line answers at once (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)
+__path__.append(str(_Path(__file__).parent / "base" / "old_paths"))

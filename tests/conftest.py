@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.make_panel import PanelKit
-from tactape_fab.verify.round_trip import full_trips
+from tactape_fab.make.panel import PanelKit
+from tactape_fab.verify.trip.round_trip import full_trips
 from tests.panels import SIX, TWO, panel_of
 
 

@@ -7,9 +7,8 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from tactape_fab import Tape, TapeSpec, default_origin
-from tactape_fab.decode.result import Localization
-from tactape_fab.make import examine
+from tactape_fab import Localization, Tape, TapeSpec, default_origin
+from tactape_fab.kit.examine.tape import examine
 from tactape_fab.texture.code import encode, get_code
 from tactape_fab.texture.frames import FloatArray
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.result import Localization
-from tactape_fab.errors import FrameError
-from tactape_fab.live.frames import Frame, Source, Trouble
-from tactape_fab.localize import Job, Locate
-from tactape_fab.profiles.sensors import SensorProfile, load_sensor
+from tactape_fab import Localization
+from tactape_fab.base.errors import FrameError
+from tactape_fab.sense import SensorProfile, load_sensor
+from tactape_fab.sense.files.jobs import Job, Locate
+from tactape_fab.sense.live.sources import Frame, Source, Trouble
 
 SENSOR = load_sensor("gelsight-mini")
 SHAPE = SENSOR.frame_shape

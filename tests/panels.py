@@ -6,7 +6,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.make_panel import ExaminedPanel, PanelKit, examine_order, make_panel
+from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
+from tactape_fab.make.panel import PanelKit, make_panel
 
 TWO: dict[str, Any] = {"sector": 7, "panel": "auto", "size_mm": [60.0, 30.0], "models": False}
 """Two tapes: the fewest of this size that a line takes."""

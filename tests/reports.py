@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab import TapeSpec
-from tactape_fab.make import examine, rendered
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.make.kit import rendered
 from tactape_fab.report import Written
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
-from tactape_fab.solids.step import solid_step
+from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.texture.code import encode, get_code
 from tactape_fab.texture.tape import Board, Tape, TapePart
 

@@ -10,11 +10,11 @@ import numpy as np
 import trimesh
 
 from tactape_fab import Tape, TapeSpec
-from tactape_fab.emboss import Embossed, emboss_kit
 from tactape_fab.kit.plan import plan
-from tactape_fab.profiles import load_fab, load_part
-from tactape_fab.solids.mesh import Mesh
-from tactape_fab.solids.surface_files import closed_mesh, read_surface_mesh
+from tactape_fab.kit.profiles import load_fab, load_part
+from tactape_fab.make.emboss import Embossed, emboss_kit
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.part_files import closed_mesh, read_surface_mesh
 
 
 def planned(size_mm: tuple[float, float] = (14.0, 14.0), **values: Any) -> Tape:

@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
 
-from tactape_fab.decode import Localizer
-from tactape_fab.simulate import Scene, simulate
-from tactape_fab.texture.mount import Mount, sensor_on_object
+from tactape_fab import Localizer
+from tactape_fab.sense import Scene, simulate
+from tactape_fab.sense.objects.mount import Mount, sensor_on_object
 from tactape_fab.texture.tape import Tape
 
 SEED = 6

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab import TapeSpec
-from tactape_fab.make import examine
+from tactape_fab.kit.examine.tape import examine
 from tactape_fab.texture.tape import Tape
 
 DOCS = Path(__file__).resolve().parents[1]

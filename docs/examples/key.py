@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
 
-from tactape_fab.decode import Localizer
-from tactape_fab.simulate import Scene, simulate
+from tactape_fab import Localizer
+from tactape_fab.sense import Scene, simulate
 from tactape_fab.texture.frames import FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 

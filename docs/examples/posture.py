@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
 
-from tactape_fab.decode import Localizer
-from tactape_fab.live import Tracker
-from tactape_fab.simulate import Scene, simulate
+from tactape_fab import Localizer, Tracker
+from tactape_fab.sense import Scene, simulate
 
 SEED = 3
 RATE_HZ = 15.0

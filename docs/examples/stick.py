@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
 
-from tactape_fab.decode import Localizer
-from tactape_fab.simulate import Scene, simulate
+from tactape_fab import Localizer
+from tactape_fab.sense import Scene, simulate
+from tactape_fab.sense.objects.mount import Mount, sensor_on_object
+from tactape_fab.sense.objects.rigid import from_quaternion
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.mount import Mount, sensor_on_object
-from tactape_fab.texture.rigid import from_quaternion
 from tactape_fab.texture.tape import Tape
 
 SEED = 5

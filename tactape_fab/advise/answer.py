@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.advise.asking import DEFAULT_FAB, Question
 from tactape_fab.advise.designs import Design, film_designs, judged, rules_of, solid_designs, usual_design
 from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, accuracy, least_contact_mm, signal_of
-from tactape_fab.errors import Problem, SpecError
-from tactape_fab.kit.film_rules import fab_for
-from tactape_fab.kit.order import estimate
+from tactape_fab.advise.question import DEFAULT_FAB, Question
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.plan import plan, plan_texture
-from tactape_fab.make import examine
-from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, read_part
+from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, read_part
+from tactape_fab.kit.rules.film_rules import fab_for
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.tape import Tape
 
@@ -277,8 +277,9 @@ def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *
 
 def simulated(line: Line, question: Question, frames: int, seed: int = 3) -> Simulated:
     """Contacts of the promised size on a tape of the line, as depth maps, located among as many tapes as were asked for."""
-    from tactape_fab.decode import Localizer
-    from tactape_fab.simulate import Scene, simulate_frames
+    from tactape_fab.sense.decode.localizer import Localizer
+    from tactape_fab.sense.simulation.draw import simulate_frames
+    from tactape_fab.sense.simulation.scene import Scene
 
     assert line.least_mm is not None
     tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]

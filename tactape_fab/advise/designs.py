@@ -11,13 +11,13 @@ from functools import partial
 from itertools import product
 from math import ceil
 
-from tactape_fab.errors import Finding, SpecError
-from tactape_fab.kit.coverlay import least_pitch_mm, worst_box_gap_mm
+from tactape_fab.base.errors import Finding, SpecError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.film.coverlay import least_pitch_mm, worst_box_gap_mm
 from tactape_fab.kit.outlines import opening_size_mm
-from tactape_fab.kit.rules import finding
-from tactape_fab.kit.spec import DEFAULT_PITCH_MM, TapeSpec
-from tactape_fab.make import examine
-from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, load_process, read_part
+from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, load_process, read_part
+from tactape_fab.kit.rules.spacing import finding
+from tactape_fab.kit.spec.tape_spec import DEFAULT_PITCH_MM, TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.tape import TapePart

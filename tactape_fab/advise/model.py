@@ -13,10 +13,10 @@ from math import ceil, erf, exp, hypot, inf, log, pi, sin, sqrt
 
 import numpy as np
 
-from tactape_fab.profiles.sensors import SensorProfile
+from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import FloatArray, IntArray, gray_codes
-from tactape_fab.texture.touch import MOST_TOUCH_POINTS
+from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS
 
 IMPRINT_SHARE = 0.12 / 0.23
 """Share of a body's height that the gel takes on before it smooths it: that of the default scene, whose bodies are 0201."""

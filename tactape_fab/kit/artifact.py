@@ -2,15 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from datetime import UTC, datetime
-
-from tactape_fab.errors import SpecError
-
-EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
-"""Date of every file where SOURCE_DATE_EPOCH is not set: the earliest that a zip can hold."""
-ZIP_LATEST = datetime(2107, 12, 31, tzinfo=UTC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,29 +12,3 @@ class Artifact:
     role: str
     path: str
     data: bytes
-
-
-def build_date() -> datetime:
-    """The one date that files carry: SOURCE_DATE_EPOCH (reproducible-builds.org), else 1980-01-01, in UTC.
-
-    Raises
-    ------
-    SpecError
-        When SOURCE_DATE_EPOCH is no whole number of seconds since 1970.
-    """
-    text = os.environ.get("SOURCE_DATE_EPOCH")
-    if text is None:
-        return EPOCH
-    try:
-        seconds = int(text)
-        if seconds < 0:
-            raise ValueError
-        return datetime.fromtimestamp(seconds, tz=UTC)
-    except (ValueError, OverflowError, OSError):
-        message = f"SOURCE_DATE_EPOCH = {text[:40]!r} is no whole number of seconds since 1970; correct it or unset it"
-        raise SpecError(message) from None
-
-
-def zip_date() -> datetime:
-    """The build date, moved into what a zip can hold: 1980 to 2107."""
-    return min(max(build_date(), EPOCH), ZIP_LATEST)

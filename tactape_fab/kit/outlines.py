@@ -7,7 +7,7 @@ from math import cos, pi
 
 import numpy as np
 
-from tactape_fab.profiles import FabProfile, LandPattern, PartProfile
+from tactape_fab.kit.profiles import FabProfile, LandPattern, PartProfile
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import placed_outline, rotate
 

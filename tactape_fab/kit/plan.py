@@ -11,16 +11,16 @@ from math import ceil, floor
 
 import numpy as np
 
-from tactape_fab.errors import CapacityError, Problem, SpecError
+from tactape_fab.base.errors import CapacityError, Problem, SpecError
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
-from tactape_fab.kit.spec import TapeSpec
-from tactape_fab.kit.tag import SIDE_CELLS
-from tactape_fab.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
+from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
+from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE, TOUCH_CODE, BoolArray, CodeLimits, encode, get_code, limits_of
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, snap_mm, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, reach_mm
+from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import MOST_POINTS, TAG_FAMILY, Board, Tag, Tape, TapePart
-from tactape_fab.texture.touch import MOST_TOUCH_POINTS, design
+from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS, design
 
 TAG_KEEP_OUT_MM = 0.5
 """Free film between the tag's ring and the outline, and between the ring and the field."""

@@ -12,24 +12,26 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab import __version__
-from tactape_fab.kit.anchors import anchor_plan
-from tactape_fab.kit.artifact import Artifact, zip_date
-from tactape_fab.kit.drawing import Drawing
-from tactape_fab.kit.layout import Layout
-from tactape_fab.kit.panel import Panel
-from tactape_fab.kit.render.assembly import render_bom, render_cpl
+from tactape_fab.base.build_date import zip_date
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film.anchors import anchor_plan
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.film.layout import Layout
+from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
+from tactape_fab.kit.render.cpl_bom import render_bom, render_cpl
 from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
 from tactape_fab.kit.render.job import render_job
-from tactape_fab.kit.render.kicad import render_kicad
+from tactape_fab.kit.render.kicad_board import render_kicad
 from tactape_fab.kit.render.preview import render_preview
-from tactape_fab.kit.spec import TapeSpec
-from tactape_fab.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
+from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.texture.choose import Choice
-from tactape_fab.texture.tape import MANIFEST_FORMAT, MANIFEST_NAME, PANEL_FORMAT, Tape
+from tactape_fab.texture.certify.origin import Choice
+from tactape_fab.texture.manifest import MANIFEST_FORMAT, MANIFEST_NAME, PANEL_FORMAT
+from tactape_fab.texture.tape import Tape
 
 RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
     "copper-top": render_copper,

@@ -8,7 +8,7 @@ from base64 import b64encode
 from functools import cache
 from typing import Any
 
-from tactape_fab.profiles import templates_folder
+from tactape_fab.base.templates import templates_folder
 
 
 def script_json(content: Any) -> str:

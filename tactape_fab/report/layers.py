@@ -8,9 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.kit.colours import BACKING_COLOURS, BASE_FILM, BODY, COVERLAY_COLOURS, GOLD, LEGEND_COLOURS, TERMINAL, TEXTURE
-from tactape_fab.kit.gerber_reader import GerberContent, read_gerber
-from tactape_fab.kit.readback import CplContent, read_drill
+from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
+from tactape_fab.kit.read.readback import CplContent, read_drill
+from tactape_fab.kit.render.colours import (
+    BACKING_COLOURS,
+    BASE_FILM,
+    BODY,
+    COVERLAY_COLOURS,
+    GOLD,
+    LEGEND_COLOURS,
+    TERMINAL,
+    TEXTURE,
+)
 from tactape_fab.kit.render.preview import body_outline, stamps, terminals_of
 from tactape_fab.report.arrays import packed, packed_paths
 from tactape_fab.texture.frames import FloatArray

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from tactape_fab.errors import Check, Finding
+from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.readback import csv_lines, read_cpl
+from tactape_fab.kit.read.readback import csv_lines, read_cpl
 from tactape_fab.report.html import allowed, asset, script_json, template
 from tactape_fab.report.layers import HIDDEN, TITLES, Shapes, film_shapes, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
-from tactape_fab.report.solid import solid_view
-from tactape_fab.solids.placements import read_placements
+from tactape_fab.report.solid_view import solid_view
+from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.frames import LETTERS, gray_codes
 from tactape_fab.texture.tape import Tape
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
-from tactape_fab.errors import Check, Finding
+from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.readback import csv_lines
+from tactape_fab.kit.read.readback import csv_lines
 from tactape_fab.report.html import allowed, asset, script_json, template
 from tactape_fab.report.page import REPORT_NAME
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.report.arrays import packed
-from tactape_fab.solids.placements import Placed
+from tactape_fab.solids.surface.placements import Placed
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, SymbolArray, board_to_texture
 from tactape_fab.texture.tape import Tape
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.errors import Check, Finding
+from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.writer import with_file, write_kit
 from tactape_fab.report.page import READ_ROLES, Written, render_report

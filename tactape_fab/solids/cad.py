@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactape_fab.errors import RenderError, SpecError
-from tactape_fab.solids.assembly import assembly_step
+from tactape_fab.base.errors import RenderError, SpecError
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.step import solid_step
+from tactape_fab.solids.step.assembly import assembly_step
+from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.texture.tape import Tape
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from math import asin, pi
 
 import numpy as np
 
-from tactape_fab.errors import Problem
+from tactape_fab.base.errors import Problem
 from tactape_fab.solids.elements import mean_radius_mm, reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.rise import foot_radius_mm, meets_cylinder

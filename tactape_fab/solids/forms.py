@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Any, Literal
 
-from tactape_fab.fields import Fields
+from tactape_fab.base.fields import Fields
 
 Axis = Literal["x", "y"]
 Shell = Literal["segment", "whole"]

@@ -9,8 +9,8 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.errors import RenderError
-from tactape_fab.solids.mesh import Mesh
+from tactape_fab.base.errors import RenderError
+from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 Image = npt.NDArray[np.uint8]

@@ -19,7 +19,7 @@ from numbers import Integral
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.errors import CapacityError, Problem, SpecError
+from tactape_fab.base.errors import CapacityError, Problem, SpecError
 from tactape_fab.texture.frames import IntArray, SymbolArray
 from tactape_fab.texture.sequences import NumberSequence, anoto_main, anoto_secondary, de_bruijn
 
@@ -121,7 +121,7 @@ CODE_NAMES = tuple(_BUILDERS)
 """Codes with a plane, in which a tape shows a place."""
 DEFAULT_CODE = "microdots-4x4"
 TOUCH_CODE = "touch-1"
-"""The code without a plane: a matrix of symbols designed for its tape, see `tactape_fab.texture.touch`."""
+"""The code without a plane: a matrix of symbols designed for its tape, see `tactape_fab.texture.touch.design`."""
 ALL_CODE_NAMES = (*CODE_NAMES, TOUCH_CODE)
 
 

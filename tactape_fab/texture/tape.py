@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.errors import Problem, SpecError
-from tactape_fab.fields import Fields, shown, shown_path
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown
 from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, BoolArray, encode, get_code, limits_of
 from tactape_fab.texture.frames import (
     DIRECTION_COUNTS,
@@ -25,12 +24,7 @@ from tactape_fab.texture.frames import (
     symbols_to_rows,
     texture_to_board,
 )
-
-MANIFEST_FORMAT = "tactape-manifest/1"
-PANEL_FORMAT = "tactape-panel/1"
-MANIFEST_NAME = "manifest.json"
-UNFINISHED_SUFFIX = ".partial"
-"""End of the name of a folder in which a kit is being built; such a folder is never a kit."""
+from tactape_fab.texture.manifest import find_manifest, read_manifest
 
 TAG_FAMILY = "tag36h11"
 TAG_IDS = 587
@@ -39,7 +33,6 @@ PART_SHAPES = ("block", "dome")
 LONGEST_MM = 10_000.0
 MOST_POINTS = 500_000
 MOST_HOLES = 10_000
-_MANIFEST_BYTES = 256 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,67 +219,6 @@ def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
         (f.name, getattr(record, f.name)) for f in fields(record) if f.name != "top_mm" or getattr(record, f.name) is not None
     )
     return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
-
-
-def find_manifest(path: str | Path) -> Path:
-    """The manifest file of a kit, given its folder or the file itself.
-
-    Raises
-    ------
-    SpecError
-        When there is none, or the folder is one that an interrupted run left unfinished.
-    """
-    place = Path(path)
-    try:
-        is_folder = place.is_dir()
-        file = place / MANIFEST_NAME if is_folder else place
-        unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
-        there = file.is_file()
-    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, a name that no system takes
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit") from error
-    if unfinished:
-        raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
-    if not there:
-        reason = f"it holds no {MANIFEST_NAME}" if is_folder else "there is no such file"
-        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit or its {MANIFEST_NAME}")
-    return file
-
-
-def read_manifest(file: Path) -> dict[str, Any]:
-    """The content of a kit's manifest.json as a mapping, its size and format checked.
-
-    Raises
-    ------
-    SpecError
-        When the file is too large, no JSON, or not of this format.
-    """
-    content = read_any_manifest(file)
-    if content["format"] == PANEL_FORMAT:
-        raise SpecError(f"{file.name} is that of a panel, not of one tape; give the folder of one of the kits on it")
-    return content
-
-
-def read_any_manifest(file: Path) -> dict[str, Any]:
-    """The content of a manifest.json of a kit or of a panel.
-
-    Raises
-    ------
-    SpecError
-        When the file is too large, no JSON, or of neither format.
-    """
-    try:
-        if file.stat().st_size > _MANIFEST_BYTES:
-            raise SpecError(f"{file.name} is larger than {_MANIFEST_BYTES} bytes; it is not a manifest of this tool")
-        content = json.loads(file.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, SpecError):
-            raise
-        raise SpecError(f"{file.name} cannot be read as JSON: {error}") from error
-    found = content.get("format") if isinstance(content, dict) else None
-    if found not in (MANIFEST_FORMAT, PANEL_FORMAT):
-        raise SpecError(f"{file.name} has format {found!r}; this version reads '{MANIFEST_FORMAT}'")
-    return dict(content)
 
 
 def _read_board(table: Fields) -> Board:

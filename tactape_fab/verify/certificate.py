@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from tactape_fab.errors import Check
-from tactape_fab.fields import shown
-from tactape_fab.kit.certificate import certificate_of
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown
+from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import CERTIFICATE, WrittenFile
 
 
 def check_certificate(file: WrittenFile, tape: Tape) -> Check:
     """Every number of the file is that of the tape."""
-    certificate = certificate_of(tape)
+    certificate = certify(tape)
     try:
         content = json.loads(file.data)
     except (ValueError, RecursionError) as error:

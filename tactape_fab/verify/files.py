@@ -10,13 +10,14 @@ import zipfile
 import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Literal
 
-from tactape_fab.errors import Check
-from tactape_fab.fields import shown
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown
 from tactape_fab.kit.writer import FAB_ZIP_ROLES
-from tactape_fab.texture.tape import MANIFEST_NAME, Tape
+from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
+from tactape_fab.texture.tape import Tape
 
 _MOST_BYTES = 1 << 30
 _MOST_NAMED = 5
@@ -64,14 +65,6 @@ def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: 
     drill = ("drill-npth",) if tape.board.holes else ()
     solids = ("step-assembly", *MODELS) if models else ()
     return (*ALWAYS, *legend, *drill, *backings, *solids, *PICTURES, CERTIFICATE, "fab-zip")
-
-
-def safe_path(text: object) -> PurePosixPath | None:
-    """A manifest's path, or None where it could lead out of the kit's folder."""
-    if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z0-9._ /+-]{1,300}", text):
-        return None
-    path = PurePosixPath(text)
-    return None if path.is_absolute() or ".." in path.parts or str(path) != text else path
 
 
 def read_files(

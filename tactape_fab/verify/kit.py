@@ -8,20 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tactape_fab.errors import Check, SpecError, VerifyError
-from tactape_fab.fields import Fields
-from tactape_fab.kit.gerber_reader import GerberContent, ReadbackError, read_gerber
-from tactape_fab.kit.readback import CplContent, read_cpl, read_drill
+from tactape_fab.base.errors import Check, SpecError, VerifyError
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
+from tactape_fab.kit.read.readback import CplContent, read_cpl, read_drill
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
-from tactape_fab.solids.readmesh import MeshError, read_stl
+from tactape_fab.solids.mesh.stl import MeshError, read_stl
 from tactape_fab.texture.code import TOUCH_CODE
-from tactape_fab.texture.panel import is_panel
-from tactape_fab.texture.tape import MANIFEST_NAME, Tape, find_manifest, read_any_manifest, read_manifest
-from tactape_fab.verify.assembly import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
-from tactape_fab.verify.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
+from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest, read_manifest
+from tactape_fab.texture.panel_manifest import is_panel
+from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.certificate import check_certificate
-from tactape_fab.verify.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.files import (
     CERTIFICATE,
     WrittenFile,
@@ -35,7 +33,9 @@ from tactape_fab.verify.files import (
     read_files,
     roles_of,
 )
-from tactape_fab.verify.film import (
+from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear, check_outline
+from tactape_fab.verify.layers.cpl_rows import RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
+from tactape_fab.verify.layers.film_layers import (
     FilmRecord,
     check_anchors,
     check_backing,
@@ -44,8 +44,8 @@ from tactape_fab.verify.film import (
     pardoned,
     read_film_record,
 )
-from tactape_fab.verify.kicad import check_kicad, shown_tape
-from tactape_fab.verify.lands import (
+from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
+from tactape_fab.verify.layers.lands import (
     LandPairs,
     Recorded,
     check_lands,
@@ -55,12 +55,13 @@ from tactape_fab.verify.lands import (
     point_tree,
     read_recorded,
 )
-from tactape_fab.verify.legend import check_tag
-from tactape_fab.verify.models import check_models, check_threemf
-from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
-from tactape_fab.verify.report import REPORT, check_report
-from tactape_fab.verify.round_trip import Contact, Progress, Trip, full_trips, quick_trips, trip_checks
+from tactape_fab.verify.layers.legend import check_tag
+from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
+from tactape_fab.verify.models.meshes import check_models, check_threemf
 from tactape_fab.verify.symbols import check_symbols
+from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
+from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, full_trips, quick_trips, trip_checks
+from tactape_fab.verify.verification import REPORT, check_report
 
 GERBER_ROLES = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "components-top")
 FILE_FUNCTIONS = {
@@ -202,7 +203,9 @@ def verify_folder(
 
 def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
     """The models of a texture on a part of the user's own, and its certificate."""
-    from tactape_fab.verify.embossed import check_embossed  # loaded where it is needed: a film is verified sooner without it
+    from tactape_fab.verify.models.embossed import (
+        check_embossed,  # loaded where it is needed: a film is verified sooner without it
+    )
 
     checks = [check_certificate(files[CERTIFICATE], tape)]
     checks += check_embossed(manifest, files["stl"].data, files["placements"].data)
@@ -231,7 +234,7 @@ def _check_solids(
 def _check_with_others(
     tape: Tape, expected: Expected, files: dict[str, WrittenFile], cpl: CplContent | None = None
 ) -> list[Check]:
-    from tactape_fab.verify.kernels import check_with_others
+    from tactape_fab.verify.models.cad_readers import check_with_others
 
     return check_with_others(tape, expected, files, cpl)
 

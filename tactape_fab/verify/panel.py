@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 import shapely
 
-from tactape_fab.errors import Check, SpecError
-from tactape_fab.fields import Fields
-from tactape_fab.kit.gerber_reader import GerberContent, read_gerber
-from tactape_fab.kit.panel import CORNER_RADIUS_MM, Panel, read_panel_record
-from tactape_fab.kit.panel_drawing import slots_mm
-from tactape_fab.kit.readback import CplContent, read_cpl, read_drill
+from tactape_fab.base.errors import Check, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, read_panel_record
+from tactape_fab.kit.panel.panel_drawing import slots_mm
+from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
+from tactape_fab.kit.read.readback import CplContent, read_cpl, read_drill
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.panel import PlacedTape, read_placed
-from tactape_fab.texture.tape import Tape, read_any_manifest
-from tactape_fab.verify.assembly import Ordered, RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
-from tactape_fab.verify.board import check_drill
+from tactape_fab.texture.manifest import read_any_manifest
+from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
+from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import (
     ALWAYS,
     PICTURES,
@@ -34,15 +33,17 @@ from tactape_fab.verify.files import (
     read_files,
     read_inside,
 )
-from tactape_fab.verify.film import FilmRecord, check_anchors, check_backing, pardoned, read_film_record
-from tactape_fab.verify.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.kit import GERBER_ROLES, Verification, check_attributes, check_layers_with_cpl, read_role, verify_folder
-from tactape_fab.verify.lands import PLACE_TOLERANCE_MM, Recorded, pair_lands, read_recorded
-from tactape_fab.verify.legend import check_tag
-from tactape_fab.verify.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
-from tactape_fab.verify.report import REPORT, check_report
-from tactape_fab.verify.round_trip import Contact, Progress
+from tactape_fab.verify.layers.board import check_drill
+from tactape_fab.verify.layers.cpl_rows import Ordered, RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
+from tactape_fab.verify.layers.film_layers import FilmRecord, check_anchors, check_backing, pardoned, read_film_record
+from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, Recorded, pair_lands, read_recorded
+from tactape_fab.verify.layers.legend import check_tag
+from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
 from tactape_fab.verify.symbols import check_symbols
+from tactape_fab.verify.trip.round_trip import Contact, Progress
+from tactape_fab.verify.verification import REPORT, check_report
 
 _DIAMETER_TOLERANCE_MM = 0.005
 

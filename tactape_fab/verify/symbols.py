@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactape_fab.errors import Check
+from tactape_fab.base.errors import Check
 from tactape_fab.texture.code import TOUCH_CODE, BoolArray, get_code, limits_of, locate_windows
 from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray, SymbolArray, board_to_texture
 from tactape_fab.texture.tape import Tape

@@ -14,10 +14,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
-from .evidence import counts, readme
-from .evidence.job import FULL, QUICK, Job, Result
-from .evidence.page import FIGURES_JSON, jobs, page_of, write_page
-from .evidence.record import Record
+from tests.bench.evidence import counts, readme
+from tests.bench.evidence.job import FULL, QUICK, Job, Result
+from tests.bench.evidence.page import FIGURES_JSON, jobs, page_of, write_page
+from tests.bench.evidence.record import Record
 
 
 def say(words: str) -> None:

@@ -19,11 +19,11 @@ import numpy as np
 
 from tactape_fab import __version__
 from tactape_fab.advise.answer import LOCATED, Line, Simulated, seen_of, simulated
-from tactape_fab.advise.asking import Question, read_question
 from tactape_fab.advise.designs import Design, judged
 from tactape_fab.advise.model import CODES, LOSS, Loss, Seen, accuracy, least_contact_mm, signal_of
-from tactape_fab.make import examine
-from tactape_fab.profiles import SensorProfile
+from tactape_fab.advise.question import Question, read_question
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import SensorProfile
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES, PAGE = DOCS / "advise.json", DOCS / "choose.md"

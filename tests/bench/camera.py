@@ -15,9 +15,15 @@ import numpy.typing as npt
 
 from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.kit.render.preview import MARGIN_MM, PX_PER_MM
-from tactape_fab.tag_pose import refine_tag_pose
+from tactape_fab.sense.objects.tag_pose import refine_tag_pose
+from tactape_fab.sense.objects.tag_view import (
+    camera_to_texture,
+    pixels_to_texture,
+    tag_side_mm,
+    tag_to_texture,
+    texture_to_pixels,
+)
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
-from tactape_fab.texture.tag_view import camera_to_texture, pixels_to_texture, tag_side_mm, tag_to_texture, texture_to_pixels
 
 SIZE_PX = (1280, 960)
 FOCAL_PX = 1200.0
@@ -82,7 +88,7 @@ def photograph(of: Printed, rotation: FloatArray, translation_mm: FloatArray, rn
 
 @cache
 def _detector() -> Any:
-    """At the picture's full resolution, which small tags need; see `tactape_fab.verify.legend.pupil_detector`."""
+    """At the picture's full resolution, which small tags need; see `tactape_fab.verify.layers.legend.pupil_detector`."""
     from pupil_apriltags import Detector
 
     detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)

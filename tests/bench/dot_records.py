@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 
 from tactape_fab import Tape
-from tactape_fab.decode.detect import detect
-from tactape_fab.simulate import DotRecords, Scene, draw_poses, iterate_frames, record_dots
+from tactape_fab.sense import Scene, draw_poses, iterate_frames
+from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.texture.frames import FloatArray
-
-from .localization_rows import SEED, registered_tape
+from tests.bench.localization_rows import SEED, registered_tape
+from tests.bench.recorded import DotRecords, record_dots
 
 PX_PER_MM = 16.0
 RECORDED, RECORDED_AT_EDGES = 300, 800

@@ -18,12 +18,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from tactape_fab.simulate import SURFACES
-
-from .false_tally import Bound, Tally, total
-from .localization_false import BESIDE_BUMPS, IMPOSTORS, MIRRORED, PART, Job, count
-from .localization_measure import WORLDS
-from .localization_rows import SECTOR, SEED
+from tests.bench.false_tally import Bound, Tally, total
+from tests.bench.impostors import SURFACES
+from tests.bench.localization_false import BESIDE_BUMPS, IMPOSTORS, MIRRORED, PART, Job, count
+from tests.bench.localization_measure import WORLDS
+from tests.bench.localization_rows import SECTOR, SEED
 
 OTHERS = tuple(sector for sector in range(256) if sector != SECTOR)
 NEIGHBOURS = tuple(SECTOR + step for step in (-1, 1, -7, 16, 17, 32, 34))

@@ -15,7 +15,7 @@ from gerbonara.graphic_objects import Flash
 from gerbonara.rs274x import GerberFile
 from gerbonara.utils import MM
 
-from tactape_fab.kit.layout import Layout
+from tactape_fab.kit.film.layout import Layout
 from tactape_fab.texture.frames import FloatArray
 
 

@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.decode.detect import Dots, detect
-from tactape_fab.decode.elongation import MOST_SHARE, parity_log_ratio
-from tactape_fab.decode.lattice import find_lattices
-from tactape_fab.decode.localizer import Localizer
-from tactape_fab.decode.rim import settled
-from tactape_fab.decode.symbols import fit_grid, posteriors
-from tactape_fab.simulate import Frame
+from tactape_fab import Localizer
+from tactape_fab.sense import Frame
+from tactape_fab.sense.decode.dots.detect import Dots, detect
+from tactape_fab.sense.decode.dots.elongation import MOST_SHARE, parity_log_ratio
+from tactape_fab.sense.decode.dots.rim import settled
+from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
+from tactape_fab.sense.decode.grid.lattice import find_lattices
 from tactape_fab.texture.frames import FloatArray, IntArray
-
-from .localization_measure import error_of, is_right
-from .localization_rows import FELT, Row, frames_of, registered_tape
+from tests.bench.localization_measure import error_of, is_right
+from tests.bench.localization_rows import FELT, Row, frames_of, registered_tape
 
 PX_PER_MM = 16.0
 CENTRE_PX = np.array([159.5, 119.5])

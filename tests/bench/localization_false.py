@@ -14,31 +14,19 @@ from zlib import crc32
 
 import numpy as np
 
-from tactape_fab import Tape
-from tactape_fab.decode.localizer import Localizer, World
-from tactape_fab.decode.result import Localization
-from tactape_fab.profiles import load_sensor
-from tactape_fab.simulate import (
-    SURFACES,
-    DotFrames,
-    Dots,
-    Parts,
-    Scene,
-    draw_dots,
-    other_surface,
-    plain_grid,
-    random_bumps,
-    random_symbols,
-    simulate,
-)
-from tactape_fab.simulate.parts import parts_of
-from tactape_fab.simulate.touched import touched_parts
+from tactape_fab import Localization, Localizer, Tape
+from tactape_fab.sense import Parts, Scene, load_sensor, simulate
+from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.simulation.dot_errors import Dots
+from tactape_fab.sense.simulation.parts import parts_of
 from tactape_fab.texture.frames import FloatArray
-
-from .dot_records import Edge, contact_poses, recorded
-from .false_tally import Tally
-from .localization_measure import localizer_of
-from .localization_rows import FELT, SECTOR, SEED, STRIPS, registered_tape, tape_of
+from tests.bench.dot_records import Edge, contact_poses, recorded
+from tests.bench.false_tally import Tally
+from tests.bench.impostors import SURFACES, other_surface, plain_grid, random_bumps, random_symbols
+from tests.bench.localization_measure import localizer_of
+from tests.bench.localization_rows import FELT, SECTOR, SEED, STRIPS, registered_tape, tape_of
+from tests.bench.recorded import DotFrames, draw_dots
+from tests.bench.touched import touched_parts
 
 PART = 1000
 """Frames that are drawn together, the contacts taking turns."""

@@ -11,21 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab import Tape
-from tactape_fab.decode.detect import Dots, trusted
-from tactape_fab.decode.elongation import MOST_SHARE
-from tactape_fab.decode.judge import judge
-from tactape_fab.decode.localizer import Localizer, World
-from tactape_fab.decode.paper import locate_paper
-from tactape_fab.decode.reading import Reading
-from tactape_fab.decode.registry import Registry
-from tactape_fab.decode.result import Localization, status_of
-from tactape_fab.decode.search import Prior, search
-from tactape_fab.decode.symbols import fit_grid, posteriors
-from tactape_fab.simulate import Frame
+from tactape_fab import Localization, Localizer, Prior, Tape
+from tactape_fab.sense import Frame
+from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.dots.detect import Dots, trusted
+from tactape_fab.sense.decode.dots.elongation import MOST_SHARE
+from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
+from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.decode.paper import locate_paper
+from tactape_fab.sense.decode.rank import Reading
+from tactape_fab.sense.decode.result import status_of
+from tactape_fab.sense.decode.search.hypotheses import Registry
+from tactape_fab.sense.decode.search.search import search
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
-
-from .localization_rows import COUNT, FELT, Row, frames_of, registered_tape, tapes_of
+from tests.bench.localization_rows import COUNT, FELT, Row, frames_of, registered_tape, tapes_of
 
 WORLDS: tuple[World, World] = ("open", "closed")
 DOUBT = 1e-3

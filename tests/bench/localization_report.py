@@ -8,9 +8,9 @@ import platform
 from pathlib import Path
 from typing import Any
 
-from .false_tally import Tally
-from .localization_measure import Figures
-from .localization_rows import COUNT, SEED, Row
+from tests.bench.false_tally import Tally
+from tests.bench.localization_measure import Figures
+from tests.bench.localization_rows import COUNT, SEED, Row
 
 _HEAD = (
     f"{'row':<22}{'method':<8}{'right %':>8}{'limit %':>9}{'wrong':>6}{'not':>6}"

@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 
 from tactape_fab import Tape, TapeSpec, default_origin
-from tactape_fab.make import examine
-from tactape_fab.simulate import Frame, Scene, draw_poses, iterate_frames
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Frame, Scene, draw_poses, iterate_frames
 from tactape_fab.texture.code import encode, get_code
 from tactape_fab.texture.frames import IntArray
 

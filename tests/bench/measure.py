@@ -16,7 +16,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from tactape_fab import Tape, TapeSpec
 from tactape_fab.kit.plan import plan
-from tactape_fab.profiles import load_fab, load_part
+from tactape_fab.kit.profiles import load_fab, load_part
 
 P = ParamSpec("P")
 R = TypeVar("R")

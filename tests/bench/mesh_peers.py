@@ -12,7 +12,7 @@ import trimesh
 from lib3mf import Lib3MF, get_wrapper
 
 from tactape_fab import Tape
-from tactape_fab.solids.mesh import Mesh
+from tactape_fab.solids.mesh.triangles import Mesh
 
 CORNER_SEGMENTS = 64
 

@@ -10,8 +10,7 @@ from typing import Any
 
 from tactape_fab import Tape
 from tactape_fab.solids.forms import SolidForm
-
-from .measure import peak_memory_mb
+from tests.bench.measure import peak_memory_mb
 
 PEER = """
 import json, resource, sys
@@ -63,7 +62,7 @@ import json, sys
 from datetime import datetime, timezone
 from time import perf_counter
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.step import solid_step_chunks
+from tactape_fab.solids.step.solid import solid_step_chunks
 from tactape_fab.texture.tape import Tape
 tape = Tape.from_mapping(json.load(open(sys.argv[1])))
 seconds = []

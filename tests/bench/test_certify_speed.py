@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab.kit.render.certificate import render_certificate
-from tactape_fab.texture.certify import SIDES, certify, closest
-from tactape_fab.texture.choose import choose_origin
+from tactape_fab.kit.render.certificate_json import render_certificate
+from tactape_fab.texture.certify.certificate import SIDES, certify, closest
+from tactape_fab.texture.certify.origin import choose_origin
+from tactape_fab.texture.certify.pairs import across
 from tactape_fab.texture.code import get_code
-from tactape_fab.texture.registry import across
 from tests.bench.measure import Timed, peak_memory_mb, run, show
 from tests.tapes import tape_at
 

@@ -9,16 +9,15 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.stats import ks_2samp
 
-from tactape_fab.decode.detect import detect
-from tactape_fab.simulate import draw_dots, iterate_frames
-from tactape_fab.simulate.scene import Scene
+from tactape_fab.sense import Scene, iterate_frames
+from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.texture.frames import FloatArray
-
-from .dot_records import PX_PER_MM, Edge, contact_poses, recorded
-from .localization_false import SCENES
-from .localization_measure import localizer_of
-from .localization_rows import SEED, registered_tape
-from .measure import run
+from tests.bench.dot_records import PX_PER_MM, Edge, contact_poses, recorded
+from tests.bench.localization_false import SCENES
+from tests.bench.localization_measure import localizer_of
+from tests.bench.localization_rows import SEED, registered_tape
+from tests.bench.measure import run
+from tests.bench.recorded import draw_dots
 
 FRAMES = 250
 MATCH_PX = 7.0

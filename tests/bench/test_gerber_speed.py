@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab.kit.drawing import tape_drawing
-from tactape_fab.kit.layout import build_layout
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.film.drawing import tape_drawing
+from tactape_fab.kit.film.layout import build_layout
 from tactape_fab.kit.plan import plan
+from tactape_fab.kit.profiles import load_part
 from tactape_fab.kit.render.gerber import render_copper
-from tactape_fab.make import Examined, examine
-from tactape_fab.profiles import load_part
 from tests.bench.gerber_peers import PEERS, flashes_mm
 from tests.bench.measure import Timed, large_spec, peak_memory_mb, run, show
 
@@ -34,7 +34,7 @@ PLACE_TOLERANCE_MM = 1e-5
 ROOT = Path(__file__).parents[2]
 RENDER_IN_A_PROCESS = f"""
 from tactape_fab.kit.render.gerber import render_copper
-from tactape_fab.make import examine
+from tactape_fab.make.kit import examine
 from tests.bench.measure import large_spec
 examined = examine(large_spec({PARTS}))
 assert len(examined.layout.pads.xy_mm) >= {2 * PARTS}

@@ -18,18 +18,16 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab.decode.localizer import Localizer
-from tactape_fab.profiles import load_sensor
-from tactape_fab.simulate import Scene, iterate_frames
-
-from .false_accepts import SECTORS_DOTS, bound_of, by_subject, plan, worst_jobs
-from .false_tally import DECADES, Tally, total
-from .localization_accuracy import accuracy_of, reliability_of, tag_detector, tag_frames, times_ms, turns_of
-from .localization_false import Job, count
-from .localization_measure import WORLDS, localizer_of, measure, measure_code, too_few, too_many
-from .localization_report import Report
-from .localization_rows import CODE_ROWS, COUNT, ROWS, Row, frames_of, registered_tape
-from .measure import Timed, run
+from tactape_fab import Localizer
+from tactape_fab.sense import Scene, iterate_frames, load_sensor
+from tests.bench.false_accepts import SECTORS_DOTS, bound_of, by_subject, plan, worst_jobs
+from tests.bench.false_tally import DECADES, Tally, total
+from tests.bench.localization_accuracy import accuracy_of, reliability_of, tag_detector, tag_frames, times_ms, turns_of
+from tests.bench.localization_false import Job, count
+from tests.bench.localization_measure import WORLDS, localizer_of, measure, measure_code, too_few, too_many
+from tests.bench.localization_report import Report
+from tests.bench.localization_rows import CODE_ROWS, COUNT, ROWS, Row, frames_of, registered_tape
+from tests.bench.measure import Timed, run
 
 MOST_FALSE = 1e-4
 MEDIAN_MS = {"open": 0.7, "closed": 0.5}
@@ -201,7 +199,7 @@ def test_a_localizer_is_ready_within_a_second(benchmark: BenchmarkFixture, repor
 def test_it_is_ready_within_ten_seconds_the_first_time_ever(benchmark: BenchmarkFixture, report: Report, tmp_path: Path) -> None:
     program = (
         "import time; from tests.bench.localization_rows import registered_tape; tape = registered_tape();"
-        "start = time.perf_counter(); from tactape_fab.decode import Localizer; Localizer([tape]);"
+        "start = time.perf_counter(); from tactape_fab.sense.decode import Localizer; Localizer([tape]);"
         "print(time.perf_counter() - start)"
     )
 

@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab import make, verify
+from tactape_fab import verify
 from tactape_fab.kit import writer
 from tactape_fab.kit.render import preview
+from tactape_fab.make import kit as make
 from tactape_fab.verify import kit as verify_kit
-from tactape_fab.verify import lands
+from tactape_fab.verify.layers import lands
 from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, run, show
 
 PARTS = 50_000

@@ -14,11 +14,10 @@ import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 from scipy import fft
 
-from tactape_fab.decode import make_reconstruction
-from tactape_fab.decode.reconstruct import make_network
+from tactape_fab.sense import make_reconstruction
+from tactape_fab.sense.raw.reconstruct import make_network
+from tests.bench.measure import run, show
 from tests.raw_images import MOST_AT_ONCE, Image, Layers, angles, features, random_layers
-
-from .measure import run, show
 
 SIZE = (240, 320)
 SIZES_OF_GELSIGHT_MINI = (5, 32, 32, 32, 2)

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import pytest
 
 from tactape_fab import TapeSpec
-from tactape_fab.kit.film_rules import film_findings
-from tactape_fab.kit.rules import check
-from tactape_fab.make import Examined, examine
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.rules.film_rules import film_findings
+from tactape_fab.kit.rules.spacing import check
 
 
 def best_of(runs: int, work: Callable[[], object]) -> float:

@@ -17,11 +17,11 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from tactape_fab import Tape, TapeSpec
-from tactape_fab.solids.assembly import assembly_step
 from tactape_fab.solids.forms import Cylinder, SolidForm
-from tactape_fab.solids.mesh import stl_bytes, threemf_bytes
-from tactape_fab.solids.sheet import texture_mesh
-from tactape_fab.solids.step import solid_step
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.triangles import stl_bytes, threemf_bytes
+from tactape_fab.solids.step.assembly import assembly_step
+from tactape_fab.solids.step.solid import solid_step
 from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, planned, run, show
 from tests.bench.solid_peers import OURS, READ, answer, with_build123d
 from tests.solids import DATE, step_of

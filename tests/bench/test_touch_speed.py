@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab.texture import touch
-from tactape_fab.texture.patches import PATCHES, patch_distances
-from tactape_fab.texture.touch import design
+from tactape_fab.texture.touch import design as touch
+from tactape_fab.texture.touch.design import design
+from tactape_fab.texture.touch.patches import PATCHES, patch_distances
 from tests.bench.measure import run, show
 from tests.bench.touch import speeds
 

@@ -22,18 +22,15 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from tactape_fab import Kit, Tape
-from tactape_fab.frame_files import FrameFile, open_frame_file
-from tactape_fab.live.frames import Frame, Source, Trouble
-from tactape_fab.live.mcap_log import McapLog
-from tactape_fab.live.messages import text_message
-from tactape_fab.live.replay import replay
-from tactape_fab.live.tally import Tally
-from tactape_fab.live.watch import Watch, watch
-from tactape_fab.localize import Job, Located
-from tactape_fab.profiles.sensors import load_sensor
-from tactape_fab.simulate import simulate_frames
-
-from .measure import command, run, show
+from tactape_fab.sense import load_sensor, simulate_frames, text_message
+from tactape_fab.sense.files.depth_maps import FrameFile, open_frame_file
+from tactape_fab.sense.files.jobs import Job, Located
+from tactape_fab.sense.live.counts import Tally
+from tactape_fab.sense.live.mcap_log import McapLog
+from tactape_fab.sense.live.replay import replay
+from tactape_fab.sense.live.sources import Frame, Source, Trouble
+from tactape_fab.sense.live.watch import Watch, watch
+from tests.bench.measure import command, run, show
 
 COUNT, DIFFERENT = 1000, 100
 MANY = 10_000

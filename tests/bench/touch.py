@@ -21,22 +21,22 @@ from zlib import crc32
 
 import numpy as np
 
-from tactape_fab import Tape
-from tactape_fab.decode.localizer import Localizer, World
-from tactape_fab.simulate import Scene, draw_dots, iterate_frames, other_surface
-from tactape_fab.simulate.impostors import Surface
+from tactape_fab import Localizer, Tape
+from tactape_fab.sense import Scene, iterate_frames
+from tactape_fab.sense.decode.localizer import World
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.patches import PATCHES, patch_distances, patch_shapes
-from tactape_fab.texture.touch import design
-from tactape_fab.texture.touch_search import words_of
-
-from .dot_records import recorded
-from .evidence.record import about
-from .false_tally import Tally, upper_bound
-from .localization_false import IMPOSTORS, MIRRORED, PART, SCENES, Job, _poses
-from .localization_measure import WORLDS, is_right
-from .localization_rows import SECTOR, SEED, registered_tape, tape_of
+from tactape_fab.texture.touch.climb import words_of
+from tactape_fab.texture.touch.design import design
+from tactape_fab.texture.touch.patches import PATCHES, patch_distances, patch_shapes
+from tests.bench.dot_records import recorded
+from tests.bench.evidence.record import about
+from tests.bench.false_tally import Tally, upper_bound
+from tests.bench.impostors import Surface, other_surface
+from tests.bench.localization_false import IMPOSTORS, MIRRORED, PART, SCENES, Job, _poses
+from tests.bench.localization_measure import WORLDS, is_right
+from tests.bench.localization_rows import SECTOR, SEED, registered_tape, tape_of
+from tests.bench.recorded import draw_dots
 
 FIGURES = Path(__file__).parents[2] / "docs" / "touch.json"
 CONTACTS_MM = (5.0, 5.5, 6.0, 6.5, 7.0, 8.0, 9.0)

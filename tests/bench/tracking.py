@@ -9,18 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab import Tape
-from tactape_fab.decode.localizer import Localizer, World
-from tactape_fab.decode.result import Localization
-from tactape_fab.live import Tracker
-from tactape_fab.simulate import Frame, Scene
-from tactape_fab.simulate.frames import frame_at
-from tactape_fab.texture.certify import SIDES, closest
+from tactape_fab import Localization, Localizer, Tape, Tracker
+from tactape_fab.sense import Frame, Scene
+from tactape_fab.sense.decode.localizer import World
+from tactape_fab.sense.simulation.draw import frame_at
+from tactape_fab.texture.certify.certificate import SIDES, closest
+from tactape_fab.texture.certify.pairs import across
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.registry import across
-
-from .localization_measure import WORLDS, error_of, is_right
-from .localization_rows import registered_tape, tape_of
+from tests.bench.localization_measure import WORLDS, error_of, is_right
+from tests.bench.localization_rows import registered_tape, tape_of
 
 RATE_HZ = 25.0
 FRAMES = 40

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.solids.readmesh import read_stl
-from tactape_fab.verify.models import read_threemf
+from tactape_fab.solids.mesh.stl import read_stl
+from tactape_fab.verify.models.meshes import read_threemf
 
 FOLDER = Path(__file__).parent / "files"
 MESHES = "meshes.json"

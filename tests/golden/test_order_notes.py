@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from tactape_fab import TapeSpec
+from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.order import order_facts
-from tactape_fab.kit.render.assembly import render_bom, render_cpl
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.order_facts import order_facts
+from tactape_fab.kit.render.cpl_bom import render_bom, render_cpl
 from tactape_fab.kit.render.order_notes import render_order_notes
-from tactape_fab.make import examine
-from tactape_fab.profiles import ASSEMBLY_FORMATS, profile_names
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 
 FOLDER = Path(__file__).parent / "files"
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from tactape_fab.base.templates import profile_names
 from tactape_fab.cli import main
-from tactape_fab.profiles import COVERLAY_MODES, profile_names
+from tactape_fab.kit.profiles import COVERLAY_MODES
 
 FOLDER = Path(__file__).parent / "reports"
 FABS = profile_names("fabs")

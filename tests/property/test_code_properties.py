@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactape_fab import default_origin
-from tactape_fab.errors import CapacityError
+from tactape_fab.base.errors import CapacityError
 from tactape_fab.texture.code import CODE_NAMES, Code, encode, get_code, locate_windows
 from tactape_fab.texture.frames import SymbolArray
 

@@ -13,10 +13,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tactape_fab import Tape, TapeSpec, make_kit, verify_kit
-from tactape_fab.errors import SpecError
+from tactape_fab.base.errors import SpecError
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.profiles import BACKING_ROLES
 from tactape_fab.kit.writer import RENDERERS, render_all
-from tactape_fab.make import Examined, examine
-from tactape_fab.profiles import BACKING_ROLES
 from tactape_fab.texture.code import CODE_NAMES, get_code
 from tests.thorough import some
 

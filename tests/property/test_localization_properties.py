@@ -12,13 +12,11 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tactape_fab import TapeSpec
-from tactape_fab.decode.localizer import Localizer
-from tactape_fab.decode.result import Localization
-from tactape_fab.decode.search import Prior
-from tactape_fab.errors import FrameError
-from tactape_fab.make import examine
-from tactape_fab.simulate import DotErrors, Dots, Scene, dots_of, simulate
+from tactape_fab import Localization, Localizer, Prior, TapeSpec
+from tactape_fab.base.errors import FrameError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Scene, simulate
+from tactape_fab.sense.simulation.dot_errors import DotErrors, Dots, dots_of
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tests.thorough import some
 

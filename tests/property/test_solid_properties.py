@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import Cylinder, SolidForm
-from tactape_fab.solids.mesh import stl_bytes
-from tactape_fab.solids.part21 import real, reals
-from tactape_fab.solids.readmesh import mesh_problems, read_stl
-from tactape_fab.solids.sheet import texture_mesh
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
+from tactape_fab.solids.mesh.triangles import stl_bytes
+from tactape_fab.solids.step.part21 import real, reals
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.models import mesh_volume_tolerance_mm3
-from tactape_fab.verify.raised import find_raised
+from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
+from tactape_fab.verify.models.raised import find_raised
 from tests.part21 import check_solids
 from tests.solids import BLOCK, CONE, DOME, step_of, tape_of, volume_mm3
 from tests.thorough import some

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.kit.layout import Layout, build_layout
+from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
-from tactape_fab.profiles import load_fab, load_part
+from tactape_fab.kit.profiles import load_fab, load_part
 from tests.conftest import _missing
 from tests.readers.pictures import Reader, gerbonara_svg, gerbv_picture, rasterised, tracespace_svg
 from tests.readers.solids import NAMES, Variant, write_variant

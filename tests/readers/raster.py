@@ -10,7 +10,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.polygon import orient
 
-from tactape_fab.kit.layout import Flashes, Layout
+from tactape_fab.kit.film.layout import Flashes, Layout
 
 PX_PER_MM = 40
 LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.solids.assembly import assembly_step
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mesh import Mesh, stl_bytes, threemf_bytes
-from tactape_fab.solids.sheet import texture_mesh
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
+from tactape_fab.solids.step.assembly import assembly_step
 from tactape_fab.texture.tape import Tape
 from tests.solids import BLOCK, DATE, FORMS, PARTS, step_of, tape_of
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from tactape_fab.emboss import Embossed, emboss_kit
-from tactape_fab.solids.charts import Placement
+from tactape_fab.make.emboss import Embossed, emboss_kit
+from tactape_fab.solids.surface.charts import Placement
 from tests.conftest import _missing
 from tests.surfaces import ball, box, kit_folder, planned, saddle, step_file
 

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from tactape_fab import TapeSpec
-from tactape_fab.kit.layout import Layout, build_layout
+from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
-from tactape_fab.kit.rules import check
-from tactape_fab.profiles import FabProfile, load_fab, load_part
+from tactape_fab.kit.profiles import FabProfile, load_fab, load_part
+from tactape_fab.kit.rules.spacing import check
 
 JUDGE = Path(__file__).parent / "kicad_judge.py"
 PART = load_part("r0201")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.profiles import load_fab
+from tactape_fab.kit.profiles import load_fab
 from tests.conftest import _missing
 
 FABS = ("generic-fpc", "jlcpcb-fpc", "pcbway-fpc", "generic-lpi", "generic-fr4", "jlcpcb-fr4", "pcbway-fr4")

@@ -9,8 +9,8 @@ import subprocess
 import pytest
 
 from tactape_fab import TapeSpec
-from tactape_fab.kit.render.assembly import render_cpl
-from tactape_fab.make import examine
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.render.cpl_bom import render_cpl
 
 EXPORT = """
 import json, sys

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from tactape_fab import TapeSpec, make_kit
-from tactape_fab.kit.drawing import tape_drawing
-from tactape_fab.kit.layout import Flashes, Layout
+from tactape_fab.kit.film.drawing import tape_drawing
+from tactape_fab.kit.film.layout import Flashes, Layout
+from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.render.gerber import render_copper
-from tactape_fab.profiles import load_fab
 from tests.readers.conftest import Sample, layout_of
 from tests.readers.pictures import Picture, Reader
 from tests.readers.raster import LAYERS, PX_PER_MM, Window, area_mm2, board_window, coverage, layer_edges_mm

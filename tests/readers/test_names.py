@@ -12,7 +12,8 @@ import pytest
 from gerbonara.layers import LayerStack
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.profiles import BACKING_ROLES, load_fab, profile_names
+from tactape_fab.base.templates import profile_names
+from tactape_fab.kit.profiles import BACKING_ROLES, load_fab
 from tests.readers.conftest import Sample
 
 _LAYERS = {("top", "copper"), ("top", "mask"), ("top", "silk"), ("top", "paste"), ("mechanical", "outline")}

@@ -156,7 +156,7 @@ def test_a_file_that_is_no_step_gives_no_solid(tmp_path: Path) -> None:
     """What the mutation tests of verify build on: the reader itself survives."""
     (tmp_path / "x.step").write_bytes(b"ISO-10303-21;\nHEADER;\n" + b"garbage;" * 100)
     run = subprocess.run(
-        [sys.executable, "-m", "tactape_fab.verify.occt_reader", str(tmp_path / "x.step"), "-"],
+        [sys.executable, "-m", "tactape_fab.verify.models.occt_reader", str(tmp_path / "x.step"), "-"],
         capture_output=True,
         text=True,
         check=False,

@@ -17,7 +17,7 @@ from gerbonara import GerberFile
 from gerbonara.excellon import ExcellonFile
 
 from tactape_fab import Tape
-from tactape_fab.make_panel import PanelKit
+from tactape_fab.make.panel import PanelKit
 from tests.panels import TWO, panel_of
 from tests.readers.pictures import Picture, Reader
 from tests.readers.raster import Window, coverage, polygon_edges_mm

@@ -15,8 +15,8 @@ import numpy.typing as npt
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.errors import Check
-from tactape_fab.make_panel import PanelKit
+from tactape_fab.base.errors import Check
+from tactape_fab.make.panel import PanelKit
 from tactape_fab.report import REPORT_NAME, render_report
 from tactape_fab.texture.frames import LETTERS, board_to_texture
 from tactape_fab.texture.tape import Tape

@@ -11,7 +11,7 @@ import pytest
 from cv2 import aruco
 
 from tactape_fab import TapeSpec, make_kit
-from tactape_fab.verify.legend import pupil_detector
+from tactape_fab.verify.layers.legend import pupil_detector
 from tests.readers.conftest import layout_of
 from tests.readers.pictures import GrayImage, gerbv_image
 from tests.readers.raster import board_window

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.errors import Check
+from tactape_fab.base.errors import Check
 from tactape_fab.verify import Verification
 
 Point = tuple[float, float]

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.decode import Localizer
-from tactape_fab.make import examine
-from tactape_fab.simulate import Scene, simulate_frames
+from tactape_fab import Kit, Localizer, TapeSpec, make_kit
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Scene, simulate_frames
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import failed
 

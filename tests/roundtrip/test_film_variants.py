@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.errors import DesignRuleError
-from tactape_fab.make import examine, make_examined
-from tactape_fab.profiles import load_fab, profile_names
+from tactape_fab.base.errors import DesignRuleError
+from tactape_fab.base.templates import profile_names
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.profiles import load_fab
+from tactape_fab.make.kit import make_examined
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import BACKINGS, Edit, OpenKit, failed, flashes, map_points, moved, points, replaced, text_of
 

@@ -22,8 +22,8 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab import Tape, TapeSpec, make_kit, verify_kit
+from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
-from tactape_fab.errors import SpecError
 from tests.thorough import some
 
 KILLS = some(50)
@@ -44,7 +44,7 @@ def start_make(folder: Path) -> subprocess.Popen[bytes]:
     size = f"{SIZE_MM[0]:g}x{SIZE_MM[1]:g}"
     command = ["make", "--sector", str(NEW), "--size", size, "-o", "tape", "--overwrite"]
     return subprocess.Popen(
-        [sys.executable, "-m", "tactape_fab.cli", *command], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "tactape_fab", *command], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
 
 

@@ -22,12 +22,14 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tactape_fab import Kit, Tape, TapeSpec, default_origin, folders, make, make_kit, verify_kit
+from tactape_fab import Kit, Tape, TapeSpec, default_origin, make_kit, verify_kit
+from tactape_fab.base.errors import Check, SpecError, TactapeError, VerifyError
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import main
-from tactape_fab.errors import Check, SpecError, TactapeError, VerifyError
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.writer import write_kit
-from tactape_fab.profiles import templates_folder
+from tactape_fab.make import kit as make
+from tactape_fab.make import publish as folders
 from tactape_fab.verify import kit as verify_kit_module
 
 SMALL = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
@@ -70,7 +72,7 @@ def make_in_process(folder: Path, env: Mapping[str, str], *args: str) -> dict[st
     """Run the main job as a process in `folder`, and return its kit's bytes."""
     folder.mkdir(parents=True)
     clean = {key: value for key, value in os.environ.items() if not key.startswith(("LC_", "SOURCE_DATE"))}
-    command = [sys.executable, "-m", "tactape_fab.cli", "make", "--sector", "7", "--w", "1.5", "--delta", "0.25", *args]
+    command = [sys.executable, "-m", "tactape_fab", "make", "--sector", "7", "--w", "1.5", "--delta", "0.25", *args]
     subprocess.run(command, cwd=folder, env={**clean, **env}, capture_output=True, check=True)
     return contents(next(p for p in folder.iterdir() if p.is_dir()))
 

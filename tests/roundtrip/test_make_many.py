@@ -19,7 +19,7 @@ from click.testing import CliRunner, Result
 
 from tactape_fab import TapeSpec, make_kit, verify_kit
 from tactape_fab.cli import main
-from tactape_fab.texture.tape import UNFINISHED_SUFFIX
+from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 from tests.roundtrip.test_interrupted import Files, contents
 
 SMALL = "--size 20x20 --no-3d"

@@ -19,15 +19,14 @@ import numpy.typing as npt
 import pytest
 from click.testing import CliRunner
 
-from tactape_fab import Tape, verify_kit
+from tactape_fab import Localizer, Tape, verify_kit
+from tactape_fab.base.errors import Check, DesignRuleError, SpecError, VerifyError
 from tactape_fab.cli import main
-from tactape_fab.decode import Localizer
-from tactape_fab.errors import Check, DesignRuleError, SpecError, VerifyError
-from tactape_fab.make_panel import PanelKit, make_panel
-from tactape_fab.simulate import simulate
-from tactape_fab.tapes import read_tapes
+from tactape_fab.make.panel import PanelKit, make_panel
+from tactape_fab.sense import simulate
 from tactape_fab.texture.code import get_code, locate_windows
 from tactape_fab.texture.frames import rows_to_symbols
+from tactape_fab.texture.registry import read_tapes
 from tactape_fab.verify import Verification
 from tactape_fab.verify.panel import verify_panel_folder
 from tests.panels import TWO, examined_panel, panel_of

@@ -13,18 +13,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab.errors import SpecError
-from tactape_fab.fields import Fields
-from tactape_fab.kit.gerber_reader import read_gerber
-from tactape_fab.kit.readback import read_cpl
-from tactape_fab.kit.spec import TapeSpec
-from tactape_fab.make import Examined, examine, make_examined
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.read.gerber_file import read_gerber
+from tactape_fab.kit.read.readback import read_cpl
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.make.kit import make_examined
 from tactape_fab.solids.forms import read_form
-from tactape_fab.solids.readmesh import read_stl
+from tactape_fab.solids.mesh.stl import read_stl
 from tactape_fab.texture.code import CODE_NAMES, get_code
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.positions import Source, copper_source, cpl_source, stl_source
-from tactape_fab.verify.round_trip import BARELY, EDGE, INSIDE, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, full_trips
+from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
+from tactape_fab.verify.trip.round_trip import BARELY, EDGE, INSIDE, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, full_trips
 from tests.roundtrip.kits import OpenKit
 from tests.thorough import some
 

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tactape_fab.decode import Localizer, load_network, make_reconstruction
-from tactape_fab.decode.torch_file import read_tensors
-from tactape_fab.simulate import Scene, iterate_frames
+from tactape_fab import Localizer
+from tactape_fab.sense import Scene, iterate_frames, load_network, make_reconstruction
+from tactape_fab.sense.raw.torch_file import read_tensors
 from tests.contacts import TAPE, is_near
 from tests.raw_images import angles, features, image_of, plain_layers, sensor_data
 

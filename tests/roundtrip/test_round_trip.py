@@ -14,26 +14,27 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from tactape_fab import Kit, Tape, TapeSpec, make_kit
+from tactape_fab import Kit, Localizer, Tape, TapeSpec, make_kit
+from tactape_fab.base.fields import Fields
 from tactape_fab.cli import main
-from tactape_fab.decode import Localizer
-from tactape_fab.decode.detect import Dots, detect
-from tactape_fab.decode.rim import chosen, settled
-from tactape_fab.fields import Fields
-from tactape_fab.kit.gerber_reader import read_gerber
-from tactape_fab.make import examine
-from tactape_fab.simulate import Parts, dots_of, iterate_frames
-from tactape_fab.simulate.parts import parts_of
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.read.gerber_file import read_gerber
+from tactape_fab.sense import Parts, iterate_frames
+from tactape_fab.sense.decode.dots.detect import Dots, detect
+from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.simulation.dot_errors import dots_of
+from tactape_fab.sense.simulation.parts import parts_of
 from tactape_fab.solids.forms import read_form
-from tactape_fab.solids.mesh import Mesh, stl_bytes
-from tactape_fab.solids.readmesh import read_stl
+from tactape_fab.solids.mesh.stl import read_stl
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.verify import Verification, coverage, verify_kit
-from tactape_fab.verify.coverage import TURNS, coverage_of
-from tactape_fab.verify.limit import MARGIN, as_seen, error_free, rule_of
-from tactape_fab.verify.misplaced import explain
-from tactape_fab.verify.positions import Source, copper_source, stl_source
-from tactape_fab.verify.round_trip import (
+from tactape_fab.verify import Verification, verify_kit
+from tactape_fab.verify.trip import coverage
+from tactape_fab.verify.trip.coverage import TURNS, coverage_of
+from tactape_fab.verify.trip.limit import MARGIN, as_seen, error_free, rule_of
+from tactape_fab.verify.trip.misplaced import explain
+from tactape_fab.verify.trip.positions import Source, copper_source, stl_source
+from tactape_fab.verify.trip.round_trip import (
     BARELY,
     EDGE,
     INSIDE,
@@ -49,7 +50,7 @@ from tactape_fab.verify.round_trip import (
     read_contact,
     trip_checks,
 )
-from tactape_fab.verify.shown import ERROR_FREE, in_place, parts_shown
+from tactape_fab.verify.trip.visible_parts import ERROR_FREE, in_place, parts_shown
 from tests.roundtrip.kits import Edit, OpenKit, Point, failed, flashes, mirror, mirrored, moved
 
 Copy = Callable[[Kit], Path]
@@ -169,7 +170,7 @@ def test_every_way_to_be_misplaced_is_put_into_words(default_kit: Kit) -> None:
 
 
 def _again(tape: Tape, **options: object) -> Tape:
-    from tactape_fab.make import examine
+    from tactape_fab.kit.examine.tape import examine
 
     return examine(TapeSpec.from_mapping({"sector": tape.sector, **options})).tape
 
@@ -278,9 +279,9 @@ def test_a_worse_decoder_finds_no_excuse(worse: str, default_kit: Kit, monkeypat
         stricter = {**(Localizer.__init__.__kwdefaults__ or {}), "max_p_false": 1e-12}
         monkeypatch.setattr(Localizer.__init__, "__kwdefaults__", stricter)
     elif worse == "loses dots":
-        monkeypatch.setattr("tactape_fab.decode.localizer.detect", worse_dots)
+        monkeypatch.setattr("tactape_fab.sense.decode.localizer.detect", worse_dots)
     else:
-        monkeypatch.setattr("tactape_fab.decode.localizer.settled", moved_dots)
+        monkeypatch.setattr("tactape_fab.sense.decode.localizer.settled", moved_dots)
     source = Source(name="CPL", parts=parts_of(default_kit.tape))
     (trip,) = full_trips(default_kit.tape, [source], read_contact(size=(8.0, 7.0)), counts=(6, 2))
     (check,) = trip_checks(default_kit.tape, [source], [trip])

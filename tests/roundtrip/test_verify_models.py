@@ -20,8 +20,8 @@ from click.testing import CliRunner
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.cli import main
-from tactape_fab.solids.mesh import Mesh, stl_bytes
-from tactape_fab.solids.readmesh import read_stl
+from tactape_fab.solids.mesh.stl import read_stl
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, replaced, text_of
@@ -64,7 +64,7 @@ def textures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kit]:
 @pytest.fixture
 def only_occt(monkeypatch: pytest.MonkeyPatch) -> None:
     """Verify without FreeCAD and PrusaSlicer, for the time it takes."""
-    monkeypatch.setattr("tactape_fab.launch.shutil.which", lambda name, path=None: None)
+    monkeypatch.setattr("tactape_fab.base.launch.shutil.which", lambda name, path=None: None)
 
 
 def judge(verification: Verification, fails: tuple[str, ...], says: str) -> None:

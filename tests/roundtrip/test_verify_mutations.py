@@ -16,8 +16,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
-from tactape_fab.errors import SpecError
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import (
     LAYERS,
@@ -416,7 +416,7 @@ def stated(path: str, value: Any) -> Edit:
 
 def another_sector(kit: OpenKit) -> None:
     """Sector, origin and symbols of another tape, which fit each other."""
-    from tactape_fab.make import examine
+    from tactape_fab.kit.examine.tape import examine
 
     other = examine(TapeSpec(sector=101, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])).layout.tape.to_mapping()
     kit.manifest.update({key: other[key] for key in ("sector", "origin", "symbols")})

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.profiles import ASSEMBLY_FORMATS
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import OpenKit, failed
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.drawing import Drawing
-from tactape_fab.kit.gerber_text import GerberText
-from tactape_fab.profiles import FabProfile, material_words
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.profiles import FabProfile, material_words
+from tactape_fab.kit.render.gerber_text import GerberText
 
 
 def _render(drawing: Drawing, fab: FabProfile, role: str, what: str, backing: str | None) -> tuple[Artifact, ...]:

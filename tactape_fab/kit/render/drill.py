@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from tactape_fab import __version__
-from tactape_fab.kit.artifact import Artifact, build_date
-from tactape_fab.kit.drawing import Drawing
-from tactape_fab.profiles import FabProfile
+from tactape_fab.base.build_date import build_date
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.profiles import FabProfile
 
 
 def render_drill(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:

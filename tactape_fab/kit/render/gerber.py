@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.drawing import Drawing
-from tactape_fab.kit.gerber_text import GerberText
-from tactape_fab.profiles import FabProfile
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.kit.render.gerber_text import GerberText
 from tactape_fab.texture.frames import to_nm
 
 OUTLINE_LINE_MM = 0.1

@@ -6,9 +6,10 @@ import json
 from typing import Any
 
 from tactape_fab import __version__
-from tactape_fab.kit.artifact import Artifact, build_date
-from tactape_fab.kit.drawing import Drawing
-from tactape_fab.profiles import FabProfile, material_words
+from tactape_fab.base.build_date import build_date
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.profiles import FabProfile, material_words
 
 _FUNCTIONS = {
     "copper-top": ("Copper,L1,Top", "Positive"),

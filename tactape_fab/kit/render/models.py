@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from tactape_fab import __version__
-from tactape_fab.kit.artifact import Artifact, build_date, zip_date
-from tactape_fab.kit.colours import BODY, COVERLAY_COLOURS, MOULD, TEXTURE, rgb
-from tactape_fab.profiles import FabProfile
-from tactape_fab.solids.assembly import assembly_step
+from tactape_fab.base.build_date import build_date, zip_date
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.kit.render.colours import BODY, COVERLAY_COLOURS, MOULD, TEXTURE, rgb
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mesh import stl_bytes, threemf_bytes
-from tactape_fab.solids.sheet import texture_mesh
-from tactape_fab.solids.step import solid_step
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.triangles import stl_bytes, threemf_bytes
+from tactape_fab.solids.step.assembly import assembly_step
+from tactape_fab.solids.step.solid import solid_step
 from tactape_fab.texture.tape import Tape
 
 

@@ -6,9 +6,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.order import OrderFacts
-from tactape_fab.profiles import COSTS, FORMATS, templates_folder
+from tactape_fab.kit.order_facts import OrderFacts
+from tactape_fab.kit.profiles import COSTS
+from tactape_fab.texture.cpl import FORMATS
 
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
 

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.errors import RenderError
+from tactape_fab.base.errors import RenderError
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.colours import (
+from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
+from tactape_fab.kit.read.readback import read_cpl, read_drill
+from tactape_fab.kit.render.colours import (
     BACKING_COLOURS,
     BASE_FILM,
     BODY,
@@ -21,9 +24,6 @@ from tactape_fab.kit.colours import (
     Colour,
     rgb8,
 )
-from tactape_fab.kit.gerber_reader import GerberContent, read_gerber
-from tactape_fab.kit.readback import read_cpl, read_drill
-from tactape_fab.profiles import FabProfile
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import rotate
 

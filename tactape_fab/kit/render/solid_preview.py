@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.colours import MOULD, TEXTURE, Colour, rgb
+from tactape_fab.kit.render.colours import MOULD, TEXTURE, Colour, rgb
 from tactape_fab.solids.forms import Cylinder, SolidForm
-from tactape_fab.solids.mesh import Mesh
+from tactape_fab.solids.mesh.stl import read_stl
+from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.picture import png_bytes, shaded
-from tactape_fab.solids.readmesh import read_stl
 from tactape_fab.solids.wrap import unwrapped, world
 from tactape_fab.texture.code import BoolArray
 from tactape_fab.texture.frames import FloatArray, IntArray

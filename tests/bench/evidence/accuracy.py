@@ -7,12 +7,11 @@ from math import degrees
 
 import numpy as np
 
-from tactape_fab.simulate import Scene
-
-from ..localization_accuracy import PX_PER_MM, accuracy_of
-from ..localization_measure import localizer_of
-from ..localization_rows import Row
-from .job import Job, Result, Size
+from tactape_fab.sense import Scene
+from tests.bench.evidence.job import Job, Result, Size
+from tests.bench.localization_accuracy import PX_PER_MM, accuracy_of
+from tests.bench.localization_measure import localizer_of
+from tests.bench.localization_rows import Row
 
 SECTION = "accuracy"
 SCENES: Mapping[str, Scene] = {

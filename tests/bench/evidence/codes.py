@@ -7,13 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tactape_fab.certified import default_tapes
-from tactape_fab.texture.certify import closest
+from tactape_fab.kit.examine.code_tapes import default_tapes
+from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.code import encode, get_code, locate_windows
 from tactape_fab.texture.frames import IntArray, SymbolArray
-
-from ..localization_rows import SEED
-from .job import Job, Result, Size
+from tests.bench.evidence.job import Job, Result, Size
+from tests.bench.localization_rows import SEED
 
 SECTION = "codes"
 CODES = ("microdots-4x4", "debruijn-4x4")
@@ -59,7 +58,7 @@ def measure_windows(code: str) -> Result:
 
 def quarter_turned(symbols: SymbolArray, turns: int) -> SymbolArray:
     """A patch turned counter-clockwise: places turn, and so do directions."""
-    from tactape_fab.decode.paper.reading import quarter_turned as turned
+    from tactape_fab.sense.decode.paper.windows_read import quarter_turned as turned
 
     values: IntArray = symbols.astype(np.int64)
     return turned(values, turns).astype(np.uint8)

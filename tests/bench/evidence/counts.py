@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..false_accepts import Done, Record, bound_of, by_subject, worst_subject
-from ..false_tally import DECADES, total, upper_bound
-from ..localization_false import Job
-from .job import Result
+from tests.bench.evidence.job import Result
+from tests.bench.false_accepts import Done, Record, bound_of, by_subject, worst_subject
+from tests.bench.false_tally import DECADES, total, upper_bound
+from tests.bench.localization_false import Job
 
 SECTION = "false accepts"
 TITLE = "Located, though it should not be"

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tactape_fab.simulate import Scene
-
-from ..localization_measure import measure
-from ..localization_rows import Row
-from .job import Job, Result, Size
+from tactape_fab.sense import Scene
+from tests.bench.evidence.job import Job, Result, Size
+from tests.bench.localization_measure import measure
+from tests.bench.localization_rows import Row
 
 SECTION = "curves"
 TITLE = "What makes a contact hard"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .fabrication_measure import (
+from tests.bench.evidence.fabrication_measure import (
     ASSEMBLY,
     COPPER,
     KIT,
@@ -24,7 +24,7 @@ from .fabrication_measure import (
     measure_models,
     measure_processes,
 )
-from .job import Job, Result, Size
+from tests.bench.evidence.job import Job, Result, Size
 
 SECTION = "fabrication"
 SIZES = (500, 1_000, 2_000, 10_000, 50_000, 200_000)

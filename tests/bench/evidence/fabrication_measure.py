@@ -15,21 +15,20 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 from tactape_fab import Tape
-from tactape_fab.kit.drawing import tape_drawing
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.film.drawing import tape_drawing
 from tactape_fab.kit.render.gerber import render_copper
-from tactape_fab.make import examine
-from tactape_fab.solids.assembly import assembly_step
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mesh import Mesh, stl_bytes, threemf_bytes
-from tactape_fab.solids.sheet import texture_mesh
-from tactape_fab.solids.step import solid_step_chunks
-
-from ..gerber_peers import PEERS
-from ..measure import command, large_spec, peak_memory_mb, planned
-from ..mesh_peers import stl_with_trimesh, threemf_with_lib3mf, united
-from ..solid_peers import OURS as SOLID_PROGRAM
-from ..solid_peers import with_build123d
-from .job import Result
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
+from tactape_fab.solids.step.assembly import assembly_step
+from tactape_fab.solids.step.solid import solid_step_chunks
+from tests.bench.evidence.job import Result
+from tests.bench.gerber_peers import PEERS
+from tests.bench.measure import command, large_spec, peak_memory_mb, planned
+from tests.bench.mesh_peers import stl_with_trimesh, threemf_with_lib3mf, united
+from tests.bench.solid_peers import OURS as SOLID_PROGRAM
+from tests.bench.solid_peers import with_build123d
 
 US = "tactape-fab"
 COPPER, KIT = "copper layer", "whole kit"
@@ -45,7 +44,7 @@ import json, shutil, sys
 from pathlib import Path
 from time import process_time
 from tactape_fab import TapeSpec
-from tactape_fab.make import make_kit
+from tactape_fab.make.kit import make_kit
 spec, folder, calls = TapeSpec.from_mapping(json.loads(sys.argv[1])), Path(sys.argv[2]), int(sys.argv[3])
 seconds = []
 for _ in range(calls):

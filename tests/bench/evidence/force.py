@@ -12,14 +12,13 @@ from typing import Any
 
 from scipy.optimize import brentq
 
-from tactape_fab.decode.paper import locate_paper
-from tactape_fab.simulate import Scene
-
-from ..localization_measure import is_right, localizer_of
-from ..localization_rows import Row, frames_of, registered_tape
-from .curves import LEAST_RATE, rate
-from .hertz import Gel, Patch, press, punch_depth_mm
-from .job import Job, Result, Size
+from tactape_fab.sense import Scene
+from tactape_fab.sense.decode.paper import locate_paper
+from tests.bench.evidence.curves import LEAST_RATE, rate
+from tests.bench.evidence.hertz import Gel, Patch, press, punch_depth_mm
+from tests.bench.evidence.job import Job, Result, Size
+from tests.bench.localization_measure import is_right, localizer_of
+from tests.bench.localization_rows import Row, frames_of, registered_tape
 
 SECTION = "force"
 TITLE = "Force"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, codes, counts, curves, fabrication, force, table_one, table_two
-from .job import Job, Size
-from .record import results_of
+from tests.bench.evidence import accuracy, codes, counts, curves, fabrication, force, table_one, table_two
+from tests.bench.evidence.job import Job, Size
+from tests.bench.evidence.record import results_of
 
 DOCS = Path(__file__).parents[3] / "docs"
 FIGURES_JSON, PAGE = DOCS / "evidence.json", DOCS / "evidence.md"

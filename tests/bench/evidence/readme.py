@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from . import counts, curves, force, table_two
-from .job import Result
-from .page import FIGURES_JSON, PAGE
-from .record import results_of
+from tests.bench.evidence import counts, curves, force, table_two
+from tests.bench.evidence.job import Result
+from tests.bench.evidence.page import FIGURES_JSON, PAGE
+from tests.bench.evidence.record import results_of
 
 ROOT = FIGURES_JSON.parents[1]
 README, VERIFY = ROOT / "README.md", ROOT / "docs" / "verify.md"

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import tactape_fab
-
-from ..localization_rows import SEED
-from .job import Job, Result
+from tests.bench.evidence.job import Job, Result
+from tests.bench.localization_rows import SEED
 
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless")
 

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.decode.paper import locate_paper
-from tactape_fab.decode.result import Localization
-from tactape_fab.simulate import Scene, simulate
-from tactape_fab.simulate.parts import Parts, parts_of, scattered
+from tactape_fab import Localization
+from tactape_fab.sense import Parts, Scene, simulate
+from tactape_fab.sense.decode.paper import locate_paper
+from tactape_fab.sense.simulation.parts import parts_of, scattered
 from tactape_fab.texture.frames import FloatArray
-
-from ..localization_measure import localizer_of
-from ..localization_rows import SEED, registered_tape
-from .job import Job, Result, Size
+from tests.bench.evidence.job import Job, Result, Size
+from tests.bench.localization_measure import localizer_of
+from tests.bench.localization_rows import SEED, registered_tape
 
 SECTION = "table I"
 AXES = {"x": np.arange(21) * 0.5, "y": np.arange(21) * 0.5, "theta": np.arange(21) * 4.0}

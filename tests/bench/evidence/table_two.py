@@ -18,15 +18,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.profiles import load_sensor
-from tactape_fab.profiles.sensors import SensorProfile
-from tactape_fab.simulate import Frame, Scene, draw_poses, iterate_frames, simulate
+from tactape_fab.sense import Frame, Scene, SensorProfile, draw_poses, iterate_frames, load_sensor, simulate
 from tactape_fab.texture.frames import FloatArray
-
-from ..localization_accuracy import tag_detector, tag_frames
-from ..localization_measure import localizer_of
-from ..localization_rows import SEED, registered_tape
-from .job import Job, Result, Size
+from tests.bench.evidence.job import Job, Result, Size
+from tests.bench.localization_accuracy import tag_detector, tag_frames
+from tests.bench.localization_measure import localizer_of
+from tests.bench.localization_rows import SEED, registered_tape
 
 SECTION = "table II"
 TITLE = "Table II: against tactile mapping, and against markers"

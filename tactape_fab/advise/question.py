@@ -1,0 +1,102 @@
+"""What is asked: a contact, a sensor, a way of making; read at the door, all that is wrong with it together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tactape_fab.advise.designs import FILM
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, unknown_key
+from tactape_fab.kit.profiles import FabProfile, ProcessProfile, load_fab, load_process
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
+
+DEFAULT_FAB, DEFAULT_SENSOR = "generic-fpc", "gelsight-mini"
+PROCESSES = (FILM, "sla", "fdm", "cnc")
+KEYS = ("contact_mm", "sensor", "process", "fab", "blur_mm", "placement_mm", "tapes", "size_mm")
+MOST_CONTACT_MM, MOST_BLUR_MM, MOST_PLACEMENT_MM, MOST_TAPES = 100.0, 0.5, 0.2, 1000
+DEFAULT_SIZE_MM = (100.0, 50.0)
+_DEFAULTS = {"blur_mm": 0.15, "placement_mm": 0.0, "tapes": 1, "process": FILM}
+"""Blur and placement are those of the default scene."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """What is to be located, and how it is to be made.
+
+    Attributes
+    ----------
+    contact_mm : float
+        Diameter of the smallest contact that is to be located.
+    sensor : SensorProfile
+    making : FabProfile or ProcessProfile
+    blur_mm, placement_mm : float
+        Standard deviations of the gel's smoothing, and of the parts' places along each axis.
+    tapes : int
+        Registered tapes.
+    size_mm : (float, float)
+        Outline of one.
+    """
+
+    contact_mm: float
+    sensor: SensorProfile
+    making: FabProfile | ProcessProfile
+    blur_mm: float
+    placement_mm: float
+    tapes: int
+    size_mm: tuple[float, float]
+
+
+def read_question(values: Mapping[str, Any]) -> Question:
+    """A question out of untrusted values; keys that are left out have their defaults.
+
+    Raises
+    ------
+    SpecError
+        Every problem found.
+    """
+    table = Fields({**_DEFAULTS, **values})
+    problems = table.problems
+    problems += [unknown_key(key, KEYS) for key in values if key not in KEYS]
+    contact_mm = table.number("contact_mm", low=1.0, high=MOST_CONTACT_MM, remedy="give --contact MM, such as 6")
+    blur_mm = table.number("blur_mm", low=0.0, high=MOST_BLUR_MM)
+    placement_mm = table.number("placement_mm", low=0.0, high=MOST_PLACEMENT_MM)
+    tapes = table.integer("tapes", low=1, high=MOST_TAPES)
+    process = table.text("process", choices=PROCESSES)
+    size_mm = _size(values.get("size_mm", DEFAULT_SIZE_MM), problems)
+    known = process in PROCESSES  # else it is refused already
+    if known and process != FILM and "fab" in values:
+        said = f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
+        problems.append(Problem("fab", said))
+    sensor, making = None, None
+    try:
+        sensor = load_sensor(values.get("sensor", DEFAULT_SENSOR))
+    except SpecError as refused:
+        problems += refused.problems
+    try:
+        if known:
+            making = load_fab(values.get("fab", DEFAULT_FAB)) if process == FILM else load_process(process)
+    except SpecError as refused:
+        problems += refused.problems
+    if problems or sensor is None or making is None:
+        raise SpecError(problems)
+    return Question(
+        contact_mm=contact_mm,
+        sensor=sensor,
+        making=making,
+        blur_mm=blur_mm,
+        placement_mm=placement_mm,
+        tapes=tapes,
+        size_mm=size_mm,
+    )
+
+
+def _size(value: object, problems: list[Problem]) -> tuple[float, float]:
+    """A tape's outline, judged as `make` judges it."""
+    try:
+        return TapeSpec(sector=0, size_mm=value).size_mm  # type: ignore[arg-type]
+    except SpecError as refused:
+        problems += refused.problems
+        return DEFAULT_SIZE_MM

@@ -1,0 +1,165 @@
+"""The error tree, and the two kinds of line that the tool reports: Finding (design rules) and Check (verification)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Literal, TypeVar
+
+T = TypeVar("T")
+Level = Literal["block", "warn", "info"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One design rule, measured.
+
+    Attributes
+    ----------
+    rule : str
+        Stable id of the rule, such as ``pad-pad``.
+    level : {"block", "warn", "info"}
+        What a broken rule means: the fab refuses, the fab asks, or a remark.
+    passed : bool
+        Whether the rule holds.
+    value, limit : float or None
+        The worst measured value and the threshold it is held against, in `unit`.
+    unit : str
+        ``"mm"``, ``"mm2"`` or ``""``.
+    at_mm : tuple of float or None
+        Where on the board the worst value was measured (board frame, mm).
+    message : str
+        Value, limit and remedy in words.
+    source : str
+        Where the threshold comes from.
+    confirmed : bool
+        Whether the fab confirmed it.
+    """
+
+    rule: str
+    level: Level
+    passed: bool
+    message: str
+    value: float | None = None
+    limit: float | None = None
+    unit: str = "mm"
+    at_mm: tuple[float, float] | None = None
+    source: str = ""
+    confirmed: bool = False
+
+    def __post_init__(self) -> None:
+        _plain_numbers(self, "value", "limit")
+
+    @property
+    def blocks(self) -> bool:
+        return self.level == "block" and not self.passed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One line of a verification: what was compared, the figure, and whether it holds.
+
+    ``warning`` marks a line that is worth reading but does not fail the kit.
+    """
+
+    name: str
+    passed: bool
+    message: str
+    figure: float | None = None
+    unit: str = ""
+    warning: bool = False
+
+    def __post_init__(self) -> None:
+        _plain_numbers(self, "figure")
+
+
+def _plain_numbers(line: Finding | Check, *names: str) -> None:
+    """Python's own bool and float where numpy's were measured, None where nothing was: every line can be JSON."""
+    object.__setattr__(line, "passed", bool(line.passed))
+    for name in names:
+        value = getattr(line, name)
+        if value is not None:
+            object.__setattr__(line, name, float(value) if isfinite(value) else None)
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One value that was refused at the door: the key it belongs to and the sentence for the user."""
+
+    key: str
+    message: str
+
+
+class TactapeError(Exception):
+    """Root of everything this package raises on purpose."""
+
+
+class SpecError(TactapeError, ValueError):
+    """A value that a user gave is unreadable or out of range. Carries every problem found, not only the first.
+
+    Attributes
+    ----------
+    problems : tuple of Problem
+    findings : tuple of Finding
+        Broken design rules that could be measured beside the problems.
+    """
+
+    def __init__(self, problems: str | Problem | Sequence[Problem], findings: Sequence[Finding] = ()) -> None:
+        if isinstance(problems, str):
+            problems = Problem("", problems)
+        self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        self.findings: tuple[Finding, ...] = tuple(findings)
+        super().__init__("\n".join(p.message for p in self.problems))
+
+    def __reduce__(self) -> tuple[type[SpecError], tuple[Any, ...]]:
+        return type(self), (self.problems, self.findings)
+
+
+class CapacityError(SpecError):
+    """The tape asks for more of the code plane than the code has."""
+
+
+class DesignRuleError(TactapeError):
+    """A legal spec that breaks design rules of its fab profile."""
+
+    def __init__(self, findings: Sequence[Finding]) -> None:
+        self.findings: tuple[Finding, ...] = tuple(findings)
+        super().__init__("\n".join(f"{f.rule}: {f.message}" for f in self.findings if f.blocks))
+
+    def __reduce__(self) -> tuple[type[DesignRuleError], tuple[Any, ...]]:
+        return type(self), (self.findings,)
+
+
+class RenderError(TactapeError):
+    """A file of the kit could not be written."""
+
+
+class FrameError(TactapeError, ValueError):
+    """A frame that is no depth map of the sensor: wrong shape, no numbers, too large."""
+
+
+class VerifyError(TactapeError):
+    """A written kit differs from what its manifest says.
+
+    Attributes
+    ----------
+    checks : tuple of Check
+        Every line of the verification, the failed ones included.
+    """
+
+    def __init__(self, checks: Sequence[Check]) -> None:
+        self.checks: tuple[Check, ...] = tuple(checks)
+        super().__init__("\n".join(f"{c.name}: {c.message}" for c in self.checks if not c.passed and not c.warning))
+
+    def __reduce__(self) -> tuple[type[VerifyError], tuple[Any, ...]]:
+        return type(self), (self.checks,)
+
+
+def tried(read: Callable[[], T], problems: list[Problem]) -> T | None:
+    """What a reader gives; where it refuses, None, and its problems are added to the others."""
+    try:
+        return read()
+    except SpecError as error:
+        problems.extend(error.problems)
+        return None

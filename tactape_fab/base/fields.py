@@ -1,0 +1,248 @@
+"""Reads untrusted mappings (options, TOML, JSON) field by field and collects every problem in words."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
+from typing import Any
+
+from tactape_fab.base.errors import Problem
+
+_SHOWN_CHARACTERS = 60
+_SHOWN_PATH = 200
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it: one short line."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits (sys.int_info)
+        text = f"<{type(value).__name__} too long to show>"
+    return text if len(text) <= _SHOWN_CHARACTERS else text[: _SHOWN_CHARACTERS - 3] + "..."
+
+
+def shown_path(path: object) -> str:
+    """A path as a message shows it: its end, which names the file, is never cut off."""
+    text = str(path)
+    text = text if text.isprintable() else repr(text)
+    return text if len(text) <= _SHOWN_PATH else "..." + text[-_SHOWN_PATH:]
+
+
+def _range_text(low: float, high: float, above: float, below: float, of_unit: str) -> str:
+    """Bounds in words, for a message that has no better remedy."""
+    least = f"from {low:g}" if math.isfinite(low) else f"above {above:g}" if math.isfinite(above) else ""
+    most = f"to {high:g}" if math.isfinite(high) else f"and below {below:g}" if math.isfinite(below) else ""
+    return " ".join(["a number", *filter(None, (least, most if least else most.removeprefix("and ")))]) + of_unit
+
+
+def unknown_key(key: object, known: Sequence[str], where: str = "") -> Problem:
+    """The problem of a key that nobody reads, with the nearest known one."""
+    near = difflib.get_close_matches(str(key), known, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else "known are: " + ", ".join(known)
+    name = str(key)[:_SHOWN_CHARACTERS]
+    return Problem(name, f"{where}{name} is not a known key; {hint}")
+
+
+class Fields:
+    """One table of untrusted values.
+
+    Every reader returns a usable value even after a problem, so that all problems come together;
+    the caller looks at `problems` when it has read everything.
+
+    Parameters
+    ----------
+    values : mapping
+    where : str
+        Prefix of the key in messages, such as ``"board."``.
+    problems : list of Problem, optional
+        Where problems are collected (shared with nested tables).
+    """
+
+    def __init__(self, values: Mapping[str, Any], where: str = "", problems: list[Problem] | None = None) -> None:
+        self.values = values
+        self.where = where
+        self.problems: list[Problem] = [] if problems is None else problems
+
+    def problem(self, key: str, message: str) -> None:
+        self.problems.append(Problem(self.where + key, self.where + message))
+
+    def refuse_unknown(self, known: Sequence[str]) -> None:
+        for key in self.values:
+            if key not in known:
+                self.problems.append(unknown_key(key, known, self.where))
+
+    def _missing(self, key: str, what: str) -> None:
+        self.problem(key, f"{key} is missing; give {what}")
+
+    def number(
+        self,
+        key: str,
+        *,
+        low: float = -math.inf,
+        high: float = math.inf,
+        above: float = -math.inf,
+        below: float = math.inf,
+        unit: str = "mm",
+        remedy: str = "",
+        default: float = math.nan,
+    ) -> float:
+        """A finite number with low <= value <= high and above < value < below."""
+        if key not in self.values:
+            self._missing(key, f"a number in {unit}" if unit else "a number")
+            return default
+        return self._number(key, self.values[key], low, high, above, below, unit, remedy, default)
+
+    def _number(
+        self,
+        key: str,
+        value: object,
+        low: float,
+        high: float,
+        above: float,
+        below: float,
+        unit: str,
+        remedy: str,
+        default: float,
+    ) -> float:
+        of_unit = f" {unit}" if unit else ""
+        then = f"; {remedy or 'give ' + _range_text(low, high, above, below, of_unit)}"
+        if isinstance(value, bool) or not isinstance(value, Real):
+            self.problem(key, f"{key} = {shown(value)} is not a number{f' in {unit}' if unit else ''}{then}")
+            return default
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.problem(key, f"{key} = {shown(value)}{of_unit} is not a finite number{then}")
+        elif number < low or number <= above:
+            bound = f"below {low:g}" if number < low else f"not above {above:g}"
+            self.problem(key, f"{key} = {number:g}{of_unit} is {bound}{of_unit}{then}")
+        elif number > high or number >= below:
+            bound = f"exceeds {high:g}" if number > high else f"is not below {below:g}"
+            self.problem(key, f"{key} = {number:g}{of_unit} {bound}{of_unit}{then}")
+        else:
+            return number
+        return default
+
+    def numbers(
+        self,
+        key: str,
+        count: int,
+        *,
+        low: float = -math.inf,
+        high: float = math.inf,
+        above: float = -math.inf,
+        unit: str = "mm",
+        remedy: str = "",
+        default: Sequence[float] | None = None,
+    ) -> tuple[float, ...]:
+        """A sequence of exactly `count` finite numbers, each within the same bounds."""
+        fallback = tuple(default) if default is not None else (math.nan,) * count
+        if key not in self.values:
+            self._missing(key, f"{count} numbers in {unit}" if unit else f"{count} numbers")
+            return fallback
+        value = self.values[key]
+        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
+            self.problem(key, f"{key} = {shown(value)} is not {count} numbers; {remedy or f'give a list of {count}'}")
+            return fallback
+        return tuple(
+            self._number(f"{key}[{i}]", v, low, high, above, math.inf, unit, remedy, fallback[i]) for i, v in enumerate(value)
+        )
+
+    def integer(self, key: str, *, low: int, high: int, remedy: str = "", default: int = 0) -> int:
+        """A whole number with low <= value <= high."""
+        if key not in self.values:
+            self._missing(key, f"a whole number from {low} to {high}")
+            return default
+        return self._integer(key, self.values[key], low, high, remedy, default)
+
+    def _integer(self, key: str, value: object, low: int, high: int, remedy: str, default: int) -> int:
+        then = f"; {remedy or f'give one from {low} to {high}'}"
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            self.problem(key, f"{key} = {shown(value)} is not a whole number{then}")
+            return default
+        whole = int(value)
+        if not low <= whole <= high:
+            self.problem(key, f"{key} = {shown(whole)} is outside {low} to {high}{then}")
+            return default
+        return whole
+
+    def integers(
+        self, key: str, count: int, *, low: int, high: int, remedy: str = "", default: Sequence[int] | None = None
+    ) -> tuple[int, ...]:
+        """A sequence of exactly `count` whole numbers, each within the same bounds."""
+        fallback = tuple(default) if default is not None else (low,) * count
+        if key not in self.values:
+            self._missing(key, f"{count} whole numbers")
+            return fallback
+        value = self.values[key]
+        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != count:
+            self.problem(key, f"{key} = {shown(value)} is not {count} whole numbers; {remedy or f'give a list of {count}'}")
+            return fallback
+        return tuple(self._integer(f"{key}[{i}]", v, low, high, remedy, fallback[i]) for i, v in enumerate(value))
+
+    def text(
+        self,
+        key: str,
+        *,
+        choices: Sequence[str] = (),
+        pattern: str = "",
+        remedy: str = "",
+        default: str = "",
+        longest: int = 10_000,
+    ) -> str:
+        """A string, one of `choices` where given, wholly matching `pattern` where given."""
+        if key not in self.values:
+            self._missing(key, "one of " + ", ".join(choices) if choices else "a text")
+            return default
+        value = self.values[key]
+        if not isinstance(value, str) or len(value) > longest:
+            wanted = "one of: " + ", ".join(choices) if choices else f"at most {longest} characters in quotes"
+            self.problem(key, f"{key} = {shown(value)} is not a text; {remedy or f'give {wanted}'}")
+        elif choices and value not in choices:
+            near = difflib.get_close_matches(value, choices, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else remedy or "give one of them"
+            self.problem(key, f"{key} = {shown(value)} is none of: {', '.join(choices)}; {hint}")
+        elif pattern and not re.fullmatch(pattern, value):
+            self.problem(key, f"{key} = {shown(value)} has a form that cannot be used; {remedy or pattern}")
+        else:
+            return value
+        return default
+
+    def flag(self, key: str, *, default: bool = False) -> bool:
+        if key not in self.values:
+            self._missing(key, "true or false")
+            return default
+        value = self.values[key]
+        if not isinstance(value, bool):
+            self.problem(key, f"{key} = {shown(value)} is neither true nor false; give one of them")
+            return default
+        return value
+
+    def table(self, key: str, known: Sequence[str] | None = None) -> Fields:
+        """A nested table; its problems are collected here, under ``key.``; keys beside `known` are refused."""
+        value = self.values.get(key)
+        if not isinstance(value, Mapping):
+            what = f"{key} = {shown(value)} is not a table" if key in self.values else f"{key} is missing"
+            self.problem(key, f"{what}; give a table of that name")
+            value = {}
+        table = Fields(value, f"{self.where}{key}.", self.problems)
+        if known is not None:
+            table.refuse_unknown(known)
+        return table
+
+    def rows(self, key: str, *, longest: int) -> Sequence[Any]:
+        """A list of at most `longest` entries, whatever they are."""
+        value = self.values.get(key)
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            what = f"{key} = {shown(value)} is not a list" if key in self.values else f"{key} is missing"
+            self.problem(key, f"{what}; give a list")
+            return ()
+        if len(value) > longest:
+            self.problem(key, f"{key} has {len(value)} entries, more than {longest}; give fewer")
+            return ()
+        return value

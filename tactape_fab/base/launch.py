@@ -1,0 +1,113 @@
+"""How every other process is started: isolated, in an empty folder of its own, with little of this one's environment.
+
+A kit from elsewhere is data. Python puts the current folder first on its search path for `-c` and `-m`, so that a file `json.py`
+in a kit would be run by whoever verifies it there. A child is therefore given the modules' folders that this process has, less
+the current one, and starts in a folder where nothing lies.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+FREECAD = ("freecadcmd", "FreeCADCmd")
+PRUSA_SLICER = ("prusa-slicer",)
+_KEPT = (
+    *("LANG", "LC_ALL", "LC_CTYPE", "TZ", "TMPDIR", "TEMP", "TMP", "SYSTEMROOT", "LD_LIBRARY_PATH", "NODE_PATH", "DISPLAY"),
+    "SOURCE_DATE_EPOCH",
+)
+_KEPT_PREFIXES = ("NUMBA_", "TACTAPE_", "OMP_", "OPENBLAS_", "MKL_")
+_FOLDER_LISTS = ("PATH", "LD_LIBRARY_PATH", "NODE_PATH")
+"""Variables that list folders: an empty or a relative one among them is the current folder, or lies in it."""
+
+
+def installed(names: Sequence[str]) -> str | None:
+    """Path of the first of these programs that there is, in a folder that is named as a whole."""
+    folders = _absolute(os.environ.get("PATH", os.defpath))
+    return next((path for name in names if (path := shutil.which(name, path=folders))), None)
+
+
+def environment(scratch: Path) -> dict[str, str]:
+    """What a child sees of this process's environment; its home is `scratch`, so that it reads no settings and leaves none."""
+    kept = {
+        name: value for name, value in os.environ.items() if name in _KEPT or name == "PATH" or name.startswith(_KEPT_PREFIXES)
+    }
+    kept |= {name: _absolute(kept[name]) for name in _FOLDER_LISTS if name in kept}
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
+    if kept.get("NUMBA_CACHE_DIR"):
+        kept["NUMBA_CACHE_DIR"] = str(Path(kept["NUMBA_CACHE_DIR"]).absolute())
+    return kept | {
+        "HOME": str(scratch),
+        "XDG_CACHE_HOME": cache,  # where numba keeps what it compiled
+        "XDG_CONFIG_HOME": str(scratch),
+        "PYTHONSAFEPATH": "1",  # for the interpreters inside other programs
+    }
+
+
+def python_command(code: str, *arguments: str) -> list[str]:
+    """Command that runs `code` in an isolated interpreter with the modules that this one finds; `arguments` are ``sys.argv[1:]``.
+
+    ``-I`` alone would lose folders that the user named in PYTHONPATH, and their own site-packages.
+    """
+    return [sys.executable, "-I", "-c", f"import sys; sys.path[:] = {_module_folders()!r}; {code}", *arguments]
+
+
+def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end in `scratch`, or in a folder that is removed behind it.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    subprocess.TimeoutExpired
+    """
+    with _scratch(scratch) as folder:
+        return subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            check=False,
+            cwd=folder,
+            env=environment(folder),
+        )
+
+
+def start(command: Sequence[str], scratch: Path, **settings: Any) -> subprocess.Popen[bytes]:
+    """Start a program in `scratch`, which the caller removes; `settings` are Popen's.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    """
+    return subprocess.Popen(command, cwd=scratch, env=environment(scratch), **settings)
+
+
+@contextmanager
+def _scratch(given: Path | None) -> Iterator[Path]:
+    if given is not None:
+        yield given
+        return
+    with tempfile.TemporaryDirectory(prefix="tactape-", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
+def _module_folders() -> list[str]:
+    """Folders of this interpreter's modules without the current one, which may be a stranger's, and this package's own."""
+    here, own = Path.cwd().resolve(), str(Path(__file__).resolve().parents[2])
+    found = [p for p in sys.path if Path(p).is_absolute() and (p == own or Path(p).resolve() != here)]
+    return found if own in found else [*found, own]
+
+
+def _absolute(folders: str) -> str:
+    return os.pathsep.join(folder for folder in folders.split(os.pathsep) if Path(folder).is_absolute())

@@ -1,0 +1,174 @@
+"""An executor of isolated processes: a lost process costs one answer, and none outlives the pool."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, TypeVar
+
+from tactape_fab.base.launch import python_command, start
+
+R = TypeVar("R")
+_PATIENCE_S = 20.0
+"""How long a process may take to clean up behind itself when it is asked to stop."""
+
+
+class LostProcessError(Exception):
+    """A process died before it answered, with this exit status (negative: of a signal)."""
+
+    def __init__(self, exit_status: int) -> None:
+        super().__init__(f"a process ended with status {exit_status}")
+        self.exit_status = exit_status
+
+
+class ProcessPool(Executor):
+    """Calls functions in up to `count` fresh processes, one call at a time in each.
+
+    Unlike those of concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.base.launch`: they import
+    nothing from the current folder, and never see SIGINT. A process that dies fails its own call alone, with
+    `LostProcessError`. They end by themselves when this process is no more. Used as a context manager, it stops at once when
+    the block is left by an exception.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
+        self._threads = ThreadPoolExecutor(max(1, count))
+        self._own = threading.local()
+        self._lock = threading.Lock()
+        self._children: list[subprocess.Popen[bytes]] = []
+        self._stopped = False
+
+    def submit(self, function: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
+        """Call a function of a module's top level in another process; arguments and answer are pickled."""
+        return self._threads.submit(self._ask, function, args, kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Let the calls end, then the processes."""
+        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if wait:
+            self._end()
+
+    def stop(self) -> None:
+        """Ask processes at work to stop by SIGTERM, which raises SystemExit in them, and wait until all have ended."""
+        with self._lock:
+            self._stopped = True
+            for child in self._children:
+                with suppress(OSError):
+                    child.terminate()
+        self._end()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool | None:
+        if kind is not None:
+            self.stop()
+        return super().__exit__(kind, error, trace)
+
+    def _ask(self, function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
+        child = self._child()
+        assert child.stdin is not None and child.stdout is not None
+        try:
+            _send(child.stdin, (function, args, kwargs))
+            answered, answer = pickle.load(child.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self._own.child = None
+            raise LostProcessError(self._ended(child)) from None
+        if not answered:
+            raise answer
+        result: R = answer
+        return result
+
+    def _child(self) -> subprocess.Popen[bytes]:
+        """The process of this thread."""
+        child: subprocess.Popen[bytes] | None = getattr(self._own, "child", None)
+        if child is None:
+            command = python_command(f"from {__name__} import serve; serve()")
+            with self._lock:
+                if self._stopped:
+                    raise LostProcessError(-signal.SIGTERM)
+                # a session of its own: the terminal's Ctrl-C is for this process alone
+                child = start(
+                    command, Path(self._scratch.name), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+                )
+                self._children.append(child)
+            self._own.child = child
+        return child
+
+    def _ended(self, child: subprocess.Popen[bytes]) -> int:
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(_PATIENCE_S)
+        if child.poll() is None:
+            child.kill()
+        status = child.wait()
+        with self._lock:
+            if child in self._children:
+                self._children.remove(child)
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        return status
+
+    def _end(self) -> None:
+        with self._lock:
+            children = list(self._children)
+        for child in children:
+            if child.stdin is not None:
+                with suppress(OSError):
+                    child.stdin.close()
+        end = time.monotonic() + _PATIENCE_S
+        for child in children:
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(max(0.0, end - time.monotonic()))
+            self._ended(child)
+        self._scratch.cleanup()
+
+
+def _send(pipe: BinaryIO | Any, value: object) -> None:
+    pipe.write(pickle.dumps(value))
+    pipe.flush()
+
+
+def serve() -> None:
+    """What a process of the pool does: answer until nobody asks.
+
+    Asked to stop it cleans up behind a function at work, and ends at once otherwise: a collector would swallow the exception.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asked, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a function prints is no answer
+    settled = False
+    while True:
+        try:
+            function, args, kwargs = pickle.load(asked)
+        except (EOFError, OSError):
+            return
+        signal.signal(signal.SIGTERM, _leave)
+        try:
+            answer: tuple[bool, Any] = (True, function(*args, **kwargs))
+        except Exception as error:  # it is the caller's
+            answer = (False, error)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        try:
+            _send(answers, answer)
+        except OSError:
+            return
+        if not settled:  # what the first answer has loaded stays: the collector need not look at it with each of the others
+            gc.collect()
+            gc.freeze()
+            settled = True
+
+
+def _leave(*_: object) -> None:
+    sys.exit(128 + signal.SIGTERM)

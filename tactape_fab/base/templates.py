@@ -1,0 +1,66 @@
+"""Where profiles are: the data files of templates/, or a user's own TOML by path; and what all kinds of profile hold."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown, shown_path
+
+_PROFILE_BYTES = 1024 * 1024
+
+
+def templates_folder() -> Path:
+    """Folder of the data files: inside the package in a wheel, beside it in a checkout or an editable install."""
+    package = Path(__file__).resolve().parent.parent
+    for folder in (package / "templates", package.parent / "templates"):
+        if folder.is_dir():
+            return folder
+    raise FileNotFoundError("the templates folder is missing from this installation of tactape-fab; install it again")
+
+
+def profile_names(kind: str) -> list[str]:
+    """Names of the profiles that come with the package; kind is ``fabs``, ``parts`` or ``processes``."""
+    return sorted(path.stem for path in (templates_folder() / kind).glob("*.toml"))
+
+
+def read_toml(path: Path, key: str) -> dict[str, Any]:
+    """A TOML file of bounded size as a mapping.
+
+    Raises
+    ------
+    SpecError
+        When it cannot be opened, is too large, or is no TOML.
+    """
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(_PROFILE_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a path that no system takes
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        message = f"{key} = {shown_path(path)} cannot be opened: {reason}; give the path of a TOML file that can be read"
+        raise SpecError(Problem(key, message)) from error
+    if len(data) > _PROFILE_BYTES:
+        raise SpecError(
+            Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile, give one")
+        )
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
+        raise SpecError(Problem(key, f"{key} = {path} is not TOML: {error}; correct it")) from error
+
+
+def profile_table(kind: str, key: str, name: str) -> Fields:
+    if name.endswith(".toml"):
+        path = Path(name)
+    elif name in (known := profile_names(kind)):
+        path = templates_folder() / kind / f"{name}.toml"
+    else:
+        raise SpecError(Problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file"))
+    return Fields(read_toml(path, key), f"{key} {path.stem}: ")
+
+
+def refuse_problems(table: Fields) -> None:
+    if table.problems:
+        raise SpecError(table.problems)

@@ -1,0 +1,32 @@
+"""The tapes of a code without their kits, as `make` plans them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.kit.plan import plan
+from tactape_fab.kit.profiles import PartProfile, load_fab, read_part
+from tactape_fab.kit.spec.tape_spec import DEFAULT_FAB, TapeSpec
+from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
+from tactape_fab.texture.tape import Tape
+
+MOST_SECTORS = 256
+"""So many sectors of a code are certified without kits."""
+
+
+def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
+    """The tapes of a code's first `MOST_SECTORS` sectors at their default origins, as `make` plans them.
+
+    Raises
+    ------
+    SpecError
+        When there is no such code, or no tape of that size.
+    """
+    if code == TOUCH_CODE:
+        message = f"code = '{code}' has no tapes but those that were made: each is designed; name their kits"
+        raise SpecError(Problem("code", message))
+    fab, part = load_fab(DEFAULT_FAB), read_part("r0201")
+    assert isinstance(part, PartProfile)
+    sectors = min(get_code(code).sectors, MOST_SECTORS) if code in CODE_NAMES else 1
+    return [plan(TapeSpec(sector=s, code=code, size_mm=size_mm), fab, part) for s in range(sectors)]

@@ -1,0 +1,225 @@
+"""What is asked for examined: a tape, or the tapes of a panel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tactape_fab.base.errors import Finding, Problem, SpecError
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.examine.values import examine_values
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.panel.arrange import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
+from tactape_fab.kit.panel.panel_drawing import panel_drawing
+from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
+from tactape_fab.kit.rules.film_rules import assembly_findings
+from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
+from tactape_fab.kit.spec.tape_spec import DEFAULT_FAB, TapeSpec
+from tactape_fab.texture.code import limits_of
+from tactape_fab.texture.tape import Tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExaminedPanel:
+    """A panel with all that follows from its spec before anything is written.
+
+    Attributes
+    ----------
+    name : str
+    tapes : tuple of Examined
+        In the order of `panel.offsets_mm`.
+    panel : Panel
+    request : PanelRequest
+    remarks : tuple of str
+        What is worth saying aloud: why there is a panel, and copies.
+    """
+
+    name: str
+    tapes: tuple[Examined, ...]
+    panel: Panel
+    request: PanelRequest
+    remarks: tuple[str, ...]
+
+    @property
+    def fab(self) -> FabProfile:
+        return self.tapes[0].fab
+
+    @property
+    def drawing(self) -> Drawing:
+        return panel_drawing(self.name, [tape.drawing for tape in self.tapes], self.panel)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Every design rule once, as its worst tape measures it; what assembly asks is asked of the panel."""
+        parts = sum(tape.tape.part_count for tape in self.tapes)
+        of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
+        worst: dict[str, Finding] = {}
+        for finding in (f for tape in self.tapes for f in tape.findings):
+            known = worst.setdefault(finding.rule, finding)
+            if (known.passed and not finding.passed) or (known.passed == finding.passed and _tighter(finding, known)):
+                worst[finding.rule] = finding
+        return tuple({**worst, **of_panel}.values())
+
+
+def _tighter(a: Finding, b: Finding) -> bool:
+    return a.value is not None and b.value is not None and a.limit is not None and abs(a.value - a.limit) < abs(b.value - a.limit)
+
+
+def examine_order(
+    values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False, avoid: Sequence[Tape] = ()
+) -> tuple[Examined | ExaminedPanel, tuple[str, ...]]:
+    """Examine untrusted values of a tape, or of a panel where one is asked for or the fab profile puts tapes on panels.
+
+    Returns
+    -------
+    Examined or ExaminedPanel
+    tuple of str
+        What is worth saying aloud.
+
+    Raises
+    ------
+    SpecError
+        With every problem, and in `findings` the rules that the remaining values break.
+    """
+    request, problems = read_panel_request(values)
+    tape_values = {key: value for key, value in values.items() if key not in PANEL_KEYS}
+    fab, is_film = _film_of(tape_values)
+    if request.wished and not is_film:
+        message = f"panel = '{values['panel']}' is of films with parts, but part = '{tape_values['part']}' is printed or milled; "
+        problems.append(Problem("panel", message + "leave out --panel"))
+    by_profile = request.mode is None and is_film and request.sectors is None and fab is not None and fab.panel.make == "auto"
+    if not (request.wished or by_profile):
+        problems += _without_panel(request, values) if request.mode is None else []
+        if request.sectors:
+            tape_values = {"sector": request.sectors[0], **tape_values}
+        return _with(problems, lambda: examine_values(tape_values, output=output, overwrite=overwrite, avoid=avoid)), ()
+    if avoid:
+        message = f"avoid = {len(avoid)} tapes cannot be used with a panel; leave --avoid out, or use --panel none"
+        problems.append(Problem("avoid", message))
+    first = request.sectors[0] if request.sectors else tape_values.get("sector")
+    values_of = _Naming(values=tape_values, name=tape_values.get("name"))
+    if request.sectors is None and "sectors" in values and "sector" not in tape_values:
+        first = 0  # what is wrong with the sectors is among the problems
+    place = output if output is not None or not isinstance(first, int) else values_of.panel_name(first)
+    base = _with(problems, lambda: examine_values(values_of.of(first), output=place, overwrite=overwrite))
+    if base.film is None:
+        return base, ()
+    size_mm = base.tape.board.size_mm
+    if by_profile and not arrangements(size_mm, base.fab):
+        remark = f"no panel: tapes of {size_mm[0]:g} x {size_mm[1]:g} mm fit on none that assembly at {base.fab.name} takes"
+        return examine_values(tape_values, output=output, overwrite=overwrite, avoid=avoid), (remark,)
+    examined = _examine_panel(base, request, values_of, by_profile=by_profile)
+    return examined, examined.remarks
+
+
+def _film_of(values: Mapping[str, Any]) -> tuple[FabProfile | None, bool]:
+    """The fab profile that would be taken, None where it cannot be read, and whether the part has lands."""
+    try:
+        is_film = isinstance(read_part(values.get("part", "r0201")), PartProfile)
+    except (SpecError, TypeError, AttributeError):
+        is_film = True
+    try:
+        return load_fab(values.get("fab", DEFAULT_FAB)), is_film
+    except (SpecError, TypeError, AttributeError):
+        return None, is_film
+
+
+def _without_panel(request: PanelRequest, values: Mapping[str, Any]) -> list[Problem]:
+    """Keys that say something of a panel where none is made."""
+    return [
+        Problem(key, f"{key} is of a panel, and none is asked for; give --panel, or leave out --{key.replace('_', '-')}")
+        for key in PANEL_KEYS[1:]
+        if values.get(key) not in (None, False)
+    ]
+
+
+def _with(problems: Sequence[Problem], examination: Callable[[], Examined]) -> Examined:
+    """What an examination gives; its problems are listed after those that are known."""
+    try:
+        examined = examination()
+    except SpecError as error:
+        if not problems:
+            raise
+        raise SpecError([*problems, *error.problems], error.findings) from None
+    if problems:
+        raise SpecError(problems, [f for f in examined.findings if f.blocks])
+    return examined
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Naming:
+    """Values of each tape of a panel, and the panel's name."""
+
+    values: Mapping[str, Any]
+    name: Any
+
+    def panel_name(self, first: int) -> str:
+        return str(self.name) if self.name is not None else f"tactape-panel-s{first:03d}"
+
+    def of(self, sector: Any, copy: int | None = None) -> dict[str, Any]:
+        named = {}
+        if isinstance(sector, int) and (self.name is not None or copy is not None):
+            stem = self.name if self.name is not None else "tactape"
+            named["name"] = f"{stem}-s{sector:03d}" + (f"-{copy}" if copy is not None else "")
+        return {**self.values, **({} if sector is None else {"sector": sector}), **named}
+
+
+def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *, by_profile: bool) -> ExaminedPanel:
+    fab, size_mm, first = base.fab, base.tape.board.size_mm, base.tape.sector
+    if request.arrangement is not None:
+        arrangement = request.arrangement
+        if (problem := arrangement_problem(size_mm, arrangement, fab)) is not None:
+            raise SpecError(problem, [f for f in base.findings if f.blocks])
+    else:
+        arrangement = choose_arrangement(size_mm, fab, None if request.sectors is None else len(request.sectors))
+    panel = plan_panel(size_mm, base.tape.board.corner_radius_mm, arrangement, request.tabs, fab)
+    problems = list(_sector_problems(base, panel, request))
+    if panel.count > 1 and values_of.values.get("tag_id") is not None and not request.same_sector:
+        message = f"tag_id = {values_of.values['tag_id']} would be that of all {panel.count} tapes; "
+        message += "leave out --tag-id, or use --tag none"
+        problems.append(Problem("tag_id", message))
+    if problems:
+        raise SpecError(problems)
+    sectors = request.sectors or tuple(first if request.same_sector else first + i for i in range(panel.count))
+    copies = request.same_sector and panel.count > 1
+    tapes = tuple(
+        examine(TapeSpec.from_mapping(values_of.of(sector, i if copies else None))) for i, sector in enumerate(sectors, start=1)
+    )
+    return ExaminedPanel(
+        name=values_of.panel_name(first),
+        tapes=tapes,
+        panel=panel,
+        request=request,
+        remarks=tuple(_remarks(panel, sectors, fab, by_profile=by_profile)),
+    )
+
+
+def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> list[Problem]:
+    if request.sectors is not None or request.same_sector:
+        return []
+    most, last = limits_of(base.tape.code).sectors, base.tape.sector + panel.count - 1
+    if last < most:
+        return []
+    message = (
+        f"sector = {base.tape.sector} on a panel of {panel.count} tapes asks for sectors up to {last}, but code "
+        f"'{base.tape.code}' has {most}, up to {most - 1}; use --sector {most - panel.count} or less, or name them with --sectors"
+    )
+    return [Problem("sector", message)]
+
+
+def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profile: bool) -> list[str]:
+    width, height = panel.size_mm
+    words = f"panel: {panel.columns} x {panel.rows} tapes, sectors {', '.join(map(str, sectors))}, on {width:g} x {height:g} mm"
+    said = []
+    if by_profile:
+        least, most = fab.panel.smallest_mm, fab.panel.largest_mm
+        said.append(
+            f"{words}: assembly at {fab.name} takes {least[0]:g} x {least[1]:g} to {most[0]:g} x {most[1]:g} mm with rails; "
+            "--panel none makes the tape alone"
+        )
+    if len(set(sectors)) < len(sectors):
+        said.append(
+            f"warning: all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another"
+        )
+    return said

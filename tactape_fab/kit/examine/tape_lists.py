@@ -1,0 +1,277 @@
+"""The door for lists of tapes: everything that is asked for is checked before anything is written."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError
+from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.kit.examine.tape import Examined
+from tactape_fab.kit.examine.values import examine_values
+from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.panel.packing import misfit
+from tactape_fab.kit.plan import plan, plan_texture
+from tactape_fab.kit.profiles import ElementProfile, FabProfile, read_part
+from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.manifest import MANIFEST_NAME
+
+MOST_JOBS = 64
+_NAMED = 5
+"""So many of those that are refused for one reason are named; the others are counted."""
+_OF_THE_TAPE = ("sector", "origin", "name", "tag_id")
+"""Keys whose refusal is a single tape's; any other is refused once for its table."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Planned:
+    """One tape of a list that passed the door; `fab` is that of its film, None for solid elements."""
+
+    spec: TapeSpec
+    fab: FabProfile | None
+
+    @property
+    def texture(self) -> tuple[object, ...]:
+        """Two tapes that have this in common cannot be told apart."""
+        spec = self.spec
+        size_mm = spec.size_mm if spec.code == TOUCH_CODE else None  # another size, another design
+        return spec.code, spec.directions, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listed:
+    """All tapes of a list, their rules, once for all tapes that differ in sector only, and how many processes."""
+
+    tapes: tuple[Planned, ...]
+    findings: tuple[Finding, ...]
+    jobs: int
+
+
+def usual_jobs() -> int:
+    """As many processes as there are processors for this one."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(count, MOST_JOBS)
+
+
+def list_tapes(
+    values: Mapping[str, Any],
+    options: Mapping[str, Any],
+    folder: Path,
+    *,
+    jobs: object = None,
+    overwrite: bool = False,
+    force: bool = False,
+    packed: bool = False,
+) -> Listed:
+    """Check a list of tapes as a whole; nothing is written.
+
+    Every value and every place is checked, rules of the fab once for all tapes that differ in sector only.
+
+    Parameters
+    ----------
+    values, options : mapping
+        Of the spec file, and of options, which override them; untrusted.
+    folder : Path
+        What the kits are to stand in.
+    jobs : object
+        How many processes, untrusted; that of processors where None is given.
+    overwrite, force : bool
+        As for `make_kit`.
+    packed : bool
+        Whether the tapes must fit the panels of their fabs.
+
+    Raises
+    ------
+    SpecError
+        With everything that is refused, and the rules that are broken.
+    DesignRuleError
+        Where broken rules are all there is, and `force` does not pardon them.
+    """
+    table = Fields({"jobs": usual_jobs() if jobs is None else jobs})
+    count = table.integer("jobs", low=1, high=MOST_JOBS, remedy=f"--jobs is the number of processes, 1 to {MOST_JOBS}")
+    entries, of_list = read_list(values, options)
+    door = _Door(packed=packed)
+    for entry in entries:
+        door.take(entry)
+    of_folder = _folder_problems(folder)
+    problems = [*table.problems, *of_folder, *of_list, *door.problems()]
+    if not of_list:  # otherwise some of the tapes are stand-ins
+        problems += _shared_names(door.tapes)
+        problems += [] if of_folder else _taken(door.tapes, folder, overwrite=overwrite)
+    broken = [finding for finding in door.findings if finding.blocks]
+    if problems:
+        raise SpecError(problems, [replace(finding, at_mm=None) for finding in broken])
+    if broken and not force:
+        raise DesignRuleError(broken)
+    return Listed(tapes=tuple(door.tapes), findings=(*door.findings, *_copies(door.tapes)), jobs=count)
+
+
+@dataclass(slots=True, kw_only=True)
+class _Kind:
+    """Tapes that differ in sector and name only: the first that passed stands for their rules.
+
+    ``refusal`` is what every one of them is refused for; ``tables`` are those that it was said of.
+    """
+
+    examined: Examined | None = None
+    refusal: list[Problem] = field(default_factory=list)
+    findings: tuple[Finding, ...] = ()
+    tables: set[str] = field(default_factory=set)
+
+
+class _Door:
+    """Takes tape by tape and keeps every problem."""
+
+    def __init__(self, *, packed: bool) -> None:
+        self.packed = packed
+        self.tapes: list[Planned] = []
+        self.findings: list[Finding] = []
+        self._kinds: dict[str, _Kind] = {}
+        self._problems: dict[tuple[str, str], dict[str, Problem]] = {}
+
+    def take(self, entry: TapeEntry) -> None:
+        alike = {key: value for key, value in entry.values.items() if key not in ("sector", "name")}
+        kind = self._kinds.setdefault(repr(sorted(alike.items(), key=lambda item: str(item[0]))), _Kind())
+        if kind.examined is None and not kind.refusal:
+            self._first(entry, kind)
+        else:
+            self._another(entry, kind)
+        if entry.where not in kind.tables:
+            kind.tables.add(entry.where)
+            said = [finding for finding in kind.findings if finding.blocks or len(kind.tables) == 1]
+            self.findings += [replace(finding, message=entry.where + finding.message) for finding in said]
+            self._refuse(entry, kind.refusal)
+
+    def _first(self, entry: TapeEntry, kind: _Kind) -> None:
+        try:
+            kind.examined = examine_values(entry.values)
+        except SpecError as error:
+            kind.findings = error.findings
+            kind.refusal = [problem for problem in error.problems if _root(problem) not in _OF_THE_TAPE]
+            self._refuse(entry, error.problems)
+            return
+        kind.findings = kind.examined.findings
+        kind.refusal = _unpackable(kind.examined) if self.packed else []
+        self._pass(kind.examined.spec, kind.examined)
+
+    def _another(self, entry: TapeEntry, kind: _Kind) -> None:
+        try:
+            spec = TapeSpec.from_mapping(entry.values)
+            if kind.examined is not None:
+                _plan(spec, kind.examined)
+                self._pass(spec, kind.examined)
+        except SpecError as error:
+            self._refuse(entry, [problem for problem in error.problems if problem not in kind.refusal])
+
+    def _pass(self, spec: TapeSpec, examined: Examined) -> None:
+        self.tapes.append(Planned(spec=spec, fab=None if examined.film is None else examined.fab))
+
+    def _refuse(self, entry: TapeEntry, problems: Sequence[Problem]) -> None:
+        for problem in problems:
+            own = entry.of_sector if _root(problem) in _OF_THE_TAPE else ""
+            message = entry.where + own + problem.message
+            kept = self._problems.setdefault((entry.where, _root(problem) if own else message), {})
+            kept[message] = Problem(problem.key, message)
+
+    def problems(self) -> list[Problem]:
+        """Everything refused; of many tapes refused by the same key the first few."""
+        told: list[Problem] = []
+        for (where, key), kept in self._problems.items():
+            several = list(kept.values())
+            told += several[:_NAMED]
+            if len(several) > _NAMED:
+                message = f"{where}{len(several) - _NAMED} more sectors are refused for their {key}; give fewer of them"
+                told.append(Problem(key, message))
+        return told
+
+
+def _root(problem: Problem) -> str:
+    """The key of the spec that a problem belongs to."""
+    return re.split(r"[ .\[:]", problem.key)[0]
+
+
+def _plan(spec: TapeSpec, first: Examined) -> None:
+    """Refuse a tape that does not follow from its spec, by the profiles of another that differs in sector only."""
+    if spec.code == TOUCH_CODE:  # nothing of it follows from the sector but the design, which takes seconds
+        return
+    if first.film is not None:
+        plan(spec, first.fab, first.layout.part)
+        return
+    part = read_part(spec.part)
+    assert isinstance(part, ElementProfile)
+    assert first.process is not None
+    assert spec.body_mm is not None
+    plan_texture(spec, first.process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm))
+
+
+def _unpackable(examined: Examined) -> list[Problem]:
+    if examined.film is None:
+        message = f"part = {examined.spec.part!r} makes no film that could be packed into panels; leave --pack out"
+        return [Problem("part", message)]
+    problem = misfit(examined.spec.size_mm, examined.fab)
+    return [] if problem is None else [problem]
+
+
+def _folder_problems(folder: Path) -> list[Problem]:
+    """What keeps a folder from holding kits."""
+    shown, remedy = shown_path(folder), "use -o to name another folder"
+    try:
+        if (folder / MANIFEST_NAME).exists():
+            return [Problem("output", f"output = {shown} is a kit, which holds no other kits; {remedy}")]
+        if (folder.exists() or folder.is_symlink()) and not folder.is_dir():
+            return [Problem("output", f"output = {shown} exists and is not a folder; nothing was touched; {remedy}")]
+    except (OSError, ValueError) as error:  # a name that no system takes
+        reason = getattr(error, "strerror", None) or error
+        return [Problem("output", f"output = {shown} cannot be a folder: {reason}; {remedy}")]
+    return []
+
+
+def _shared_names(tapes: Sequence[Planned]) -> list[Problem]:
+    names = [tape.spec.name for tape in tapes]
+    return [
+        Problem("name", f"name = '{name}' is that of {count} tapes of the list; give each a name of its own, or another sector")
+        for name in dict.fromkeys(names)
+        if (count := names.count(name)) > 1
+    ]
+
+
+def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[Problem]:
+    """Places that the kits may not take; those of older kits in one sentence."""
+    problems: list[Problem] = []
+    older: list[str] = []
+    for name in dict.fromkeys(tape.spec.name for tape in tapes):
+        try:
+            refuse_taken(folder / name, overwrite=overwrite)
+        except SpecError:
+            try:
+                refuse_taken(folder / name, overwrite=True)
+                older.append(name)
+            except SpecError as error:
+                problems += error.problems
+    if older:
+        more = f" and {len(older) - _NAMED} more" if len(older) > _NAMED else ""
+        message = (
+            f"output = {shown_path(folder)} holds {', '.join(older[:_NAMED])}{more} already; use --overwrite to replace kits, "
+            "or -o to name another folder"
+        )
+        problems.append(Problem("output", message))
+    return problems
+
+
+def _copies(tapes: Sequence[Planned]) -> list[Finding]:
+    """A warning for tapes that no decoder can tell apart."""
+    ordered = sorted(tapes, key=lambda tape: repr(tape.texture))
+    found = []
+    for _, group in groupby(ordered, key=lambda tape: tape.texture):
+        names = [tape.spec.name for tape in group]
+        if len(names) > 1:
+            message = f"{', '.join(names)} show the same texture and cannot be told apart; give each another sector or origin"
+            found.append(Finding(rule="copies", level="warn", passed=False, unit="", message=message))
+    return found

@@ -1,0 +1,203 @@
+"""Anchors: copper that runs on from each pad under the coverlay, as spurs alone or tied to a mesh of webs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from math import sqrt
+
+import numpy as np
+import shapely
+
+from tactape_fab.kit.film.coverlay import Mode, least_pitch_mm, whole_um_up
+from tactape_fab.kit.outlines import PartOutlines, spur_tips
+from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.profiles import FabProfile, LandPattern
+from tactape_fab.texture.frames import FloatArray, IntArray, snap_mm, texture_to_board
+from tactape_fab.texture.shapes import inset_mm, rotate
+from tactape_fab.texture.tape import Tape
+
+_REACHES_MM = (0.3, 0.6, 2.0, 20.0)
+"""How far round a line is looked for openings, in turn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Anchors:
+    """Copper lines beside the pads.
+
+    Attributes
+    ----------
+    mode : str
+        ``spur`` or ``mesh``.
+    web_mm : float
+        Width of every line.
+    spurs_mm : ndarray, shape (2 n, 2, 2)
+        From the middle of each pad outward; R1 land 1, R1 land 2, R2 land 1 ...
+    webs_mm : ndarray, shape (m, 2, 2)
+        The mesh between the openings; empty for spurs.
+    """
+
+    mode: str
+    web_mm: float
+    spurs_mm: FloatArray
+    webs_mm: FloatArray
+
+    @property
+    def lines_mm(self) -> FloatArray:
+        """All lines, shape (2 n + m, 2, 2)."""
+        return np.concatenate([self.spurs_mm, self.webs_mm])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnchorPlan:
+    """What decides the anchors of a tape, as far as its manifest records it."""
+
+    mode: str
+    web_mm: float
+    opening_mm: float
+    tip_mm: float
+    pad_edge_mm: float
+    hole_copper_mm: float
+
+
+def anchor_plan(mode: str, fab: FabProfile, outlines: PartOutlines) -> AnchorPlan:
+    """The numbers of a fab profile that anchors rest on."""
+    return AnchorPlan(
+        mode=mode,
+        web_mm=fab.anchor.web_mm,
+        opening_mm=clearance_mm(fab),
+        tip_mm=float(np.hypot(*spur_tips(outlines.opening_size_mm, fab, 0.0)[1])),
+        pad_edge_mm=fab.limits["pad-edge"].value_mm,
+        hole_copper_mm=fab.limits["hole-copper"].value_mm,
+    )
+
+
+def clearance_mm(fab: FabProfile) -> float:
+    """What a line keeps from other pads' openings, so that it also keeps the gap of copper from the pads in them."""
+    return max(fab.anchor.opening_mm, fab.limits["pad-pad"].value_mm - fab.coverlay_expansion_mm)
+
+
+def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
+    """Draw the anchors of every placed part.
+
+    A spur runs along its part, out of the opening. In a mesh the webs are bricks: lines half way between the diagonals
+    of the grid, tied across where two parts face each other, and every spur runs on to its tie. Webs that would come too
+    near to the outline or a hole are left out; a spur without its tie ends as a spur alone does.
+    """
+    rotation_deg = tape.part.rotation_deg
+    axis = rotate((1.0, 0.0), rotation_deg)
+    ends = np.array([-1.0, 1.0])
+    centres = tape.part_xy_mm()
+    start = centres[:, None] + ends[:, None] * pads.offset_mm * axis
+    tip = centres[:, None] + ends[:, None] * plan.tip_mm * axis
+    webs = np.empty((0, 2, 2))
+    if plan.mode == "mesh":
+        webs, tied, tie_mm = _mesh(plan, tape)
+        on = tie_mm - (centres @ axis)[:, None]
+        tip = np.where(tied[..., None], centres[:, None] + on[..., None] * axis, tip)
+    spurs = np.stack([start, tip], axis=2).reshape(-1, 2, 2)
+    return Anchors(mode=plan.mode, web_mm=plan.web_mm, spurs_mm=snap_mm(spurs), webs_mm=snap_mm(webs))
+
+
+def _mesh(plan: AnchorPlan, tape: Tape) -> tuple[FloatArray, np.ndarray, FloatArray]:
+    """Webs (m, 2, 2) in the board frame; whether each pad's tie is there; where it lies along the part. Shapes (n, 2)."""
+    rotation_deg, half_mm = tape.part.rotation_deg, tape.pitch_mm / sqrt(2)
+    origin = np.array(tape.board.texture_origin_mm)
+    points = texture_to_board(tape.cells() * tape.pitch_mm, (0.0, 0.0))
+    i, j = np.rint(rotate(points, -rotation_deg) / (half_mm, half_mm / 2)).astype(np.int64).T
+    sides = [(i + a, j + b, i + a + 1, j + b) for a in (-1, 0) for b in (-1, 1)]
+    ties = [(i + a, j - 1, i + a, j + 1) for a in (-1, 1)]
+    of_parts: IntArray = np.concatenate([np.column_stack(edge) for edge in [*ties, *sides]])
+    edges, which = np.unique(of_parts, axis=0, return_inverse=True)
+    lattice = edges.reshape(-1, 2, 2) * (half_mm, half_mm / 2)
+    webs = rotate(lattice, rotation_deg) + origin
+    kept = _clear_of_outline_and_holes(plan, tape, webs)
+    tied = kept[which.ravel()[: 2 * len(i)]].reshape(2, -1).T
+    along = float(origin @ rotate((1.0, 0.0), rotation_deg))
+    return webs[kept], tied, np.column_stack([i - 1, i + 1]) * half_mm + along
+
+
+def _clear_of_outline_and_holes(plan: AnchorPlan, tape: Tape, webs_mm: FloatArray) -> np.ndarray:
+    board = tape.board
+    inside = inset_mm(webs_mm, board.size_mm, board.corner_radius_mm).min(axis=1) - plan.web_mm / 2
+    kept = inside >= plan.pad_edge_mm - TOLERANCE_MM
+    lines = shapely.linestrings(webs_mm)
+    for x, y, diameter in board.holes:
+        gap = shapely.distance(lines, shapely.Point(x, y)) - (diameter + plan.web_mm) / 2
+        kept &= gap >= plan.hole_copper_mm - TOLERANCE_MM
+    return np.asarray(kept)
+
+
+def foreign_openings_mm(anchors: Anchors, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> tuple[float, FloatArray]:
+    """Least distance of the copper lines from openings that are not their own pad's, and where; inf where none is near."""
+    boxes = shapely.polygons(parts_xy_mm[:, None] + opening_mm)
+    return nearest_foreign(anchors, boxes)
+
+
+def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, FloatArray]:
+    """As `foreign_openings_mm`, of openings as polygons in designator order."""
+    lines = shapely.linestrings(anchors.lines_mm)
+    owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
+    tree = shapely.STRtree(openings)
+    for reach in _REACHES_MM:  # nearly always the first one holds the worst
+        line, box = tree.query(lines, predicate="dwithin", distance=reach)
+        foreign = owner[line] != box
+        line, box = line[foreign], box[foreign]
+        if len(line):
+            gap = shapely.distance(lines[line], openings[box]) - anchors.web_mm / 2
+            worst = int(np.argmin(gap))
+            return float(gap[worst]), anchors.lines_mm[line[worst]].mean(axis=0)
+    return float("inf"), np.zeros(2)
+
+
+def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
+    """Least gap between spurs of two parts, and where; inf where no two are near. In a mesh they hang together."""
+    lines = shapely.linestrings(anchors.spurs_mm)
+    tree = shapely.STRtree(lines)
+    for reach in _REACHES_MM:
+        a, b = tree.query(lines, predicate="dwithin", distance=reach)
+        apart = a // 2 < b // 2
+        a, b = a[apart], b[apart]
+        if len(a):
+            gap = shapely.distance(lines[a], lines[b]) - anchors.web_mm
+            worst = int(np.argmin(gap))
+            return float(gap[worst]), anchors.spurs_mm[a[worst], 1]
+    return float("inf"), np.zeros(2)
+
+
+def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tape: Tape) -> tuple[Mode, ...]:
+    """From which pitch on spurs and mesh are legal, whatever the symbols."""
+    rotation_deg, displacement_mm = tape.part.rotation_deg, tape.displacement_mm
+    rules, (a, b) = fab.anchor, outlines.opening_size_mm
+    plan = anchor_plan("spur", fab, outlines)
+    half, middle = (plan.tip_mm - pads.offset_mm) / 2, (plan.tip_mm + pads.offset_mm) / 2
+    clear = clearance_mm(fab) + rules.web_mm / 2
+    apart = fab.limits["pad-pad"].value_mm + rules.web_mm
+    of_symbols = partial(least_pitch_mm, directions=tape.directions)
+    spur = max(
+        of_symbols((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
+        of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm, (2 * middle, 0.0)),
+        of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm),
+    )
+    modes = [_judged("spur", spur, fab, tape)]
+    if rotation_deg % 90.0 == 45.0:
+        sideways_mm = displacement_mm * (1.0 if tape.directions == 4 else sqrt(2))  # as far as a diagonal web sees it
+        across = sqrt(2) * (2 * clear + b) + 2 * sideways_mm
+        along = sqrt(2) * (clear + a / 2) + sideways_mm
+        modes.append(_judged("mesh", max(across, along), fab, tape))
+    else:
+        modes.append(
+            Mode(name="mesh", legal=False, least_pitch_mm=None, reason="its webs lie along the parts; use --rotation 45")
+        )
+    return tuple(modes)
+
+
+def _judged(name: str, pitch_mm: float, fab: FabProfile, tape: Tape) -> Mode:
+    least = whole_um_up(pitch_mm)
+    if fab.coverlay_mode == "gang":
+        reason = "in coverlay mode gang there is no coverlay to hold an anchor"
+        return Mode(name=name, legal=False, least_pitch_mm=None, reason=reason)
+    legal = tape.pitch_mm >= pitch_mm - TOLERANCE_MM
+    web = f"webs of {fab.anchor.web_mm:g} mm with {clearance_mm(fab):g} mm to each opening"
+    reason = f"{web} need W of at least {least:.3f} mm" + ("" if legal else f"; use --w {least:.3f}")
+    return Mode(name=name, legal=legal, least_pitch_mm=least, reason=reason)

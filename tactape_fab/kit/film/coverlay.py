@@ -1,0 +1,185 @@
+"""How the coverlay is opened, and from which pitch on each way is legal: closed forms for any arrangement of symbols.
+
+Openings are boxes that are turned once and then only moved, so two of them are apart by at least L exactly where the
+shift between them lies outside a box of twice their size whose sides are moved out by L and whose corners are round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+import shapely
+
+from tactape_fab.kit.outlines import opening_size_mm
+from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.profiles import COVERLAY_MODES, CoverlayMode, FabProfile, PartProfile
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, snap_mm, texture_to_board
+from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rotate, rounded_rectangle
+from tactape_fab.texture.tape import Board
+
+_REACH = 3
+"""Neighbours further away than this many grid points are never the nearest ones: their shifts grow with the distance."""
+_LEAST_STEP_MM = 0.001
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mode:
+    """One way to open the coverlay, or to anchor pads under it.
+
+    ``least_pitch_mm`` is the pitch from which on it is legal at this displacement, whatever the symbols; 0 where it is
+    legal at any, None where no pitch makes it so. ``reason`` says in words what stands against it, and what would help.
+    """
+
+    name: str
+    legal: bool
+    least_pitch_mm: float | None
+    reason: str
+
+
+def _neighbour_shifts(directions: int) -> tuple[FloatArray, FloatArray]:
+    """Grid steps of all neighbours, and differences of displacement, by pairs; shapes (m, 2), board frame, unit lengths."""
+    span = np.arange(-_REACH, _REACH + 1)
+    steps = np.array([(c, r) for c in span for r in span if c or r], dtype=np.float64)
+    apart = (DIRECTIONS_XY[:directions, None] - DIRECTIONS_XY[:directions]).reshape(-1, 2)
+    return (
+        texture_to_board(np.repeat(steps, len(apart), axis=0), (0.0, 0.0)),
+        texture_to_board(np.tile(apart, (len(steps), 1)), (0.0, 0.0)),
+    )
+
+
+def worst_box_gap_mm(
+    size_mm: tuple[float, float], rotation_deg: float, pitch_mm: float, displacement_mm: float, directions: int = 4
+) -> float:
+    """Least gap between equal turned boxes on neighbouring grid points over all pairs of symbols; negative in an overlap."""
+    steps, apart = _neighbour_shifts(directions)
+    beyond = np.abs(rotate(steps * pitch_mm + apart * displacement_mm, -rotation_deg)) - size_mm
+    outside = np.hypot(*np.maximum(beyond, 0.0).T)
+    return float((outside + np.minimum(beyond.max(axis=1), 0.0)).min())
+
+
+def least_pitch_mm(
+    half_mm: tuple[float, float],
+    radius_mm: float,
+    rotation_deg: float,
+    displacement_mm: float,
+    centre_mm: tuple[float, float] = (0.0, 0.0),
+    *,
+    directions: int = 4,
+) -> float:
+    """The pitch from which on no shift of a neighbour lies in a rounded box, over all pairs of symbols.
+
+    Parameters
+    ----------
+    half_mm : (float, float)
+        Half the sides of the box along and across the part, before it is widened.
+    radius_mm : float
+        By how much it is widened; the radius of its corners.
+    centre_mm : (float, float)
+        Its middle, along and across the part.
+    directions : int
+        Of the symbols.
+    """
+    steps, apart = _neighbour_shifts(directions)
+    d = rotate(steps, -rotation_deg)
+    e = rotate(apart * displacement_mm, -rotation_deg) - centre_mm
+    a, b = half_mm
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exits = [0.0, *_through_sides(d, e, a, b, radius_mm), *_through_sides(d[:, ::-1], e[:, ::-1], b, a, radius_mm)]
+        for corner in ((a, b), (a, -b), (-a, b), (-a, -b)):
+            exits += _through_corner(d, e, np.array(corner), np.array(half_mm), radius_mm)
+    return max(exits)
+
+
+def _through_sides(d: FloatArray, e: FloatArray, a: float, b: float, radius_mm: float) -> list[float]:
+    """Pitches at which lines e + t d meet the two straight sides at +-(a + radius)."""
+    found = []
+    for side in (a + radius_mm, -a - radius_mm):
+        t = (side - e[:, 0]) / d[:, 0]
+        met = np.isfinite(t) & (np.abs(e[:, 1] + t * d[:, 1]) <= b + 1e-12)
+        found += t[met].tolist()
+    return found
+
+
+def _through_corner(d: FloatArray, e: FloatArray, corner: FloatArray, half: FloatArray, radius_mm: float) -> list[float]:
+    """Pitches at which lines e + t d meet the round corner, the later of each line's two."""
+    f = e - corner
+    dd, df, ff = (d * d).sum(axis=1), (d * f).sum(axis=1), (f * f).sum(axis=1) - radius_mm**2
+    t = (-df + np.sqrt(df * df - dd * ff)) / dd
+    point = e + t[:, None] * d
+    outward = ((point * np.where(corner == 0.0, np.sign(point), np.sign(corner))) >= half - 1e-12).all(axis=1)
+    found: list[float] = t[np.isfinite(t) & outward].tolist()
+    return found
+
+
+def whole_um_up(pitch_mm: float) -> float:
+    """A pitch rounded up to whole micrometres, for a message that is true as it stands."""
+    return round(ceil(round(pitch_mm / _LEAST_STEP_MM, 3)) * _LEAST_STEP_MM, 3)
+
+
+def coverlay_modes(
+    fab: FabProfile, part: PartProfile, *, pitch_mm: float, displacement_mm: float, rotation_deg: float, directions: int = 4
+) -> tuple[Mode, ...]:
+    """Every way to open the coverlay, judged for a fab, a part and a grid."""
+    size_mm = opening_size_mm(part, fab)
+    bridge, least_size = fab.limits["opening-bridge"], fab.limits["opening-size"]
+    gap_mm = worst_box_gap_mm(size_mm, rotation_deg, pitch_mm, displacement_mm, directions)
+    pitch = whole_um_up(least_pitch_mm(size_mm, bridge.value_mm, rotation_deg, displacement_mm, directions=directions))
+    wide = bridge.level != "block" or gap_mm >= bridge.value_mm - TOLERANCE_MM
+    large = least_size.level != "block" or min(size_mm) >= least_size.value_mm - TOLERANCE_MM
+    modes = []
+    for name in COVERLAY_MODES:
+        if name not in fab.coverlay_modes:
+            other = "generic-lpi" if name == "lpi" else "generic-fpc"
+            reason = f"{fab.name} opens its coverlay otherwise: {', '.join(fab.coverlay_modes)}; use --fab {other}"
+            modes.append(Mode(name=name, legal=False, least_pitch_mm=None, reason=reason))
+        elif name == "gang":
+            modes.append(Mode(name=name, legal=True, least_pitch_mm=0.0, reason="no coverlay holds a pad down"))
+        elif not large:
+            below = f"openings of {min(size_mm):.3f} mm are below {least_size.value_mm:.3f} mm, whatever W"
+            reason = f"{below}; use a part with wider pads"
+            modes.append(Mode(name=name, legal=False, least_pitch_mm=None, reason=reason))
+        else:
+            reason = f"bridges down to {gap_mm:.3f} mm, limit {bridge.value_mm:.3f} mm" + (
+                "" if wide else f"; use --w {pitch:.3f}"
+            )
+            modes.append(Mode(name=name, legal=wide, least_pitch_mm=pitch, reason=reason))
+    return tuple(modes)
+
+
+def first_legal(modes: Sequence[Mode], fab: FabProfile) -> CoverlayMode:
+    """The fab's first way that is legal; its first one where none is."""
+    legal = {mode.name for mode in modes if mode.legal}
+    return next((name for name in fab.coverlay_modes if name in legal), fab.coverlay_modes[0])
+
+
+def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> FloatArray:
+    """One opening for all parts: the box round their openings, within the outline drawn inward as far as they allow.
+
+    Parameters
+    ----------
+    parts_xy_mm : ndarray, shape (n, 2)
+    opening_mm : ndarray, shape (k, 2)
+        One part's opening about its centre.
+
+    Returns
+    -------
+    ndarray, shape (m, 2)
+        A convex polygon, not closed, counter-clockwise, snapped to 1 nm.
+    """
+    low, high = parts_xy_mm.min(axis=0) + opening_mm.min(axis=0), parts_xy_mm.max(axis=0) + opening_mm.max(axis=0)
+    window = shapely.box(*low, *high)
+    frame_mm = _least_frame_mm(board, parts_xy_mm, opening_mm)
+    radius_mm = max(board.corner_radius_mm - frame_mm, 0.0)
+    size_mm = (board.size_mm[0] - 2 * frame_mm, board.size_mm[1] - 2 * frame_mm)
+    inner = rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(board.size_mm) / 2
+    ring = shapely.Polygon(inner).intersection(window).exterior
+    points = snap_mm(np.array(ring.coords)[:-1])
+    return points if ring.is_ccw else points[::-1]
+
+
+def _least_frame_mm(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> float:
+    vertices = parts_xy_mm[:, None] + opening_mm
+    return max(float(inset_mm(vertices, board.size_mm, board.corner_radius_mm).min()), 0.0)

@@ -1,0 +1,168 @@
+"""build_layout(tape, ...) -> Layout: every shape that is written, as arrays in the board frame (mm)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from tactape_fab.kit.film.anchors import Anchors, anchor_plan, build_anchors
+from tactape_fab.kit.film.coverlay import gang_window
+from tactape_fab.kit.film.label import Label, compose_label
+from tactape_fab.kit.outlines import PartOutlines, part_outlines
+from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
+from tactape_fab.kit.profiles import FabProfile, PartProfile
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.code import DEFAULT_CODE
+from tactape_fab.texture.frames import FloatArray, snap_mm
+from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
+from tactape_fab.texture.tag import SIDE_CELLS, tag_ink
+from tactape_fab.texture.tape import Tape
+
+_TAG_TO_TEXT_MM = 1.0
+_END_GAP_MM = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flashes:
+    """One outline repeated by translation.
+
+    Attributes
+    ----------
+    outline_mm : ndarray, shape (k, 2)
+        About the flash's own origin, counter-clockwise, not closed.
+    xy_mm : ndarray, shape (m, 2)
+        Where it is flashed, snapped to 1 nm.
+    """
+
+    outline_mm: FloatArray
+    xy_mm: FloatArray
+
+    def __post_init__(self) -> None:
+        self.outline_mm.setflags(write=False)
+        self.xy_mm.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Legend:
+    """What is printed: areas of ink without holes, and lines of `line_mm` width along `strokes_mm`."""
+
+    areas_mm: tuple[FloatArray, ...] = ()
+    strokes_mm: tuple[FloatArray, ...] = ()
+    line_mm: float = 0.0
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layout:
+    """A tape drawn: all its layers.
+
+    Attributes
+    ----------
+    parts_xy_mm : ndarray, shape (n, 2)
+        Part centres in designator order.
+    pads, paste : Flashes
+        2 n flashes: R1 land 1, R1 land 2, R2 land 1 ...
+    openings, bodies : Flashes
+        n flashes in designator order.
+    outline_mm : ndarray, shape (k, 2)
+        The board's outline with its rounded corners as polylines.
+    window_mm : ndarray, shape (m, 2), or None
+        The one coverlay opening in place of `openings`, in mode gang.
+    anchors : Anchors or None
+        Copper that runs on from the pads under the coverlay.
+    stiffener, adhesive : str or None
+        What is laminated to the whole underside: material and thickness in mm.
+    """
+
+    tape: Tape
+    part: PartProfile
+    outlines: PartOutlines
+    parts_xy_mm: FloatArray
+    pads: Flashes
+    paste: Flashes
+    openings: Flashes
+    bodies: Flashes
+    outline_mm: FloatArray
+    legend: Legend
+    window_mm: FloatArray | None = None
+    anchors: Anchors | None = None
+    stiffener: str | None = None
+    adhesive: str | None = None
+
+
+def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Layout:
+    """Draw a tape: placements, lands, openings, outline, tag and label."""
+    outlines = part_outlines(part, fab, tape.part.rotation_deg)
+    xy_mm = tape.part_xy_mm()
+    gang = fab.coverlay_mode == "gang"
+    anchors = None
+    if spec.anchor != "none" and not gang:
+        anchors = build_anchors(anchor_plan(spec.anchor, fab, outlines), tape, part.pads)
+
+    def lands(centres_mm: FloatArray) -> FloatArray:
+        return snap_mm(xy_mm[:, None] + centres_mm).reshape(-1, 2)
+
+    return Layout(
+        tape=tape,
+        part=part,
+        outlines=outlines,
+        parts_xy_mm=xy_mm,
+        pads=Flashes(outline_mm=outlines.pad, xy_mm=lands(outlines.pad_xy)),
+        paste=Flashes(outline_mm=outlines.paste, xy_mm=lands(outlines.paste_xy)),
+        openings=Flashes(outline_mm=outlines.opening, xy_mm=xy_mm),
+        bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
+        outline_mm=_board_outline(tape),
+        legend=_legend(tape, spec, fab),
+        window_mm=gang_window(tape.board, xy_mm, outlines.opening) if gang else None,
+        anchors=anchors,
+        stiffener=spec.stiffener,
+        adhesive=spec.adhesive,
+    )
+
+
+def _board_outline(tape: Tape) -> FloatArray:
+    size_mm, radius_mm = tape.board.size_mm, tape.board.corner_radius_mm
+    return rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
+
+
+def _legend(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Legend:
+    if tape.tag is None:
+        return Legend()
+    ink = tag_ink(
+        tape.tag.id,
+        cell_mm=tape.tag.cell_mm,
+        gap_mm=fab.legend.gap_mm,
+        bleed_mm=fab.legend.bleed_mm,
+        legend_is_light=fab.legend_colour == "white",
+    )
+    label = _label(tape, spec, fab)
+    return Legend(
+        areas_mm=tuple(snap_mm(area + tape.tag.center_mm) for area in ink.areas_mm),
+        strokes_mm=tuple(snap_mm(stroke) for stroke in label.strokes_mm),
+        line_mm=fab.legend.line_mm,
+        left_out=label.left_out,
+    )
+
+
+def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Label:
+    """The strip's label: between the tag and the upper end, inside the outline's rounded corner."""
+    assert tape.tag is not None
+    left_mm = TAG_KEEP_OUT_MM + fab.legend.line_mm
+    radius_mm, edge_mm = tape.board.corner_radius_mm, fab.legend.edge_mm
+    rise_mm = sqrt(max((radius_mm - edge_mm) ** 2 - (radius_mm - left_mm) ** 2, 0.0)) if left_mm < radius_mm else radius_mm
+    return compose_label(
+        [
+            tape.name,
+            f"sector {tape.sector}" + ("" if tape.code == DEFAULT_CODE else f" of {tape.code}"),
+            f"{tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
+            f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
+        ],
+        x_mm=(left_mm, strip_width_mm(spec) - left_mm),
+        y_mm=(
+            tape.tag.center_mm[1] + SIDE_CELLS * tape.tag.cell_mm / 2 + _TAG_TO_TEXT_MM,
+            tape.board.size_mm[1] - max(_END_GAP_MM, radius_mm - rise_mm),
+        ),
+        cap_mm=fab.legend.text_mm,
+    )

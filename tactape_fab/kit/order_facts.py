@@ -1,0 +1,266 @@
+"""Facts that an order rests on, gathered from layout, fab profile and findings: what the order notes say in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, floor
+
+import numpy as np
+
+from tactape_fab.base.errors import Finding
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film.layout import Layout
+from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.profiles import FabProfile, Origin, PartProfile, SizeLimit
+from tactape_fab.kit.profiles.limits import Limit
+from tactape_fab.texture.shapes import reach_mm
+from tactape_fab.texture.tag import SIDE_CELLS
+from tactape_fab.texture.tape import Tape
+
+TAPES_AN_ORDER = (1, 5, 20)
+"""Sizes of an order that an estimate is made for."""
+LANDS_PER_PART = 2
+_INK_CLEAR_MM = 0.5
+_LEAST_AREA_MM = 1.5
+_TENTHS = 10
+
+Box = tuple[float, float, float, float]
+"""x from, y from, x to, y to: board frame, mm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """A threshold in play that no fab has confirmed."""
+
+    rule: str
+    message: str
+    source: str
+    date: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """Assembly of a tape: ``once`` and ``each`` are sums of an order and of a tape in the profile's currency."""
+
+    joints: int
+    minutes: float
+    once: float
+    each: float
+    totals: tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderedTape:
+    """A tape of a panel: where it lies, and its first and last designator's numbers."""
+
+    name: str
+    sector: int
+    first: int
+    last: int
+    offset_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderedPanel:
+    """What the notes say of a panel."""
+
+    words: str
+    tape_mm: tuple[float, float]
+    rail_mm: float
+    gap_mm: float
+    tab_mm: float
+    tapes: tuple[OrderedTape, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderFacts:
+    """Everything that a template of order notes may say.
+
+    Attributes
+    ----------
+    name, size_mm, part_count
+        Of what is ordered: the tape, or the panel that `panel` describes, whose first tape `tape` is then.
+    designs : int
+        Different tapes in it.
+    files : mapping of str to str
+        Role to path in the kit.
+    part_number : str
+        As the assembly house takes it; '' where there is none.
+    field_mm : Box
+        Holds every coverlay opening, rounded outward to 0.1 mm; nothing may be added in it.
+    number_mm : Box or None
+        Where the fab may print its order number: in the strip, clear of tag and label; rounded inward,
+        None where there is no room.
+    slash : str
+        How a part leans seen from above: one of ``- / | \\``.
+    fits_panel : bool
+        Whether the board alone is within what the assembly line takes.
+    questions, broken, warnings : tuples
+        Unconfirmed thresholds in play, rules broken that block (the tape was forced), and warnings that rest on no threshold.
+    stiffener, adhesive : str or None
+        What is laminated to the underside: material and thickness in mm.
+    anchors : str
+        Copper that runs on from the pads under the coverlay: its kind, or ``none``.
+    """
+
+    name: str
+    size_mm: tuple[float, float]
+    part_count: int
+    tape: Tape
+    fab: FabProfile
+    part: PartProfile
+    part_number: str
+    files: Mapping[str, str]
+    bom_rows: int
+    field_mm: Box
+    number_mm: Box | None
+    slash: str
+    fits_panel: bool
+    least_gap_mm: float
+    least_hole_mm: float | None
+    opening_mm: tuple[float, float]
+    questions: tuple[Question, ...]
+    broken: tuple[str, ...]
+    warnings: tuple[str, ...]
+    estimate: Estimate
+    stiffener: str | None = None
+    adhesive: str | None = None
+    anchors: str = "none"
+    designs: int = 1
+    panel: OrderedPanel | None = None
+
+    @property
+    def unit(self) -> str:
+        """What is ordered."""
+        return "tape" if self.panel is None else "panel"
+
+
+def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], artifacts: Sequence[Artifact]) -> OrderFacts:
+    """Gather the facts of one tape's order; `artifacts` are the files of its film."""
+    tape, part = layout.tape, layout.part
+    (bom,) = (a for a in artifacts if a.role == "bom")
+    longer, shorter = max(tape.board.size_mm), min(tape.board.size_mm)
+    least, most = fab.panel.smallest_mm, fab.panel.largest_mm
+    field_mm = _field(layout)
+    return OrderFacts(
+        name=tape.name,
+        size_mm=tape.board.size_mm,
+        part_count=tape.part_count,
+        tape=tape,
+        fab=fab,
+        part=part,
+        part_number=part.part_numbers.get(fab.assembly, ""),
+        files={a.role: a.path for a in artifacts},
+        bom_rows=bom.data.count(b"\r\n") - 1,
+        field_mm=field_mm,
+        number_mm=_number_area(layout, fab, field_mm[0]),
+        slash="-/|\\"[round(tape.part.rotation_deg % 180.0 / 45.0) % 4],
+        fits_panel=least[0] <= longer <= most[0] and least[1] <= shorter <= most[1],
+        least_gap_mm=min((f.value for f in findings if f.rule in ("pad-pad", "pad-pair") and f.value is not None), default=0.0),
+        least_hole_mm=min((hole[2] for hole in tape.board.holes), default=None),
+        opening_mm=layout.outlines.opening_size_mm,
+        questions=_questions(fab, findings),
+        broken=tuple(f"{f.rule}: {f.message}" for f in findings if f.blocks),
+        warnings=tuple(f"{f.rule}: {f.message}" for f in findings if f.level == "warn" and not f.passed and not f.source),
+        estimate=estimate(tape.part_count, fab),
+        stiffener=layout.stiffener,
+        adhesive=layout.adhesive,
+        anchors="none" if layout.anchors is None else layout.anchors.mode,
+    )
+
+
+def panel_order_facts(
+    name: str,
+    panel: Panel,
+    layouts: Sequence[Layout],
+    fab: FabProfile,
+    findings: Sequence[Finding],
+    artifacts: Sequence[Artifact],
+) -> OrderFacts:
+    """Gather the facts of a panel's order; `artifacts` are its own files, `layouts` in the order of `Panel.offsets_mm`."""
+    facts = order_facts(layouts[0], fab, findings, artifacts)
+    counts = [layout.tape.part_count for layout in layouts]
+    last = np.cumsum(counts).tolist()
+    holes = [hole[2] for layout in layouts for hole in layout.tape.board.holes]
+    return replace(
+        facts,
+        name=name,
+        size_mm=panel.size_mm,
+        part_count=sum(counts),
+        fits_panel=True,
+        least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
+        estimate=estimate(sum(counts), fab),
+        designs=len({(layout.tape.code, layout.tape.sector, layout.tape.origin) for layout in layouts}),
+        panel=OrderedPanel(
+            words=f"{panel.columns} x {panel.rows} tapes",
+            tape_mm=panel.tape_mm,
+            rail_mm=panel.rail_mm,
+            gap_mm=panel.gap_mm,
+            tab_mm=panel.tab_mm,
+            tapes=tuple(
+                OrderedTape(
+                    name=layout.tape.name, sector=layout.tape.sector, first=end - count + 1, last=end, offset_mm=offset_mm
+                )
+                for layout, count, end, offset_mm in zip(layouts, counts, last, panel.offsets_mm, strict=True)
+            ),
+        ),
+    )
+
+
+def _field(layout: Layout) -> Box:
+    xy, reach = layout.openings.xy_mm, reach_mm(layout.openings.outline_mm)
+    low, high = xy.min(axis=0) - reach, xy.max(axis=0) + reach
+    if layout.window_mm is not None:
+        low, high = np.minimum(low, layout.window_mm.min(axis=0)), np.maximum(high, layout.window_mm.max(axis=0))
+    low, high = np.floor(low * _TENTHS) / _TENTHS, np.ceil(high * _TENTHS) / _TENTHS
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box | None:
+    """The tallest part of the strip without ink, clear of the field; None without a strip, or where there is no room."""
+    tape, legend, edge_mm = layout.tape, layout.legend, fab.legend.edge_mm
+    if tape.tag is None:
+        return None
+    half_mm = SIDE_CELLS * tape.tag.cell_mm / 2
+    right_mm = min(tape.tag.center_mm[0] + half_mm, field_left_mm - _INK_CLEAR_MM)
+    inked = [(tape.tag.center_mm[1] - half_mm, tape.tag.center_mm[1] + half_mm)]
+    inked += [(float(stroke[:, 1].min()), float(stroke[:, 1].max())) for stroke in legend.strokes_mm]
+    ends = np.array(sorted([(edge_mm, edge_mm), *inked, *[(tape.board.size_mm[1] - edge_mm,) * 2]]))
+    tops = np.maximum.accumulate(ends[:, 1])
+    gaps = [(low + _INK_CLEAR_MM, high - _INK_CLEAR_MM) for low, (high, _) in zip(tops[:-1], ends[1:], strict=True)]
+    low, high = max(gaps, key=lambda gap: gap[1] - gap[0])
+    left_mm = max(edge_mm, _INK_CLEAR_MM)
+    if high - low < _LEAST_AREA_MM or right_mm - left_mm < _LEAST_AREA_MM:
+        return None
+    x0, y0 = (ceil(value * _TENTHS) / _TENTHS for value in (left_mm, low))
+    x1, y1 = (floor(value * _TENTHS) / _TENTHS for value in (right_mm, high))
+    return x0, y0, x1, y1
+
+
+def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
+    """A question for each unconfirmed threshold that something was held against."""
+    tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
+    origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
+    origins += [table.origin for table in tables if table is not None]
+    dates = {origin.source: origin.date for origin in origins}
+    return tuple(
+        Question(rule=f.rule, message=f.message, source=f.source, date=dates.get(f.source, "no date"))
+        for f in findings
+        if f.source and not f.confirmed
+    )
+
+
+def estimate(parts: int, fab: FabProfile) -> Estimate:
+    """What assembling tapes of so many parts would cost, by the figures of the fab's profile."""
+    costs = {name: assumption.value for name, assumption in fab.order.costs.items()}
+    joints = LANDS_PER_PART * parts
+    once = costs["setup"] + costs["stencil"] + costs["fixture"] + costs["feeder"]
+    each = joints * costs["joint"] + parts * costs["part"]
+    return Estimate(
+        joints=joints,
+        minutes=parts * fab.order.placement.value / 60.0,
+        once=once,
+        each=each,
+        totals=tuple((tapes, once + tapes * each) for tapes in TAPES_AN_ORDER),
+    )

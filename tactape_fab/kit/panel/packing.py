@@ -1,0 +1,167 @@
+"""Packs tapes into the sheets that a fab and an assembly line take: rectangles only, by rectpack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.kit.profiles import FabProfile
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+_UNITS_PER_MM = 1_000_000
+"""Packed in whole nanometres: with floats, neighbours that touch are taken to overlap."""
+_ALGORITHMS = ("MaxRectsBssf", "MaxRectsBl", "GuillotineBssfSas", "GuillotineBafLas", "SkylineBlWm")
+_SORTS = ("SORT_AREA", "SORT_LSIDE", "SORT_SSIDE")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Packing:
+    """Where each of n tapes lies.
+
+    Attributes
+    ----------
+    sheet_mm : (float, float)
+        Room of a sheet for tapes, without rails.
+    sizes_mm : ndarray, shape (n, 2)
+        Outlines of the tapes as they were given.
+    sheet : ndarray of int64, shape (n,)
+        Which sheet each lies on, from 0.
+    xy_mm : ndarray, shape (n, 2)
+        Lower left corner of the room that it takes, from the lower left corner of the sheet's room.
+    turned : ndarray of bool, shape (n,)
+        Whether it lies turned by 90 degrees, counter-clockwise.
+    """
+
+    sheet_mm: tuple[float, float]
+    sizes_mm: FloatArray
+    sheet: IntArray
+    xy_mm: FloatArray
+    turned: npt.NDArray[np.bool_]
+
+    @property
+    def sheets(self) -> int:
+        """How many sheets there are."""
+        return int(self.sheet.max()) + 1
+
+    @property
+    def offset_mm(self) -> FloatArray:
+        """Where each tape's board origin comes to lie, so that p_sheet = offset + R_ccw(0 or 90 degrees) p_board; (n, 2)."""
+        turn_mm = np.stack([np.where(self.turned, self.sizes_mm[:, 1], 0.0), np.zeros(len(self.sheet))], axis=1)
+        return np.asarray(self.xy_mm + turn_mm)
+
+    def tape_area_mm2(self) -> FloatArray:
+        """Area of the tapes on each sheet, shape (sheets,)."""
+        return np.bincount(self.sheet, weights=self.sizes_mm.prod(axis=1)).astype(np.float64)
+
+
+def sheet_room_mm(fab: FabProfile) -> tuple[float, float]:
+    """Room for tapes on the largest panel of a fab: rails on all four sides, and a gap along each."""
+    border_mm = 2 * (fab.panel.rail_mm + fab.panel.gap_mm)
+    width_mm, height_mm = (side_mm - border_mm for side_mm in fab.panel.largest_mm)
+    return width_mm, height_mm
+
+
+def misfit(size_mm: tuple[float, float], fab: FabProfile) -> Problem | None:
+    """The problem of a tape that fits no sheet of a fab, either way round."""
+    room_mm = sheet_room_mm(fab)
+    if max(size_mm) <= max(room_mm) and min(size_mm) <= min(room_mm):
+        return None
+    panel = fab.panel
+    message = (
+        f"size_mm = {size_mm[0]:g} x {size_mm[1]:g} mm does not fit into {room_mm[0]:g} x {room_mm[1]:g} mm, the room on a panel "
+        f"of {panel.largest_mm[0]:g} x {panel.largest_mm[1]:g} mm of {fab.name} within rails of {panel.rail_mm:g} mm and gaps of "
+        f"{panel.gap_mm:g} mm; use a smaller tape, or leave --pack out"
+    )
+    return Problem("size_mm", message)
+
+
+def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float], gap_mm: float) -> Packing:
+    """Pack tapes into as few sheets as several ways of packing find; of equal ways the one with the emptiest last sheet.
+
+    Tapes may lie turned by 90 degrees. Tapes of one size lie in the order given: by sheet, from the top row down, left to right.
+
+    Parameters
+    ----------
+    sizes_mm : sequence of (float, float)
+        Width and height of each tape's outline.
+    sheet_mm : (float, float)
+        Room for tapes on a sheet.
+    gap_mm : float
+        Least gap between two tapes.
+
+    Raises
+    ------
+    SpecError
+        When there is no tape, or one fits no sheet.
+    """
+    sizes = np.asarray(sizes_mm, dtype=np.float64).reshape(-1, 2)
+    if not len(sizes):
+        raise SpecError("sizes_mm names no tape to pack; give one or more")
+    if sizes.max() > max(sheet_mm) or sizes.min(axis=1).max() > min(sheet_mm):
+        raise SpecError(
+            f"a tape does not fit a sheet of {sheet_mm[0]:g} x {sheet_mm[1]:g} mm; use smaller tapes or larger sheets"
+        )
+    sides = _whole(sizes + gap_mm)
+    width, height = (int(side) for side in _whole(np.asarray(sheet_mm) + gap_mm))
+    found = [_packed(sides, (width, height), algorithm, sort) for algorithm in _ALGORITHMS for sort in _SORTS]
+    places = _in_order(min(found, key=lambda rows: _cost(rows, sides)), sizes)
+    return Packing(
+        sheet_mm=sheet_mm,
+        sizes_mm=sizes,
+        sheet=places[:, 0],
+        xy_mm=places[:, 1:3] / _UNITS_PER_MM,
+        turned=places[:, 3].astype(bool),
+    )
+
+
+def _whole(lengths_mm: FloatArray) -> IntArray:
+    return np.rint(lengths_mm * _UNITS_PER_MM).astype(np.int64)
+
+
+def _packed(sides: IntArray, sheet: tuple[int, int], algorithm: str, sort: str) -> IntArray:
+    """Sheet, x, y and whether turned, of every rectangle; shape (n, 4)."""
+    import rectpack
+
+    packer = rectpack.newPacker(
+        mode=rectpack.PackingMode.Offline,
+        bin_algo=rectpack.PackingBin.BFF,
+        pack_algo=getattr(rectpack, algorithm),
+        sort_algo=getattr(rectpack, sort),
+        rotation=True,
+    )
+    for i, (width, height) in enumerate(sides.tolist()):
+        packer.add_rect(width, height, rid=i)
+    packer.add_bin(*sheet, count=len(sides))
+    packer.pack()
+    rows: Iterable[tuple[int, int, int, int, int, int]] = packer.rect_list()
+    places = np.full((len(sides), 4), -1, dtype=np.int64)
+    for bin_index, x, y, width, _, i in rows:
+        places[i] = bin_index, x, y, width != sides[i, 0]
+    assert (places[:, 0] >= 0).all(), "rectpack left a rectangle out"
+    return places
+
+
+def _cost(places: IntArray, sides: IntArray) -> tuple[int, int, int]:
+    """Sheets, area on the emptiest of them, turned tapes."""
+    area = np.bincount(places[:, 0], weights=sides.prod(axis=1).astype(np.float64))
+    return len(area), int(area.min()), int(places[:, 3].sum())
+
+
+def _in_order(places: IntArray, sizes_mm: FloatArray) -> IntArray:
+    """The same places, the sheet with most area of tapes first, taken by tapes of one size in the order given."""
+    area = np.bincount(places[:, 0], weights=sizes_mm.prod(axis=1)).round(6)
+    rank = np.empty(len(area), dtype=np.int64)
+    rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
+    places = np.column_stack([rank[places[:, 0]], places[:, 1:]])
+    _, kinds = np.unique(sizes_mm, axis=0, return_inverse=True)
+    ordered = places.copy()
+    for kind in range(kinds.max() + 1):
+        alike = np.flatnonzero(kinds.reshape(-1) == kind)
+        slots = places[alike]
+        ordered[alike] = slots[np.lexsort((slots[:, 1], -slots[:, 2], slots[:, 0]))]
+    return ordered

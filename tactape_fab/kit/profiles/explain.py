@@ -1,0 +1,81 @@
+"""A fab profile as plain data: every threshold with its unit, and where it comes from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tactape_fab.kit.profiles.fab_tables import Origin
+from tactape_fab.kit.profiles.fabs import FabProfile
+
+
+def explain_fab(fab: FabProfile) -> dict[str, Any]:
+    """Everything that a profile says, as JSON can hold it.
+
+    Returns
+    -------
+    dict
+        ``thresholds`` is a list of mappings with id, value, unit, level, source, date and confirmed.
+    """
+    material = fab.material
+    return {
+        "name": fab.name,
+        "title": fab.title,
+        "material": {
+            "base": material.base,
+            "thickness_mm": material.thickness_mm,
+            "copper_um": material.copper_um,
+            "layers": material.layers,
+            "finish": material.finish,
+        },
+        "colours": {"coverlay": fab.coverlay_colour, "legend": fab.legend_colour},
+        "coverlay": list(fab.coverlay_modes),
+        "stiffener": list(fab.stiffener.choices),
+        "adhesive": list(fab.adhesive.choices),
+        "gerber": {"x2": fab.x2, "job_in_zip": fab.job_in_zip},
+        "assembly": fab.assembly,
+        "panel": fab.panel.make,
+        "files": dict(fab.file_names),
+        "thresholds": _thresholds(fab),
+    }
+
+
+def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
+    rows = []
+    for name, limit in fab.limits.items():
+        origin = Origin(source=limit.source, date=limit.date, confirmed=limit.confirmed)
+        rows.append(_row(name, limit.value_mm, "mm", limit.level, origin))
+        if limit.warn_mm is not None:
+            rows.append(_row(name, limit.warn_mm, "mm", "warn", origin))
+    size = Origin(source=fab.size.source, date=fab.size.date, confirmed=fab.size.confirmed)
+    rows.append(_row("size", list(fab.size.largest_mm), "mm", fab.size.level, size))
+    for name in ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm"):
+        rows.append(_row(f"legend.{name[:-3]}", getattr(fab.legend, name), "mm", "block", fab.legend.origin))
+    for name in ("web_mm", "opening_mm", "overlap_mm"):
+        rows.append(_row(f"anchor.{name[:-3]}", getattr(fab.anchor, name), "mm", "block", fab.anchor.origin))
+    rows.append(_row("stencil.thickness", fab.stencil.thickness_mm, "mm", "info", fab.stencil.origin))
+    rows.append(_row("paste-ratio", fab.stencil.least_ratio, "", "warn", fab.stencil.origin))
+    rows.append(_row("part-count", fab.parts.most, "", fab.parts.level, fab.parts.origin))
+    rows.append(_row("chip-size", fab.parts.smallest_mm, "mm", "warn", fab.parts.smallest_origin))
+    if fab.bend is not None:
+        rows.append(_row("bend-radius", fab.bend.least_thicknesses, "thicknesses", "warn", fab.bend.origin))
+    panel = ("smallest_mm", "largest_mm", "rail_mm", "gap_mm", "fiducials", "fiducial_mm", "fiducial_opening_mm")
+    for name in (*panel, "fiducial_shift_mm", "tooling_holes", "tooling_hole_mm", "tab_mm", "tab_pitch_mm"):
+        value = getattr(fab.panel, name)
+        shown = list(value) if isinstance(value, tuple) else value
+        rows.append(_row(f"panel.{name.removesuffix('_mm')}", shown, "mm" * name.endswith("_mm"), "info", fab.panel.origin))
+    assumptions = {name: (cost, fab.order.currency) for name, cost in fab.order.costs.items()}
+    for name, (assumption, unit) in {**assumptions, "placement": (fab.order.placement, "s")}.items():
+        rows.append(_row(f"order.{name}", assumption.value, unit, "info", assumption.origin))
+    return rows
+
+
+def _row(name: str, value: object, unit: str, level: str, origin: Origin) -> dict[str, Any]:
+    return {
+        "id": name,
+        "value": value,
+        "unit": unit,
+        "level": level,
+        "source": origin.source,
+        "date": origin.date,
+        "confirmed": origin.confirmed,
+    }

@@ -1,0 +1,254 @@
+"""Fab profiles: what a fab can make and how it wants its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, cast
+
+from tactape_fab.base.errors import Level
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.kit.profiles.fab_tables import (
+    ORIGIN_KEYS,
+    AnchorRules,
+    Backing,
+    BendRules,
+    CoverlayMode,
+    Origin,
+    PanelRules,
+    PartsLimit,
+    StencilRules,
+    read_anchor,
+    read_backing,
+    read_bend,
+    read_modes,
+    read_origin,
+    read_panel,
+    read_parts_limit,
+    read_stencil,
+)
+from tactape_fab.kit.profiles.limits import SOURCE_KEYS, Limit, read_level, read_limit
+from tactape_fab.kit.profiles.ordering import Ordering, read_ordering
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
+
+X2_MODES = ("full", "comments", "off")
+LIMIT_IDS = (
+    "pad-pad",
+    "body-body",
+    "pad-edge",
+    "body-edge",
+    "opening-size",
+    "opening-bridge",
+    "opening-expansion",
+    "opening-edge",
+    "opening-legend",
+    "hole-edge",
+    "hole-copper",
+    "hole-part",
+    "hole-hole",
+    "hole-legend",
+    "hole-size",
+    "courtyard",
+    "corner-radius",
+)
+GERBER_ROLES = (
+    "copper-top",
+    "coverlay-top",
+    "paste-top",
+    "legend-top",
+    "profile",
+    "drill-npth",
+    "stiffener-bottom",
+    "adhesive-bottom",
+    "components-top",
+    "job",
+)
+BACKING_ROLES = ("stiffener-bottom", "adhesive-bottom")
+"""What is laminated to the underside; its file names say the material."""
+_TABLES = (
+    *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
+    *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel", "order"),
+)
+_LEGEND_KEYS = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+_COLOURS_ALIKE = {"white": ("white",), "black": ("black",)}
+_FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9._-]{1,99}"
+_BACKING_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\{material\}[A-Za-z0-9._-]{0,99}"
+
+X2Mode = Literal["full", "comments", "off"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeLimit:
+    """The largest board, (longer side, shorter side)."""
+
+    largest_mm: tuple[float, float]
+    level: Level
+    source: str
+    date: str
+    confirmed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    base: str
+    thickness_mm: float
+    copper_um: float
+    layers: int
+    finish: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LegendRules:
+    """``line_mm`` thinnest ink line, ``text_mm`` least capital height, ``gap_mm`` least gap between inked areas,
+    ``bleed_mm`` how far ink runs over an edge, ``edge_mm`` ink to outline.
+    """
+
+    origin: Origin
+    line_mm: float
+    text_mm: float
+    gap_mm: float
+    bleed_mm: float
+    edge_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FabProfile:
+    """What a fab can make and how it wants its files.
+
+    ``limits`` holds one `Limit` for each of LIMIT_IDS; ``file_names`` one name pattern per Gerber role.
+    ``coverlay_modes`` are the ways in which the fab opens the coverlay or mask, ``coverlay_mode`` the one in use.
+    """
+
+    name: str
+    title: str
+    material: Material
+    coverlay_colour: str
+    legend_colour: str
+    x2: X2Mode
+    job_in_zip: bool
+    assembly: str
+    file_names: Mapping[str, str]
+    coverlay_expansion_mm: float
+    coverlay_modes: tuple[CoverlayMode, ...]
+    coverlay_mode: CoverlayMode
+    anchor: AnchorRules
+    stiffener: Backing
+    adhesive: Backing
+    stencil: StencilRules
+    bend: BendRules | None
+    parts: PartsLimit
+    panel: PanelRules
+    order: Ordering
+    legend: LegendRules
+    limits: Mapping[str, Limit]
+    size: SizeLimit
+
+    def file_path(self, role: str, tape_name: str, material: str = "") -> str:
+        """Path of a fabrication file relative to the kit's folder; `material` is a backing's, in words."""
+        return f"gerber/{self.file_names[role].replace('{name}', tape_name).replace('{material}', material)}"
+
+    @property
+    def mask_name(self) -> str:
+        """What covers the copper: a film with openings cut in it, or a mask that light hardens."""
+        return "solder mask" if "lpi" in self.coverlay_modes else "coverlay"
+
+    def in_mode(self, mode: CoverlayMode) -> FabProfile:
+        """The profile with the coverlay opened in another way.
+
+        In one opening for all parts the coverlay that is left is a frame, which is held to the limit of a bridge.
+        """
+        limits = dict(self.limits)
+        bridge = limits["opening-bridge"]
+        if mode == "gang" and bridge.value_mm > limits["opening-edge"].value_mm:
+            limits["opening-edge"] = bridge
+        return replace(self, coverlay_mode=mode, limits=limits)
+
+    def thresholds(self) -> dict[str, Any]:
+        """The thresholds and colours as the manifest records them."""
+        return {
+            "coverlay_colour": self.coverlay_colour,
+            "legend_colour": self.legend_colour,
+            "coverlay_expansion_mm": self.coverlay_expansion_mm,
+            "coverlay_mode": self.coverlay_mode,
+            "job_in_zip": self.job_in_zip,
+            "legend_bleed_mm": self.legend.bleed_mm,
+            "legend_gap_mm": self.legend.gap_mm,
+            "largest_board_mm": list(self.size.largest_mm),
+            "limits_mm": {name: limit.value_mm for name, limit in self.limits.items()},
+        }
+
+
+def load_fab(name: str) -> FabProfile:
+    """A fab profile by name, or by the path of a TOML file.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it.
+    """
+    table = profile_table("fabs", "fab", name)
+    table.refuse_unknown(_TABLES)
+    material = table.table("material", ("base", "thickness_mm", "copper_um", "layers", "finish"))
+    colours = table.table("colours", ("coverlay", "legend"))
+    gerber = table.table("gerber", ("x2", "job_in_zip"))
+    assembly = table.table("assembly", ("format",))
+    coverlay = table.table("coverlay", ("expansion_mm", "modes"))
+    legend = table.table("legend", (*_LEGEND_KEYS, *ORIGIN_KEYS))
+    files = table.table("files", GERBER_ROLES)
+    limits = table.table("limits", LIMIT_IDS)
+    modes = read_modes(coverlay)
+    size = table.table("size", ("largest_mm", *SOURCE_KEYS))
+    largest = size.numbers("largest_mm", 2, above=0.0)
+    names = [files.values[role] for role in GERBER_ROLES if isinstance(files.values.get(role), str)]
+    for shared in sorted({n for n in names if names.count(n) > 1}):
+        files.problem("files", f"{shown(shared)} stands at two roles, which cannot share a file name; give each its own")
+    if colours.values.get("legend") in _COLOURS_ALIKE.get(str(colours.values.get("coverlay")), ()):
+        both = colours.values["legend"]
+        colours.problem("legend", f"legend = {both!r} on coverlay {both!r} cannot be seen, nor its tag; give another of the two")
+    profile = FabProfile(
+        name=table.text("name", longest=100),
+        title=table.text("title"),
+        material=Material(
+            base=material.text("base"),
+            thickness_mm=material.number("thickness_mm", above=0.0, high=10.0),
+            copper_um=material.number("copper_um", above=0.0, high=1000.0, unit="um"),
+            layers=material.integer("layers", low=1, high=64),
+            finish=material.text("finish"),
+        ),
+        coverlay_colour=colours.text("coverlay", choices=("amber", "black", "white", "yellow", "green")),
+        legend_colour=colours.text("legend", choices=("white", "black")),
+        x2=cast(X2Mode, gerber.text("x2", choices=X2_MODES)),
+        job_in_zip=gerber.flag("job_in_zip"),
+        assembly=assembly.text("format", choices=ASSEMBLY_FORMATS),
+        file_names={role: _file_name(files, role) for role in GERBER_ROLES},
+        coverlay_expansion_mm=coverlay.number("expansion_mm", low=0.0, high=1.0),
+        coverlay_modes=modes,
+        coverlay_mode=modes[0],
+        anchor=read_anchor(table),
+        stiffener=read_backing(table, "stiffener"),
+        adhesive=read_backing(table, "adhesive"),
+        stencil=read_stencil(table),
+        bend=read_bend(table),
+        parts=read_parts_limit(table),
+        panel=read_panel(table),
+        order=read_ordering(table),
+        legend=LegendRules(origin=read_origin(legend), **{key: legend.number(key, low=0.0, high=10.0) for key in _LEGEND_KEYS}),
+        limits={name: read_limit(limits.table(name, ("value_mm", "warn_mm", *SOURCE_KEYS))) for name in LIMIT_IDS},
+        size=SizeLimit(
+            largest_mm=(max(largest), min(largest)),
+            level=read_level(size),
+            source=size.text("source"),
+            date=size.text("date"),
+            confirmed=size.flag("confirmed"),
+        ),
+    )
+    refuse_problems(table)
+    return profile
+
+
+def _file_name(files: Fields, role: str) -> str:
+    if role in BACKING_ROLES:
+        remedy = "give a file name in words, with {name} for the tape's and {material} for material and thickness"
+        return files.text(role, pattern=_BACKING_NAME, remedy=remedy)
+    return files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")

@@ -1,0 +1,196 @@
+"""Part profiles: parts with lands, and solid elements for printing and milling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, pi
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.kit.profiles.chips import chip_code_problem
+from tactape_fab.texture.cpl import read_part_numbers
+from tactape_fab.texture.tape import PART_SHAPES
+
+LARGEST_BODY_MM = 20.0
+_LAND_KEYS = ("size_mm", "corner_radius_mm", "offset_mm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LandPattern:
+    """A pair of rounded rectangles at (-offset, 0) and (+offset, 0) of the unturned part."""
+
+    size_mm: tuple[float, float]
+    corner_radius_mm: float
+    offset_mm: float
+
+    @property
+    def area_mm2(self) -> float:
+        """Exact area of one of the two lands."""
+        return self.size_mm[0] * self.size_mm[1] - (4 - pi) * self.corner_radius_mm**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartProfile:
+    """A part with lands that stands on the grid points, unturned (long axis along x).
+
+    ``part_numbers`` holds a number for each assembly format that has one.
+    """
+
+    name: str
+    shape: str
+    value: str
+    description: str
+    footprint: str
+    body_mm: tuple[float, float, float]
+    body_tolerance_mm: float
+    pads: LandPattern
+    paste: LandPattern
+    courtyard_mm: tuple[float, float]
+    part_numbers: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def lands_mm(self) -> tuple[float, float]:
+        """Length and width of both lands together."""
+        return 2 * self.pads.offset_mm + self.pads.size_mm[0], self.pads.size_mm[1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementProfile:
+    """A solid element for printing and milling, unturned; it has no lands.
+
+    ``body_mm`` is (length, width, height) of a ``block``, (diameter, diameter, height) of a ``dome``, which is a
+    spherical cap, or a truncated cone whose flat top has the diameter ``top_mm``.
+    """
+
+    name: str
+    shape: str
+    description: str
+    body_mm: tuple[float, float, float]
+    body_tolerance_mm: float
+    top_mm: float | None = None
+
+
+def read_part(name: str) -> PartProfile | ElementProfile:
+    """A part profile by name, or by the path of a TOML file; one without ``[pads]`` is a solid element.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it.
+    """
+    table = profile_table("parts", "part", name)
+    profile = _part_with_lands(table) if {"pads", "paste", "courtyard"} & table.values.keys() else _element(table)
+    refuse_problems(table)
+    return profile
+
+
+def load_part(name: str) -> PartProfile:
+    """A part profile with lands; see `read_part`.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it, and where it is a solid element.
+    """
+    part = read_part(name)
+    if isinstance(part, ElementProfile):
+        raise SpecError(Problem("part", f"part = {shown(name)} is a solid element without lands; give a part with [pads]"))
+    return part
+
+
+def _part_with_lands(table: Fields) -> PartProfile:
+    table.refuse_unknown(
+        ("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard", "part_numbers")
+    )
+    body = table.table("body", ("size_mm", "tolerance_mm"))
+    length, width, height = body.numbers("size_mm", 3, above=0.0, high=LARGEST_BODY_MM)
+    courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, above=0.0, high=40.0)
+    profile = PartProfile(
+        name=_part_name(table),
+        shape=table.text("shape", choices=("block",), remedy="a part with lands is a block"),
+        value=_attribute_text(table, "value"),
+        description=_attribute_text(table, "description"),
+        footprint=_attribute_text(table, "footprint"),
+        body_mm=(length, width, height),
+        body_tolerance_mm=body.number("tolerance_mm", low=0.0, high=1.0),
+        pads=read_land(table.table("pads", _LAND_KEYS)),
+        paste=read_land(table.table("paste", _LAND_KEYS)),
+        courtyard_mm=(courtyard[0], courtyard[1]),
+        part_numbers=read_part_numbers(table),
+    )
+    for key in ("value", "footprint", "description") if isfinite(length) else ():
+        if (problem := chip_code_problem(getattr(profile, key), profile.body_mm)) is not None:
+            table.problem(key, f"{key} = {shown(getattr(profile, key))} {problem}")
+    return profile
+
+
+def _element(table: Fields) -> ElementProfile:
+    table.refuse_unknown(("name", "shape", "description", "body"))
+    body = table.table("body", ("size_mm", "top_mm", "tolerance_mm"))
+    shape = table.text("shape", choices=PART_SHAPES)
+    size = body.numbers("size_mm", 3, above=0.0, high=LARGEST_BODY_MM)
+    top_mm = body.number("top_mm") if "top_mm" in body.values else None
+    problem = element_problem(shape, size, top_mm)
+    if problem is not None and not table.problems:
+        body.problem(*problem)
+    return ElementProfile(
+        name=_part_name(table),
+        shape=shape,
+        description=_attribute_text(table, "description"),
+        body_mm=(size[0], size[1], size[2]),
+        body_tolerance_mm=body.number("tolerance_mm", low=0.0, high=1.0),
+        top_mm=top_mm,
+    )
+
+
+def element_problem(
+    shape: str, size_mm: Sequence[float], top_mm: float | None, *, size_key: str = "size_mm", top_key: str = "top_mm"
+) -> tuple[str, str] | None:
+    """Why an element of this shape cannot have such a body: (key, what is wrong and the remedy); None where it can.
+
+    Parameters
+    ----------
+    size_mm : sequence of 3 floats
+        Length, width, height; of a dome the diameter twice and the height.
+    size_key, top_key : str
+        What a message calls the two values.
+    """
+    length_mm, width_mm, height_mm = size_mm
+    if shape == "block":
+        said = f"{top_key} is for a dome, and this is a block; leave it out"
+        return None if top_mm is None else (top_key, said)
+    if length_mm != width_mm:
+        said = (
+            f"{size_key} = {length_mm:g} x {width_mm:g} x {height_mm:g} mm stands on no circle; a dome has one diameter, give it"
+        )
+        return size_key, said
+    if top_mm is not None:
+        said = f"{top_key} = {top_mm:g} mm is not between 0 and {length_mm:g} mm, the diameter of the foot; use a smaller top"
+        return None if 0.0 < top_mm < length_mm else (top_key, said)
+    said = (
+        f"{size_key} = {length_mm:g} x {height_mm:g} mm is no spherical cap, whose height is below its radius "
+        f"{length_mm / 2:g} mm; use a lower dome, or a flat top"
+    )
+    return None if height_mm < length_mm / 2 else (size_key, said)
+
+
+def _part_name(table: Fields) -> str:
+    return table.text("name", pattern=r"[A-Za-z0-9._-]{1,64}", remedy="use letters, digits, '.', '_', '-'")
+
+
+def _attribute_text(table: Fields, key: str) -> str:
+    """A text that may stand in a Gerber attribute or a cell of a table: one line of plain characters, no formula."""
+    remedy = "use plain letters, digits and ._()+/,-, the first a letter or digit"
+    return table.text(key, pattern=r"[A-Za-z0-9][A-Za-z0-9 ._()+/,-]{0,199}", remedy=remedy)
+
+
+def read_land(table: Fields) -> LandPattern:
+    """A land pattern out of a table of a part profile or a manifest; problems are collected in `table`."""
+    size = table.numbers("size_mm", 2, above=0.0, high=20.0)
+    return LandPattern(
+        size_mm=(size[0], size[1]),
+        corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),
+        offset_mm=table.number("offset_mm", above=size[0] / 2, high=20.0, remedy="the two pads must not touch"),
+    )

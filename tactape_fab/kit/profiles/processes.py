@@ -1,0 +1,59 @@
+"""Process profiles: what a way of printing or milling can make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.kit.profiles.limits import SOURCE_KEYS, Limit, read_limit
+
+PROCESS_LIMIT_IDS = (
+    "feature",
+    "gap",
+    "height",
+    "base",
+    "body-edge",
+    "hole-edge",
+    "hole-part",
+    "hole-hole",
+    "hole-size",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessProfile:
+    """What a way of printing or milling can make; ``limits`` holds one `Limit` for each of PROCESS_LIMIT_IDS.
+
+    ``feature`` is the narrowest raised width, ``gap`` the narrowest gap (of milling: the ball mill's diameter),
+    ``height`` the least height that comes out, ``base`` the thinnest base.
+    """
+
+    name: str
+    title: str
+    limits: Mapping[str, Limit]
+
+    def thresholds(self) -> dict[str, Any]:
+        """The thresholds as the manifest records them."""
+        return {"limits_mm": {name: limit.value_mm for name, limit in self.limits.items()}}
+
+
+def load_process(name: str) -> ProcessProfile:
+    """A process profile by name, or by the path of a TOML file.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it.
+    """
+    table = profile_table("processes", "process", name)
+    table.refuse_unknown(("name", "title", "limits"))
+    limits = table.table("limits", PROCESS_LIMIT_IDS)
+    profile = ProcessProfile(
+        name=table.text("name", longest=100),
+        title=table.text("title"),
+        limits={name: read_limit(limits.table(name, ("value_mm", *SOURCE_KEYS))) for name in PROCESS_LIMIT_IDS},
+    )
+    refuse_problems(table)
+    return profile

@@ -1,0 +1,297 @@
+"""Reads Gerber files through gerbonara, software that is not ours, into plain arrays (board frame, mm)."""
+
+from __future__ import annotations
+
+import gc
+import re
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import area_mm2
+
+FURTHEST_MM = 1e5
+_ARC_ERROR_MM = 1e-4
+_ARC_MISFIT_MM = 1e-5
+_CIRCLE_POINTS = 64
+_STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
+
+
+class ReadbackError(TactapeError):
+    """A fabrication file that its reader does not accept."""
+
+
+def is_on_earth(points_mm: FloatArray) -> bool:
+    """Whether points can be places on a board: finite, and not absurdly far out."""
+    return bool(np.isfinite(points_mm).all() and np.abs(points_mm).max(initial=0.0) <= FURTHEST_MM)
+
+
+def one_line(error: Exception) -> str:
+    lines = str(error).splitlines()
+    return (lines[0] if lines else type(error).__name__)[:200]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GerberContent:
+    """What a Gerber file draws.
+
+    Attributes
+    ----------
+    flash_xy_mm : ndarray, shape (m, 2)
+        Flashes in file order.
+    flash_aperture : ndarray of int64, shape (m,)
+        Index into `aperture_outlines_mm`.
+    aperture_outlines_mm : tuple of ndarray, each (k, 2)
+        Outline of each flashed aperture about its origin.
+    aperture_functions : tuple of str
+        .AperFunction of each flashed aperture, '' where the file has none.
+    flash_component, flash_pin : tuple of str
+        .P or .C reference of each flash and its pin, '' where the file has none.
+    areas_mm : tuple of ndarray
+        Regions as polygons.
+    strokes_mm : tuple of ndarray, each (k, 2)
+        Drawn lines and arcs as polylines, in file order, joined where one begins at the open end of the one before.
+    stroke_width_mm : ndarray, shape (s,)
+    clear : bool
+        Whether any object is drawn in clear polarity.
+    file_attributes : dict
+        .FileFunction and so on, without the leading dot.
+    """
+
+    flash_xy_mm: FloatArray
+    flash_aperture: IntArray
+    aperture_outlines_mm: tuple[FloatArray, ...]
+    aperture_functions: tuple[str, ...]
+    flash_component: tuple[str, ...]
+    flash_pin: tuple[str, ...]
+    areas_mm: tuple[FloatArray, ...]
+    strokes_mm: tuple[FloatArray, ...]
+    stroke_width_mm: FloatArray
+    clear: bool
+    file_attributes: dict[str, tuple[str, ...]]
+
+
+@lru_cache(maxsize=8)
+def read_gerber(data: bytes) -> GerberContent:
+    """Read a Gerber file. Equal bytes are parsed once: the preview and the verification of a kit read the same files.
+
+    Raises
+    ------
+    ReadbackError
+        When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
+    """
+    try:
+        with _collection_paused(), warnings.catch_warnings():
+            warnings.simplefilter("error")
+            text = data.decode("ascii")
+            _refuse_statements(text)
+            content = _content(*_drawn(text))
+    except ReadbackError:
+        raise
+    except Exception as error:  # gerbonara raises whatever its parser meets
+        raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
+    shapes = (*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm)
+    if not is_on_earth(np.concatenate(shapes)):
+        raise ReadbackError(f"it draws further out than {FURTHEST_MM:g} mm")
+    if any(len(area) < 3 or area_mm2(area) == 0.0 for area in content.areas_mm):
+        raise ReadbackError("a region of it has no area")
+    return content
+
+
+@contextmanager
+def _collection_paused() -> Iterator[None]:
+    """Parsing makes hundreds of thousands of objects and no cycles; the collector would look at them over and over."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _drawn(text: str) -> tuple[_Drawn, Mapping[str, Sequence[str]]]:
+    """What gerbonara draws, and the file's attributes.
+
+    Its parser tries one kind of statement after the other: here the most frequent ones come first.
+    """
+    from gerbonara.rs274x import GerberFile, GerberParser
+
+    drawn = _Drawn()
+    file = GerberFile(objects=drawn)
+    parser = GerberParser(file, override_settings=_remembering_settings()())
+    known = dict(parser.STATEMENT_REGEXES)
+    first = {name: known.pop(name) for name in ("coord", "attribute", "aperture") if name in known}
+    parser.STATEMENT_REGEXES = {**first, **known}
+    parser.parse(text)
+    parser.graphics_state = None  # it knows the parser: without this ring all goes as soon as it is done with
+    return drawn, file.file_attrs
+
+
+class _Drawn:
+    """Takes the place of gerbonara's list of objects, which are many times as large as what is asked of them."""
+
+    def __init__(self) -> None:
+        from gerbonara.graphic_objects import Arc, Flash, Line, Region
+
+        self._kinds = Flash, Line, Arc, Region
+        self.units: dict[int, Any] = {}
+        self.clear = False
+        self.misfit = False
+        self.flashes_mm: list[float] = []
+        self.flashed: list[Any] = []
+        self.components: list[str] = []
+        self.pins: list[str] = []
+        self.lines_mm: list[float] = []
+        self.drawn_with: list[Any] = []
+        self.areas: list[Any] = []
+
+    def append(self, thing: Any) -> None:
+        """Called by gerbonara's parser for each object."""
+        flash, line, arc, region = self._kinds
+        self.units[id(thing.unit)] = thing.unit
+        self.clear = self.clear or not thing.polarity_dark
+        if isinstance(thing, flash):
+            pin = thing.attrs.get(".P", ())
+            self.flashes_mm += (thing.x, thing.y)
+            self.flashed.append(thing.aperture)
+            self.components.append((pin or thing.attrs.get(".C") or ("",))[0])
+            self.pins.append((*pin, "", "")[1])
+        elif isinstance(thing, line):
+            self.lines_mm += (thing.x1, thing.y1, thing.x2, thing.y2)
+            self.drawn_with.append(thing.aperture)
+        elif isinstance(thing, arc):
+            self.misfit = self.misfit or thing.numeric_error("mm") > _ARC_MISFIT_MM or thing.cx == thing.cy == 0.0
+            for chord in [] if self.misfit else _chords(thing):
+                self.append(chord)
+        elif isinstance(thing, region):
+            self.areas.append(thing)
+
+
+@cache
+def _remembering_settings() -> Any:
+    """A class of gerbonara's settings that remember the coordinates they have read: on a grid there are few different ones."""
+    from gerbonara.cam import FileSettings
+
+    class Remembering(FileSettings):  # type: ignore[misc]
+        def __setattr__(self, name: str, value: object) -> None:
+            super().__setattr__(name, value)
+            self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # settings decide on it
+
+    return Remembering
+
+
+def _refuse_statements(text: str) -> None:
+    """Refuse what gerbonara passes over in silence though a fab would draw by it."""
+    foreign = sorted(set(re.findall(r"%([A-Z]{2})", text)) - _STATEMENTS)
+    if foreign:
+        raise ReadbackError(f"it holds %{foreign[0]}, which this tool never writes")
+    found = re.finditer(r"(M0*[0-2])\*", text)
+    ends = [end[1] for end in found if not text[max(0, end.start() - 1) : end.start()].strip("*% \t\r\n")]
+    if ends != ["M02"] or not text.rstrip().endswith("M02*"):
+        raise ReadbackError("its end, M02, does not stand once and last")
+
+
+def _content(drawn: _Drawn, attributes: Mapping[str, Sequence[str]]) -> GerberContent:
+    if any(unit is None or unit.shorthand != "mm" for unit in drawn.units.values()):
+        raise ReadbackError("it is not in millimetres")
+    if drawn.misfit:
+        raise ReadbackError("an arc of it does not fit its centre")
+    apertures = {id(aperture): aperture for aperture in drawn.flashed}
+    index = {key: i for i, key in enumerate(apertures)}
+    strokes, widths = _join_strokes(np.array(drawn.lines_mm, dtype=np.float64).reshape(-1, 4), drawn.drawn_with)
+    return GerberContent(
+        flash_xy_mm=np.array(drawn.flashes_mm, dtype=np.float64).reshape(-1, 2),
+        flash_aperture=np.array([index[id(aperture)] for aperture in drawn.flashed], dtype=np.int64),
+        aperture_outlines_mm=tuple(_aperture_outline(a) for a in apertures.values()),
+        aperture_functions=tuple(",".join(dict(a.attrs or ()).get(".AperFunction", ())) for a in apertures.values()),
+        flash_component=tuple(drawn.components),
+        flash_pin=tuple(drawn.pins),
+        areas_mm=tuple(np.array(area.outline, dtype=np.float64) for area in drawn.areas),
+        strokes_mm=strokes,
+        stroke_width_mm=widths,
+        clear=drawn.clear,
+        file_attributes={key.lstrip("."): tuple(value) for key, value in attributes.items()},
+    )
+
+
+def _aperture_outline(aperture: Any) -> FloatArray:
+    """Outline of an aperture about its origin."""
+    from gerbonara.graphic_primitives import ArcPoly, Circle
+    from gerbonara.utils import MM
+
+    (shape,) = aperture.flash(0.0, 0.0, MM, True)
+    if not shape.polarity_dark:
+        raise ReadbackError("an aperture of it draws nothing: its exposure is off")
+    if isinstance(shape, ArcPoly) and not any(shape.arc_centers or ()):
+        outline = np.array(shape.outline, dtype=np.float64)
+        outline = outline[:-1] if np.allclose(outline[0], outline[-1], atol=1e-9) else outline
+        if len(outline) < 3 or area_mm2(outline) == 0.0:
+            raise ReadbackError("a flashed aperture of it has no area")
+        return outline
+    if isinstance(shape, Circle):
+        angle = np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS, endpoint=False)
+        return np.asarray(shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=np.float64)
+    raise ReadbackError(f"aperture shape {type(shape).__name__} is none that this tool writes")
+
+
+def _join_strokes(ends: FloatArray, apertures: Sequence[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
+    """Lines as polylines, joined where one begins at the open end of the one before with the same aperture.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (n, 4)
+        x and y of where each line begins and ends, mm.
+    apertures : sequence
+        gerbonara's, of each line.
+
+    Returns
+    -------
+    tuple of ndarray, each (k, 2), and ndarray of their widths
+    """
+    from gerbonara.apertures import CircleAperture
+
+    if not len(ends):
+        return (), np.empty(0)
+    used = {id(aperture): aperture for aperture in apertures}
+    if not all(isinstance(aperture, CircleAperture) for aperture in used.values()):
+        raise ReadbackError("it draws lines with an aperture that is not round")
+    with_aperture = np.array([id(aperture) for aperture in apertures])
+    begins = np.ones(len(ends), dtype=bool)
+    begins[1:] = (with_aperture[1:] != with_aperture[:-1]) | (ends[1:, :2] != ends[:-1, 2:]).any(axis=1)
+    _split_closed(begins, ends)
+    first = np.flatnonzero(begins)
+    points = np.insert(ends[:, 2:], first, ends[first, :2], axis=0)
+    cuts = [*(first + np.arange(len(first))).tolist(), len(points)]
+    widths = [used[key].diameter for key in with_aperture[first].tolist()]
+    return tuple(points[a:b] for a, b in pairwise(cuts)), np.array(widths, dtype=np.float64)
+
+
+def _chords(arc: Any) -> list[Any]:
+    """An arc as lines, which begin and end where it does."""
+    lines: list[Any] = arc.approximate(max_error=_ARC_ERROR_MM)
+    lines[0].x1, lines[0].y1, lines[-1].x2, lines[-1].y2 = arc.x1, arc.y1, arc.x2, arc.y2
+    return lines
+
+
+def _split_closed(begins: BoolArray, ends: FloatArray) -> None:
+    """Let a line that follows on a closed polyline begin another one."""
+    first = np.flatnonzero(begins)
+    run = np.cumsum(begins) - 1
+    goes_on = ~np.append(begins[1:], True)
+    suspects = np.unique(run[goes_on & (ends[:, 2:] == ends[first[run], :2]).all(axis=1)])
+    for since, after in zip(first[suspects].tolist(), np.append(first[1:], len(begins))[suspects].tolist(), strict=True):
+        start = since
+        for i in range(since, after - 1):
+            if i > start and (ends[i, 2:] == ends[start, :2]).all():
+                start = i + 1
+                begins[start] = True

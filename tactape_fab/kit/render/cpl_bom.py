@@ -1,0 +1,109 @@
+"""Pick-and-place (CPL) and bill of materials (BOM), with the columns and conventions of each assembly house."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import repeat
+
+from tactape_fab import __version__
+from tactape_fab.base.build_date import build_date
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.profiles import FabProfile, PartProfile
+from tactape_fab.texture.cpl import FORMATS, PlacementTable
+
+DESIGNATORS_PER_ROW = 200
+"""JLCPCB's limit for one BOM row; nobody is known to take fewer."""
+
+_KICAD_LEAST_WIDTHS = (8, 8, 16)
+
+
+def _table(headers: Sequence[str], rows: Iterable[Sequence[object]], separator: str = ",", mark: str = "") -> bytes:
+    text = io.StringIO(newline="")
+    text.write(mark)
+    writer = csv.writer(text, delimiter=separator, lineterminator="\r\n")
+    writer.writerow(headers)
+    writer.writerows(rows)
+    return text.getvalue().encode("ascii")
+
+
+def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
+    """Centre, side and rotation of every part, in the board frame.
+
+    Four decimals of the house's unit: 0.1 um, or 2.5 nm where that is the mil.
+    """
+    house = FORMATS[fab.assembly].placements
+    cells = _placement_cells(drawing, fab, house)
+    rows = zip(*(cells[content] for _, content in house.columns), strict=False)
+    if house.style == "kicad":
+        data = _kicad_text(house, rows)
+    elif house.style == "tab":
+        data = _table(house.headers, rows, "\t", "#")
+    else:
+        data = _table(house.headers, rows)
+    return (Artifact(role="cpl", path=f"assembly/{drawing.name}{house.ending}", data=data),)
+
+
+def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -> Mapping[str, Iterable[str]]:
+    """The cells of each column, by what stands in it; without end where they are the same for every part."""
+    part = drawing.part
+    x, y = (drawing.parts_xy_mm / house.unit_mm).T.tolist()
+    length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)
+    rotation = f"{house.written_deg(drawing.rotation_deg):.4f}"
+    same = {
+        "rotation": rotation if house.style == "kicad" else rotation.rstrip("0").rstrip("."),
+        "side": house.side,
+        "value": part.value,
+        "footprint": part.footprint,
+        "part_number": part.part_numbers.get(fab.assembly, ""),
+        "length": length,
+        "width": width,
+        **dict(house.fixed),
+    }
+    return {
+        "designator": drawing.designators(),
+        "x": [f"{value:.4f}" for value in x],
+        "y": [f"{value:.4f}" for value in y],
+        **{content: repeat(text) for content, text in same.items()},
+    }
+
+
+def _kicad_text(house: PlacementTable, rows: Iterable[Sequence[str]]) -> bytes:
+    """Text as pcbnew prints it: columns as wide as their longest entry, no blanks inside an entry."""
+    table = [[cell.replace(" ", "_") for cell in row] for row in rows]
+    ref, value, package = (max(least, *(len(row[i]) for row in table)) for i, least in enumerate(_KICAD_LEAST_WIDTHS))
+    template = f"{{:<{ref}}}  {{:<{value}}}  {{:<{package}}}  {{:>9}}  {{:>9}}  {{:>8}}  {{}}"
+    head = [
+        f"### Footprint positions - created on {build_date():%a %b %d %H:%M:%S %Y} ###",
+        f"### Printed by tactape-fab version {__version__}",
+        "## Unit = mm, Angle = deg.",
+        f"## Side : {house.side}",
+        template.format("# " + house.headers[0], *house.headers[1:]),
+    ]
+    return "\n".join([*head, *(template.format(*row) for row in table), "## End", ""]).encode("ascii")
+
+
+def render_bom(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
+    """All parts, at most 200 designators a row."""
+    bom = FORMATS[fab.assembly].bom
+    names = drawing.designators()
+    groups = [names[i : i + DESIGNATORS_PER_ROW] for i in range(0, len(names), DESIGNATORS_PER_ROW)]
+    same = {**_part_cells(drawing.part, fab), **dict(bom.fixed)}
+    rows = [
+        {**same, "item": str(number), "designator": ",".join(group), "quantity": str(len(group))}
+        for number, group in enumerate(groups, start=1)
+    ]
+    data = _table(bom.headers, ([row[content] for _, content in bom.columns] for row in rows))
+    return (Artifact(role="bom", path=f"assembly/{drawing.name}-bom.csv", data=data),)
+
+
+def _part_cells(part: PartProfile, fab: FabProfile) -> dict[str, str]:
+    return {
+        "value": part.value,
+        "footprint": part.footprint,
+        "description": part.description,
+        "value_description": f"{part.value}, {part.description}",
+        "part_number": part.part_numbers.get(fab.assembly, ""),
+    }

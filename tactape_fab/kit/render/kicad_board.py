@@ -1,0 +1,276 @@
+"""A KiCad board (.kicad_pcb, s-expression format 20211014 of KiCad 6) and its project with the fab's limits as design rules.
+
+It is for looking at, reviewing and extending the tape; what is ordered are the Gerber files. KiCad's y runs down: the board's
+lower-left corner is KiCad's auxiliary origin, from which its plots and placement files count.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from itertools import pairwise
+from math import isclose, sqrt
+
+import numpy as np
+
+from tactape_fab import __version__
+from tactape_fab.base.build_date import build_date
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.profiles import FabProfile, LandPattern
+from tactape_fab.texture.frames import FloatArray
+
+SHEET_MARGIN_MM = 20.0
+_EDGE_LINE_MM = 0.05
+_FAB_LINE_MM = 0.05
+_COURTYARD_LINE_MM = 0.05
+_LAYERS = """  (layers
+    (0 "F.Cu" signal)
+    (31 "B.Cu" signal)
+    (34 "B.Paste" user)
+    (35 "F.Paste" user)
+    (36 "B.SilkS" user "B.Silkscreen")
+    (37 "F.SilkS" user "F.Silkscreen")
+    (38 "B.Mask" user)
+    (39 "F.Mask" user)
+    (41 "Cmts.User" user "User.Comments")
+    (44 "Edge.Cuts" user)
+    (45 "Margin" user)
+    (46 "B.CrtYd" user "B.Courtyard")
+    (47 "F.CrtYd" user "F.Courtyard")
+    (48 "B.Fab" user)
+    (49 "F.Fab" user)
+  )"""
+
+
+def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, Artifact]:
+    """The board and its project, which KiCad opens together."""
+    name = drawing.name
+    pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
+    board = "\n".join([*(line for piece in pieces for line in piece(drawing)), ")", ""])
+    project = json.dumps(_project(name, fab, drawing), indent=1) + "\n"
+    return (
+        Artifact(role="kicad-pcb", path=f"kicad/{name}.kicad_pcb", data=board.encode("utf-8")),
+        Artifact(role="kicad-project", path=f"kicad/{name}.kicad_pro", data=project.encode("ascii")),
+    )
+
+
+def origin_mm(drawing: Drawing) -> tuple[float, float]:
+    """Where the board's lower-left corner lies on KiCad's sheet (y down)."""
+    return SHEET_MARGIN_MM, SHEET_MARGIN_MM + drawing.size_mm[1]
+
+
+def _sheet(drawing: Drawing, xy_mm: FloatArray) -> FloatArray:
+    """Board frame -> KiCad's sheet."""
+    return np.asarray(xy_mm) * (1.0, -1.0) + origin_mm(drawing)
+
+
+def _text(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _for_format(text: str) -> str:
+    return text.replace("{", "{{").replace("}", "}}")
+
+
+def _number(value: float) -> str:
+    return f"{value:.6f}".rstrip("0").rstrip(".")
+
+
+def _points(drawing: Drawing, xy_mm: FloatArray) -> str:
+    return " ".join(f"(xy {x:.6f} {y:.6f})" for x, y in _sheet(drawing, xy_mm).tolist())
+
+
+def _head(drawing: Drawing) -> list[str]:
+    width_mm, height_mm = (side + 2 * SHEET_MARGIN_MM for side in drawing.size_mm)
+    x_mm, y_mm = origin_mm(drawing)
+    return [
+        "(kicad_pcb (version 20211014) (generator tactape-fab)",
+        f"  (general (thickness {_number(drawing.thickness_mm)}))",
+        f'  (paper "User" {_number(width_mm)} {_number(height_mm)})',
+        f"  (title_block (title {_text(drawing.name)}) (date {_text(f'{build_date():%Y-%m-%d}')}) (rev {_text(__version__)}))",
+        _LAYERS,
+        f"  (setup (pad_to_mask_clearance 0) (aux_axis_origin {_number(x_mm)} {_number(y_mm)}) "
+        f"(grid_origin {_number(x_mm)} {_number(y_mm)}))",
+        '  (net 0 "")',
+    ]
+
+
+# Parts
+
+
+def _footprints(drawing: Drawing) -> Iterable[str]:
+    """A footprint for each part, in designator order; its shapes are those of the unturned part about its centre."""
+    part, turn = drawing.part, _number(drawing.rotation_deg)
+    body, courtyard = part.body_mm, part.courtyard_mm
+    lines = [
+        "  (footprint "
+        + _text(f"tactape:{part.footprint}").replace("{", "{{").replace("}", "}}")
+        + ' (layer "F.Cu") (tstamp {stamp:s}0)',
+        f"    (at {{x:.6f}} {{y:.6f}} {turn})",
+        "    (descr " + _text(_for_format(part.description)) + ") (attr smd)",
+        _hidden_text("reference", "R{n:d}", turn, "1"),
+        _hidden_text("value", _for_format(part.value), turn, "2"),
+        _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none", "3"),
+        _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none", "4"),
+        *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
+        *(_pad("", "F.Paste", part.paste, turn, k) for k in range(2)),
+    ]
+    if not drawing.windows_mm:
+        lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid", "9"))
+    template = "\n".join([*lines, "  )"])
+    at = _sheet(drawing, drawing.parts_xy_mm).tolist()
+    return (template.format(n=n, x=x, y=y, stamp=f"00000000-0000-4000-8000-{n:011x}") for n, (x, y) in enumerate(at, start=1))
+
+
+def _hidden_text(kind: str, text: str, turn: str, stamp: str) -> str:
+    font = "(effects (font (size 0.2 0.2) (thickness 0.03)))"
+    return f'    (fp_text {kind} {_text(text)} (at 0 0 {turn}) (layer "F.Fab") hide {font} (tstamp {{stamp:s}}{stamp}))'
+
+
+def _rectangle(size_mm: tuple[float, float], layer: str, line_mm: float, fill: str, stamp: str) -> str:
+    x, y = _number(size_mm[0] / 2), _number(size_mm[1] / 2)
+    return (
+        f"    (fp_rect (start -{x} -{y}) (end {x} {y})"
+        f" (layer {_text(layer)}) (width {_number(line_mm)}) (fill {fill}) (tstamp {{stamp:s}}{stamp}))"
+    )
+
+
+def _pad(number: str, layer: str, land: LandPattern, turn: str, k: int) -> str:
+    x = -land.offset_mm if k == 0 else land.offset_mm
+    ratio = land.corner_radius_mm / min(land.size_mm)
+    shape = f"roundrect (at {_number(x)} 0 {turn})" if ratio > 0 else f"rect (at {_number(x)} 0 {turn})"
+    corner = f" (roundrect_rratio {_number(ratio)})" if ratio > 0 else ""
+    stamp = f"{(5 if number else 7) + k:d}"
+    size = " ".join(_number(side) for side in land.size_mm)
+    return f"    (pad {_text(number)} smd {shape} (size {size}) (layers {_text(layer)}){corner} (tstamp {{stamp:s}}{stamp}))"
+
+
+def _holes(drawing: Drawing) -> Iterable[str]:
+    lines = [
+        '  (footprint "tactape:Hole" (layer "F.Cu") (tstamp {stamp:s}0)',
+        "    (at {x:.6f} {y:.6f})",
+        "    (attr exclude_from_pos_files exclude_from_bom)",
+        _hidden_text("reference", "H{n:d}", "0", "1"),
+        _hidden_text("value", "{size:s}", "0", "2"),
+        '    (pad "" np_thru_hole circle (at 0 0) (size {size:s} {size:s}) (drill {size:s})',
+        "      (layers *.Cu *.Mask) (tstamp {stamp:s}3))",
+        "  )",
+    ]
+    for n, (x_mm, y_mm, diameter_mm) in enumerate(drawing.holes, start=1):
+        x, y = _sheet(drawing, np.array([x_mm, y_mm])).tolist()
+        yield "\n".join(lines).format(n=n, x=x, y=y, size=_number(diameter_mm), stamp=f"00000000-0000-4000-8001-{n:011x}")
+
+
+def _marks(drawing: Drawing) -> Iterable[str]:
+    """Fiducials of the rails, bare copper in a wider opening."""
+    if drawing.fiducials is None:
+        return
+    margin = _number((drawing.fiducials.opening_mm - drawing.fiducials.copper_mm) / 2)
+    lines = [
+        '  (footprint "tactape:Fiducial" (layer "F.Cu") (tstamp {stamp:s}0)',
+        "    (at {x:.6f} {y:.6f})",
+        "    (attr smd exclude_from_pos_files exclude_from_bom)",
+        _hidden_text("reference", "FID{n:d}", "0", "1"),
+        _hidden_text("value", "Fiducial", "0", "2"),
+        '    (pad "" smd circle (at 0 0) (size {size:s} {size:s}) (layers "F.Cu" "F.Mask")',
+        "      (solder_mask_margin {margin:s}) (clearance {margin:s}) (tstamp {stamp:s}3))",
+        "  )",
+    ]
+    size = _number(drawing.fiducials.copper_mm)
+    for n, (x, y) in enumerate(_sheet(drawing, drawing.fiducials.xy_mm).tolist(), start=1):
+        stamp = f"00000000-0000-4000-8002-{n:011x}"
+        yield "\n".join(lines).format(n=n, x=x, y=y, size=size, margin=margin, stamp=stamp)
+
+
+# What is drawn on the board itself
+
+
+def _drawings(drawing: Drawing) -> Iterable[str]:
+    yield from _edges(drawing)
+    for area in drawing.legend.areas_mm:
+        yield f'  (gr_poly (pts {_points(drawing, area)}) (layer "F.SilkS") (width 0) (fill solid))'
+    for stroke in drawing.legend.strokes_mm:
+        for (a, b), (c, d) in pairwise(_sheet(drawing, stroke).tolist()):
+            line = _number(drawing.legend.line_mm)
+            yield f'  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) (layer "F.SilkS") (width {line}))'
+    for window in drawing.windows_mm:
+        yield f'  (gr_poly (pts {_points(drawing, window)}) (layer "F.Mask") (width 0) (fill solid))'
+    under = "each tape" if drawing.slots_mm else "it"
+    both = (("stiffener", drawing.stiffener), ("adhesive", drawing.adhesive))
+    backings = [f"{what} under all of {under}: {of}" for what, of in both if of]
+    for k, words in enumerate(backings):
+        x, y = _sheet(drawing, np.array([0.0, -3.0 - 2.0 * k])).tolist()
+        yield (
+            f'  (gr_text {_text(words)} (at {x:.6f} {y:.6f}) (layer "Cmts.User")'
+            " (effects (font (size 1 1) (thickness 0.15)) (justify left)))"
+        )
+
+
+def _edges(drawing: Drawing) -> Iterable[str]:
+    """The outline as lines and true arcs, and what is cut out of it as lines."""
+    (width, height), r = drawing.size_mm, drawing.corner_radius_mm
+    middle = r * (1.0 - sqrt(0.5))
+    starts = [(r, 0.0), (width, r), (width - r, height), (0.0, height - r)]
+    ends = [(width - r, 0.0), (width, height - r), (r, height), (0.0, r)]
+    middles = [(width - middle, middle), (width - middle, height - middle), (middle, height - middle), (middle, middle)]
+    end = f'(layer "Edge.Cuts") (width {_number(_EDGE_LINE_MM)}))'
+    for k in range(4):
+        (a, b), (c, d), (e, f), (g, h) = _sheet(drawing, np.array([starts[k], ends[k], middles[k], starts[(k + 1) % 4]])).tolist()
+        yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"
+        if not isclose(r, 0.0):
+            yield f"  (gr_arc (start {c:.6f} {d:.6f}) (mid {e:.6f} {f:.6f}) (end {g:.6f} {h:.6f}) {end}"
+    for slot in drawing.slots_mm:
+        for (a, b), (c, d) in pairwise(_sheet(drawing, np.concatenate([slot, slot[:1]])).tolist()):
+            yield f"  (gr_line (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) {end}"
+
+
+def _copper(drawing: Drawing) -> Iterable[str]:
+    if drawing.anchors is None:
+        return
+    web = _number(drawing.anchors.web_mm)
+    for a, b, c, d in _sheet(drawing, drawing.anchors.lines_mm).reshape(-1, 4).tolist():
+        yield f'  (segment (start {a:.6f} {b:.6f}) (end {c:.6f} {d:.6f}) (width {web}) (layer "F.Cu") (net 0))'
+
+
+# The project
+
+
+def _project(name: str, fab: FabProfile, drawing: Drawing) -> dict[str, object]:
+    """The fab's limits as KiCad's design rules (KiCad 6, board.design_settings.rules and net_settings)."""
+
+    def limit(rule: str) -> float:
+        return fab.limits[rule].value_mm
+
+    gap_mm = limit("pad-pad")
+    track_mm = drawing.anchors.web_mm if drawing.anchors is not None else gap_mm
+    return {
+        "board": {
+            "design_settings": {
+                "rules": {
+                    "min_clearance": gap_mm,
+                    "min_copper_edge_clearance": limit("pad-edge"),
+                    "min_hole_clearance": limit("hole-copper"),
+                    "min_hole_to_hole": limit("hole-hole"),
+                    "min_through_hole_diameter": limit("hole-size"),
+                    "min_silk_clearance": 0.0,
+                    "min_track_width": track_mm,
+                },
+                "rule_severities": {} if drawing.anchors is None else {"track_dangling": "ignore"},  # spurs end in the open
+            }
+        },
+        "meta": {"filename": f"{name}.kicad_pro", "version": 1},
+        "net_settings": {
+            "classes": [
+                {
+                    "clearance": gap_mm,
+                    "name": "Default",
+                    "nets": [],
+                    "track_width": track_mm,
+                    "via_diameter": 0.6,
+                    "via_drill": 0.3,
+                }
+            ],
+            "meta": {"version": 2},
+        },
+    }

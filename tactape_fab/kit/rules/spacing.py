@@ -1,0 +1,305 @@
+"""check(layout, fab) -> findings: every design rule with its worst measured value and where on the board that is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from tactape_fab.base.errors import Finding
+from tactape_fab.kit.film.gaps import Geometries, gaps_mm, pen_strokes, polygons
+from tactape_fab.kit.film.layout import Layout
+from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.profiles import FabProfile, ProcessProfile
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
+from tactape_fab.texture.shapes import inset_mm, reach_mm
+from tactape_fab.texture.tape import Board, Tape
+
+_NEAR_LEGEND_MM = 5.0
+
+Measured = tuple[float, tuple[float, float] | None]
+"""The worst value and where it stands (board frame, mm)."""
+
+
+def check(layout: Layout, fab: FabProfile) -> list[Finding]:
+    """Measure a layout against its fab's limits.
+
+    Returns
+    -------
+    list of Finding
+        One for every rule that has something to measure, broken or not.
+    """
+    findings = [*_gap_rules(layout, fab), *_edge_rules(layout, fab), *_legend_rules(layout, fab), *_hole_rules(layout, fab)]
+    findings.append(_size_rule(layout.tape, fab))
+    return findings
+
+
+def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured, what: str, remedy: str) -> Finding:
+    """Hold a measured value against the profile's limit of that rule."""
+    value, at_mm = measured
+    limit = profile.limits[rule]
+    level, least_mm = limit.level, limit.value_mm
+    passed = value >= least_mm - TOLERANCE_MM
+    if passed and limit.warn_mm is not None and value < limit.warn_mm - TOLERANCE_MM:
+        level, least_mm, passed = "warn", limit.warn_mm, False
+    relation = "meets" if passed else "is below"
+    kind = "limit" if least_mm == limit.value_mm else "limit without asking"
+    message = f"{what} {value:.3f} mm {relation} the {kind} {least_mm:.3f} mm of {profile.name}"
+    return Finding(
+        rule=rule,
+        level=level,
+        passed=passed,
+        value=value,
+        limit=least_mm,
+        at_mm=at_mm,
+        source=limit.source,
+        confirmed=limit.confirmed,
+        message=message if passed else f"{message}; {remedy}",
+    )
+
+
+# Gaps between equal shapes
+
+
+def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
+    """Gap between a convex outline and itself moved by each shift, negative by the depth of an overlap; shape (m,).
+
+    The gap is the signed distance of the shift from the outline's difference body (Minkowski).
+    """
+    difference = (outline_mm[:, None] - outline_mm).reshape(-1, 2)
+    body = shapely.MultiPoint(difference).convex_hull
+    points = shapely.points(shift_mm)
+    depth = np.where(shapely.covers(body, points), shapely.distance(body.exterior, points), 0.0)
+    return np.asarray(shapely.distance(body, points) - depth)
+
+
+def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Centre distances, as vectors, of placed parts that may come nearer than `reach`, and where each is met first.
+
+    Returns
+    -------
+    shifts, places : ndarray, shape (m, 2)
+        One row for each grid offset and each pair of symbols that occurs at it; board frame.
+    """
+    found = [*_neighbours(tape, reach), (np.empty((0, 2)), np.empty((0, 2)))]
+    shifts, places = (np.concatenate(rows) for rows in zip(*found, strict=True))
+    return shifts, places
+
+
+def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Pairs of placed parts that may come nearer than `reach`, by grid offset.
+
+    Yields, for each offset, the centre distances of those pairs of symbols that occur at it, and the board
+    positions half way between the first such pairs; shapes (k, 2).
+    """
+    placed, kinds = tape.placed, tape.directions
+    furthest = int((reach + 2 * tape.displacement_mm) / tape.pitch_mm) + 1
+    for down in range(furthest + 1):
+        for right in range(-furthest, furthest + 1):
+            if down == 0 and right <= 0:
+                continue
+            rows, columns = tape.rows - down, tape.columns - abs(right)
+            if rows <= 0 or columns <= 0:
+                continue
+            first = (slice(0, rows), slice(max(-right, 0), max(-right, 0) + columns))
+            second = (slice(down, down + rows), slice(max(right, 0), max(right, 0) + columns))
+            pair = np.where(placed[first] & placed[second], tape.symbols[first] * kinds + tape.symbols[second], kinds**2)
+            value, place = np.unique(pair, return_index=True)
+            a, b = np.divmod(value[value < kinds**2], kinds)
+            row, column = np.divmod(place[value < kinds**2], columns)
+            step = np.array([right, down]) * tape.pitch_mm
+            shift = step + tape.displacement_mm * (DIRECTIONS_XY[b] - DIRECTIONS_XY[a])
+            middle = np.column_stack([column + max(-right, 0), row]) * tape.pitch_mm + step / 2
+            yield texture_to_board(shift, (0.0, 0.0)), texture_to_board(middle, tape.board.texture_origin_mm)
+
+
+def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    tape = layout.tape
+    outlines = layout.outlines
+    part_reach = 2 * float(np.hypot(*np.maximum(reach_mm(outlines.courtyard), reach_mm(outlines.opening))))
+    shifts, places = neighbours(tape, part_reach + max(limit.value_mm for limit in fab.limits.values()))
+    if len(shifts) == 0:
+        return
+
+    def worst(gaps: FloatArray) -> Measured:
+        return worst_at(gaps, places)
+
+    between_own = gap_mm(outlines.pad, (outlines.pad_xy[1] - outlines.pad_xy[0])[None])
+    lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
+    wider = "use a larger --w or a smaller --delta" + ("" if tape.part.rotation_deg % 90 == 45 else ", or --rotation 45")
+    yield finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
+    own = (float(between_own[0]), None)
+    pair = finding(fab, "pad-pad", own, "gap between the two pads of a part", "use a part whose pads lie further apart")
+    yield replace(pair, rule="pad-pair")
+    yield finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
+    yield finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
+    if layout.window_mm is not None:
+        return
+    yield finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
+    yield finding(
+        fab,
+        "opening-size",
+        (min(outlines.opening_size_mm), None),
+        "shorter side of a coverlay opening",
+        "use a part with wider pads, or a profile with a larger expansion",
+    )
+
+
+# Distances from the outline
+
+
+def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    board = layout.tape.board
+    wider = (fab.coverlay_expansion_mm, None)
+    yield finding(fab, "opening-expansion", wider, f"expansion of the {fab.mask_name}", "ask the fab")
+    radius = (board.corner_radius_mm, None)
+    yield finding(fab, "corner-radius", radius, "corner radius of the outline", "use a larger --corner-radius")
+    remedy = "use a larger --size or another --rotation"
+    for rule, outline, what in (
+        ("pad-edge", layout.outlines.pads, "pad to outline"),
+        ("body-edge", layout.outlines.body, "body to outline"),
+        ("opening-edge", layout.outlines.opening, "coverlay opening to outline"),
+    ):
+        measured = to_outline(layout.parts_xy_mm, outline, board, fab.limits[rule].value_mm)
+        if rule == "pad-edge" and layout.anchors is not None:
+            lines = layout.anchors.lines_mm.reshape(-1, 2)
+            measured = min(measured, worst_at(_inside(lines, board) - layout.anchors.web_mm / 2, lines))
+        if rule == "opening-edge" and layout.window_mm is not None:
+            measured = worst_at(_inside(layout.window_mm, board), layout.window_mm)
+        yield finding(fab, rule, measured, what, remedy)
+
+
+def _inside(points_mm: FloatArray, board: Board) -> FloatArray:
+    return inset_mm(points_mm, board.size_mm, board.corner_radius_mm)
+
+
+def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, limit_mm: float) -> Measured:
+    """Least distance of an outline about each part's centre from the board's outline.
+
+    Only the parts nearest to the outline are looked at: enough of them to hold the worst one.
+    """
+    inset = inset_mm(parts_xy_mm, board.size_mm, board.corner_radius_mm)
+    near = parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * (limit_mm + max(reach_mm(outline_mm)))]
+    return worst_at(inset_mm(near[:, None] + outline_mm, board.size_mm, board.corner_radius_mm).min(axis=1), near)
+
+
+def worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
+    """The least value and where it stands."""
+    i = int(np.argmin(values))
+    return float(values[i]), (float(at_mm[i, 0]), float(at_mm[i, 1]))
+
+
+# Legend
+
+
+def _ink(layout: Layout) -> Geometries:
+    """Everything that the legend prints, piece by piece."""
+    legend = layout.legend
+    return np.concatenate([polygons(legend.areas_mm), pen_strokes([s for s in legend.strokes_mm if len(s) > 1], legend.line_mm)])
+
+
+def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    legend = layout.legend
+    if not legend.areas_mm:
+        return
+    ink = _ink(layout)
+    right_end = shapely.total_bounds(ink)[2] + _NEAR_LEGEND_MM
+    near = layout.openings.xy_mm[layout.openings.xy_mm[:, 0] <= max(right_end, layout.openings.xy_mm[:, 0].min())]
+    openings = shapely.polygons(near[:, None] + layout.openings.outline_mm)
+    if layout.window_mm is not None:
+        near, openings = layout.window_mm.mean(axis=0)[None], polygons([layout.window_mm])
+    yield finding(
+        fab,
+        "opening-legend",
+        worst_at(gaps_mm(openings, ink), near),
+        "legend to coverlay opening",
+        "use another --rotation or --tag none",
+    )
+    if layout.tape.board.holes:
+        holes = np.array(layout.tape.board.holes)
+        gaps = gaps_mm(shapely.points(holes[:, :2]), ink) - holes[:, 2] / 2
+        yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", "move the hole or use --tag none")
+    if legend.left_out:
+        yield Finding(
+            rule="label",
+            level="warn",
+            passed=False,
+            unit="",
+            message=f"the strip has no room for {', '.join(legend.left_out)}; use a larger --size or a shorter --name",
+        )
+
+
+# Holes
+
+
+def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+    if not layout.tape.board.holes:
+        return
+    yield from hole_rules(layout.tape.board, fab, "film")
+    for rule, outline, what in (
+        ("hole-copper", layout.outlines.pad_xy[:, None] + layout.outlines.pad, "hole to copper"),
+        ("hole-part", layout.outlines.body[None], "hole to body"),
+    ):
+        yield from hole_to_parts(layout.tape.board, fab, rule, layout.parts_xy_mm, outline, what)
+    if layout.anchors is not None:
+        holes, lines = np.array(layout.tape.board.holes), shapely.linestrings(layout.anchors.lines_mm)
+        gaps = shapely.distance(lines[:, None], shapely.points(holes[:, :2])).min(axis=0)
+        measured = worst_at(gaps - (holes[:, 2] + layout.anchors.web_mm) / 2, holes)
+        yield finding(fab, "hole-copper", measured, "hole to anchor", "move the hole, or use --anchor none")
+
+
+def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str) -> Iterator[Finding]:
+    """Holes to the outline, to each other, and their size; `between` is what lies between two of them."""
+    holes = np.array(board.holes)
+    centres, radii = holes[:, :2], holes[:, 2] / 2
+    edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii
+    yield finding(profile, "hole-edge", worst_at(edge, centres), "hole to outline", "move the hole inward")
+    yield finding(profile, "hole-size", worst_at(2 * radii, centres), "smallest hole", "use a larger hole")
+    if len(holes) > 1:
+        tree = shapely.STRtree(shapely.points(centres))
+        widest = 2 * radii.max() + profile.limits["hole-hole"].value_mm + 10.0
+        a, b = tree.query(shapely.points(centres), predicate="dwithin", distance=widest)
+        a, b = a[a < b], b[a < b]
+        if len(a):
+            gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
+            what = f"{between} between two holes"
+            yield finding(profile, "hole-hole", worst_at(gaps, centres[a]), what, "move the holes apart")
+
+
+def hole_to_parts(
+    board: Board, profile: FabProfile | ProcessProfile, rule: str, parts_xy_mm: FloatArray, outlines_mm: FloatArray, what: str
+) -> Iterator[Finding]:
+    """Least distance of a hole from the outlines, shape (m, k, 2), about each part's centre."""
+    values, places = [], []
+    for x, y, diameter in board.holes:
+        reach = diameter / 2 + max(reach_mm(outlines_mm.reshape(-1, 2))) + 5.0
+        near = parts_xy_mm[np.abs(parts_xy_mm - (x, y)).max(axis=1) < reach]
+        if len(near):
+            bodies = shapely.polygons(near[:, None, None] + outlines_mm)
+            values.append(float(shapely.distance(bodies, shapely.Point(x, y)).min() - diameter / 2))
+            places.append((float(x), float(y)))
+    if values:
+        worst = int(np.argmin(values))
+        yield finding(profile, rule, (values[worst], places[worst]), what, "move the hole")
+
+
+def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
+    longer, shorter = max(tape.board.size_mm), min(tape.board.size_mm)
+    most = fab.size.largest_mm
+    passed = longer <= most[0] + TOLERANCE_MM and shorter <= most[1] + TOLERANCE_MM
+    over = longer if longer > most[0] else shorter
+    message = (
+        f"board {longer:g} x {shorter:g} mm {'is within' if passed else 'exceeds'} {most[0]:g} x {most[1]:g} mm of {fab.name}"
+    )
+    return Finding(
+        rule="size",
+        level=fab.size.level,
+        passed=passed,
+        value=over if not passed else longer,
+        limit=most[1] if not passed and longer <= most[0] else most[0],
+        source=fab.size.source,
+        confirmed=fab.size.confirmed,
+        message=message if passed else f"{message}; ask the fab, or use a smaller --size",
+    )

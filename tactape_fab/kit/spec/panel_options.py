@@ -1,0 +1,106 @@
+"""What a user asks for of a panel, checked at the door."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.kit.spec.sectors import read_sectors
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, limits_of
+
+PANEL_KEYS = ("panel", "sectors", "same_sector", "tabs")
+TAB_SIDES = ("auto", "x", "y", "xy")
+MOST_ALONG = 100
+"""Tapes along a side of a panel."""
+_ARRANGEMENT = re.compile(r"(\d{1,3})x(\d{1,3})")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelRequest:
+    """What was asked for.
+
+    Attributes
+    ----------
+    mode : {"auto", "none", "given"} or None
+        None where nothing was said: the profile decides.
+    arrangement : (int, int) or None
+        Columns and rows, where they were given.
+    sectors : tuple of int or None
+        Those of the tapes, where they were named.
+    same_sector : bool
+        Whether every tape shows the same sector.
+    tabs : str
+        Sides of a tape that tabs hold, one of TAB_SIDES.
+    """
+
+    mode: str | None
+    arrangement: tuple[int, int] | None
+    sectors: tuple[int, ...] | None
+    same_sector: bool
+    tabs: str
+
+    @property
+    def wished(self) -> bool:
+        """Whether a panel was asked for in so many words."""
+        return self.mode in ("auto", "given")
+
+
+def read_panel_request(values: Mapping[str, Any]) -> tuple[PanelRequest, list[Problem]]:
+    """Read the keys of a panel out of untrusted values; every problem is listed."""
+    table = Fields({key: values[key] for key in (*PANEL_KEYS, "code") if values.get(key) is not None})
+    mode, arrangement = _mode(table)
+    sectors = _sectors(table) if "sectors" in table.values else None
+    same_sector = table.flag("same_sector") if "same_sector" in table.values else False
+    tabs = table.text("tabs", choices=TAB_SIDES, default="auto") if "tabs" in table.values else "auto"
+    if sectors is not None and values.get("sector") is not None:
+        table.problem(
+            "sectors", f"sectors = {shown(values['sectors'])} and sector = {shown(values['sector'])} are given; give one of them"
+        )
+    if sectors is not None and same_sector:
+        table.problem("same_sector", "same_sector repeats one sector, but sectors names those of the tapes; give one of them")
+    if arrangement is not None and sectors is not None and arrangement[0] * arrangement[1] != len(sectors):
+        count = arrangement[0] * arrangement[1]
+        table.problem(
+            "sectors",
+            f"sectors = {shown(values['sectors'])} names {len(sectors)} tapes, but panel = {arrangement[0]}x{arrangement[1]} has "
+            f"{count}; "
+            f"name {count}, or use --panel auto",
+        )
+    if mode == "none":
+        for key in (k for k in PANEL_KEYS[1:] if table.values.get(k, False) is not False):
+            option = f"--{key.replace('_', '-')}"
+            table.problem(key, f"{key} is of a panel, but panel = 'none'; leave out {option}, or use --panel auto")
+    request = PanelRequest(mode=mode, arrangement=arrangement, sectors=sectors, same_sector=same_sector, tabs=tabs)
+    return request, table.problems
+
+
+def _mode(table: Fields) -> tuple[str | None, tuple[int, int] | None]:
+    if "panel" not in table.values:
+        return None, None
+    value = table.values["panel"]
+    if value in ("auto", "none"):
+        return str(value), None
+    found = _ARRANGEMENT.fullmatch(value.replace("×", "x").replace("X", "x")) if isinstance(value, str) else None
+    if found is None:
+        table.problem("panel", f"panel = {shown(value)} is no arrangement; give columns x rows, such as 2x3, or auto, or none")
+        return None, None
+    columns, rows = int(found[1]), int(found[2])
+    if not (1 <= columns <= MOST_ALONG and 1 <= rows <= MOST_ALONG):
+        table.problem("panel", f"panel = {value} has {columns} columns and {rows} rows; give 1 to {MOST_ALONG} of each")
+        return None, None
+    return "given", (columns, rows)
+
+
+def _sectors(table: Fields) -> tuple[int, ...] | None:
+    """The sectors that are named; None where they cannot be read."""
+    code = table.values.get("code", DEFAULT_CODE)
+    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
+    try:
+        return read_sectors(table.values["sectors"], max(limits_of(name).sectors for name in known))
+    except SpecError as error:
+        table.problems += error.problems
+        return None

@@ -1,0 +1,124 @@
+"""Lists of tapes: sectors in words, and spec files with several tapes, to one set of values per tape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
+from tactape_fab.kit.spec.sectors import MOST_TAPES, read_sectors
+from tactape_fab.kit.spec.tape_spec import PROFILE_KEYS, read_spec_file
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, limits_of
+
+_OF_ONE = ("sector", "sectors", "name")
+"""Keys that no two tapes of a list share."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TapeEntry:
+    """One tape of a list: its values, untrusted still, and how messages name it.
+
+    ``where`` is the table it comes from (``""`` or ``"tapes[3]: "``), ``of_sector`` what tells it from the others of that
+    table (``""`` or ``"sector 7: "``).
+    """
+
+    where: str
+    of_sector: str = ""
+    values: Mapping[str, Any]
+
+
+def is_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> bool:
+    """Whether a spec file's values and options, which override them, are those of several tapes."""
+    return "tapes" in values or "sectors" in options or ("sectors" in values and "sector" not in options)
+
+
+def read_list_file(path: Path) -> dict[str, Any]:
+    """The values of a spec TOML, of one tape or of several; profile paths in it are relative to the file.
+
+    Raises
+    ------
+    SpecError
+        When the file cannot be read as TOML.
+    """
+    values = read_spec_file(path)
+    tapes = values.get("tapes")
+    for tape in tapes if isinstance(tapes, list) else ():
+        for key in PROFILE_KEYS:
+            name = tape.get(key) if isinstance(tape, dict) else None
+            if isinstance(name, str) and name.endswith(".toml"):
+                tape[key] = str(path.parent / name)
+    return values
+
+
+def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[list[TapeEntry], list[Problem]]:
+    """One entry per tape, from the values of a spec file and from options, which override them.
+
+    The problems are those of the list. What is wrong with a tape is found when its spec is built; where sectors are refused,
+    sector 0 stands in for them, so that everything else can be judged.
+    """
+    problems = _contradictions(values, options)
+    shared = {key: value for key, value in values.items() if key != "tapes"}
+    entries: list[TapeEntry] = []
+    if "tapes" not in values:
+        entries = _of_sectors({**shared, **options}, "", problems)
+    elif not isinstance(values["tapes"], list) or not values["tapes"]:
+        said = shown(values["tapes"])
+        problems.append(Problem("tapes", f"tapes = {said} is no list of tapes; give each a table of its own, [[tapes]]"))
+    else:
+        overriding = {key: value for key, value in options.items() if key not in _OF_ONE}
+        common = {key: value for key, value in shared.items() if key not in _OF_ONE}
+        for i, tape in enumerate(values["tapes"]):
+            where = f"tapes[{i}]: "
+            if isinstance(tape, dict):
+                entries += _of_table({**common, **tape, **overriding}, where, problems)
+            else:
+                problems.append(Problem("tapes", f"{where}{shown(tape)} is no table; give it as [[tapes]]"))
+            if len(entries) > MOST_TAPES:
+                break
+    if len(entries) > MOST_TAPES:
+        problems.append(Problem("tapes", f"these are more than {MOST_TAPES} tapes; make them in several runs"))
+    return entries[:MOST_TAPES], problems
+
+
+def _contradictions(values: Mapping[str, Any], options: Mapping[str, Any]) -> list[Problem]:
+    """Keys that stand where they would name several tapes alike."""
+    several = "tapes" in values
+    found = []
+    for source in (options, values):
+        if "sector" in source and "sectors" in source:
+            message = f"sector = {shown(source['sector'])} contradicts sectors = {shown(source['sectors'])}; give one of them"
+            found.append(Problem("sector", message))
+        for key in _OF_ONE if several else ("name",):
+            if key in source:
+                why = "each of [[tapes]] has its own" if several else "each tape is named for its sector"
+                found.append(Problem(key, f"{key} = {shown(source[key])} cannot be that of all tapes: {why}; leave it out"))
+    return found
+
+
+def _of_table(values: Mapping[str, Any], where: str, problems: list[Problem]) -> list[TapeEntry]:
+    if "sector" in values and "sectors" in values:
+        message = f"sector = {shown(values['sector'])} contradicts sectors = {shown(values['sectors'])}; give one of them"
+        problems.append(Problem("sector", where + message))
+    elif "sectors" in values:
+        if "name" in values:
+            message = f"{where}name = {shown(values['name'])} cannot be that of all sectors; leave it out"
+            problems.append(Problem("name", message))
+        return _of_sectors(values, where, problems)
+    elif "sector" not in values:
+        problems.append(Problem("sector", f'{where}sector is missing; give sector = N, or sectors = "0-9"'))
+    return [TapeEntry(where=where, values={"sector": 0, **{k: v for k, v in values.items() if k != "sectors"}})]
+
+
+def _of_sectors(values: Mapping[str, Any], where: str, problems: list[Problem]) -> list[TapeEntry]:
+    code = values.get("code", CODE_NAMES[0])
+    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
+    try:
+        sectors = read_sectors(values["sectors"], max(limits_of(name).sectors for name in known))
+    except SpecError as error:
+        problems += [Problem(p.key, where + p.message) for p in error.problems]
+        sectors = (0,)
+    rest = {key: value for key, value in values.items() if key not in _OF_ONE}
+    return [TapeEntry(where=where, of_sector=f"sector {sector}: ", values={**rest, "sector": sector}) for sector in sectors]

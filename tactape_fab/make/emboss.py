@@ -1,0 +1,234 @@
+"""emboss_kit: a kit's texture on the user's own part, checked and then put in place as one finished folder."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactape_fab import __version__
+from tactape_fab.base.build_date import build_date, zip_date
+from tactape_fab.base.errors import Check, SpecError, VerifyError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.render.certificate_json import render_certificate
+from tactape_fab.kit.writer import write_kit
+from tactape_fab.make.publish import finished
+from tactape_fab.report import add_report
+from tactape_fab.solids.mesh.triangles import stl_bytes, threemf_bytes
+from tactape_fab.solids.surface.charts import Placement
+from tactape_fab.solids.surface.fuse import Fused, Progress, fuse_mesh
+from tactape_fab.solids.surface.part_files import (
+    MESH_FORMATS,
+    MOST_BYTES,
+    UNITS_MM,
+    closed_mesh,
+    read_surface_mesh,
+    refuse_wrong_size,
+)
+from tactape_fab.solids.surface.part_mesh import MeshChart
+from tactape_fab.solids.surface.place import LaidOut, lay_out, record, refuse_tape, texture_size_mm
+from tactape_fab.solids.surface.placements import placements_csv
+from tactape_fab.texture.certify.certificate import certify
+from tactape_fab.texture.manifest import find_manifest, read_manifest
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.models.embossed import check_embossed
+
+STEP_FORMATS = ("step", "stp")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Embossed:
+    """An embossed part that stands under its name.
+
+    Attributes
+    ----------
+    path : Path
+        Its folder.
+    tape : Tape
+    surface : dict
+        The manifest's ``surface``: source, place, radius, distortion, volumes.
+    checks : tuple of Check
+        Every line of its verification.
+    files : dict of str to str
+        Role to path, relative to the folder.
+    """
+
+    path: Path
+    tape: Tape
+    surface: Mapping[str, Any]
+    checks: tuple[Check, ...]
+    files: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Source:
+    """The user's file: its name, format and bytes."""
+
+    path: Path
+    kind: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Made:
+    """The texture on the part, and what only a STEP source has: its face's index and the fused STEP file."""
+
+    laid: LaidOut
+    fused: Fused
+    face: int | None = None
+    step: bytes | None = None
+
+
+def emboss_kit(
+    kit_path: str | Path,
+    surface_path: str | Path,
+    output: str | Path | None = None,
+    *,
+    placement: Placement = Placement(),  # noqa: B008 (frozen)
+    overwrite: bool = False,
+    unit: str = "mm",
+    progress: Progress = lambda *_: None,
+) -> Embossed:
+    """Put a kit's texture on the user's own part.
+
+    Parameters
+    ----------
+    kit_path : str or Path
+        Folder of a kit, or its manifest.json.
+    surface_path : str or Path
+        The part: a closed mesh (STL, 3MF, OBJ, PLY) or a STEP file of one solid.
+    output : str or Path, optional
+        Folder of the result; beside the part as ``<part>-<tape>`` where none is given.
+    placement : Placement
+        Where on the part, and which way up.
+    overwrite : bool
+        Replace an older result at `output`. Anything else that stands there is refused.
+    unit : {"mm", "cm", "m", "inch"}
+        What the numbers of an STL, OBJ or PLY are in. 3MF and STEP say it themselves.
+    progress : callable
+        Told what is being done, and how many of how many elements are done.
+
+    Returns
+    -------
+    Embossed
+
+    Raises
+    ------
+    SpecError
+        When the kit or the part cannot be read, the part is no solid, or the texture does not fit on it.
+    VerifyError
+        When the written files are not what they should be; nothing stands at `output` then.
+    """
+    manifest_file = find_manifest(kit_path)
+    content = read_manifest(manifest_file)
+    tape = Tape.from_mapping(content)
+    refuse_tape(tape)
+    solid = content.get("solid")
+    if isinstance(solid, Mapping) and solid.get("negative") is True:
+        raise SpecError(f"KIT = {shown_path(kit_path)} is a mould; make the texture itself, without --negative, and emboss that")
+    source = _read_source(Path(surface_path), unit)
+    name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
+    target = source.path.parent / name if output is None else Path(output)
+    refuse_taken(target, overwrite=overwrite)
+    progress("reading", 0, tape.part_count)
+    made = (_on_step if source.kind == "step" else _on_mesh)(tape, source, placement, unit, progress)
+    artifacts = [*_artifacts(tape, made, name), *render_certificate(certify(tape))]
+    surface = _surface(source, made, unit)
+    manifest = {
+        **content,
+        "tool": {"name": "tactape-fab", "version": __version__},
+        "surface": surface,
+        "files": [
+            {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
+            for a in sorted(artifacts, key=lambda a: a.path)
+        ],
+    }
+    progress("verifying", tape.part_count, tape.part_count)
+    data = {a.role: a.data for a in artifacts}
+    checks = tuple(check_embossed(manifest, data["stl"], data["placements"]))
+    if not all(check.passed or check.warning for check in checks):
+        raise VerifyError(checks)
+    with finished(target, "part", overwrite=overwrite) as folder:
+        write_kit(folder, manifest, artifacts)
+        artifacts.append(add_report(folder, manifest, tape, checks=checks))
+    files = {a.role: a.path for a in artifacts}
+    return Embossed(path=target, tape=tape, surface=surface, checks=checks, files=files)
+
+
+def _read_source(path: Path, unit: str) -> _Source:
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in (*MESH_FORMATS, *STEP_FORMATS):
+        raise SpecError(f"SURFACE = {shown_path(path)} is none of: {', '.join((*MESH_FORMATS, *STEP_FORMATS))}; export it as one")
+    if unit not in UNITS_MM:
+        raise SpecError(f"unit = {unit!r} is none of: {', '.join(UNITS_MM)}; give one of them")
+    kind = "step" if kind in STEP_FORMATS else kind
+    if unit != "mm" and kind in ("step", "3mf"):
+        raise SpecError(f"unit = {unit}: a {kind.upper()} file says its unit itself; leave --unit out")
+    try:
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise SpecError(f"SURFACE = {shown_path(path)} has {size} bytes, more than {MOST_BYTES}; give a coarser model")
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:
+        if isinstance(error, SpecError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(f"SURFACE = {shown_path(path)} cannot be read: {reason}; give a model file") from error
+    return _Source(path=path, kind=kind, data=data)
+
+
+def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
+    mesh = read_surface_mesh(source.data, source.kind, unit)
+    refuse_wrong_size(np.ptp(mesh.vertices_mm, axis=0), None if source.kind == "3mf" else unit, texture_size_mm(tape))
+    mesh = closed_mesh(mesh)
+    progress("mapping", 0, tape.part_count)
+    laid = lay_out(tape, MeshChart(mesh, placement))
+    return _Made(laid=laid, fused=fuse_mesh(mesh, laid, progress))
+
+
+def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
+    from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
+
+    model = read_step_solid(source.data)
+    refuse_wrong_size(model.size_mm, None, texture_size_mm(tape))
+    chart = FaceChart(model, placement)
+    progress("mapping", 0, tape.part_count)
+    laid = lay_out(tape, chart)
+    fused = fuse_mesh(model.tessellated(), laid, progress, chord_error_mm=model.chord_error_mm)
+    stamp = build_date().replace(tzinfo=None).isoformat()
+    return _Made(laid=laid, fused=fused, face=chart.face, step=model.embossed(laid, stamp, progress))
+
+
+def _artifacts(tape: Tape, made: _Made, name: str) -> list[Artifact]:
+    description = f"{tape.name} on a surface: code {tape.code}, sector {tape.sector}, {tape.part_count} elements"
+    metadata = {"Description": description, "Application": f"tactape-fab {__version__}"}
+    mesh = made.fused.mesh
+    files = [
+        ("stl", f"{name}.stl", stl_bytes(mesh, name)),
+        ("3mf", f"{name}.3mf", threemf_bytes(mesh, name, metadata, zip_date())),
+        ("placements", f"{name}-placements.csv", placements_csv(made.laid)),
+    ]
+    if made.step is not None:
+        files.append(("step-solid", f"{name}.step", made.step))
+    return [Artifact(role=role, path=f"models/{path}", data=data) for role, path, data in files]
+
+
+def _surface(source: _Source, made: _Made, unit: str) -> dict[str, Any]:
+    return {
+        "source": source.path.name,
+        "sha256": hashlib.sha256(source.data).hexdigest(),
+        "format": source.kind,
+        "unit": None if source.kind in ("step", "3mf") else unit,
+        "face": made.face,
+        **record(made.laid),
+        "bodies": made.fused.bodies,
+        "volume_mm3": round(made.fused.volume_mm3, 6),
+        "source_volume_mm3": round(made.fused.host_volume_mm3, 6),
+    }

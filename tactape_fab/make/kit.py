@@ -1,0 +1,183 @@
+"""make_kit: the only place where a kit gets its name. Built and verified in a temporary folder, then exchanged into place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.examine.tape import Examined, _cell_finding, examine
+from tactape_fab.kit.order_facts import order_facts
+from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.render.certificate_json import render_certificate
+from tactape_fab.kit.render.order_notes import render_order_notes
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, search_record, texture_record, write_kit
+from tactape_fab.make.publish import finished
+from tactape_fab.report import add_report
+from tactape_fab.solids.checks import form_problems
+from tactape_fab.texture.certify.origin import Choice
+from tactape_fab.texture.manifest import MANIFEST_NAME
+from tactape_fab.texture.tape import Tape
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kit:
+    """A kit that stands under its name.
+
+    Attributes
+    ----------
+    path : Path
+        Its folder.
+    tape : Tape
+    findings : tuple of Finding
+        Every design rule, measured.
+    checks : tuple of Check
+        Every line of its verification; empty where none was asked for.
+    files : dict of str to str
+        Role to path, relative to the folder.
+    search : Choice or None
+        What a search for the origin found; None where there was none.
+    """
+
+    path: Path
+    tape: Tape
+    findings: tuple[Finding, ...]
+    checks: tuple[Check, ...]
+    files: Mapping[str, str]
+    search: Choice | None = None
+
+
+def make_kit(
+    spec: TapeSpec,
+    path: str | Path | None = None,
+    *,
+    avoid: Sequence[Tape] = (),
+    overwrite: bool = False,
+    verify: bool = True,
+    force: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Kit:
+    """Make a kit: all files of a tape, verified from what was written.
+
+    Parameters
+    ----------
+    spec : TapeSpec
+    path : str or Path, optional
+        Folder of the kit; the tape's name in the current folder where none is given.
+    avoid : sequence of Tape
+        Tapes that exist: the origin is chosen away from them, and the spec's must be ``"best"``; a touch code is designed
+        away from them.
+    overwrite : bool
+        Replace an older kit of this tool at `path`. Anything else that stands there is refused.
+    verify : bool
+        Verify the written files before the kit gets its name.
+    force : bool
+        Write it in spite of broken design rules; the manifest records them under ``forced``.
+    progress : callable
+        Told in words what is being done.
+
+    Returns
+    -------
+    Kit
+
+    Raises
+    ------
+    SpecError
+        When no tape follows from the spec, or `path` is taken.
+    DesignRuleError
+        When a rule of the fab profile is broken.
+    VerifyError
+        When the written files are not what they should be; nothing stands at `path` then.
+    """
+    return make_examined(examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, progress=progress)
+
+
+def make_examined(
+    examined: Examined,
+    path: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    verify: bool = True,
+    force: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Kit:
+    """Make the kit of a tape that has been examined; see `make_kit`."""
+    target = Path(examined.tape.name if path is None else path)
+    blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
+    progress("rendering")
+    artifacts, content = rendered(examined)
+    if blocking:
+        content["forced"] = [forced(finding) for finding in blocking]
+    checks: tuple[Check, ...] = ()
+    with finished(target, "kit", overwrite=overwrite) as folder:
+        progress("writing")
+        write_kit(folder, content, artifacts)
+        if verify:
+            progress("verifying")
+            from tactape_fab.verify import verify_folder  # loads what reads the files back, which takes its time
+
+            verification = verify_folder(folder / MANIFEST_NAME, quick=True)
+            verification.raise_if_failed()
+            checks = verification.checks
+        progress("reporting")
+        artifacts.append(add_report(folder, content, examined.tape, checks=checks, findings=examined.findings))
+    return Kit(
+        path=target,
+        tape=examined.tape,
+        findings=examined.findings,
+        checks=checks,
+        files={a.role: a.path for a in artifacts},
+        search=examined.search,
+    )
+
+
+def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
+    """Every file of a kit, and the content of its manifest."""
+    spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
+    artifacts = [] if film is None else render_all(examined.drawing, film.fab)
+    if film is not None:
+        artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
+    if spec.form is not None:
+        artifacts += render_models(tape, spec.form, None if film is None else film.fab)
+    if film is not None:
+        record = film_record(film.layout, spec, film.fab, process)
+    else:
+        assert process is not None
+        record = texture_record(spec, process)
+    artifacts += render_certificate(examined.certificate)
+    return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
+
+
+def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: bool, force: bool) -> list[Finding]:
+    """Refuse a place that is taken, and broken rules unless they are forced; returns the broken ones.
+
+    `drawn` is the tape, or any of those on a panel: what cannot be drawn at all is refused all the same.
+    """
+    blocking = [finding for finding in findings if finding.blocks]
+    try:
+        refuse_taken(target, overwrite=overwrite)
+    except SpecError as error:
+        raise SpecError(error.problems, blocking) from None
+    never = _undrawable(drawn) if force else []
+    if blocking and (never or not force):
+        raise DesignRuleError(never or findings)
+    return blocking
+
+
+def _undrawable(examined: Examined) -> list[Finding]:
+    """Rules without which the models cannot be drawn at all, whatever is forced."""
+    form = examined.spec.form
+    if form is None or examined.film is None:
+        return []
+    return [_cell_finding(problem) for problem in form_problems(examined.tape, form) if problem.key == "part"]
+
+
+def forced(finding: Finding) -> dict[str, Any]:
+    """A broken rule as the manifest of a kit that was made in spite of it records it."""
+    return {"rule": finding.rule, "value": finding.value, "limit": finding.limit, "message": finding.message}

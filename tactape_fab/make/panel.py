@@ -1,0 +1,162 @@
+"""Panels: several tapes examined together and made with their kits, in one folder that takes its name when it is verified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Check, Finding, VerifyError
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.examine.order import ExaminedPanel
+from tactape_fab.kit.examine.tape import Examined
+from tactape_fab.kit.order_facts import panel_order_facts
+from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.render.order_notes import render_order_notes
+from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, render_all, write_kit
+from tactape_fab.make.kit import forced, refuse_broken, rendered
+from tactape_fab.make.publish import finished
+from tactape_fab.report import add_panel_report, add_report
+from tactape_fab.texture.manifest import MANIFEST_NAME
+from tactape_fab.texture.panel_manifest import KITS_FOLDER
+from tactape_fab.texture.tape import Tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelKit:
+    """A panel that stands under its name.
+
+    Attributes
+    ----------
+    path : Path
+    name : str
+    panel : Panel
+    tapes : tuple of Tape
+    findings : tuple of Finding
+    checks : tuple of Check
+        Of the panel and of every kit in it; empty where none was asked for.
+    files : dict of str to str
+        Role to path of the panel's own files.
+    kits : tuple of str
+        Folders of the kits, relative to `path`.
+    """
+
+    path: Path
+    name: str
+    panel: Panel
+    tapes: tuple[Tape, ...]
+    findings: tuple[Finding, ...]
+    checks: tuple[Check, ...]
+    files: Mapping[str, str]
+    kits: tuple[str, ...]
+
+
+# The door
+
+
+# Making
+
+
+def make_panel(
+    examined: ExaminedPanel,
+    path: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    verify: bool = True,
+    force: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> PanelKit:
+    """Make a panel: its files, and the whole kit of every tape on it, verified from what was written.
+
+    Parameters are those of `tactape_fab.make.kit.make_examined`.
+
+    Raises
+    ------
+    SpecError
+        When `path` is taken.
+    DesignRuleError
+        When a rule of the fab profile is broken.
+    VerifyError
+        When the written files are not what they should be; nothing stands at `path` then.
+    """
+    target = Path(examined.name if path is None else path)
+    findings = examined.findings
+    blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
+    with finished(target, "panel", overwrite=overwrite) as folder:
+        checks = _write_kits(examined, folder, verify=verify, progress=progress)
+        artifacts, content = _write_panel(examined, folder, blocking, progress)
+        own: tuple[Check, ...] = ()
+        if verify:
+            from tactape_fab.verify.panel import verify_panel_folder
+
+            progress("verifying the panel")
+            verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
+            verification.raise_if_failed()
+            own = verification.checks
+        artifacts.append(add_panel_report(folder, content, checks=own, findings=findings))
+    return PanelKit(
+        path=target,
+        name=examined.name,
+        panel=examined.panel,
+        tapes=tuple(tape.tape for tape in examined.tapes),
+        findings=findings,
+        checks=(*checks, *own),
+        files={a.role: a.path for a in artifacts},
+        kits=tuple(_kit_folder(tape) for tape in examined.tapes),
+    )
+
+
+def _kit_folder(tape: Examined) -> str:
+    return f"{KITS_FOLDER}/{tape.tape.name}"
+
+
+def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress: Callable[[str], None]) -> list[Check]:
+    """The kit of every tape, whole; each is verified before the next is begun."""
+    checks: list[Check] = []
+    for number, tape in enumerate(examined.tapes, start=1):
+        progress(f"tape {number} of {len(examined.tapes)}")
+        artifacts, content = rendered(tape)
+        if blocking := [finding for finding in tape.findings if finding.blocks]:
+            content["forced"] = [forced(finding) for finding in blocking]
+        place = folder / _kit_folder(tape)
+        place.mkdir(parents=True)
+        write_kit(place, content, artifacts)
+        verified: tuple[Check, ...] = ()
+        if verify:
+            from tactape_fab.verify import verify_folder
+
+            verification = verify_folder(place / MANIFEST_NAME, quick=True)
+            if not verification.passed:
+                raise VerifyError([c for c in verification.checks if not c.passed])
+            verified = verification.checks
+        add_report(place, content, tape.tape, checks=verified, findings=tape.findings)
+        checks += verified
+    return checks
+
+
+def _write_panel(
+    examined: ExaminedPanel, folder: Path, blocking: Sequence[Finding], progress: Callable[[str], None]
+) -> tuple[list[Artifact], dict[str, Any]]:
+    """The panel's own files, and what its manifest holds."""
+    progress("rendering the panel")
+    first, film = examined.tapes[0], examined.tapes[0].film
+    assert film is not None
+    artifacts = render_all(examined.drawing, film.fab)
+    layouts = [tape.layout for tape in examined.tapes]
+    facts = panel_order_facts(examined.name, examined.panel, layouts, film.fab, examined.findings, artifacts)
+    artifacts += render_order_notes(facts)
+    kits = []
+    number = 1
+    for tape, offset_mm in zip(examined.tapes, examined.panel.offsets_mm, strict=True):
+        path = f"{_kit_folder(tape)}/{MANIFEST_NAME}"
+        kits.append(
+            PlacedKit(tape=tape.tape, manifest=path, data=(folder / path).read_bytes(), offset_mm=offset_mm, first=number)
+        )
+        number += tape.tape.part_count
+    record = panel_record(film.layout, first.spec, film.fab)
+    content = panel_manifest(examined.name, examined.panel, kits, record, artifacts)
+    if blocking:
+        content["forced"] = [forced(finding) for finding in blocking]
+    write_kit(folder, content, artifacts)
+    return artifacts, content

@@ -1,0 +1,94 @@
+"""A finished folder takes its name in one step, and whatever interrupts leaves nothing half-written behind."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
+
+_RENAME_EXCHANGE = 2
+_AT_FDCWD = -100
+
+
+@contextmanager
+def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
+    """A new folder beside `target`, which takes its place at the end of the block; nothing stays of it where that is not reached.
+
+    Parameters
+    ----------
+    target : Path
+    what : str
+        What is written, for the message where that cannot be.
+    overwrite : bool
+        Replace an older kit of this tool.
+
+    Raises
+    ------
+    TactapeError
+        When the folder or a file in it cannot be written.
+    """
+    folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    new_parents = [parent for parent in target.parents if not parent.exists()]
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+        put_in_place(folder, target, overwrite=overwrite)
+    except OSError as error:
+        reason = error.strerror or error
+        raise TactapeError(f"the {what} cannot be written to {target}: {reason}; use -o to name another folder") from error
+    finally:
+        clear_away(folder, new_parents)
+
+
+def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
+    """Leave nothing behind, also when a second signal comes while this is under way."""
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+        for parent in new_parents:  # innermost first; one that holds a kit stays
+            with suppress(OSError):
+                parent.rmdir()
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def put_in_place(folder: Path, target: Path, *, overwrite: bool) -> None:
+    """Give a finished folder its name; whoever looks sees the old kit or the new one, never a mixture."""
+    if not (target.exists() or target.is_symlink()):
+        folder.rename(target)
+        return
+    refuse_taken(target, overwrite=overwrite)  # again: it may have come since
+    if _exchange(folder, target):
+        return
+    # without an exchange in one step: the old kit steps aside under an unfinished name, and back if the new one fails
+    aside = folder.with_name(folder.name.removesuffix(UNFINISHED_SUFFIX) + ".old" + UNFINISHED_SUFFIX)
+    target.rename(aside)
+    try:
+        folder.rename(target)
+    except OSError:
+        aside.rename(target)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
+def _exchange(a: Path, b: Path) -> bool:
+    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False where the system cannot."""
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):
+        return False
+    if rename(_AT_FDCWD, os.fsencode(a), _AT_FDCWD, os.fsencode(b), _RENAME_EXCHANGE) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
+        return False
+    raise OSError(code, os.strerror(code))

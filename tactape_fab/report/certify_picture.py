@@ -1,0 +1,180 @@
+"""What windows can tell apart as a picture: a map of one tape, or the distances of every two of several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.texture.certify.certificate import Certificate, Closest, nearest_distances
+from tactape_fab.texture.certify.kits import Certified
+from tactape_fab.texture.certify.pairs import BEYOND, NO_WINDOWS, Across
+from tactape_fab.texture.tape import Tape
+
+Picture = npt.NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+_SHADES = np.array(
+    [(20, 10, 10), (110, 20, 90), (120, 55, 200), (90, 150, 250), (150, 215, 250), (240, 240, 240)], dtype=np.uint8
+)
+"""Of distances 0, 1, ... and `BEYOND`, blue first as OpenCV has them: lighter is farther, told apart in grey and by all eyes."""
+_PAPER, _INK, _FAINT, _MARK = (255, 255, 255), (40, 40, 40), (215, 215, 215), (178, 114, 0)
+_MARGIN, _LINE, _FONT = 30, 22, 0.5
+_FIELD_PX, _LEAST_WIDTH_PX, _MOST_CELL_PX, _MATRIX_PX = 1240, 900, 24, 420
+_MARKED = 6
+_NAMED = 24
+
+
+def draw_certified(result: Certified) -> Picture:
+    """Of one tape a map for each window size, of several a matrix for each.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        Blue first.
+    """
+    if len(result.certificates) == 1:
+        certificate = result.certificates[0]
+        panels = [_map(certificate, size) for size in certificate.sizes]
+        title = f"{certificate.tape.name}: which windows are hard to tell apart (dark), and the nearest pairs (same number)"
+        return _sheet(title, _stacked(panels), "symbols by which the nearest other window differs")
+    panels = [_matrix(windows, result.names) for windows in result.across]
+    height = max(p.shape[0] for p in panels)
+    row = np.hstack([_padded(p, height, p.shape[1] + _MARGIN) for p in panels])
+    return _sheet(
+        "how far every two tapes are apart (dark: hard to tell apart)", row, "symbols by which their nearest windows differ"
+    )
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a picture as PNG.
+
+    Raises
+    ------
+    TactapeError
+        When it cannot be written.
+    """
+    import cv2
+
+    try:
+        path.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes())
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise TactapeError(f"{shown_path(path)} cannot be written: {reason}; use --picture FILE.png elsewhere") from error
+
+
+def _text(picture: Picture, text: str, x: int, y: int, colour: Colour = _INK) -> None:
+    import cv2
+
+    shown = text.encode("ascii", "replace").decode()
+    cv2.putText(picture, shown, (x, y), cv2.FONT_HERSHEY_SIMPLEX, _FONT, colour, 1, cv2.LINE_AA)
+
+
+def _text_width(text: str) -> int:
+    import cv2
+
+    return int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)[0][0])
+
+
+def _blank(height: int, width: int) -> Picture:
+    return np.full((height, width, 3), _PAPER, dtype=np.uint8)
+
+
+def _padded(picture: Picture, height: int, width: int) -> Picture:
+    page = _blank(height, width)
+    page[: picture.shape[0], : picture.shape[1]] = picture
+    return page
+
+
+def _stacked(panels: list[Picture]) -> Picture:
+    width = max(p.shape[1] for p in panels)
+    return np.vstack([_padded(p, p.shape[0] + _MARGIN // 2, width) for p in panels])
+
+
+def _sheet(title: str, body: Picture, key: str) -> Picture:
+    """Title, body, and the key of the shades."""
+    height = body.shape[0] + 2 * _MARGIN + 2 * _LINE + _LINE
+    page = _blank(height, max(body.shape[1] + 2 * _MARGIN, _LEAST_WIDTH_PX))
+    _text(page, title, _MARGIN, _MARGIN)
+    top = _MARGIN + _LINE
+    page[top : top + body.shape[0], _MARGIN : _MARGIN + body.shape[1]] = body
+    x, y = _MARGIN, top + body.shape[0] + _LINE + 8
+    _text(page, key + ":", x, y)
+    x += _text_width(key + ":") + 15
+    for distance, shade in enumerate(_SHADES.tolist()):
+        page[y - 14 : y + 4, x : x + 26] = _INK
+        page[y - 13 : y + 3, x + 1 : x + 25] = shade
+        _text(page, f"{distance}+" if distance == BEYOND else str(distance), x + 32, y)
+        x += 70
+    return page
+
+
+def _map(certificate: Certificate, size: Closest) -> Picture:
+    """The tape, each window as a square at its middle; the first of the nearest pairs outlined and numbered alike."""
+    tape = certificate.tape
+    cell = min(max(_FIELD_PX // tape.columns, 1), _MOST_CELL_PX)
+    field = _field(tape, size.side, cell)
+    head = _blank(_LINE, max(field.shape[1], _LEAST_WIDTH_PX - 2 * _MARGIN))
+    if size.distance is None:
+        said = "no whole window"
+    else:
+        pairs = f"{size.pairs} pair{'s' * (size.pairs != 1)}"
+        said = f"at least {size.distance} symbols differ ({pairs}); detects {size.detects} wrong, corrects {size.corrects}"
+    _text(head, f"{size.side}x{size.side}: {said}", 0, _LINE - 8)
+    for i in range(min(len(size.turn), _MARKED)):
+        for row, column in (size.first_rc[i].tolist(), size.second_rc[i].tolist()):
+            _mark(field, (column, row), size.side, cell, str(i + 1))
+    return np.vstack([head, _padded(field, field.shape[0], head.shape[1])])
+
+
+def _field(tape: Tape, side: int, cell: int) -> Picture:
+    field = _blank(tape.rows * cell, tape.columns * cell)
+    half = cell // 2
+    if cell >= 4:
+        rows, columns = np.nonzero(tape.placed)
+        for dy in (0, 1):
+            for dx in (0, 1):
+                field[rows * cell + half - 1 + dy, columns * cell + half - 1 + dx] = _FAINT
+    corner_rc, distance = nearest_distances(tape, side, BEYOND - 1)
+    shade = _SHADES[np.minimum(distance, BEYOND)]
+    shift = (side - 1) * cell // 2
+    for (row, column), colour in zip((corner_rc * cell + shift).tolist(), shade.tolist(), strict=True):
+        field[row : row + cell, column : column + cell] = colour
+    return field
+
+
+def _mark(field: Picture, cell_xy: tuple[int, int], side: int, cell: int, label: str) -> None:
+    import cv2
+
+    x, y = cell_xy[0] * cell, cell_xy[1] * cell
+    cv2.rectangle(field, (x, y), (x + side * cell - 1, y + side * cell - 1), _MARK, 2)
+    at = (x + 4, y + 16)
+    cv2.putText(field, label, at, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _PAPER, 4, cv2.LINE_AA)
+    cv2.putText(field, label, at, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _MARK, 1, cv2.LINE_AA)
+
+
+def _matrix(windows: Across, names: Sequence[str]) -> Picture:
+    count = len(names)
+    cell = min(max(_MATRIX_PX // count, 1), 60)
+    shades = _SHADES[np.minimum(windows.matrix, BEYOND)]
+    shades[windows.matrix == NO_WINDOWS] = _PAPER
+    squares = np.repeat(np.repeat(shades, cell, axis=0), cell, axis=1)
+    named = count <= _NAMED
+    left = max((_text_width(n) for n in names), default=0) + 8 if named else 0
+    head = f"{windows.side}x{windows.side} windows"
+    picture = _blank(squares.shape[0] + _LINE, max(left + squares.shape[1], _text_width(head)))
+    picture[_LINE:, left : left + squares.shape[1]] = squares
+    _text(picture, head, left, _LINE - 8)
+    for i, name in enumerate(names if named else ()):
+        middle = _LINE + i * cell + cell // 2 + 5
+        _text(picture, name, 0, middle)
+        for k in range(count):
+            value = int(windows.matrix[i, k])
+            if value != NO_WINDOWS and cell >= 16:
+                colour = _PAPER if value <= 2 else _INK
+                _text(picture, f"{value}+" if value == BEYOND else str(value), left + k * cell + cell // 2 - 6, middle, colour)
+    return picture

@@ -1,0 +1,116 @@
+"""Depth map -> dots: a band-pass, its local maxima, and their sub-pixel centres. Scale and background do not matter.
+
+Pixel coordinates are those of SPEC's image frame: u right, v down, whole numbers at pixel centres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.sense.decode.dots.filters import STEP_TROUGH, Image, banded, gaussian_taps, tops
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+SMOOTHING_MM = 0.125
+BACKGROUND_MM = 1.5625
+NEIGHBOURHOOD_MM = 0.3125
+STRONGEST = 8
+LEAST_SHARE = 0.3
+"""A dot is at least this high compared with the median of the strongest ones."""
+MOST_DOTS = 400
+RIDGE_ALONG_MM, RIDGE_ACROSS_MM = 0.375, 0.6
+"""How far from a top it is looked whether it is of a ridge: farther than parts reach, and where a step's trough is deepest."""
+RIDGE_TROUGH, STEP_SHARE, STEP_TOPS = 0.4, 0.45, 2
+"""There is a step where so many ridge tops beside a trough as deep as a step's are this high over the median of the strongest
+tops. Then no top of a ridge is a dot, if the trough beside it has the first depth over its height.
+"""
+COARSE_PX_PER_MM = 7.0
+"""Finer images are averaged down to no less than this."""
+USUAL_NOISE, LEAST_NOISE = 0.15, 0.03
+"""Median weight of the bumps of noise: as it is in the default scene, and the least that is believed."""
+NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE = 1.95, 0.17, 0.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Dots:
+    """Dots of one frame.
+
+    Attributes
+    ----------
+    xy_px : ndarray, shape (n, 2)
+    weights : ndarray, shape (n,)
+        Height of each over the median of the strongest, so that 1 is an ordinary good dot.
+    trust : ndarray, shape (n,)
+        How likely each is a part at all, from its height and that of the noise.
+    elongation : ndarray, shape (n, 2), or None
+        Anisotropy of each top, (h_uu - h_vv, 2 h_uv) / (h_uu + h_vv) of its second derivatives per canonical image pixel: a
+        top that is longest at an angle phi (from u towards v) has -a (cos 2 phi, sin 2 phi) with 0 <= a < 1, so (-a, 0) where
+        it is long along u, (0, -a) along u = v. Zero where it is no proper top; None where nobody looked.
+    """
+
+    xy_px: FloatArray
+    weights: FloatArray
+    trust: FloatArray
+    elongation: FloatArray | None = None
+
+
+def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:
+    """How likely dots of some weights are parts, where bumps of the noise have the median weight `noise`.
+
+    A logistic curve whose middle and width were fitted to simulated frames of the default scene, of twice its noise, and
+    of an elastomer of 0.25 mm.
+    """
+    middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
+    trust: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(np.maximum((middle - weights) / (NOISE_WIDTH * noise), -30.0), 30.0)))
+    return trust
+
+
+def band_pass(depth: Image, px_per_mm: float) -> Image:
+    """What is as wide as a part: smoothed, less a mean over the pitch (paper, Eq. 1, with a smoother kernel)."""
+    return banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
+
+
+def detect(depth: Image, px_per_mm: float) -> Dots:
+    """Find the dots of a canonical depth map.
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (h, w)
+        Finite, larger = pushed further in.
+    px_per_mm : float
+    """
+    coarse = max(int(px_per_mm / COARSE_PX_PER_MM), 1)  # a part is still several pixels wide there
+    coarse_px_per_mm = px_per_mm / coarse
+    xy, height, elongation, trough, deep = tops(
+        depth,
+        coarse,
+        gaussian_taps(SMOOTHING_MM * coarse_px_per_mm),
+        round(BACKGROUND_MM * coarse_px_per_mm / 2),
+        max(round(NEIGHBOURHOOD_MM * coarse_px_per_mm), 1),
+        RIDGE_ALONG_MM * coarse_px_per_mm,
+        RIDGE_ACROSS_MM * coarse_px_per_mm,
+    )
+    order = np.argsort(-height, kind="stable")
+    if deep >= STEP_TOPS:
+        order = _off_ridges(order, height, trough)
+    if len(order) == 0:
+        return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
+    falling = height[order]
+    scale = _middle(falling[:STRONGEST])
+    kept = order[: min(int(np.searchsorted(-falling, -LEAST_SHARE * scale, side="right")), MOST_DOTS)]
+    weights = height[kept] / scale
+    noise = max(_middle(falling) / scale, LEAST_NOISE)
+    return Dots(xy_px=xy[kept], weights=weights, trust=trusted(weights, noise), elongation=elongation[kept])
+
+
+def _off_ridges(order: IntArray, height: FloatArray, trough: FloatArray) -> IntArray:
+    """Tops, highest first, without those of ridges where enough of them are as high as dots."""
+    high = height[trough > STEP_TROUGH] >= STEP_SHARE * _middle(height[order[:STRONGEST]])
+    return order if np.count_nonzero(high) < STEP_TOPS else order[trough[order] < RIDGE_TROUGH]
+
+
+def _middle(ordered: FloatArray) -> float:
+    """Median of values that are in order."""
+    n = len(ordered)
+    return float(ordered[(n - 1) // 2] + ordered[n // 2]) / 2

@@ -1,0 +1,286 @@
+"""What detection does to every pixel, in single precision and row by row so that compilers make vector instructions of it.
+
+No image here may hold values that are no numbers. All of it is in one file: numba takes a function from its cache as long as
+the function's own file is as old, whatever it calls.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from math import exp
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.jit import inner_kernel, kernel, making_kernel
+from tactape_fab.texture.frames import FloatArray
+
+Image = npt.NDArray[np.float32]
+
+MOST_TOPS = 4096
+"""More are noise."""
+LOWEST = np.float32(-3e38)
+ROUNDING = np.float32(1e-6)
+"""Share of a pixel below which a height above its surroundings is the rounding of single precision."""
+RIDGE_ELONGATION, RIDGE_GOES_ON = 0.5, 0.5
+"""The top of a ridge is more elongated than this, and it is as high on both sides along itself, as a share of its height."""
+STEP_TROUGH = 0.65
+"""Beside the ridge along a step, such as the board's edge, lies a trough as deep as this over the ridge's height; round a part it
+is shallow, and noise seldom makes one."""
+
+
+@cache
+def gaussian_taps(sigma_px: float) -> Image:
+    """One side of a normalised Gaussian kernel, from its middle on; as wide as OpenCV has it for floating point."""
+    reach = (round(8.0 * sigma_px + 1.0) | 1) // 2
+    side = [exp(-0.5 * (t / sigma_px) ** 2) for t in range(reach + 1)]
+    total = side[0] + 2.0 * sum(side[1:])
+    taps = np.array(side, dtype=np.float32) / np.float32(total)
+    taps.setflags(write=False)
+    return taps
+
+
+@making_kernel()
+def ordinary_value(image: Image) -> float:
+    """Median of nine pixels: of the image's level, whatever a single pixel says."""
+    h, w = image.shape
+    values = np.empty(9, dtype=np.float32)
+    for k in range(9):
+        value = image[(1 + k // 3) * h // 4, (1 + k % 3) * w // 4]
+        place = k
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    return float(values[4])
+
+
+@making_kernel(fastmath=True)
+def averaged(depth: Image, factor: int) -> Image:
+    """Means over blocks of factor x factor whole pixels, less an ordinary value, so that few digits are lost later."""
+    h, w = depth.shape[0] // factor, depth.shape[1] // factor
+    out = np.empty((h, w), dtype=np.float32)
+    if out.size == 0:
+        return out
+    zero = ordinary_value(depth)
+    line = np.empty(depth.shape[1], dtype=np.float32)
+    share = np.float32(1.0 / (factor * factor))
+    for v in range(h):
+        for u in range(len(line)):
+            line[u] = depth[v * factor, u] - zero
+        for t in range(1, factor):
+            for u in range(len(line)):
+                line[u] += depth[v * factor + t, u] - zero
+        if factor == 1:
+            for u in range(w):
+                out[v, u] = line[u]
+        elif factor == 2:
+            for u in range(w):
+                out[v, u] = share * (line[2 * u] + line[2 * u + 1])
+        elif factor == 4:
+            for u in range(w):
+                out[v, u] = share * ((line[4 * u] + line[4 * u + 1]) + (line[4 * u + 2] + line[4 * u + 3]))
+        else:
+            for u in range(w):
+                total = line[u * factor]
+                for t in range(1, factor):
+                    total += line[u * factor + t]
+                out[v, u] = share * total
+    return out
+
+
+@inner_kernel()
+def _inside(index: int, n: int) -> int:
+    """The index that a border shows which mirrors the image at its outermost pixels."""
+    if n == 1:
+        return 0
+    while index < 0 or index >= n:
+        index = -index if index < 0 else 2 * n - 2 - index
+    return index
+
+
+@making_kernel(fastmath=True)
+def banded(depth: Image, taps: Image, half_box: int) -> Image:
+    """An image smoothed by a symmetric kernel, less its mean over (2 half_box + 1) squared pixels."""
+    h, w = depth.shape
+    out = np.empty((h, w), dtype=np.float32)
+    if out.size == 0:
+        return out
+    reach = len(taps) - 1
+    pad = max(reach, half_box)
+    before, after = np.empty(pad, dtype=np.int64), np.empty(pad, dtype=np.int64)
+    for t in range(pad):
+        before[t], after[t] = _inside(t - pad, w), _inside(w + t, w)
+    share = 1.0 / (2.0 * half_box + 1.0) ** 2
+    sums = np.empty(w)
+    for u in range(w):
+        sums[u] = 0.0
+    for t in range(-half_box, half_box + 1):
+        for u in range(w):
+            sums[u] += depth[_inside(t, h), u]
+    smooth, box = np.empty(w + 2 * pad, dtype=np.float32), np.empty(w + 2 * pad, dtype=np.float32)
+    smooth_row, box_row = smooth[pad : pad + w], box[pad : pad + w]
+    for v in range(h):
+        for u in range(w):
+            smooth_row[u] = taps[0] * depth[v, u]
+        for t in range(1, reach + 1):
+            over, under, k = _inside(v - t, h), _inside(v + t, h), taps[t]
+            for u in range(w):
+                smooth_row[u] += k * (depth[over, u] + depth[under, u])
+        leaving, entering = _inside(v - half_box, h), _inside(v + 1 + half_box, h)
+        for u in range(w):
+            box_row[u] = share * sums[u]
+            sums[u] += depth[entering, u] - depth[leaving, u]
+        for t in range(pad):
+            smooth[t], box[t] = smooth_row[before[t]], box_row[before[t]]
+            smooth[pad + w + t], box[pad + w + t] = smooth_row[after[t]], box_row[after[t]]
+        row = out[v]
+        for u in range(w):
+            row[u] = taps[0] * smooth_row[u] - box_row[u]
+        for t in range(1, reach + 1):
+            left, right, k = smooth[pad - t :], smooth[pad + t :], taps[t]
+            for u in range(w):
+                row[u] += k * (left[u] + right[u])
+        for t in range(1, half_box + 1):
+            left, right = box[pad - t :], box[pad + t :]
+            for u in range(w):
+                row[u] -= left[u] + right[u]
+    return out
+
+
+@inner_kernel()
+def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
+    """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
+    for i in range(len(found) - 1, -1, -1):
+        if found[i, 0] < v - reach:
+            return False
+        if abs(found[i, 1] - u) <= reach:
+            return True
+    return False
+
+
+@making_kernel(fastmath=True)
+def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]:
+    """Positive pixels (v, u) off the border that none within (2 reach + 1) squared pixels exceeds, row by row.
+
+    Of equal ones so near each other it is the first. The image is a difference of means of `ground`: what is rounding of that,
+    as on level ground, is no top.
+    """
+    h, w = image.shape
+    wide = np.empty((h, w), dtype=np.float32)
+    line = np.empty(w + 2 * reach, dtype=np.float32)
+    for u in range(len(line)):
+        line[u] = LOWEST
+    middle = line[reach : reach + w]
+    for v in range(h):
+        row = wide[v]
+        for u in range(w):
+            middle[u] = row[u] = image[v, u]
+        for t in range(1, reach + 1):
+            left, right = line[reach - t :], line[reach + t :]
+            for u in range(w):
+                row[u] = max(row[u], left[u], right[u])
+    found = np.empty((MOST_TOPS, 2), dtype=np.int64)
+    n = 0
+    highest = np.empty(w, dtype=np.float32)
+    eights = np.empty((w + 7) // 8, dtype=np.uint64)
+    is_top = eights.view(np.uint8)
+    for u in range(len(is_top)):
+        is_top[u] = 0
+    for v in range(1, h - 1):
+        for u in range(w):
+            highest[u] = wide[v, u]
+        for t in range(1, reach + 1):
+            over, under = max(v - t, 0), min(v + t, h - 1)
+            for u in range(w):
+                highest[u] = max(highest[u], wide[over, u], wide[under, u])
+        for u in range(1, w - 1):
+            is_top[u] = (image[v, u] >= highest[u]) & (image[v, u] > ROUNDING * abs(ground[v, u]))
+        for k in range(len(eights)):
+            if eights[k] == 0:
+                continue
+            for u in range(8 * k, 8 * k + 8):
+                if is_top[u] and n < MOST_TOPS and not _is_near(found[:n], v, u, reach):
+                    found[n, 0], found[n, 1] = v, u
+                    n += 1
+    return found[:n]
+
+
+def tops(
+    depth: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
+    """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
+
+    Means over coarse x coarse pixels are looked at; places are in pixels of the image. The last are the depths of the troughs
+    beside ridges, as `_trough` has them from what lies so many coarse pixels off, and how many are deeper than `STEP_TROUGH`.
+    """
+    small = averaged(depth, coarse)
+    high = banded(small, taps, half_box)
+    pixels = local_tops(high, small, reach)
+    n = len(pixels)
+    xy, height, elongation, trough = np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n)
+    deep = _centres(high, pixels, coarse, along, across, xy, height, elongation, trough)
+    return xy, height, elongation, trough, deep
+
+
+@kernel()
+def _centres(
+    high: Image,
+    pixels: npt.NDArray[np.int64],
+    coarse: int,
+    along: float,
+    across: float,
+    xy: FloatArray,
+    height: FloatArray,
+    elongation: FloatArray,
+    trough: FloatArray,
+) -> int:
+    deep = 0
+    for i in range(len(pixels)):
+        v, u = pixels[i, 0], pixels[i, 1]
+        c = high[v, u]
+        gx = 0.5 * (high[v, u + 1] - high[v, u - 1])
+        gy = 0.5 * (high[v + 1, u] - high[v - 1, u])
+        hxx = high[v, u + 1] - 2.0 * c + high[v, u - 1]
+        hyy = high[v + 1, u] - 2.0 * c + high[v - 1, u]
+        hxy = 0.25 * (high[v + 1, u + 1] - high[v + 1, u - 1] - high[v - 1, u + 1] + high[v - 1, u - 1])
+        det = hxx * hyy - hxy * hxy
+        dx = dy = elongation[i, 0] = elongation[i, 1] = trough[i] = 0.0
+        if det > 0.0:
+            dx = (hxy * gy - hyy * gx) / det
+            dy = (hxy * gx - hxx * gy) / det
+            elongation[i, 0] = (hxx - hyy) / (hxx + hyy)
+            elongation[i, 1] = 2.0 * hxy / (hxx + hyy)
+        if abs(dx) > 1.0 or abs(dy) > 1.0:
+            dx = dy = 0.0
+        xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
+        xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
+        height[i] = c + 0.5 * (gx * dx + gy * dy)
+        # the eigenvalues of the second derivatives are their mean and, more or less than it, half of this
+        apart = np.sqrt((hxx - hyy) * (hxx - hyy) + 4.0 * hxy * hxy)
+        if apart > RIDGE_ELONGATION * abs(hxx + hyy):
+            twice = (hxx - hyy) / apart
+            du, dv = np.sqrt(0.5 + 0.5 * twice), np.sqrt(0.5 - 0.5 * twice)
+            trough[i] = _trough(high, v, u, du, dv if hxy > 0.0 else -dv, along, across)
+            deep += trough[i] > STEP_TROUGH
+    return deep
+
+
+@inner_kernel()
+def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, across: float) -> float:
+    """How deep it is beside a ridge in a direction, over the ridge's height; 0 where it does not go on both ways."""
+    h, w = high.shape
+    deepest, far = 0.0, along
+    for k in range(4):  # ahead, behind, and on either side
+        row, column = int(v + far * dv + 0.5), int(u + far * du + 0.5)
+        far = -far
+        if k == 1:
+            far, du, dv = across, -dv, du
+        if row < 0 or row >= h or column < 0 or column >= w:
+            continue
+        share = high[row, column] / high[v, u]
+        if k < 2 and share < RIDGE_GOES_ON:
+            return 0.0
+        if share < -deepest:
+            deepest = -share
+    return deepest

@@ -1,0 +1,73 @@
+"""What comes in: frames and dots that anybody may hand over, as plain arrays or refused with a clear word."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+
+LARGE = 1e9
+"""Depths and places beyond this are scaled or refused."""
+
+
+def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
+    """A frame as the canonical image; values that are no numbers become the median of the others.
+
+    It is the frame's own memory where nothing has to be changed: only to be read.
+
+    Raises
+    ------
+    FrameError
+        When it is no array of real numbers, or not of the sensor's shape.
+    """
+    try:
+        frame = np.asarray(depth)
+        if frame.dtype.kind not in "fiub":
+            raise ValueError(f"dtype {frame.dtype}")
+        with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes a hole
+            image = np.require(frame, np.float32, ("C", "A", "W"))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FrameError(f"the frame is no array of numbers: {error}; give a depth map (h, w)") from error
+    expected = sensor.frame_shape
+    if image.shape != expected:
+        raise FrameError(
+            f"a frame of shape {image.shape} is none of sensor '{sensor.name}', whose frames are {expected[0]} x "
+            f"{expected[1]} (h, w); give another --sensor"
+        )
+    low, high = _span(image)
+    if not (isfinite(low) and isfinite(high)):
+        finite = np.isfinite(image)
+        image = np.where(finite, image, np.median(image[finite]) if finite.any() else 0.0).astype(np.float32)
+        low, high = _span(image)
+    if high == low:
+        image = np.zeros_like(image)
+    elif max(abs(low), abs(high)) > LARGE or high - low < 1.0 / LARGE:
+        image = ((image.astype(np.float64) - low) / (high - low)).astype(np.float32)
+    return np.ascontiguousarray(sensor.canonical(image))
+
+
+def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
+    """Least and largest value; no number where one value is none."""
+    with np.errstate(invalid="ignore"):
+        return float(image.min()), float(image.max())
+
+
+def dot_numbers(values: npt.ArrayLike) -> FloatArray:
+    """Values as an array of real numbers.
+
+    Raises
+    ------
+    FrameError
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "fiub":
+            raise ValueError(f"dtype {array.dtype}")
+        return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FrameError(f"dots are no array of numbers: {error}; give xy (n, 2) and weights (n,)") from error

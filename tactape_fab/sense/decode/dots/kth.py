@@ -1,0 +1,31 @@
+"""The k-th smallest of some values without sorting them all."""
+
+from __future__ import annotations
+
+from tactape_fab.base.jit import inner_kernel
+from tactape_fab.texture.frames import FloatArray
+
+
+@inner_kernel()
+def select(values: FloatArray, k: int) -> float:
+    """The k-th smallest (from 0) of some values; they are reordered, none before it is larger, none behind it smaller."""
+    low, high = 0, len(values) - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if k <= j:
+            high = j
+        elif k >= i:
+            low = i
+        else:
+            break
+    return float(values[k])

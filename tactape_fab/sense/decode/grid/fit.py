@@ -1,0 +1,327 @@
+"""Dots on their grid -> soft symbols: grid and displacements fitted together, and what each dot says of its symbol."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.jit import inlined_kernel, kernel
+from tactape_fab.texture.frames import FloatArray
+
+Ints = npt.NDArray[np.int64]
+Grid = tuple[float, float, float, float]
+"""(a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l)."""
+
+FIT_STEPS = 6
+LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
+"""Bounds of a good dot's error as a share of the pitch, 18 to 90 um at 1.5 mm, and what is believed before a frame is seen."""
+USUAL_COUNT = 4.0
+"""Errors that this belief counts as."""
+OUTLIER_SHARE = 0.01
+"""Share of good dots whose position says nothing of a symbol all the same."""
+WRONG_SHARE = 0.002
+"""Share of dots that stand in another symbol's very place: a grid that is off, parts that were placed so."""
+GOOD_WEIGHT, LEAST_WEIGHT, RIM_ERROR = 0.8, 0.25, 0.06
+"""Dots from the first weight on show the error; that of noise grows as 1/weight, down to the second; what the rim adds to it
+per unit of missing weight, in pitches."""
+FEW_DOTS = 40.0
+"""So few dots, displaced at random, can show a grid that is off by half a displacement: the fit starts from others as well."""
+STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0) for x in (-1.0, 1.0)]) * (
+    0.03,
+    0.04,
+    0.06,
+    0.06,
+)
+"""Turns (rad), changes of pitch (share) and of both phases (pitches) of those other starts."""
+LARGEST_LN = 700.0
+"""Exponentials of more are no numbers; a dot so far from all its places fits none of them anyway."""
+HALF = np.sqrt(0.5)
+"""What a diagonal displacement is along each axis."""
+SMALL_SIGMA = 0.02
+"""Up to this error a fit as likely as it should be is the right one."""
+
+
+class Fit(NamedTuple):
+    """A grid fitted to dots.
+
+    Attributes
+    ----------
+    grid : ndarray, shape (4,)
+        (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
+    nodes : ndarray of int, shape (n, 2)
+        Grid point of each dot.
+    squares : ndarray, shape (n, 4) or (n, 8)
+        Squared distances from the places of the dot's grid point (+a axis, +b axis, -a, -b; of eight directions those between
+        as well, from +a to +b and on), in pitches squared.
+    sigma : float
+        Error of a good dot along one axis, in pitches.
+    value : float
+        Ln of the likelihood.
+    expected : bool
+        Whether errors are small and the likelihood is what such errors give.
+    """
+
+    grid: FloatArray
+    nodes: Ints
+    squares: FloatArray
+    sigma: float
+    value: float
+    expected: bool
+
+
+def fit_grid(
+    xy: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    angle: float,
+    pitch: float,
+    phase_a: float,
+    phase_b: float,
+    shift: float,
+    free_scale: bool,
+    directions: int = 4,
+) -> Fit:
+    """Fit angle, pitch and place of a grid whose every dot is displaced along one of four directions, or of eight.
+
+    Likelihood of a mixture, its directions and the outliers weighed anew in every step (expectation maximisation).
+
+    Parameters
+    ----------
+    xy : ndarray, shape (n, 2)
+        Dots about their middle, px.
+    weights : ndarray, shape (n,)
+        Heights over that of a whole dot, at most 1.
+    trust : ndarray, shape (n,)
+    angle, pitch, phase_a, phase_b : float
+        From `lattice.find_lattices`.
+    shift : float
+        Displacement as a share of the pitch.
+    free_scale : bool
+        Whether the pitch may change.
+    directions : {4, 8}
+    """
+    n = len(weights)
+    nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, directions)), np.empty(4)
+    turns, room = 2.0 * np.pi, np.empty((n, 3))
+    start = (angle, pitch, phase_a / turns, phase_b / turns)
+    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, directions, free_scale, STARTS, room, grid)
+    _nearest(xy, grid, shift, nodes, squares)
+    return Fit(grid, nodes, squares, sigma, value, expected)
+
+
+@kernel()
+def _best_fit(
+    xy: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    start: Grid,
+    shift: float,
+    directions: int,
+    free_scale: bool,
+    starts: FloatArray,
+    room: FloatArray,
+    out: FloatArray,
+) -> tuple[float, float, bool]:
+    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be.
+
+    The error of a good dot, the ln of the likelihood, and whether both are as they should be.
+    """
+    dots = best_sigma = most = 0.0
+    expected = False
+    for i in range(len(trust)):
+        dots += trust[i]
+    for m in range(-1, len(starts)):
+        angle, pitch, phase_a, phase_b = start
+        if m >= 0:
+            angle, phase_a, phase_b = angle + starts[m, 0], phase_a + starts[m, 2], phase_b + starts[m, 3]
+            if free_scale:
+                pitch *= 1.0 + starts[m, 1]
+        begun = _grid(angle, pitch, phase_a, phase_b)
+        grid, sigma, value = _fitted(xy, weights, trust, begun, shift, directions, free_scale, room)
+        if m < 0 or value > most:
+            out[0], out[1], out[2], out[3] = grid
+            best_sigma, most = sigma, value
+            expected = _as_expected(weights, trust, directions, sigma, value)
+        if m < 0 and (expected or dots >= FEW_DOTS):
+            break
+    return best_sigma, most, expected
+
+
+@kernel()
+def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, squares: FloatArray) -> None:
+    """Fill in the grid point of each dot and the squared distances from its places."""
+    for i in range(len(xy)):
+        k, j = _on_grid((grid[0], grid[1], grid[2], grid[3]), xy[i, 0], xy[i, 1])
+        nodes[i, 0], nodes[i, 1] = round(k), round(j)
+        e, f = k - nodes[i, 0], j - nodes[i, 1]
+        step, aside = squares.shape[1] // 4, HALF * shift
+        squares[i, 0] = (e - shift) ** 2 + f**2
+        squares[i, step] = e**2 + (f - shift) ** 2
+        squares[i, 2 * step] = (e + shift) ** 2 + f**2
+        squares[i, 3 * step] = e**2 + (f + shift) ** 2
+        if step == 2:
+            squares[i, 1] = (e - aside) ** 2 + (f - aside) ** 2
+            squares[i, 3] = (e + aside) ** 2 + (f - aside) ** 2
+            squares[i, 5] = (e + aside) ** 2 + (f + aside) ** 2
+            squares[i, 7] = (e - aside) ** 2 + (f + aside) ** 2
+
+
+@inlined_kernel()
+def _grid(angle: float, pitch: float, phase_a: float, phase_b: float) -> Grid:
+    """(a, b, x, y) of a grid whose phases are in pitches."""
+    a, b = pitch * np.cos(angle), pitch * np.sin(angle)
+    return a, b, phase_a * a - phase_b * b, phase_a * b + phase_b * a
+
+
+@inlined_kernel()
+def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
+    """A point in pitches along both axes of a grid."""
+    a, b = grid[0], grid[1]
+    du, dv = u - grid[2], v - grid[3]
+    norm = a * a + b * b
+    return (a * du + b * dv) / norm, (a * dv - b * du) / norm
+
+
+@inlined_kernel()
+def squared_error(weight: float, sigma: float) -> float:
+    """Squared error of a dot along one axis: noise moves low dots farther; so does the rim, not as `rim` has it."""
+    noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
+    rim = RIM_ERROR * max(1.0 - weight, 0.0)
+    return noise * noise + rim * rim
+
+
+@kernel()
+def _fitted(
+    xy: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    start: Grid,
+    shift: float,
+    directions: int,
+    free_scale: bool,
+    room: FloatArray,
+) -> tuple[Grid, float, float]:
+    """The best grid from a start, a good dot's error, and the ln of the likelihood; `room` is room to work in."""
+    n = len(weights)
+    grid, sigma, value = start, MOST_SIGMA, 0.0
+    for step in range(FIT_STEPS):
+        value, square, count = 0.0, USUAL_COUNT * USUAL_SIGMA**2, USUAL_COUNT
+        for i in range(n):
+            k, j = _on_grid(grid, xy[i, 0], xy[i, 1])
+            node_k, node_j = round(k), round(j)
+            e, f = k - node_k, j - node_j
+            variance = squared_error(weights[i], sigma)
+            # exp(-d / 2 variance) of the four places share all but exp(+-shift e / variance), exp(+-shift f / variance)
+            east = np.exp(min(max(shift * e / variance, -LARGEST_LN), LARGEST_LN))
+            south = np.exp(min(max(shift * f / variance, -LARGEST_LN), LARGEST_LN))
+            west, north = 1.0 / east, 1.0 / south
+            total = east + west + south + north
+            to_east, to_south = east - west, south - north
+            if directions == 8:
+                diagonals, sideways, down = _between(e, f, HALF * shift / variance)
+                total += diagonals
+                to_east += HALF * sideways
+                to_south += HALF * down
+            common = e * e + f * f + shift * shift
+            part = trust[i] * (1.0 - OUTLIER_SHARE)
+            density = part * np.exp(-0.5 * common / variance) * total / (2.0 * directions * np.pi * variance)
+            fits = density / (density + 1.0 - part)
+            along, across = shift * to_east / total, shift * to_south / total
+            room[i, 0], room[i, 1], room[i, 2] = node_k + along, node_j + across, fits / variance
+            if step == FIT_STEPS - 1:
+                value += np.log(density + 1.0 - part)
+            if weights[i] >= GOOD_WEIGHT:
+                square += fits * (common - 2.0 * (along * e + across * f))
+                count += 2.0 * fits
+        if step > 0:
+            sigma = min(max(np.sqrt(square / count), LEAST_SIGMA), MOST_SIGMA)
+        if step < FIT_STEPS - 1:
+            grid = _moved(xy, room, grid, free_scale)
+    return grid, sigma, value
+
+
+@inlined_kernel()
+def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
+    """What the four diagonal places add to the sum of all, and to its parts towards +a and towards +b."""
+    down = np.exp(min(max(share * (e + f), -LARGEST_LN), LARGEST_LN))
+    up = np.exp(min(max(share * (e - f), -LARGEST_LN), LARGEST_LN))
+    against_down, against_up = 1.0 / down, 1.0 / up
+    along, across = down - against_down, up - against_up
+    return down + against_down + up + against_up, along + across, along - across
+
+
+@inlined_kernel()
+def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma: float, value: float) -> bool:
+    """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
+    expected = 0.0
+    for i in range(len(weights)):
+        if trust[i] > 0.5:
+            expected += np.log(trust[i] / (2.0 * directions * np.pi * squared_error(weights[i], sigma))) - 1.0
+        else:
+            expected += np.log(1.0 - trust[i])
+    return sigma < SMALL_SIGMA and value > expected - np.sqrt(len(weights))
+
+
+@inlined_kernel()
+def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> Grid:
+    """The grid that fits dots to their places by weighted least squares, of the old pitch unless that is free.
+
+    `ideal` has k, j and the weight of each dot.
+    """
+    sw = su = sv = sx = sy = 0.0
+    for i in range(len(xy)):
+        w = ideal[i, 2]
+        sw += w
+        su += w * ideal[i, 0]
+        sv += w * ideal[i, 1]
+        sx += w * xy[i, 0]
+        sy += w * xy[i, 1]
+    mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
+    num_a = num_b = den = 0.0
+    for i in range(len(xy)):
+        u, v, w = ideal[i, 0] - mu, ideal[i, 1] - mv, ideal[i, 2]
+        px, py = xy[i, 0] - mx, xy[i, 1] - my
+        num_a += w * (u * px + v * py)
+        num_b += w * (u * py - v * px)
+        den += w * (u * u + v * v)
+    a, b = num_a / max(den, 1e-12), num_b / max(den, 1e-12)
+    if not free_scale:
+        factor = np.sqrt((grid[0] ** 2 + grid[1] ** 2) / (a * a + b * b))
+        a, b = factor * a, factor * b
+    return a, b, mx - (a * mu - b * mv), my - (b * mu + a * mv)
+
+
+def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
+    """What each dot says of its symbol before any tape is looked at; shape (n, 4), of eight directions (n, 8), rows sum to 1.
+
+    Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid point only the
+    one that is most likely its part says anything: the bits of a point are tossed once.
+    """
+    q = np.empty(squares.shape)
+    _fill_posteriors(nodes, squares, weights, trust, sigma, q)
+    return q
+
+
+@kernel()
+def _fill_posteriors(
+    nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float, q: FloatArray
+) -> None:
+    n, places = len(weights), squares.shape[1]
+    for i in range(n):
+        part = trust[i] * (1.0 - OUTLIER_SHARE)
+        for k in range(n):
+            if k != i and nodes[k, 0] == nodes[i, 0] and nodes[k, 1] == nodes[i, 1]:
+                mine, other = trust[i] * weights[i], trust[k] * weights[k]
+                if other > mine or (other == mine and k < i):
+                    part = 0.0
+        variance = squared_error(weights[i], sigma)
+        total = 0.0
+        for k in range(places):
+            q[i, k] = np.exp(-0.5 * squares[i, k] / variance) / (2.0 * np.pi * variance) / places
+            total += q[i, k]
+        # an outlier lies anywhere in its cell of area 1
+        for k in range(places):
+            q[i, k] = (part * q[i, k] + (1.0 - part) / places) / (part * total + 1.0 - part)
+            q[i, k] = (1.0 - WRONG_SHARE) * q[i, k] + WRONG_SHARE / places

@@ -1,0 +1,201 @@
+"""Dots -> the grid they stand on: angle, pitch and phase from all dots at once, without knowing any symbol.
+
+Dots are displaced by a sixth of the pitch or so along one axis; the first harmonic of the grid survives that, so the power
+of the dots at the grid's wave vector shows angle and pitch, and its phase the grid itself.
+"""
+
+from __future__ import annotations
+
+from math import factorial, pi
+
+import numpy as np
+
+from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
+from tactape_fab.sense.decode.dots.kth import select
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+ANGLES = 36
+"""Directions looked at over a quarter turn: 2.5 degrees, well inside the width of a peak (pitch over contact)."""
+SCANNED = 28
+"""Dots, the strongest ones, with which directions are looked at; refined with all."""
+REFINEMENTS = 3
+_SCALE_STEP = 0.07
+_COS = tuple((-1.0) ** k / factorial(2 * k) for k in range(9))
+_SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
+
+
+@inner_kernel(fastmath=True)
+def _cos_sin(turns: float) -> tuple[float, float]:
+    """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
+    half = pi * (turns - np.rint(turns))
+    z = half * half
+    c = _COS[8]
+    c = c * z + _COS[7]
+    c = c * z + _COS[6]
+    c = c * z + _COS[5]
+    c = c * z + _COS[4]
+    c = c * z + _COS[3]
+    c = c * z + _COS[2]
+    c = c * z + _COS[1]
+    c = c * z + _COS[0]
+    s = _SIN[7]
+    s = s * z + _SIN[6]
+    s = s * z + _SIN[5]
+    s = s * z + _SIN[4]
+    s = s * z + _SIN[3]
+    s = s * z + _SIN[2]
+    s = s * z + _SIN[1]
+    s = (s * z + _SIN[0]) * half
+    return c * c - s * s, 2.0 * c * s
+
+
+@inner_kernel(fastmath=True)
+def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tuple[float, float, float, float]:
+    """Real and imaginary sums of the dots at both wave vectors of a square grid."""
+    cu, cv = np.cos(angle) / pitch, np.sin(angle) / pitch
+    ar = ai = br = bi = 0.0
+    for i in range(len(weights)):
+        c, s = _cos_sin(cu * xy[i, 0] + cv * xy[i, 1])
+        ar += weights[i] * c
+        ai += weights[i] * s
+        c, s = _cos_sin(cu * xy[i, 1] - cv * xy[i, 0])
+        br += weights[i] * c
+        bi += weights[i] * s
+    return ar, ai, br, bi
+
+
+@kernel(fastmath=True)
+def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, room: FloatArray, power: FloatArray) -> None:
+    """Fill in the power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
+
+    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is room to work in.
+    """
+    cu, cv, real, imaginary = room[0], room[1], room[2], room[3]
+    for j in range(2 * ANGLES):
+        cu[j], cv[j] = np.cos(j * (pi / 2) / ANGLES) / pitch, np.sin(j * (pi / 2) / ANGLES) / pitch
+        real[j] = imaginary[j] = 0.0
+    for i in range(len(weights)):
+        x, y, w = xy[i, 0], xy[i, 1], weights[i]
+        for j in range(2 * ANGLES):
+            c, s = _cos_sin(cu[j] * x + cv[j] * y)
+            real[j] += w * c
+            imaginary[j] += w * s
+    for j in range(ANGLES):
+        k = j + ANGLES
+        power[j] = real[j] * real[j] + imaginary[j] * imaginary[j] + (real[k] * real[k] + imaginary[k] * imaginary[k])
+
+
+@inner_kernel()
+def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step_angle: float, step_pitch: float) -> float:
+    """Top of the parabola through the powers one step before, here and one step on; in steps from here, at most a half."""
+    slope = bend = 0.0
+    for k in range(-1, 2):
+        ar, ai, br, bi = _sums(xy, weights, angle + k * step_angle, pitch + k * step_pitch)
+        power = ar * ar + ai * ai + br * br + bi * bi
+        slope -= k * power
+        bend += power if k != 0 else -2.0 * power
+    return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
+
+
+@inlined_kernel()
+def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: FloatArray, few_weights: FloatArray) -> None:
+    """Fill in places and weights of the strongest dots, as many as there is room for; `ordered` is room to work in."""
+    n, least = len(weights), 0.0
+    count = equal = len(few)
+    if count < n:
+        for i in range(n):
+            ordered[i] = weights[i]
+        least = select(ordered, n - count)
+        for i in range(n - count, n):
+            equal -= 1 if ordered[i] > least else 0
+    k = 0
+    for i in range(n):
+        if count == n or weights[i] >= least:
+            if count < n and weights[i] == least:
+                if equal == 0:
+                    continue
+                equal -= 1
+            few[k, 0], few[k, 1], few_weights[k] = xy[i, 0], xy[i, 1], weights[i]
+            k += 1
+
+
+def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, tolerance: float, most: int) -> FloatArray:
+    """The best grids for some dots.
+
+    Parameters
+    ----------
+    xy : ndarray, shape (n, 2)
+        About the middle of the dots, px.
+    weights : ndarray, shape (n,)
+    pitch_px : float
+        Expected pitch.
+    tolerance : float
+        How far the pitch may be off, as a share.
+    most : int
+        Grids asked for.
+
+    Returns
+    -------
+    ndarray, shape (k, 5)
+        Angle of the first axis in [0, pi/2), pitch px, phases of both axes (rad), share of the power that a perfect
+        grid would have; best first.
+    """
+    n, found = len(weights), np.empty((most, 5))
+    few, few_weights, ordered = np.empty((min(n, SCANNED), 2)), np.empty(min(n, SCANNED)), np.empty(n)
+    waves, powers, marks = np.empty((4, 2 * ANGLES)), np.empty((2, ANGLES)), np.empty((2, ANGLES), dtype=np.int64)
+    return found[: _fill_lattices(xy, weights, pitch_px, tolerance, few, few_weights, ordered, waves, powers, marks, found)]
+
+
+@kernel()
+def _fill_lattices(
+    xy: FloatArray,
+    weights: FloatArray,
+    pitch_px: float,
+    tolerance: float,
+    few: FloatArray,
+    few_weights: FloatArray,
+    ordered: FloatArray,
+    waves: FloatArray,
+    powers: FloatArray,
+    marks: IntArray,
+    found: FloatArray,
+) -> int:
+    """Fill what `find_lattices` returns; how many there are. Between them and the dots' is room to work in."""
+    steps = int(np.ceil(tolerance / _SCALE_STEP))
+    _choose(xy, weights, ordered, few, few_weights)
+    power, best, which, taken = powers[0], powers[1], marks[0], marks[1]
+    for k in range(2 * steps + 1):
+        scan_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)), waves, power)
+        for j in range(ANGLES):
+            if k == 0 or power[j] > best[j]:
+                best[j], which[j], taken[j] = power[j], k, 0
+    total = 0.0
+    for i in range(len(weights)):
+        total += weights[i]
+    n = 0
+    for _ in range(len(found)):
+        top = -1
+        for j in range(ANGLES):
+            if taken[j] == 1 or best[j] < best[(j + 1) % ANGLES] or best[j] < best[(j - 1) % ANGLES]:
+                continue
+            if top < 0 or best[j] > best[top]:
+                top = j
+        if top < 0:
+            break
+        taken[top] = 1
+        angle = top * (pi / 2) / ANGLES
+        pitch = pitch_px * (1.0 + tolerance * (which[top] - steps) / max(steps, 1))
+        step_angle, step_pitch = (pi / 2) / ANGLES, pitch_px * _SCALE_STEP
+        for _ in range(REFINEMENTS):
+            angle += step_angle * _climb(xy, weights, angle, pitch, step_angle, 0.0)
+            if tolerance > 0.0:
+                pitch += step_pitch * _climb(xy, weights, angle, pitch, 0.0, step_pitch)
+            step_angle *= 0.4
+            step_pitch *= 0.4
+        pitch = min(max(pitch, pitch_px * (1 - tolerance)), pitch_px * (1 + tolerance))
+        ar, ai, br, bi = _sums(xy, weights, angle, pitch)
+        found[n, 0], found[n, 1] = angle, pitch
+        found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)
+        found[n, 4] = (ar * ar + ai * ai + br * br + bi * bi) / (2.0 * total * total)
+        n += 1
+    return n

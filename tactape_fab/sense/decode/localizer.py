@@ -1,0 +1,347 @@
+"""Localizer: a registry of tapes and a sensor, prepared once; then one frame after the other."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Sequence
+from dataclasses import replace
+from math import log, pi
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.sense.decode.accept import Limits, judge
+from tactape_fab.sense.decode.dots.detect import Dots, detect, trusted
+from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
+from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
+from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.rank import View, read
+from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, status_of
+from tactape_fab.sense.decode.search.hypotheses import Registry, register
+from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
+from tactape_fab.sense.decode.search.plane import CodePlane
+from tactape_fab.sense.decode.search.search import LEAST_DOTS, Prior
+from tactape_fab.sense.decode.warm import rehearse, search_compiled
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.texture.code import TOUCH_CODE, encode, get_code
+from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.tape import Tape, TapePart
+
+World = Literal["open", "closed"]
+Method = Literal["ml", "paper"]
+
+UNREGISTERED_SHARE = 0.01
+MAX_P_FALSE = 1e-4
+KAPPA = 30.0
+
+
+def _searches_planes(world: Registry | CodePlane) -> bool:
+    """Whether tapes of a code with a plane are registered."""
+    return isinstance(world, Registry) and any(len(family.signs) for family in world.families)
+
+
+class Localizer:
+    """Locates contacts on registered tapes, or in a code's plane (`from_code`).
+
+    Parameters
+    ----------
+    tapes : sequence of Tape
+        Tapes of equal code, sector, origin, W and Delta are one tape (the first one's name).
+    sensor : str or SensorProfile
+        Profile name, path of a TOML file, or a profile.
+    method : {"ml", "paper"}
+        All dots together, or section III of the paper as it is written, for comparison: no bounds then.
+    max_p_false : float
+        Largest accepted bound on being wrong.
+    max_p_tape : float or None
+        Largest accepted bound on the texture being none of ours; part of `max_p_false` where None.
+    world : {"open", "closed"}
+        Whether tapes of the family that nobody registered may be touched.
+    unregistered_share : float
+        Prior weight of all unregistered tapes together, in an open world.
+    kappa : float
+        Least lead, as a factor, over any single other place.
+    fixed_scale : bool
+        Take the profile's px/mm as it is; otherwise a frame that says otherwise is believed.
+
+    Raises
+    ------
+    SpecError
+        When there is no tape, tapes differ in W, Delta or directions, or a value is out of range.
+    """
+
+    def __init__(
+        self,
+        tapes: Sequence[Tape],
+        sensor: str | SensorProfile = "gelsight-mini",
+        *,
+        method: Method = "ml",
+        max_p_false: float = MAX_P_FALSE,
+        max_p_tape: float | None = None,
+        world: World = "open",
+        unregistered_share: float = UNREGISTERED_SHARE,
+        kappa: float = KAPPA,
+        fixed_scale: bool = False,
+    ) -> None:
+        problems = []
+        if method not in ("ml", "paper"):
+            problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
+        if not tapes:
+            problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
+        if method == "paper" and any(tape.code == TOUCH_CODE for tape in tapes):
+            from tactape_fab.sense.decode.paper.method import PLANELESS
+
+            problems.append(Problem("method", PLANELESS))
+        if world not in ("open", "closed"):
+            problems.append(Problem("world", f"world = {world!r} is neither 'open' nor 'closed'; give one of them"))
+        for key, value in (("max_p_false", max_p_false), ("max_p_tape", max_p_tape), ("unregistered_share", unregistered_share)):
+            if value is not None and not 0.0 < value < 1.0:
+                problems.append(Problem(key, f"{key} = {value!r} is not between 0 and 1; give a probability such as 1e-4"))
+        if not kappa >= 1.0:
+            problems.append(Problem("kappa", f"kappa = {kappa!r} is below 1; give the least lead over any rival, such as 30"))
+        sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
+        if len(sizes) > 1:
+            said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
+            problems.append(
+                Problem(
+                    "tape",
+                    f"the tapes differ in pitch or displacement ({said}); use one Localizer for each, or decode once for each",
+                )
+            )
+        counts = sorted({tape.directions for tape in tapes})
+        if len(counts) > 1:
+            problems.append(
+                Problem("tape", "the tapes differ in directions (4 and 8); use one Localizer for each, or decode once for each")
+            )
+        if problems:
+            raise SpecError(problems)
+        registry = register(tapes, unregistered_share=unregistered_share if world == "open" else 0.0)
+        parts = {(tape.part.shape, tape.part.body_mm) for tape in registry.tapes}
+        self._method = method
+        self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
+        part = registry.tapes[0].part if len(parts) == 1 else None
+        self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
+        tape = registry.tapes[0]
+        cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
+        symbols = tape.symbols[cells[:, 1], cells[:, 0]]
+        self._warm(cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols])
+
+    @classmethod
+    def from_code(
+        cls,
+        code: str,
+        pitch_mm: float,
+        displacement_mm: float,
+        sensor: str | SensorProfile = "gelsight-mini",
+        *,
+        max_p_false: float = MAX_P_FALSE,
+        kappa: float = KAPPA,
+        fixed_scale: bool = False,
+    ) -> Localizer:
+        """A localizer that knows no tape, only a code and its W and Delta: every place of the plane in every sector.
+
+        It asks for many more dots. Its answers have sector, index, theta and ``plane_mm``; no tape, no position on one.
+
+        Raises
+        ------
+        SpecError
+            When the code is unknown, or its plane too large to search.
+        """
+        problems = [
+            Problem(key, f"{key} = {value!r} mm is not above 0 and at most {most:g} mm; give it in millimetres")
+            for key, value, most in (("w", pitch_mm, 100.0), ("delta", displacement_mm, pitch_mm / 2))
+            if not 0.0 < value <= most
+        ]
+        if problems:
+            raise SpecError(problems)
+        self = cls.__new__(cls)
+        self._method = "ml"
+        self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)
+        plane = CodePlane(get_code(code), LARGEST_CONTACT)
+        self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
+        symbols = encode(plane.code, 0, (0, 0), (8, 8))
+        row, column = np.divmod(np.arange(64), 8)
+        self._warm(np.stack([column, row], axis=1) * pitch_mm + displacement_mm * DIRECTIONS_XY[symbols[row, column]])
+        return self
+
+    def _prepare(
+        self,
+        world: Registry | CodePlane,
+        pitch_mm: float,
+        displacement_mm: float,
+        part: TapePart | None,
+        sensor: str | SensorProfile,
+        fixed_scale: bool,
+        directions: int = 4,
+    ) -> None:
+        self._world = world
+        self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
+        self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # what v is stretched by to make pixels square
+        self._view = View(
+            pitch_mm=pitch_mm,
+            displacement_mm=displacement_mm,
+            part=part,
+            px_per_mm=self.sensor.px_per_mm[0],
+            scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
+            centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
+            directions=directions,
+        )
+
+    @property
+    def tapes(self) -> list[Tape]:
+        """The registered tapes, equal ones once; none where only a code is known."""
+        return list(self._world.tapes) if isinstance(self._world, Registry) else []
+
+    def _warm(self, texture_mm: FloatArray) -> None:
+        """Compile everything now, so that no frame waits."""
+        xy = (texture_mm - texture_mm.mean(axis=0)) * self._view.px_per_mm + self._view.centre_px
+        dots = Dots(xy_px=xy, weights=np.ones(len(xy)), trust=np.ones(len(xy)), elongation=np.zeros((len(xy), 2)))
+        v, u = np.mgrid[: self.sensor.height_px, : self.sensor.width_px]
+        ripple = np.cos(2 * pi * u / self._view.pitch_px) * np.cos(2 * pi * v / self._view.pitch_px)
+        collecting = gc.isenabled()
+        gc.disable()  # a compiler makes millions of objects that live: looking through them takes a sixth of its time
+        try:
+            with search_compiled(needed=_searches_planes(self._world)):
+                rehearse(dots, ripple, self._view)
+            self._locate(dots, None)
+        finally:
+            if collecting:
+                gc.enable()
+
+    def locate(self, depth: npt.ArrayLike, *, prior: Prior | None = None, timestamp: float | None = None) -> Localization:
+        """Locate a contact from a depth map.
+
+        Parameters
+        ----------
+        depth : array_like, shape (h, w)
+            As the sensor delivers it; any positive scale, any smooth background.
+        prior : Prior, optional
+            Where the contact is believed to be; the bound stays true when that is wrong.
+        timestamp : float, optional
+            Passed through.
+
+        Raises
+        ------
+        FrameError
+            When it is no depth map of this sensor.
+        SpecError
+            When there is a prior that nothing here can use.
+        """
+        start = perf_counter()
+        self._refuse_prior(prior)
+        image = canonical_frame(depth, self.sensor)
+        if self._method == "paper":
+            found = self._by_paper(image)
+        else:
+            dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
+            if self.sensor.mask is not None and len(dots.weights):
+                u, v = np.rint(dots.xy_px).astype(np.int64).T
+                h, w = self.sensor.mask.shape
+                dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+            if self._aspect != 1.0:
+                elongation = square_pixels(dots.elongation, self._aspect)
+                dots = replace(dots, xy_px=dots.xy_px * (1.0, self._aspect), elongation=elongation)
+            found = self._locate(dots, prior)
+        return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
+
+    def locate_dots(
+        self,
+        xy_px: npt.ArrayLike,
+        weights: npt.ArrayLike | None = None,
+        *,
+        prior: Prior | None = None,
+        timestamp: float | None = None,
+    ) -> Localization:
+        """Locate a contact from dots that somebody else detected.
+
+        Parameters
+        ----------
+        xy_px : array_like, shape (n, 2)
+            Canonical image frame.
+        weights : array_like, shape (n,), optional
+            Heights; 1 is an ordinary good dot.
+
+        Raises
+        ------
+        FrameError
+            When they are no dots.
+        SpecError
+            When there is a prior that nothing here can use.
+        """
+        start = perf_counter()
+        self._refuse_prior(prior)
+        xy = dot_numbers(xy_px)
+        if xy.size == 0:
+            xy = xy.reshape(0, 2)
+        w = np.ones(len(xy)) if weights is None else dot_numbers(weights)
+        if xy.ndim != 2 or xy.shape[1] != 2 or w.shape != (len(xy),):
+            raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} are none; give (n, 2) and (n,)")
+        if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
+            raise FrameError("dots hold values that are no numbers, or negative weights; leave those dots out")
+        square = xy * (1.0, self._aspect)
+        if self._method == "paper":
+            from tactape_fab.sense.decode.paper import locate_paper_dots
+
+            size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._aspect + 1)
+            found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
+        else:
+            found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w)), prior)
+        return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
+
+    @property
+    def takes_prior(self) -> bool:
+        """Whether `locate` can use a prior: with method "ml" and registered tapes."""
+        return self._method == "ml" and isinstance(self._world, Registry)
+
+    def _refuse_prior(self, prior: Prior | None) -> None:
+        if prior is None or self.takes_prior:
+            return
+        what = "method 'paper'" if self._method == "paper" else "a code without tapes"
+        raise SpecError(
+            Problem("prior", f"prior = {prior!r} cannot be used with {what}; leave it out, or register tapes with 'ml'")
+        )
+
+    def _by_paper(self, image: npt.NDArray[np.float32]) -> Localization:
+        import cv2
+
+        from tactape_fab.sense.decode.paper import locate_paper
+
+        if self._aspect != 1.0:
+            image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
+        return found
+
+    def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
+        if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
+            dots = settled(dots, self._view.pitch_px, self._view.shift)
+        n = len(dots.weights)
+        empty = Localization(status=status_of(n), located=False, n_dots=n)
+        if n < LEAST_DOTS:
+            return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
+        if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > LARGE:
+            return replace(empty, reason="no dot stands out of the noise")
+        reading = read(dots, self._view, self._world, prior, self._limits.on_tape, self._limits.precision)
+        explained = False
+        if reading is None:
+            found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
+        else:
+            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits)
+        if found.located or explained or n < SOLID_DOTS:
+            return found
+        behind = self._from_behind(empty, dots)
+        if behind is None:
+            return found
+        return replace(found, reason=f"the frame is mirrored: it shows {behind} from behind; set mirror in the sensor profile")
+
+    def _from_behind(self, empty: Localization, dots: Dots) -> str | int | None:
+        """Tape or sector that the dots show mirrored: no answer, but worth a word."""
+        flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
+        dots = replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation))
+        reading = read(dots, self._view, self._world, None, self._limits.on_tape, self._limits.precision)
+        if reading is None or -reading.ln_bound > log(self._limits.on_tape):
+            return None
+        found, _ = judge(empty, dots, reading, self._view, self._world, self._limits)
+        return (found.tape or found.sector) if found.located else None

@@ -1,0 +1,240 @@
+"""Soft symbols -> evidence per line and phase: what the dots say of every column and row, wherever on a code plane they lie.
+
+Evidence is ln E with E = product of 2 q(b) over the x and y bits of the dots: against any texture whose bits are fair coins
+to the code. Along a column of the code plane the x bits are the main sequence from some phase, along a row the y bits are;
+so the evidence of a contact at any place of any sector is one entry of a table for each of its columns and rows.
+
+A symbol of eight directions has three bits, those of `frames.gray_codes`: E is the product over all three. Of a symbol that is
+drawn from all eight alike the bits are fair coins that know nothing of each other, so the mean of E is 1 then, whatever q is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.texture.code import Code
+from tactape_fab.texture.frames import FloatArray, IntArray, gray_codes
+
+Floats = npt.NDArray[np.float32]
+
+
+_CODES_AROUND: IntArray = gray_codes(8)[[2, 6, 3, 7, 1, 5, 0, 4]].astype(np.int64)
+
+
+class Tables(NamedTuple):
+    """Evidence of the dots of one grid in the four quarter turns.
+
+    Columns and rows count from the dots' own corner. Tables of the dots in rows below r (columns below c) are kept for all
+    r (c), so that dots which hang over a tape's edge can be left out.
+
+    Attributes
+    ----------
+    cells : ndarray of int, shape (4, n, 2)
+        Column and row of each dot.
+    evidence : ndarray, shape (4, n, 3)
+        From `turned`; of eight directions (4, n, 4), from `turned_of_eight`.
+    corner : ndarray of int, shape (4, 2)
+        The dots' corner in columns and rows of the grid after the turn.
+    size : ndarray of int, shape (4, 2)
+        Columns and rows of the dots.
+    lines : ndarray of float32, shape (4, 2, m + 1, m, 2 L)
+        [turn, 0, rows below, column, phase] evidence of the x bits of a column; [turn, 1, columns below, row, phase] of the
+        y bits of a row. Phases twice over.
+    dots : ndarray of int, shape (4, m + 1, m + 1)
+        Dots in columns below c and rows below r.
+    most : ndarray, shape (4, 2, m + 1, m + 1)
+        Most that the x bits and the y bits of those dots can say; a third bit counts with the y bit.
+    """
+
+    cells: IntArray
+    evidence: FloatArray
+    corner: IntArray
+    size: IntArray
+    lines: Floats
+    dots: IntArray
+    most: FloatArray
+
+
+def signs_of(code: Code) -> Floats:
+    """Bits of the main sequence as -1 and 1, three times over."""
+    return np.tile(2.0 * np.array(code.main.digits, dtype=np.float32) - 1.0, 3).astype(np.float32)
+
+
+@kernel()
+def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence: FloatArray) -> None:
+    """Columns and rows of dots, and (mean, x, y) evidence of each, for a quarter turn of the grid's axes, written in place.
+
+    For turn t the texture's x axis is the grid's first axis turned t times by 90 degrees (from u towards v). A dot's ln E is
+    mean + x (x bit) + y (y bit), bits as -1 and 1. The directions E, S, W, N have the bits (0, 1), (1, 1), (1, 0), (0, 0).
+    """
+    for i in range(len(q)):
+        k, j = nodes[i, 0], nodes[i, 1]
+        if turn == 0:
+            cells[i, 0], cells[i, 1] = k, j
+        elif turn == 1:
+            cells[i, 0], cells[i, 1] = j, -k
+        elif turn == 2:
+            cells[i, 0], cells[i, 1] = -k, -j
+        else:
+            cells[i, 0], cells[i, 1] = -j, k
+        e, s, w, m = q[i, turn % 4], q[i, (turn + 1) % 4], q[i, (turn + 2) % 4], q[i, (turn + 3) % 4]
+        x1, x0 = np.log(2.0 * (w + s)), np.log(2.0 * (e + m))
+        y1, y0 = np.log(2.0 * (e + s)), np.log(2.0 * (m + w))
+        evidence[i, 0] = 0.5 * (x0 + x1 + y0 + y1)
+        evidence[i, 1] = 0.5 * (x1 - x0)
+        evidence[i, 2] = 0.5 * (y1 - y0)
+
+
+@kernel()
+def turned_of_eight(q: FloatArray, turn: int, codes: IntArray, evidence: FloatArray) -> None:
+    """(mean, x, y, z) evidence of each dot of eight directions, for a quarter turn of the grid's axes, written in place.
+
+    ``codes`` are the bits of E, SE, S, SW, W, NW, N, NE, as they follow each other from the texture's x axis to its y axis.
+    """
+    for i in range(len(q)):
+        evidence[i, 0] = 0.0
+        for bit in range(3):
+            one = zero = 0.0
+            for place in range(8):
+                if codes[place] >> bit & 1 == 1:
+                    one += q[i, (place + 2 * turn) % 8]
+                else:
+                    zero += q[i, (place + 2 * turn) % 8]
+            said_one, said_zero = np.log(2.0 * one), np.log(2.0 * zero)
+            evidence[i, 0] += 0.5 * (said_one + said_zero)
+            evidence[i, 1 + bit] = 0.5 * (said_one - said_zero)
+
+
+def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Tables:
+    """Tables of soft symbols.
+
+    Parameters
+    ----------
+    nodes : ndarray of int, shape (n, 2)
+        From `symbols.fit_grid`.
+    q : ndarray, shape (n, 4) or (n, 8)
+        From `symbols.posteriors`.
+    signs : ndarray of float32, shape (3 L,)
+        From `signs_of`; none for tapes without a code plane, of which there are no lines then.
+    most : int
+        Largest contact, in cells; beyond it all tables but `size` are empty.
+    """
+    n, length = len(q), len(signs) // 3
+    cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3 if q.shape[1] == 4 else 4))
+    corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
+    m = _fill_cells(nodes, q, _CODES_AROUND, cells, evidence, corner, size)
+    if m > most:
+        m = 0
+    lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
+    dots, most_said = np.zeros((4, m + 1, m + 1), dtype=np.int64), np.zeros((4, 2, m + 1, m + 1))
+    if length > 0:
+        _fill_lines(cells, evidence, signs, lines)
+    _fill_below(cells, evidence, dots, most_said)
+    return Tables(cells, evidence, corner, size, lines, dots, most_said)
+
+
+@kernel()
+def _fill_cells(
+    nodes: IntArray,
+    q: FloatArray,
+    codes: IntArray,
+    cells: IntArray,
+    evidence: FloatArray,
+    corner: IntArray,
+    size: IntArray,
+) -> int:
+    """Fill those fields of `Tables`; the largest size of all."""
+    most = 0
+    for turn in range(4):
+        turned(nodes, q, turn, cells[turn], evidence[turn])
+        if q.shape[1] == 8:
+            turned_of_eight(q, turn, codes, evidence[turn])
+        for axis in range(2):
+            low = high = cells[turn, 0, axis]
+            for i in range(len(q)):
+                low, high = min(low, cells[turn, i, axis]), max(high, cells[turn, i, axis])
+            for i in range(len(q)):
+                cells[turn, i, axis] -= low
+            corner[turn, axis], size[turn, axis] = low, high - low + 1
+            most = max(most, high - low + 1)
+    return most
+
+
+@kernel(fastmath=True)
+def _fill_lines(cells: IntArray, evidence: FloatArray, signs: Floats, lines: Floats) -> None:
+    """Fill `Tables.lines`, zero before."""
+    m, twice, length = lines.shape[3], lines.shape[4], lines.shape[4] // 2
+    for turn in range(4):
+        for axis in range(2):
+            for i in range(cells.shape[1] if m > 0 else 0):
+                line, along = cells[turn, i, axis], cells[turn, i, 1 - axis]
+                mean, half = np.float32(0.5 * evidence[turn, i, 0]), np.float32(evidence[turn, i, 1 + axis])
+                out, bits = lines[turn, axis, along + 1, line], signs[along % length :]
+                for p in range(twice):
+                    out[p] += mean + half * bits[p]
+            for k in range(1, m):
+                for line in range(m):
+                    out, below = lines[turn, axis, k + 1, line], lines[turn, axis, k, line]
+                    for p in range(twice):
+                        out[p] += below[p]
+
+
+@kernel()
+def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: FloatArray) -> None:
+    """Fill `Tables.dots` and `Tables.most`, zero before: counts per cell, then in all cells before, both ways."""
+    m = dots.shape[1]
+    for turn in range(4):
+        for i in range(cells.shape[1] if m > 1 else 0):
+            c, r = cells[turn, i, 0] + 1, cells[turn, i, 1] + 1
+            dots[turn, c, r] += 1
+            for axis in range(2):
+                most[turn, axis, c, r] += 0.5 * evidence[turn, i, 0] + abs(evidence[turn, i, 1 + axis])
+            if evidence.shape[2] == 4:
+                most[turn, 1, c, r] += abs(evidence[turn, i, 3])
+        for c in range(1, m):
+            for r in range(1, m):
+                dots[turn, c, r] += dots[turn, c - 1, r] + dots[turn, c, r - 1] - dots[turn, c - 1, r - 1]
+                for axis in range(2):
+                    of = most[turn, axis]
+                    of[c, r] += of[c - 1, r] + of[c, r - 1] - of[c - 1, r - 1]
+
+
+@inner_kernel(fastmath=True)
+def add_lines(
+    out: Floats, lines: Floats, low: int, high: int, first: int, last: int, phases: IntArray, start: int, length: int
+) -> float:
+    """Evidence of lines first ... last - 1 together for every phase, and the largest of it.
+
+    Parameters
+    ----------
+    out : ndarray of float32, shape (L,)
+        Overwritten.
+    lines : ndarray of float32, shape (m + 1, m, 2 L)
+        One turn and axis of `Tables.lines`.
+    low, high : int
+        Dots that count: those from `low` to `high` - 1 along the lines.
+    phases : ndarray of int
+        Phase of each line of the plane.
+    start : int
+        Where the dots' line 0 lies in `phases`.
+    """
+    for p in range(length):
+        out[p] = 0.0
+    for k in range(first, last):
+        shift = phases[start + k]
+        above = lines[high, k, shift : shift + length]
+        if low > 0:
+            below = lines[low, k, shift : shift + length]
+            for p in range(length):
+                out[p] += above[p] - below[p]
+        else:
+            for p in range(length):
+                out[p] += above[p]
+    most = out[0]
+    for p in range(1, length):
+        most = max(most, out[p])
+    return float(most)

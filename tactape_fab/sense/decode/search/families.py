@@ -1,0 +1,141 @@
+"""Registered tapes by code, and those of the family that nobody registered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.sense.decode.search.evidence import Floats
+from tactape_fab.sense.decode.search.matrices import Matrices, matrices_of
+from tactape_fab.sense.decode.search.plane_sites import OVERHANG, Sites, sites_of
+from tactape_fab.sense.decode.search.single_place import shown_by
+from tactape_fab.texture.code import TOUCH_CODE, Code, default_origin, get_code
+from tactape_fab.texture.frames import SymbolArray
+from tactape_fab.texture.tape import Tape
+
+LEAST_COLUMNS, LEAST_ROWS = 62, 32
+"""Size of an unregistered tape, if no registered one is larger."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Family:
+    """Tapes of one code.
+
+    Attributes
+    ----------
+    code : str
+    tapes : tuple of int
+        Registered tape of each site of `registered`.
+    shown : tuple of ndarray
+        What the parts of each show, from `near.shown_by`.
+    registered : Sites or Matrices
+        Matrices for a code without a plane.
+    unregistered : Sites or None
+        All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed world,
+        and of a code without a plane, whose tapes are to each other as any texture is.
+    beyond : Sites or None
+        The same, where dots may hang over the edges of those at default origins as well.
+    """
+
+    code: str
+    tapes: tuple[int, ...]
+    shown: tuple[SymbolArray, ...]
+    registered: Sites | Matrices
+    unregistered: Sites | None
+    beyond: Sites | None
+
+    @property
+    def signs(self) -> Floats:
+        """`Sites.signs`; none without a code plane."""
+        return self.registered.signs if isinstance(self.registered, Sites) else np.empty(0, dtype=np.float32)
+
+
+def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
+    """The registered tapes by code, and the tapes beside them that may be touched in an open world."""
+    found = []
+    for name in dict.fromkeys(tape.code for tape in tapes):
+        order = [k for k, tape in enumerate(tapes) if tape.code == name]
+        order.sort(key=lambda k: (not tapes[k].placed.all(), tapes[k].columns, tapes[k].rows))
+        members = [tapes[k] for k in order]
+        if name == TOUCH_CODE:
+            found.append(_planeless(name, members, order))
+            continue
+        code = get_code(name)
+        holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
+        largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
+        sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
+        registered = sites_of(
+            code,
+            sizes,
+            origins=np.array([tape.origin for tape in members]),
+            size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
+            sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
+            holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
+        )
+        unregistered = _unregistered(code, sizes, members) if open_world else None
+        beyond = None if unregistered is None else _over_all_edges(unregistered)
+        shown = tuple(shown_by(tape) for tape in members)
+        found.append(
+            Family(code=name, tapes=tuple(order), shown=shown, registered=registered, unregistered=unregistered, beyond=beyond)
+        )
+    return found
+
+
+def _planeless(name: str, tapes: Sequence[Tape], numbers: Sequence[int]) -> Family:
+    """Tapes of a code without a plane, and their numbers among those registered."""
+    order = sorted(range(len(tapes)), key=lambda k: (tapes[k].columns, tapes[k].rows))
+    shown = tuple(shown_by(tapes[k]) for k in order)
+    sizes = sorted({(tape.columns, tape.rows) for tape in tapes})
+    return Family(
+        code=name,
+        tapes=tuple(numbers[k] for k in order),
+        shown=shown,
+        registered=matrices_of(shown, sizes, max(tape.directions for tape in tapes)),
+        unregistered=None,
+        beyond=None,
+    )
+
+
+def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> Sites:
+    """Every other sector at its default origin, and all but the registered ones at each origin of a registered tape.
+
+    Only at the latter may dots hang over an edge: there another sector is a shift of ours, and a contact over its edge looks
+    like one over ours. Elsewhere in the plane a tape's edge looks like chance, and counts where chance may matter
+    (`_over_all_edges`).
+    """
+    length = code.main.length
+    largest = sizes.index((max(columns for columns, _ in sizes), max(rows for _, rows in sizes)))
+    at_default = {tape.sector for tape in tapes if tape.origin == default_origin(code.name, tape.sector)}
+    others = [sector for sector in range(code.sectors) if sector not in at_default]
+    common: dict[tuple[int, int], list[Tape]] = {}
+    for tape in tapes:
+        common.setdefault(tape.origin, []).append(tape)
+    there = [found for found in common.values() if len(found) < code.sectors]
+    size_of = [_least_size(sizes, found) for found in there]
+    order = sorted(range(len(there)), key=lambda k: (size_of[k], len(there[k])))
+    barred = [(site, *divmod(t.sector, length)) for site, k in enumerate(order, len(others)) for t in there[k]]
+    return sites_of(
+        code,
+        sizes,
+        origins=np.array([*(default_origin(code.name, sector) for sector in others), *(there[k][0].origin for k in order)]),
+        size_of=np.array([*([largest] * len(others)), *(size_of[k] for k in order)]),
+        sectors=np.array([*(divmod(sector, length) for sector in others), *([(-1, -1)] * len(there))]),
+        barred=np.array(barred, dtype=np.int64).reshape(-1, 3),
+        overhang=False,
+    )
+
+
+def _over_all_edges(sites: Sites) -> Sites:
+    """The same sites, where dots may hang over the edges of all."""
+    classes = sites.classes.copy()
+    classes[:, OVERHANG] = 1
+    return sites._replace(classes=classes)
+
+
+def _least_size(sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> int:
+    """The smallest of some sizes that holds all of some tapes."""
+    columns, rows = max(tape.columns for tape in tapes), max(tape.rows for tape in tapes)
+    fitting = [k for k, size in enumerate(sizes) if size[0] >= columns and size[1] >= rows]
+    return min(fitting, key=lambda k: sizes[k][0] * sizes[k][1])

@@ -1,0 +1,138 @@
+"""Groups of places of a tape: by which of the dots' columns and rows lie on it, and what holes take from the evidence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.sense.decode.search.evidence import Floats, Tables
+from tactape_fab.sense.decode.search.plane_sites import ORIGIN, OVERHANG, SECTOR, START, Sites
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+X, COLUMNS, FIRST_COLUMN, LAST_COLUMN, Y, ROWS, FIRST_ROW, LAST_ROW, OVER = range(9)
+"""Fields of a group: first place on each axis, how many, which of the dots' lines are on the tape; 1 where not all are."""
+
+
+def groups_of(tables: Tables, sizes: IntArray, least: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Groups of places with enough dots on a tape.
+
+    Parameters
+    ----------
+    sizes : ndarray of int, shape (k, 2)
+        Columns and rows of tapes.
+    least : int
+        Fewest dots on the tape.
+
+    Returns
+    -------
+    groups : ndarray of int, shape (n, 9)
+        The one with all dots on the tape, if there is one, comes first for each turn and size.
+    spans : ndarray of int, shape (4, k, 2)
+        First and last + 1 of each turn and size.
+    limits : ndarray, shape (n, 3)
+        Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
+    """
+    m = tables.dots.shape[1]
+    spans, largest = np.empty((4, len(sizes), 2), dtype=np.int64), 16 * len(sizes) * (m + 1) ** 2
+    groups, limits = np.empty((largest, 9), dtype=np.int64), np.empty((largest, 3))
+    cuts = np.empty((2, 2 * m, 4), dtype=np.int64)
+    n = _fill_groups(tables.size, tables.dots, tables.most, sizes, least, groups, spans, limits, cuts)
+    return groups[:n], spans, limits[:n]
+
+
+@kernel()
+def _fill_groups(
+    size: IntArray,
+    dots: IntArray,
+    most: FloatArray,
+    sizes: IntArray,
+    least: int,
+    groups: IntArray,
+    spans: IntArray,
+    limits: FloatArray,
+    cuts: IntArray,
+) -> int:
+    """Fill what `groups_of` returns; how many groups there are. `cuts` is room to work in."""
+    n = 0
+    for turn in range(4):
+        for k in range(len(sizes)):
+            spans[turn, k, 0] = n
+            wide_n, high_n = _cuts(cuts[0], sizes[k, 0], size[turn, 0]), _cuts(cuts[1], sizes[k, 1], size[turn, 1])
+            for i in range(wide_n):
+                for j in range(high_n):
+                    c0, c1, r0, r1 = cuts[0, i, 2], cuts[0, i, 3], cuts[1, j, 2], cuts[1, j, 3]
+                    if dots[turn, c1, r1] - dots[turn, c0, r1] - dots[turn, c1, r0] + dots[turn, c0, r0] < least:
+                        continue
+                    for field in range(4):
+                        groups[n, field], groups[n, 4 + field] = cuts[0, i, field], cuts[1, j, field]
+                    groups[n, OVER] = 0 if c1 - c0 == size[turn, 0] and r1 - r0 == size[turn, 1] else 1
+                    for axis in range(2):
+                        of = most[turn, axis]
+                        limits[n, axis] = of[c1, r1] - of[c0, r1] - of[c1, r0] + of[c0, r0]
+                    limits[n, 2] = np.log(float(groups[n, COLUMNS] * groups[n, ROWS]))
+                    n += 1
+            spans[turn, k, 1] = n
+    return n
+
+
+@inner_kernel()
+def _cuts(out: IntArray, size: int, dots: int) -> int:
+    """Ways to lay so many lines of dots on so many lines of a tape: first place, how many places, first line, last + 1."""
+    n = 0
+    if size >= dots:
+        out[0, 0], out[0, 1], out[0, 2], out[0, 3] = 0, size - dots + 1, 0, dots
+        n = 1
+    for place in range(1 - dots, size):
+        if place < 0 or place > size - dots:
+            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = place, 1, max(0, -place), min(dots, size - place)
+            n += 1
+    return n
+
+
+def count_places(groups: IntArray, spans: IntArray, limits: FloatArray, classes: IntArray) -> FloatArray:
+    """Places of all tapes by turn: with all dots on the tape, and with some beyond its edge; shape (4, 2)."""
+    counts = np.zeros((4, 2))
+    _add_places(groups, spans, classes, counts)
+    return counts
+
+
+@kernel()
+def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: FloatArray) -> None:
+    for turn in range(4):
+        for k in range(len(classes)):
+            tapes = (classes[k, 1] - classes[k, 0]) * classes[k, 3]
+            for g in range(spans[turn, classes[k, 2], 0], spans[turn, classes[k, 2], 1]):
+                if groups[g, OVER] > classes[k, OVERHANG]:
+                    break
+                counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
+
+
+def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
+    """What the dots on grid points without a part would say: where each site's part begins, -1 without holes, and all of it.
+
+    Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
+    """
+    holed = np.unique(sites.holes[:, 0])
+    places = (sites.sizes[sites.size_of[holed]] + 2 * tables.dots.shape[1]).prod(axis=1)
+    starts = np.full(len(sites.table), -1, dtype=np.int64)
+    starts[holed] = np.cumsum(places) - places
+    said = np.zeros((4, places.sum()), dtype=np.float32)
+    _add_holes(tables, sites, starts, said)
+    return starts, said
+
+
+@kernel()
+def _add_holes(tables: Tables, sites: Sites, starts: IntArray, said: Floats) -> None:
+    pad, length = tables.dots.shape[1], len(sites.signs) // 3
+    for k in range(len(sites.holes)):
+        site, column, row = sites.holes[k, 0], sites.holes[k, 1], sites.holes[k, 2]
+        place = sites.table[site]
+        x_phase = sites.phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
+        y_phase = sites.phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
+        x_sign, y_sign = sites.signs[x_phase % length], sites.signs[y_phase % length]
+        stride = sites.sizes[sites.size_of[site], 0] + 2 * pad
+        for turn in range(4):
+            for i in range(tables.cells.shape[1]):
+                said_by = tables.evidence[turn, i]
+                at = (row - tables.cells[turn, i, 1] + pad) * stride + column - tables.cells[turn, i, 0] + pad
+                said[turn, starts[site] + at] += said_by[0] + said_by[1] * x_sign + said_by[2] * y_sign

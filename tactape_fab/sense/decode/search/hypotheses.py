@@ -1,0 +1,74 @@
+"""Registered tapes, equal ones once, and the world that they are in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactape_fab.sense.decode.search.families import Family, families
+from tactape_fab.texture.code import TOUCH_CODE, encode, get_code
+from tactape_fab.texture.tape import Tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Registry:
+    """Tapes that may be touched.
+
+    Attributes
+    ----------
+    tapes : tuple of Tape
+        Registered ones, no two alike.
+    families : tuple of Family
+        The same by code, and beside them those that nobody registered.
+    unregistered_share : float
+        Prior weight of all unregistered tapes together; 0 in a closed world.
+    """
+
+    tapes: tuple[Tape, ...]
+    families: tuple[Family, ...]
+    unregistered_share: float
+
+
+def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
+    """A registry of tapes, the world closed where unregistered ones have no share."""
+    kept = distinct(tapes)
+    return Registry(
+        tapes=tuple(kept),
+        families=tuple(families(kept, open_world=unregistered_share > 0.0)),
+        unregistered_share=unregistered_share,
+    )
+
+
+def distinct(tapes: Sequence[Tape]) -> list[Tape]:
+    """Registered tapes, equal ones once: the union of their grids under the first one's name."""
+    kept: dict[tuple[object, ...], Tape] = {}
+    for tape in tapes:
+        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm, tape.directions, _design(tape))
+        kept[key] = _union(kept[key], tape) if key in kept else tape
+    return list(kept.values())
+
+
+def _design(tape: Tape) -> object:
+    """What tells a touch code's tapes apart: their symbols, which follow from nothing else."""
+    return (tape.symbols.shape, tape.symbols.tobytes()) if tape.code == TOUCH_CODE else None
+
+
+def _union(first: Tape, other: Tape) -> Tape:
+    """The first tape with the grid points of both."""
+    columns, rows = max(first.columns, other.columns), max(first.rows, other.rows)
+    placed = np.zeros((rows, columns), dtype=bool)
+    for tape in (first, other):
+        placed[: tape.rows, : tape.columns] |= tape.placed
+    if first.code == TOUCH_CODE:
+        symbols = first.symbols
+    else:
+        symbols = encode(get_code(first.code), first.sector, first.origin, (rows, columns))
+    return replace(
+        first,
+        columns=columns,
+        rows=rows,
+        symbols=symbols,
+        omitted=np.argwhere(~placed)[:, ::-1].astype(np.int64),
+    )

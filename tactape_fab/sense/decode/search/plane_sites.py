@@ -1,0 +1,126 @@
+"""Tapes of one code as places in its plane."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.decode.search.evidence import Floats, signs_of
+from tactape_fab.texture.code import Code
+from tactape_fab.texture.frames import IntArray
+
+START, ORIGIN, SECTOR = range(3)
+FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
+_WORTH_BOUNDS = 6
+
+Steps = npt.NDArray[np.uint8]
+
+
+class Sites(NamedTuple):
+    """Tapes of one code as places in its plane, those of equal size together.
+
+    Attributes
+    ----------
+    signs : ndarray of float32, shape (3 L,)
+    phases : ndarray of int, shape (2, m)
+        Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
+    steps : ndarray of uint8, shape (2, m)
+        Their differences modulo L, from each to the next; small and without a sign, which looking up by them is quickest with.
+    table : ndarray of int, shape (n, 3, 2)
+        Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the plane modulo
+        L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
+    barred : ndarray of int, shape (k, 3)
+        Site, u and v of sectors that may not lie where all others may.
+    holes : ndarray of int, shape (k, 3)
+        Site, column and row of grid points without a part.
+    sizes : ndarray of int, shape (j, 2)
+        Columns and rows that occur in the family.
+    size_of : ndarray of int, shape (n,)
+        Which of them each site has.
+    classes : ndarray of int, shape (k, 6)
+        Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1 where
+        there are so many that bounds are worth their making (`FIRST` ... `MANY`).
+    kinds : ndarray of int, shape (3,)
+        Most columns or rows, and whether there are classes of few and of many sites.
+    """
+
+    signs: Floats
+    phases: IntArray
+    steps: Steps
+    table: IntArray
+    barred: IntArray
+    holes: IntArray
+    sizes: IntArray
+    size_of: IntArray
+    classes: IntArray
+    kinds: IntArray
+
+
+def sites_of(
+    code: Code,
+    sizes: list[tuple[int, int]],
+    *,
+    origins: IntArray,
+    size_of: IntArray,
+    sectors: IntArray,
+    barred: IntArray | None = None,
+    holes: IntArray | None = None,
+    overhang: bool = True,
+) -> Sites:
+    """Sites from the plane origins (n, 2) of their tapes, which of some sizes each has, and u and v of their sectors (n, 2).
+
+    `barred` and `holes` as in `Sites`; `overhang` says whether dots may hang over the tapes' edges.
+    """
+    length, table = code.main.length, np.array(sizes, dtype=np.int64)
+    pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
+    phases = np.zeros((2, max(len(found) for found, _ in pairs)), dtype=np.int64)
+    for axis, (found, _) in enumerate(pairs):
+        phases[axis, : len(found)] = found
+    everyone = sectors[:, 0] < 0
+    holed = np.zeros(len(size_of), dtype=bool)
+    holed[[] if holes is None else holes[:, 0]] = True
+    shut = np.bincount(np.empty(0, dtype=np.int64) if barred is None else barred[:, 0], minlength=len(size_of))
+    alike = np.stack([np.asarray(size_of), everyone, holed, shut])
+    bounds = [0, *(np.flatnonzero((np.diff(alike.astype(np.int64)) != 0).any(axis=0)) + 1).tolist(), len(size_of)]
+    classes = [
+        (
+            first,
+            last,
+            size_of[first],
+            length * length - shut[first] if everyone[first] else 1,
+            overhang or everyone[first],
+            last - first >= _WORTH_BOUNDS and not holed[first],
+        )
+        for first, last in pairwise(bounds)
+    ]
+    return Sites(
+        signs=signs_of(code),
+        phases=phases,
+        steps=(np.diff(phases, append=0) % length).astype(np.uint8),
+        table=np.stack([np.column_stack([start for _, start in pairs]), origins % length, sectors], axis=1).astype(np.int64),
+        barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
+        holes=np.empty((0, 3), dtype=np.int64) if holes is None else holes,
+        sizes=table,
+        size_of=np.asarray(size_of, dtype=np.int64),
+        classes=np.array(classes, dtype=np.int64),
+        kinds=np.array(
+            [table.max(), any(not found[MANY] for found in classes), any(found[MANY] for found in classes)], dtype=np.int64
+        ),
+    )
+
+
+def _phases(code: Code, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+    """Phases of all plane indices in some intervals, and where each interval starts among them."""
+    order = np.argsort(firsts, kind="stable")
+    low, high = firsts[order], np.maximum.accumulate((firsts + counts)[order])
+    opens = np.concatenate([[True], low[1:] > high[:-1]])
+    piece = np.cumsum(opens) - 1
+    piece_low, piece_high = low[opens], high[np.concatenate([opens[1:], [True]])]
+    before = np.concatenate([[0], np.cumsum(piece_high - piece_low)])
+    index = np.concatenate([np.arange(a, b) for a, b in zip(piece_low, piece_high, strict=True)])
+    start = np.empty(len(firsts), dtype=np.int64)
+    start[order] = before[piece] + low - piece_low[piece]
+    return np.asarray(code.phase_before(index), dtype=np.int64), start

@@ -1,0 +1,409 @@
+"""All places of all registered tapes for the dots of one grid, a prior among them if there is one, and their rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, exp, inf, isfinite, log
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.sense.decode.search.all_places import weigh_sites
+from tactape_fab.sense.decode.search.evidence import Tables, tables_of
+from tactape_fab.sense.decode.search.families import Family
+from tactape_fab.sense.decode.search.groups import count_places, groups_of
+from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, Matrices, weigh_matrices
+from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, TAPES, Sites
+from tactape_fab.sense.decode.search.single_place import evidence_at, places_near
+from tactape_fab.sense.decode.search.tally import NEGLIGIBLE, Tally, new_tally
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+
+LEAST_DOTS = 6
+OVERHANG_SHARE = 0.1
+"""Weight of all places where dots lie beyond a tape's edge, together."""
+MOST_RADIUS_MM = 50.0
+_PLENTY = 0.05
+"""Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
+_ROUNDING = 0.1
+"""More than bounds in single precision may be too small by (ln)."""
+_RIVALS_NEGLIGIBLE = -14.5
+"""As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
+PRECISION = 1e-5
+PRIOR_SHARE = 0.5
+"""Weight of the places near a prior; the rest is spread over all places, so that a wrong prior cannot deceive."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """Where the contact is believed to be, such as the last fix: a place within a radius and a range of angles.
+
+    Attributes
+    ----------
+    position_mm : (float, float)
+        S on the texture.
+    theta_deg : float
+    radius_mm : float
+    angle_deg : float
+        Largest difference of theta.
+    tape : str or None
+        Name of the tape; None for any.
+
+    Raises
+    ------
+    SpecError
+        When a value is out of range.
+    """
+
+    position_mm: tuple[float, float]
+    theta_deg: float
+    radius_mm: float = 2.0
+    angle_deg: float = 10.0
+    tape: str | None = None
+
+    def __post_init__(self) -> None:
+        problems = []
+        if len(self.position_mm) != 2 or not all(isfinite(v) for v in self.position_mm):
+            problems.append(Problem("position_mm", f"position_mm = {self.position_mm!r} is no place; give (x, y) in mm"))
+        if not isfinite(self.theta_deg):
+            problems.append(Problem("theta_deg", f"theta_deg = {self.theta_deg!r} is no angle; give degrees"))
+        if not 0.0 <= self.radius_mm <= MOST_RADIUS_MM:
+            message = f"radius_mm = {self.radius_mm!r} is not from 0 to {MOST_RADIUS_MM:g} mm; give how far off it may be"
+            problems.append(Problem("radius_mm", message))
+        if not 0.0 <= self.angle_deg <= 360.0:
+            message = f"angle_deg = {self.angle_deg!r} is not from 0 to 360 degrees; give how far off it may be"
+            problems.append(Problem("angle_deg", message))
+        if problems:
+            raise SpecError(problems)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Place:
+    """The best place for the dots of one grid.
+
+    Attributes
+    ----------
+    score : float
+        ln of its evidence E.
+    weight : float
+        ln of its weight, all places of all registered tapes together weighing 1.
+    tape, turn : int
+        Registered tape; quarter turns.
+    cells : ndarray of int, shape (n, 2)
+        Column and row of each dot on the tape; outside it for dots that hang over.
+    others : float
+        Weighted evidence of all other registered places together, as a multiple of this one's.
+    lead : float
+        ln of how much likelier the dots are here than at any other registered place, whatever the weights.
+    most_said : float
+        ln of the most evidence that the dots could give anywhere.
+    tables, groups : tuple
+        Of each family, for `rivals`.
+    turn_weights : ndarray, shape (4,)
+    """
+
+    score: float
+    weight: float
+    tape: int
+    turn: int
+    cells: IntArray
+    others: float
+    lead: float
+    most_said: float
+    tables: tuple[Tables, ...]
+    groups: tuple[tuple[IntArray, IntArray, FloatArray], ...]
+    turn_weights: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rivals:
+    """Tapes that nobody registered, held against the best place.
+
+    Attributes
+    ----------
+    weight : float
+        Weighted evidence of all their places together, as a multiple of the answer's.
+    lead : float
+        ln of how much likelier the dots are at the answer than at any of them.
+    score : float
+        ln E of the strongest.
+    name : str
+        Sector and code of the strongest.
+    """
+
+    weight: float
+    lead: float
+    score: float
+    name: str
+
+
+_NO_RIVALS = Rivals(weight=0.0, lead=inf, score=-inf, name="")
+
+
+def search(
+    tapes: Sequence[Tape],
+    families: Sequence[Family],
+    nodes: IntArray,
+    q: FloatArray,
+    turn_weights: FloatArray,
+    grid: FloatArray,
+    centre_px: FloatArray,
+    prior: Prior | None,
+    precision: float = PRECISION,
+) -> Place | None:
+    """Hold soft symbols against every origin and quarter turn on every registered tape.
+
+    Parameters
+    ----------
+    nodes, q, grid
+        From `symbols.fit_grid` and `symbols.posteriors`.
+    turn_weights : ndarray, shape (4,)
+        How likely each quarter turn is by anything but the symbols; sums to 1.
+    centre_px : ndarray, shape (2,)
+        The image centre from the origin of the dots' coordinates.
+    precision : float
+        What `Place.others` may be too large by where it matters.
+
+    Returns
+    -------
+    Place or None
+        None where the dots reach farther than any contact, or no place has enough of them on a tape.
+    """
+    tables = tuple(tables_of(nodes, q, family.signs, LARGEST_CONTACT) for family in families)
+    if tables[0].size.max() > LARGEST_CONTACT:
+        return None
+    groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
+    counts = sum(count_places(*g, family.registered.classes) for g, family in zip(groups, families, strict=True))
+    near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
+    base = _weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
+    cue = np.log(turn_weights)
+    negligible = NEGLIGIBLE
+    for last in (False, True):
+        tallies = [new_tally(negligible=negligible) for _ in families]
+        for t, g, family, tally in zip(tables, groups, families, tallies, strict=True):
+            if isinstance(family.registered, Matrices):
+                weigh_matrices(t, family.registered, LEAST_DOTS, base, cue, tally)
+            else:
+                weigh_sites(t, family.registered, g, base, cue, tally)
+        of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
+        best = float(tallies[of].sums[0])
+        if tallies[of].best[0] < 0:
+            return None
+        total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
+        bounded = sum(float(t.sums[7]) * exp(t.sums[0] - best) for t in tallies)
+        enough = _enough(precision, best)
+        if last or bounded <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
+            break
+        negligible = _strict(groups, enough)
+    answer = (of, *(int(v) for v in tallies[of].best[:4]))
+    if near is not None:
+        without, raised = _raised(near, turn_weights, base)
+        top = int(raised.argmax())
+        if raised[top] > best:
+            answer, total, best = tuple(near.places[top].tolist()), total * exp(best - float(raised[top])), float(raised[top])
+        total += float((np.exp(raised - best) - np.exp(without - best)).sum())
+    of, turn, site, column, row = answer
+    family = families[of]
+    score, _ = evidence_at(tables[of], family.shown[site], turn, column, row)
+    return Place(
+        score=score,
+        weight=best - score,
+        tape=family.tapes[site],
+        turn=turn,
+        cells=tables[of].cells[turn] + np.array([column, row]),
+        others=max(total - 1.0, 0.0),
+        lead=score + float(cue[turn]) - _next_best(tallies, answer),
+        most_said=float(tables[of].most[turn, :, -1, -1].sum()),
+        tables=tables,
+        groups=groups,
+        turn_weights=turn_weights,
+    )
+
+
+def rivals(
+    families: Sequence[Family],
+    place: Place,
+    share: float,
+    precision: float = PRECISION,
+    least_lead: float = 0.0,
+    *,
+    beyond: bool = True,
+) -> Rivals:
+    """Hold the dots of an answer against every place of the tapes that nobody registered.
+
+    Parameters
+    ----------
+    share : float
+        Weight of all of them together; the registered ones have the rest.
+    precision : float
+        What `Rivals.weight` may be too large by where it matters.
+    least_lead : float
+        A lead (ln) that is smaller is not told from bounds.
+    beyond : bool
+        Whether dots may hang over the edges of tapes at default origins.
+    """
+    others = _unregistered(families, place, beyond=beyond)
+    if not others:
+        return _NO_RIVALS
+    cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
+    likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
+    enough = _enough(precision, place.score + place.weight)
+    negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, enough)
+    while True:
+        found, bounded = _NO_RIVALS, 0.0
+        for t, g, sites, family in others:
+            tally = new_tally(place.score + place.weight, negligible, likely)
+            weigh_sites(t, sites, g, base, cue, tally)
+            found = _strongest(found, tally, family, place, cue)
+            bounded += float(tally.sums[7]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
+        if bounded <= enough or found.weight - bounded > _PLENTY or negligible <= strict:
+            return found
+        negligible = max(negligible - log(2.0 * bounded / enough), strict)
+
+
+def strangers(families: Sequence[Family], place: Place, share: float, least_score: float) -> Rivals:
+    """The unregistered tape that fits best, where it has so much evidence (ln): for answers that are refused whatever it is.
+
+    `weight` is a bound, `lead` that of what was found alone; where nothing has so much, they are of what was looked at.
+    """
+    others = _unregistered(families, place, beyond=False)
+    if not others:
+        return _NO_RIVALS
+    cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
+    even = np.where(np.isfinite(base), 0.0, base)  # every place counts by its evidence
+    found = _NO_RIVALS
+    for t, (groups, spans, limits), sites, family in others:
+        tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
+        single = np.column_stack([limits[:, :2], np.full(len(limits), -log(tapes.min()))])
+        tally = new_tally(least_score, negligible=-_ROUNDING)
+        weigh_sites(t, sites, (groups, spans, single), even, cue, tally)
+        tally.sums[4] = -inf
+        tally.sums[0] += base.max()
+        found = _strongest(found, tally, family, place, cue)
+    return found
+
+
+_Others = list[tuple[Tables, tuple[IntArray, IntArray, FloatArray], Sites, Family]]
+
+
+def _unregistered(families: Sequence[Family], place: Place, *, beyond: bool) -> _Others:
+    """Tables, groups and sites of the families of which there are tapes that nobody registered."""
+    found = []
+    for t, g, family in zip(place.tables, place.groups, families, strict=True):
+        sites = family.beyond if beyond else family.unregistered
+        if sites is not None:
+            found.append((t, g, sites, family))
+    return found
+
+
+def _unregistered_weights(others: _Others, place: Place, share: float) -> FloatArray:
+    """`_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
+    counts = sum(count_places(*g, sites.classes) for _, g, sites, _ in others)
+    return _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
+
+
+def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:
+    """What was found of other families, and what a tally says of this one."""
+    weight = found.weight + float(tally.sums[1]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
+    lead = min(found.lead, place.score + float(cue[place.turn]) - max(float(tally.sums[2]), float(tally.sums[4])))
+    score, name = found.score, found.name
+    turn, _, _, _, u, v = tally.strongest.tolist()
+    if turn >= 0 and tally.sums[2] - cue[turn] > score:
+        length = len(family.signs) // 3
+        score, name = float(tally.sums[2] - cue[turn]), f"sector {u * length + v} of {family.code}"
+    return Rivals(weight=weight, lead=lead, score=score, name=name)
+
+
+def _enough(precision: float, ln_bound: float) -> float:
+    """The precision that an answer needs whose bound on being no tape (ln of its inverse) takes up so much of what is allowed."""
+    return max(precision - 0.1 * exp(-max(ln_bound, 0.0)), 0.01 * precision)
+
+
+def _strict(groups: Sequence[tuple[IntArray, IntArray, FloatArray]], precision: float) -> float:
+    """What is negligible (ln) so that all groups together add no more than a share of `precision`."""
+    return log(precision) - log(10.0 * sum(len(of_family) for of_family, _, _ in groups) + 1.0)
+
+
+def _weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1.0) -> FloatArray:
+    """Ln of the weight of one place by turn, all dots on the tape or not; shape (4, 2). All of them have a share together."""
+    out = np.full((4, 2), -inf)
+    for turn, (inside, over) in enumerate(counts.tolist()):
+        both = inside > 0.0 and over > 0.0
+        if inside > 0.0:
+            out[turn, 0] = log(share * float(turn_weights[turn]) * (1.0 - OVERHANG_SHARE if both else 1.0) / inside)
+        if over > 0.0:
+            out[turn, 1] = log(share * float(turn_weights[turn]) * (OVERHANG_SHARE if both else 1.0) / over)
+    return out
+
+
+def _next_best(tallies: Sequence[Tally], answer: tuple[int, ...]) -> float:
+    """Ln L of the strongest registered place that is not the answer."""
+    values = []
+    for k, tally in enumerate(tallies):
+        is_answer = k == answer[0] and tuple(tally.strongest[:4].tolist()) == answer[1:]
+        values += [float(tally.sums[3 if is_answer else 2]), float(tally.sums[4])]
+    return max(values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Near:
+    """Places near a prior.
+
+    ``places`` (n, 5) holds family, turn, site, column and row; ``evidence`` (n,) ln E there; ``over`` (n,) 1 where some dots lie
+    beyond the tape's edge.
+    """
+
+    places: IntArray
+    evidence: FloatArray
+    over: IntArray
+
+
+def _near(
+    tapes: Sequence[Tape],
+    families: Sequence[Family],
+    tables: Sequence[Tables],
+    grid: FloatArray,
+    centre_px: FloatArray,
+    prior: Prior,
+) -> _Near | None:
+    """The places near a prior with enough dots on a tape, if there are any."""
+    found = []
+    for of, (family, t) in enumerate(zip(families, tables, strict=True)):
+        for turn in range(4):
+            theta_deg = degrees(float(np.arctan2(grid[1], grid[0]))) + 90.0 * turn
+            if abs((theta_deg - prior.theta_deg + 180.0) % 360.0 - 180.0) > prior.angle_deg:
+                continue
+            centre = _turned_point(grid, centre_px, turn) - t.corner[turn]  # in cells from the dots' corner
+            for site, index in enumerate(family.tapes):
+                tape = tapes[index]
+                if prior.tape not in (None, tape.name):
+                    continue
+                at, reach = np.asarray(prior.position_mm) / tape.pitch_mm - centre, prior.radius_mm / tape.pitch_mm
+                cells, evidence = places_near(t, family.shown[site], turn, at, reach, LEAST_DOTS)
+                inside = ((cells >= 0) & (cells <= np.array([tape.columns, tape.rows]) - t.size[turn])).all(axis=1)
+                places = np.column_stack([np.broadcast_to([of, turn, site], (len(cells), 3)), cells])
+                found.append(_Near(places=places, evidence=evidence, over=(~inside).astype(np.int64)))
+    if sum(len(near.evidence) for near in found) == 0:
+        return None
+    return _Near(
+        places=np.concatenate([near.places for near in found]),
+        evidence=np.concatenate([near.evidence for near in found]),
+        over=np.concatenate([near.over for near in found]),
+    )
+
+
+def _raised(near: _Near, turn_weights: FloatArray, base: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ln of the weighted evidence of places near a prior, as it is without the prior and with it."""
+    turn = near.places[:, 1]
+    without, share = base[turn, near.over], PRIOR_SHARE * turn_weights[turn] / turn_weights[turn].sum()
+    return near.evidence + without, near.evidence + np.log(np.exp(without) + share)
+
+
+def _turned_point(grid: FloatArray, point_px: FloatArray, turn: int) -> FloatArray:
+    """A point in columns and rows of the grid after a quarter turn, as `evidence.turned` has it."""
+    a, b, x, y = grid
+    dx, dy = point_px[0] - x, point_px[1] - y
+    norm = a * a + b * b
+    k, j = (a * dx + b * dy) / norm, (a * dy - b * dx) / norm
+    return np.array([(k, j), (j, -k), (-k, -j), (-j, k)][turn])

@@ -1,0 +1,71 @@
+"""Evidence of single places, dot by dot: the answer's, and those near a prior."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactape_fab.base.jit import kernel
+from tactape_fab.sense.decode.search.evidence import Tables
+from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray, gray_codes
+from tactape_fab.texture.tape import Tape
+
+NO_PART = 8
+"""Stands for a symbol where a grid point carries no part."""
+
+
+def shown_by(tape: Tape) -> SymbolArray:
+    """The symbols that a tape's parts show, as `frames.gray_codes`, `NO_PART` where there is none; shape (rows, columns)."""
+    return np.where(tape.placed, gray_codes(tape.directions)[tape.symbols], NO_PART).astype(np.uint8)
+
+
+def evidence_at(tables: Tables, shown: SymbolArray, turn: int, x: int, y: int) -> tuple[float, int]:
+    """Ln E of the dots' corner on column x, row y of a tape, and how many of them lie on it; `shown` from `shown_by`."""
+    values, dots = _evidence(tables, shown, turn, np.array([[x, y]]))
+    return float(values[0]), int(dots[0])
+
+
+def places_near(
+    tables: Tables, shown: SymbolArray, turn: int, at: FloatArray, reach: float, least: int
+) -> tuple[IntArray, FloatArray]:
+    """Columns and rows (n, 2) and ln E (n,) of the places on a tape within a reach (cells) of a point, with enough dots on it."""
+    last = np.minimum(np.floor(at + reach), np.array(shown.shape[::-1]) - 1.0)
+    first = np.minimum(np.maximum(np.ceil(at - reach), 1.0 - tables.size[turn]), last + 1.0)
+    columns, rows = (np.arange(int(first[axis]), int(last[axis]) + 1) for axis in range(2))
+    places = np.stack([np.tile(columns, len(rows)), np.repeat(rows, len(columns))], axis=1)
+    places = places[((places - at) ** 2).sum(axis=1) <= reach * reach]
+    values, dots = _evidence(tables, shown, turn, places)
+    enough = dots >= least
+    return places[enough], values[enough]
+
+
+def compile_near() -> None:
+    """Compile what holds dots against single places, for no dots and no places."""
+    none = np.empty((0, 2), dtype=np.int64)
+    _add_evidence(none, np.empty((0, 3)), np.empty((0, 0), dtype=np.uint8), none, np.empty(0), none[:, 0].copy())
+
+
+def _evidence(tables: Tables, shown: SymbolArray, turn: int, places: IntArray) -> tuple[FloatArray, IntArray]:
+    """Ln E of the dots' corner on some columns and rows (n, 2) of a tape, and how many dots lie on it."""
+    values, dots = np.empty(len(places)), np.empty(len(places), dtype=np.int64)
+    _add_evidence(tables.cells[turn], tables.evidence[turn], shown, places, values, dots)
+    return values, dots
+
+
+@kernel()
+def _add_evidence(
+    cells: IntArray, evidence: FloatArray, shown: SymbolArray, places: IntArray, values: FloatArray, dots: IntArray
+) -> None:
+    rows, columns = shown.shape
+    for n in range(len(places)):
+        total, count = 0.0, 0
+        for i in range(len(cells)):
+            column, row = places[n, 0] + cells[i, 0], places[n, 1] + cells[i, 1]
+            if 0 <= column < columns and 0 <= row < rows:
+                symbol = int(shown[row, column])
+                if symbol != NO_PART:
+                    x, y = 2.0 * (symbol % 2) - 1.0, 2.0 * (symbol // 2 % 2) - 1.0
+                    total += evidence[i, 0] + evidence[i, 1] * x + evidence[i, 2] * y
+                    if evidence.shape[1] == 4:
+                        total += evidence[i, 3] * (2.0 * (symbol // 4) - 1.0)
+                    count += 1
+        values[n], dots[n] = total, count

@@ -1,0 +1,258 @@
+"""Files of depth maps: read frame by frame, nothing in them trusted."""
+
+from __future__ import annotations
+
+import lzma
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite, prod
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
+from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.sense.raw.image_files import PICTURES, read_picture, read_picture_header
+from tactape_fab.sense.sensors import MOST_PX, SensorProfile
+
+SUFFIXES = (".npz", ".npy", *PICTURES)
+MOST_FRAMES = 1_000_000
+ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
+"""What reading a damaged zip raises."""
+
+_MOST_BYTES = 1 << 30
+_MOST_MEMBERS = 1000
+_SHOWN = 100
+_REMEDY = "give an .npz with an array 'depth' of shape (N, h, w) or (h, w), an .npy, or a 16-bit .png or .tif"
+
+Depth = npt.NDArray[Any]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrayHeader:
+    """What stands before the data of an array in numpy's format."""
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameFile:
+    """A file of frames, its header read and checked; the frames themselves come one by one.
+
+    Attributes
+    ----------
+    path : Path
+    count : int
+    frame_shape : (int, int)
+        Height and width of each frame.
+    timestamp : ndarray, shape (count,), or None
+    px_per_mm : (float, float) or None
+        Scale along u and v of the canonical image, where the file says it.
+    """
+
+    path: Path
+    count: int
+    frame_shape: tuple[int, int]
+    timestamp: npt.NDArray[np.float64] | None = None
+    px_per_mm: tuple[float, float] | None = None
+
+    def frames(self) -> Iterator[Depth]:
+        """The frames in order, each of `frame_shape`, as the file has them.
+
+        Raises
+        ------
+        SpecError
+            When the file ends early or is damaged.
+        """
+        with _refused(self.path):
+            if self.path.suffix.lower() in PICTURES:
+                yield read_picture(self.path)
+                return
+            with _opened(self.path) as (stream, header):
+                if header.fortran:
+                    yield from _read(stream, header).reshape(self.count, *self.frame_shape)
+                    return
+                one = ArrayHeader(shape=self.frame_shape, fortran=False, dtype=header.dtype)
+                for _ in range(self.count):
+                    yield _read(stream, one)
+
+    def time_of(self, frame: int) -> float | None:
+        """Timestamp of a frame; None where there is none."""
+        if self.timestamp is None or not isfinite(self.timestamp[frame]):
+            return None
+        return float(self.timestamp[frame])
+
+
+def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[FrameFile]:
+    """Open files of frames that a sensor took.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        ``.npz`` with ``depth`` (N, h, w) or (h, w), optionally ``timestamp`` (N,) and ``px_per_mm`` (a number, or one along
+        u and one along v); ``.npy`` with the same array; one frame as a ``.png`` or ``.tif`` of 16 bits.
+    sensor : SensorProfile
+        Whose frames they should be.
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of the files, all together.
+    """
+    opened: list[FrameFile] = []
+    problems: list[Problem] = []
+    for path in paths:
+        file = tried(partial(open_frame_file, path), problems)
+        if file is None:
+            continue
+        opened.append(file)
+        if file.frame_shape != sensor.frame_shape:
+            (h, w), (height, width) = file.frame_shape, sensor.frame_shape
+            problems.append(
+                Problem(
+                    "frames",
+                    f"{shown_path(file.path)} holds frames of {h} x {w} px (height x width), those of sensor "
+                    f"'{sensor.name}' are {height} x {width}; give the --sensor that took them",
+                )
+            )
+    if problems:
+        raise SpecError(problems)
+    return opened
+
+
+def open_frame_file(path: str | Path) -> FrameFile:
+    """One file of frames, its header checked; see `open_frames`.
+
+    Raises
+    ------
+    SpecError
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise SpecError(Problem("frames", f"{shown_path(path)} is no file of frames; {_REMEDY}"))
+    with _refused(path):
+        if suffix in PICTURES:
+            return FrameFile(path=path, count=1, frame_shape=read_picture_header(path))
+        with _opened(path) as (_, header):
+            count, shape = _counted(header)
+        if suffix == ".npy":
+            return FrameFile(path=path, count=count, frame_shape=shape)
+        timestamp = _small_array(path, "timestamp", ((count,), ()) if count == 1 else ((count,),))
+        scale = _small_array(path, "px_per_mm", ((), (1,), (2,)))
+        return FrameFile(
+            path=path,
+            count=count,
+            frame_shape=shape,
+            timestamp=None if timestamp is None else timestamp.reshape(count),
+            px_per_mm=None if scale is None else _scale(scale),
+        )
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Every way in which a file cannot be read as one message that names it."""
+    try:
+        yield
+    except SpecError as error:
+        raise SpecError([Problem("frames", f"{shown_path(path)}: {p.message}") for p in error.problems]) from None
+    except TactapeError:
+        raise
+    except MemoryError:
+        raise SpecError(Problem("frames", f"{shown_path(path)} does not fit into memory; {_REMEDY}")) from None
+    except ZIP_ERRORS as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).split("\n", maxsplit=1)[0]
+        message = f"{shown_path(path)} cannot be read: {reason or type(error).__name__}; {_REMEDY}"
+        raise SpecError(Problem("frames", message)) from error
+
+
+@contextmanager
+def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayHeader]]:
+    """An array of a file, its header read and the stream standing before its data."""
+    with path.open("rb") as stream:
+        if path.suffix.lower() == ".npy":
+            yield stream, read_array_header(stream)
+            return
+        with zipfile.ZipFile(stream) as archive:
+            members = archive.namelist()
+            if len(members) > _MOST_MEMBERS:
+                raise ValueError(f"it holds {len(members)} arrays, more than {_MOST_MEMBERS}")
+            if name + ".npy" not in members:
+                has = ", ".join(sorted(m.removesuffix(".npy") for m in members)) or "nothing"
+                raise SpecError(f"it has no array '{name}', only {has[:_SHOWN]}; {_REMEDY}")
+            with archive.open(name + ".npy") as member:
+                yield member, read_array_header(member)
+
+
+def read_array_header(stream: IO[bytes]) -> ArrayHeader:
+    """An array's header; objects, which only pickle can read, are refused.
+
+    Raises
+    ------
+    SpecError, ValueError
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            version = np.lib.format.read_magic(stream)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, fortran, dtype = read(stream)
+    except ZIP_ERRORS:
+        raise
+    except Exception as error:  # numpy tokenizes what is no literal, and lets out what comes of it
+        raise ValueError(f"the header of an array is damaged ({type(error).__name__})") from error
+    if dtype.hasobject or dtype.kind not in "fiub":
+        raise SpecError(f"it holds values of type {shown(str(dtype))}, no numbers; {_REMEDY}")
+    if any(n < 0 for n in shape):
+        raise ValueError(f"its shape is {shape}")
+    return ArrayHeader(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)
+
+
+def _counted(header: ArrayHeader) -> tuple[int, tuple[int, int]]:
+    """Number of frames and the shape of one; refuses what is no stack of depth maps."""
+    shape = header.shape
+    if len(shape) not in (2, 3):
+        raise SpecError(f"depth has shape {shown(shape)}; {_REMEDY}")
+    count, (height, width) = shape[0] if len(shape) == 3 else 1, shape[-2:]
+    if not 1 <= count <= MOST_FRAMES or not 1 <= height <= MOST_PX or not 1 <= width <= MOST_PX:
+        raise SpecError(f"depth has shape {shown(shape)}; give 1 to {MOST_FRAMES} frames of at most {MOST_PX} x {MOST_PX} px")
+    if header.fortran and prod(shape) * header.dtype.itemsize > _MOST_BYTES:
+        raise SpecError("depth is stored column by column, and too large for that; save numpy.ascontiguousarray of it")
+    return count, (height, width)
+
+
+def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
+    """An array's data, of a size that has been looked at."""
+    size = prod(header.shape) * header.dtype.itemsize
+    data = stream.read(size)
+    if len(data) != size:
+        raise SpecError("it ends in the middle of a frame; write it again")
+    return np.frombuffer(data, dtype=header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
+
+
+def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> npt.NDArray[np.float64] | None:
+    """An array beside depth, of one of some shapes; None where the file has none."""
+    with zipfile.ZipFile(path) as archive:
+        if name + ".npy" not in archive.namelist():
+            return None
+    with _opened(path, name) as (stream, header):
+        if header.shape not in shapes:
+            raise SpecError(f"{name} has shape {shown(header.shape)}; give {' or '.join(str(s) for s in shapes)}")
+        return _read(stream, header).astype(np.float64)
+
+
+def _scale(values: npt.NDArray[np.float64]) -> tuple[float, float]:
+    u, v = (float(x) for x in np.broadcast_to(values, 2))
+    if not (1.0 <= u <= 1000.0 and 1.0 <= v <= 1000.0):
+        raise SpecError(f"px_per_mm = {shown(values.tolist())} is not from 1 to 1000 px/mm; correct it or leave it out")
+    return u, v

@@ -1,0 +1,236 @@
+"""Files of frames -> answers: the registry from kits, a locator for it, and one answer after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import Fields
+from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
+from tactape_fab.sense.raw.colour_images import RawImage, open_raw
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
+from tactape_fab.texture.registry import read_tapes
+from tactape_fab.texture.tape import Tape
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.decode.result import Localization
+
+METHODS = ("ml", "paper")
+DEFAULT_PITCH_MM = 1.5
+
+
+class Locate(Protocol):
+    """Locates a depth map as the sensor delivers it."""
+
+    def __call__(self, depth: npt.ArrayLike, *, timestamp: float | None = None) -> Localization: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Located:
+    """A frame and its answer.
+
+    Attributes
+    ----------
+    frame : int
+        Counted over all files.
+    depth : ndarray, shape (h, w)
+        As the file has it.
+    sensor : SensorProfile
+        With the file's scale, where that has one.
+    fix : Localization
+    """
+
+    frame: int
+    depth: npt.NDArray[Any]
+    sensor: SensorProfile
+    fix: Localization
+
+
+def is_kit(path: str) -> bool:
+    """Whether a path that a user gave is meant as a kit: a folder, or a manifest."""
+    try:
+        return path.lower().endswith(".json") or Path(path).is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BareCode:
+    """What is known without a tape: the code and its grid."""
+
+    name: str
+    pitch_mm: float
+    displacement_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raw:
+    """Colour images instead of depth maps, and what turns them into some; see `raw_files.open_raw`."""
+
+    images: Sequence[str]
+    background: str | None
+    weights: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Job:
+    """What is to be located: files of frames, the sensor, the registry or only the code, and settings of `Localizer`."""
+
+    files: Sequence[FrameFile | RawImage]
+    sensor: SensorProfile
+    tapes: Sequence[Tape]
+    code: BareCode | None
+    settings: Mapping[str, Any]
+
+
+def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | None = None, **options: Any) -> Job:
+    """Read everything that can be wrong before the first frame.
+
+    Parameters
+    ----------
+    frames, kits : sequence of path
+        See `open_frames` and `read_tapes`.
+    sensor : str
+        Profile name or the path of its TOML file.
+    raw : Raw, optional
+        Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
+    **options
+        code, w, delta: the code and its grid (mm) instead of kits; method, world, max_p_false, max_p_tape, fixed_scale: as
+        `Localizer` takes them. None is what is not given.
+
+    Raises
+    ------
+    SpecError
+        Every value and file that cannot be used, all together.
+    """
+    problems: list[Problem] = []
+    if raw is not None and not raw.images:
+        message = "--background and --weights are for colour images, and none is given; name them with --raw, or leave those out"
+        problems.append(Problem("raw", message))
+    elif raw is None and not frames:
+        problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
+    job = prepare_without_frames(kits, sensor, problems, colour=raw is not None, **options)
+    files = None if job is None else tried(partial(_open, frames, raw, job.sensor), problems)
+    if problems:
+        raise SpecError(problems)
+    assert job is not None and files is not None
+    return replace(job, files=files)
+
+
+def prepare_without_frames(
+    kits: Sequence[str], sensor: str, problems: list[Problem], *, colour: bool = False, **options: Any
+) -> Job | None:
+    """A job that has no frames yet; what is wrong is added to `problems`. None where there is no sensor.
+
+    Parameters
+    ----------
+    colour : bool
+        Whether its frames are made of colour images: in mm, and larger where pushed further in.
+    **options
+        As `prepare` takes them.
+    """
+    given = {name: value for name, value in options.items() if value is not None and value is not False}
+    bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
+    code = _read_code(bare, bool(kits), problems)
+    problems += _setting_problems(given, "code" in bare)
+    tapes = tried(lambda: read_tapes(kits), problems)
+    profile = tried(lambda: load_sensor(sensor), problems)
+    if profile is None:
+        return None
+    if colour:
+        profile = replace(profile, sign=1, depth_unit_mm=1.0)
+    return Job(files=(), sensor=profile, tapes=tapes or (), code=code, settings=given)
+
+
+def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile) -> Sequence[FrameFile | RawImage]:
+    if raw is None:
+        return open_frames(frames, profile)
+    return open_raw(raw.images, raw.background, raw.weights, profile) if raw.images else []
+
+
+def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:
+    """The code that is given instead of kits; W and Delta are `make`'s where they are not given."""
+    if kits and bare:
+        said = ", ".join(f"--{name}" for name in bare)
+        problems.append(Problem("code", f"{said} and --tape are given, but a kit says all of it; give either"))
+    elif not kits and "code" not in bare:
+        message = "no tape is given; name the kits that can be touched with --tape, or only their --code, --w and --delta"
+        problems.append(Problem("tape", message))
+    if kits or "code" not in bare:
+        return None
+    table = Fields({"w": DEFAULT_PITCH_MM, **bare}, problems=problems)
+    if bare["code"] == TOUCH_CODE:
+        tried(lambda: get_code(TOUCH_CODE), problems)
+        return None
+    name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
+    pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)
+    displacement_mm = table.number("delta", above=0.0, below=pitch_mm / 2) if "delta" in bare else pitch_mm / 6
+    return BareCode(name=name, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
+
+
+def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
+    """What is wrong with the settings; the paper's method, and a search without tapes, know nothing of some."""
+    table = Fields({"method": "ml", **given})
+    method = table.text("method", choices=METHODS, default="ml")
+    if method == "paper":
+        options = [name for name in given if name != "method"] + ["code"] * bare
+        lacks = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave out, or use --method ml"
+    else:
+        options = [name for name in ("world", "max_p_tape") if name in given and bare]
+        lacks = "without --tape every place of the code may be touched, with one bound; leave out, or give the kits with --tape"
+    if options:
+        table.problem("method", f"{', '.join('--' + name.replace('_', '-') for name in options)}: {lacks}")
+    for name in ("max_p_false", "max_p_tape"):
+        if name in given:
+            table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
+    if "world" in given:
+        table.text("world", choices=("open", "closed"))
+    return table.problems
+
+
+def make_locator(job: Job, sensor: SensorProfile) -> Locate:
+    """A function that locates a sensor's frames for a job.
+
+    Raises
+    ------
+    SpecError
+    """
+    from tactape_fab.sense.decode.localizer import Localizer
+
+    if job.code is None:
+        return Localizer(job.tapes, sensor, **job.settings).locate
+    settings = {name: value for name, value in job.settings.items() if name != "method"}
+    return Localizer.from_code(job.code.name, job.code.pitch_mm, job.code.displacement_mm, sensor, **settings).locate
+
+
+def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:
+    """Answers for all frames of a job's files, in order.
+
+    Parameters
+    ----------
+    locator : callable
+        As `make_locator`; called once for each scale that the files name.
+
+    Raises
+    ------
+    SpecError, FrameError
+        When a file ends early, or a frame is none.
+    """
+    locators: dict[tuple[float, float], Locate] = {}
+    frame = 0
+    for file in job.files:
+        scale = file.px_per_mm or job.sensor.px_per_mm
+        own = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
+        if scale not in locators:
+            locators[scale] = locator(job, own)
+        for k, depth in enumerate(file.frames()):
+            fix = locators[scale](depth, timestamp=file.time_of(k))
+            yield Located(frame=frame, depth=depth, sensor=own, fix=fix)
+            frame += 1

@@ -1,0 +1,232 @@
+"""simulate_file: frames of a kit's tape, with the truth beside them, as one file."""
+
+from __future__ import annotations
+
+import io
+import json
+import secrets
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from tactape_fab.base.build_date import zip_date
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
+from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, iterate_frames
+from tactape_fab.sense.simulation.parts import Parts, parts_from_cpl
+from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.view import FARTHEST_MM
+from tactape_fab.texture.manifest import find_manifest, read_manifest, safe_path
+from tactape_fab.texture.tape import Tape
+
+SCENE_MEMBER = "scene"
+"""What was simulated, as JSON; marks a file of frames as one that may be written anew."""
+
+Progress = Callable[[str, int, int], None]
+
+_SCENE_KEYS = {
+    "contact": "contact_mm",
+    "cylinder": "cylinder_radius_mm",
+    "missing": "missing",
+    "bumps": "bumps",
+    "noise": "noise",
+    "placement": "placement_mm",
+    "elastomer": "elastomer_mm",
+    "scale_error": "scale_error",
+}
+"""Options of the command line and the attributes of Scene that they set."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulated:
+    """A written file of frames: how many, of what shape, and of which tape and sensor."""
+
+    path: Path
+    count: int
+    frame_shape: tuple[int, int]
+    tape: str
+    sensor: str
+
+
+def simulate_file(
+    kit: str | Path,
+    output: str | Path,
+    *,
+    count: int = 1,
+    seed: int = 0,
+    sensor: str = "gelsight-mini",
+    pose: object = None,
+    edge: bool = False,
+    from_cpl: bool = False,
+    progress: Progress = lambda *_: None,
+    **scene: Any,
+) -> Simulated:
+    """Simulate frames of a kit's tape and write them as .npz.
+
+    Parameters
+    ----------
+    kit, output : path
+        A kit, and the file to write: depth (count, h, w), position_mm (count, 2), theta_deg (count,), px_per_mm (2,).
+    count, seed : int
+        Equal seeds give equal bytes.
+    sensor : str
+        Profile name or the path of its TOML file.
+    pose : (float, float, float), optional
+        x mm, y mm, theta deg of every frame; poses spread over the tape when left out.
+    edge : bool
+        Spread them along the texture's edge.
+    from_cpl : bool
+        Parts stand where the kit's pick-and-place file says.
+    progress : callable
+        Gets a text, the number of frames done, and their count.
+    **scene
+        contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, placement, elastomer, scale_error:
+        attributes of `Scene`.
+
+    Raises
+    ------
+    SpecError
+        Every value that cannot be used, all together.
+    TactapeError
+        When the file cannot be written.
+    """
+    table = Fields({"count": count, "seed": seed, **({} if pose is None else {"pose": pose})})
+    frames_count = table.integer("count", low=1, high=MOST_FRAMES, default=1)
+    whole_seed = table.integer("seed", low=0, high=2**64 - 1)
+    at = table.numbers("pose", 3, low=-FARTHEST_MM, high=FARTHEST_MM, unit="") if pose is not None else None
+    if at is not None and edge:
+        table.problem("edge", "edge spreads the poses and pose fixes them; give one of --edge and --pose")
+    problems = table.problems
+    how = tried(lambda: _scene(scene), problems)
+    profile = tried(lambda: load_sensor(sensor), problems)
+    tape = tried(lambda: Tape.load(kit), problems)
+    parts = tried(lambda: _written_parts(kit), problems) if from_cpl and tape is not None else None
+    path = tried(lambda: refuse_taken_file(output), problems)
+    if problems:
+        raise SpecError(problems)
+    assert how is not None and profile is not None and tape is not None and path is not None
+    poses = None if at is None else np.tile(at, (frames_count, 1))
+    frames = iterate_frames(tape, frames_count, whole_seed, profile, how, poses=poses, edge=edge, parts=parts)
+    record = _record(tape, profile, how, {"seed": whole_seed, "edge": edge, "from_cpl": from_cpl})
+    write_frames(path, _shown(frames, frames_count, progress), frames_count, profile, record)
+    return Simulated(path=path, count=frames_count, frame_shape=profile.frame_shape, tape=tape.name, sensor=profile.name)
+
+
+def _scene(options: Mapping[str, Any]) -> Scene:
+    """The default scene with some options."""
+    values = {_SCENE_KEYS[name]: value for name, value in options.items()}
+    if "cylinder" in options:
+        values["contact"] = "strip"
+        if "contact" in options:
+            raise SpecError(Problem("cylinder", "cylinder and contact both name the contact; give one of them"))
+    elif options.get("contact") == "pad":
+        values["contact"] = values.pop("contact_mm")
+    return Scene(**values)
+
+
+def _written_parts(kit: str | Path) -> Parts:
+    """Parts of the kit's pick-and-place file."""
+    file = find_manifest(kit)
+    rows = read_manifest(file).get("files")
+    named = [row for row in rows if isinstance(row, dict) and row.get("role") == "cpl"] if isinstance(rows, list) else []
+    path = safe_path(named[0].get("path")) if named else None
+    if path is None:
+        raise SpecError(Problem("cpl", f"the kit of {file} has no pick-and-place file; leave out --from-cpl"))
+    return parts_from_cpl(file.parent / path)
+
+
+def _record(tape: Tape, profile: SensorProfile, scene: Scene, run: Mapping[str, Any]) -> dict[str, Any]:
+    return {"tape": tape.name, "sector": tape.sector, "sensor": profile.name, **run, "scene": scene.to_mapping()}
+
+
+def _shown(frames: Iterator[Frame], count: int, progress: Progress) -> Iterator[Frame]:
+    for k, frame in enumerate(frames, start=1):
+        yield frame
+        progress("frames", k, count)
+
+
+def refuse_taken_file(output: str | Path) -> Path:
+    """The place of a new file of frames; only a simulated one may be replaced.
+
+    Raises
+    ------
+    SpecError
+        When it does not end with .npz, its folder is not there, or another file stands there.
+    """
+    path = Path(output)
+    if path.suffix.lower() != ".npz":
+        raise SpecError(Problem("output", f"output = {shown_path(path)} does not end with .npz; give a name that does"))
+    try:
+        if not path.parent.is_dir():
+            raise SpecError(Problem("output", f"output = {shown_path(path)}: there is no folder of that name; make it first"))
+        if not path.exists() and not path.is_symlink():
+            return path
+        with zipfile.ZipFile(path) as archive:
+            simulated = SCENE_MEMBER + ".npy" in archive.namelist()
+    except ZIP_ERRORS as error:
+        if isinstance(error, SpecError):
+            raise
+        simulated = False
+    if not simulated:
+        message = f"output = {shown_path(path)} is there, or cannot be looked at, and is no simulated file; use another name"
+        raise SpecError(Problem("output", message))
+    return path
+
+
+def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: SensorProfile, record: Mapping[str, Any]) -> None:
+    """Write simulated frames as they come; the file has its name once it is whole, and equal input gives equal bytes.
+
+    Its arrays are depth (N, h, w) float32, position_mm (N, 2), theta_deg (N,), px_per_mm (2,) of the profile, and `record` as
+    JSON in scene.
+
+    Parameters
+    ----------
+    path : Path
+        As `refuse_taken_file` gives it.
+    frames : iterator of Frame
+        `count` of them.
+    """
+    partial_path = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    try:
+        with zipfile.ZipFile(partial_path, "w", zipfile.ZIP_DEFLATED) as archive:
+            poses = np.empty((count, 3))
+            with archive.open(_entry("depth"), "w", force_zip64=True) as stream:
+                _write_header(stream, (count, *sensor.frame_shape), np.dtype("<f4"))
+                for k, frame in enumerate(frames):
+                    stream.write(np.ascontiguousarray(frame.depth, dtype="<f4").tobytes())
+                    poses[k] = (*frame.position_mm, frame.theta_deg)
+            text = np.array(json.dumps(record, sort_keys=True, ensure_ascii=True))
+            others = {
+                "position_mm": poses[:, :2],
+                "theta_deg": poses[:, 2],
+                "px_per_mm": np.array(sensor.px_per_mm),
+                SCENE_MEMBER: text,
+            }
+            for name, array in others.items():
+                buffer = io.BytesIO()
+                np.lib.format.write_array(buffer, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
+                archive.writestr(_entry(name), buffer.getvalue())
+        partial_path.replace(path)
+    except OSError as error:
+        raise TactapeError(f"{shown_path(path)} cannot be written: {error.strerror or error}") from error
+    finally:
+        partial_path.unlink(missing_ok=True)
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name + ".npy", zip_date().timetuple()[:6])
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    entry.create_system = 3
+    entry.external_attr = 0o644 << 16
+    return entry
+
+
+def _write_header(stream: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    descr = np.lib.format.dtype_to_descr(dtype)
+    np.lib.format.write_array_header_1_0(stream, {"descr": descr, "fortran_order": False, "shape": shape})

@@ -1,0 +1,1 @@
+"""On the robot: sources of frames as they come, answers as messages, logs that replay."""

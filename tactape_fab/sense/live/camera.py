@@ -1,0 +1,141 @@
+"""Colour images from a camera, or from a film of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from threading import Event
+from time import perf_counter, time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.sense.live.sources import Frame, Source, Trouble
+
+FILMS = (".avi", ".mkv", ".mov", ".mp4")
+Crop = tuple[int, int, int, int]
+"""u, v of the upper left corner, width, height, px."""
+
+_MOST_MISSES = 50
+_MISS_S = 0.02
+
+
+def camera_source(
+    path: Path,
+    size: tuple[int, int],
+    crop: Crop | None = None,
+    *,
+    keep: bool = False,
+    opened: Callable[[Path], Any] | None = None,
+    clock: Callable[[], float] = time,
+) -> Source:
+    """Source of a camera's images; they were taken when they were grabbed.
+
+    Parameters
+    ----------
+    path : Path
+        Such as /dev/video0.
+    size : (int, int)
+        Height and width that images are to have, px: the camera is asked for them, and what `crop` cuts out is scaled to them.
+    crop : (int, int, int, int), optional
+        The part of an image that the sensor's network knows: u, v, width, height, px.
+    opened : callable
+        From a path to something like cv2.VideoCapture.
+    clock : callable
+        Time of a grab, s.
+    """
+    return partial(_shot, path, size, crop, keep, opened or _camera, clock)
+
+
+def film_source(
+    path: Path, size: tuple[int, int], crop: Crop | None = None, *, rate_hz: float | None = None, keep: bool
+) -> Source:
+    """Source of a film's images, at its own rate or another; an infinite one drops none. They were taken at the film's times."""
+    return partial(_shown, path, size, crop, rate_hz, keep or rate_hz == float("inf"))
+
+
+def _camera(path: Path) -> Any:
+    import cv2
+
+    capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return capture
+
+
+def _shot(
+    path: Path,
+    size: tuple[int, int],
+    crop: Crop | None,
+    keep: bool,
+    opened: Callable[[Path], Any],
+    clock: Callable[[], float],
+    stop: Event,
+) -> Iterator[Frame | Trouble]:
+    import cv2
+
+    capture = opened(path)
+    try:
+        if not capture.isOpened():
+            remedy = "give another, or the right to read it (group video)"
+            raise TactapeError(f"camera {shown_path(path)} cannot be opened; {remedy}")
+        if crop is None:
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[0])
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[1])
+        number, misses = 0, 0
+        while not stop.is_set():
+            if not capture.grab():
+                misses += 1
+                if misses == _MOST_MISSES:
+                    raise TactapeError(f"camera {shown_path(path)} gives no more images; is it still plugged in?")
+                stop.wait(_MISS_S)
+                continue
+            stamp, misses = clock(), 0
+            whole, image = capture.retrieve()
+            if whole:
+                yield Frame(number=number, image=_cut(image, size, crop), timestamp=stamp, keep=keep)
+            else:
+                yield Trouble(kind="image damaged", message=f"frame {number} of camera {shown_path(path)} cannot be unpacked")
+            number += 1
+    finally:
+        capture.release()
+
+
+def _shown(
+    path: Path, size: tuple[int, int], crop: Crop | None, rate_hz: float | None, keep: bool, stop: Event
+) -> Iterator[Frame | Trouble]:
+    import cv2
+
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise TactapeError(f"film {shown_path(path)} cannot be opened; give an .avi or .mp4")
+        start, number = perf_counter(), 0
+        while True:
+            whole, image = capture.read()
+            if not whole:
+                return
+            stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+            due_s = stamp if rate_hz is None else number / rate_hz
+            if stop.wait(max(0.0, start + due_s - perf_counter())):
+                return
+            yield Frame(number=number, image=_cut(image, size, crop), timestamp=stamp, keep=keep)
+            number += 1
+    finally:
+        capture.release()
+
+
+def _cut(image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None) -> npt.NDArray[Any]:
+    """The part of an image that a sensor's frames show, at their size; an image too small for that as it is."""
+    import cv2
+
+    if crop is None:
+        return image
+    u, v, width, height = crop
+    part = image[v : v + height, u : u + width]
+    if part.shape[:2] != (height, width):
+        return image
+    return np.asarray(cv2.resize(part, (size[1], size[0]), interpolation=cv2.INTER_AREA))

@@ -1,0 +1,97 @@
+"""What has happened so far, in a room that does not grow: counts, times, and what is to be said once."""
+
+from __future__ import annotations
+
+from collections import deque
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.live.sources import Trouble
+
+_MOST_MESSAGES = 100
+_LEAST_MS, _BINS_A_DECADE, _DECADES = 0.01, 200, 7
+
+
+class Latencies:
+    """Times as counts in bins that are 1.2 % wide: percentiles of any number of them."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._bins: npt.NDArray[np.int64] = np.zeros(_BINS_A_DECADE * _DECADES, dtype=np.int64)
+
+    def add(self, ms: float) -> None:
+        place = int(np.log10(max(ms, _LEAST_MS) / _LEAST_MS) * _BINS_A_DECADE)
+        self._bins[min(place, len(self._bins) - 1)] += 1
+        self.count += 1
+
+    def percentile_ms(self, percent: float) -> float:
+        """The least time that so many percent do not exceed (upper edge of its bin); no number where there is none."""
+        if self.count == 0:
+            return float("nan")
+        place = int(np.searchsorted(np.cumsum(self._bins), percent / 100.0 * self.count))
+        return float(_LEAST_MS * 10.0 ** ((place + 1) / _BINS_A_DECADE))
+
+
+class Tally:
+    """Counts of one run.
+
+    Attributes
+    ----------
+    answered, located, unusable, dropped : int
+        Frames with an answer, those of them that are located, those that are none of the sensor, and those that a later
+        one took the place of.
+    latencies : Latencies
+        From a frame's arrival, whole, to the end of all that is done with its answer, ms.
+    troubles : dict of str to int
+        How often each kind of trouble came.
+    last : Localization or None
+    """
+
+    def __init__(self) -> None:
+        self.answered = self.located = self.unusable = self.dropped = 0
+        self.latencies = Latencies()
+        self.troubles: dict[str, int] = {}
+        self.last: Localization | None = None
+        self._unsaid: deque[str] = deque(maxlen=_MOST_MESSAGES)
+        self._first_s = self._last_s = 0.0
+        self._recent: deque[float] = deque(maxlen=50)
+
+    def answer(self, fix: Localization, arrived_s: float) -> None:
+        """Count an answer that all has been done with."""
+        now_s = perf_counter()
+        if self.answered == 0:
+            self._first_s = now_s
+        self._last_s = now_s
+        self._recent.append(now_s)
+        self.answered += 1
+        self.located += fix.located
+        self.last = fix
+        self.latencies.add(1000.0 * (now_s - arrived_s))
+
+    def trouble(self, trouble: Trouble) -> None:
+        """Count a trouble; the first of its kind is to be said."""
+        count = self.troubles.get(trouble.kind, 0)
+        self.troubles[trouble.kind] = count + 1
+        if count == 0:
+            self._unsaid.append(f"{trouble.kind}: {trouble.message}")
+
+    def unsaid(self) -> list[str]:
+        """What is to be said now, once."""
+        messages = []
+        while self._unsaid:
+            messages.append(self._unsaid.popleft())
+        return messages
+
+    @property
+    def hz(self) -> float:
+        """Answers in a second, over the last of them."""
+        span_s = self._recent[-1] - self._recent[0] if len(self._recent) > 1 else 0.0
+        return (len(self._recent) - 1) / span_s if span_s > 0 else 0.0
+
+    @property
+    def overall_hz(self) -> float:
+        span_s = self._last_s - self._first_s
+        return (self.answered - 1) / span_s if span_s > 0 else 0.0

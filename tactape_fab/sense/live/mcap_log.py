@@ -1,0 +1,118 @@
+"""Answers as an MCAP file that ROS 2 tools, Foxglove and rosbags read: pose, depth image and the whole answer of every frame."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from tactape_fab import __version__
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.sense.files.jobs import Located
+from tactape_fab.sense.live.cdr import IMAGE, POSE, TEXT, MessageType
+from tactape_fab.sense.live.messages import image_message, pose_message, stamp_ns, text_message
+from tactape_fab.sense.objects.taped_object import TapedObject
+
+POSE_TOPIC, DEPTH_TOPIC, TEXT_TOPIC = "/tactape/pose", "/tactape/depth", "/tactape/fix"
+
+_CHUNK_BYTES = 1 << 20
+"""What a killed process may lose: three frames of a GelSight Mini."""
+
+
+class McapLog:
+    """A file that is written as answers come; what is complete of it can be read however the process ends.
+
+    Parameters
+    ----------
+    path : Path
+        Must not be there.
+    frame_id, sensor_frame : str, optional
+        Frames of poses and of depth images; see `messages`.
+    thing : TapedObject, optional
+        In whose frame whole answers come, too.
+
+    Raises
+    ------
+    TactapeError
+        When it cannot be written.
+    """
+
+    def __init__(
+        self, path: Path, *, frame_id: str | None = None, sensor_frame: str | None = None, thing: TapedObject | None = None
+    ) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self.path = path
+        self._frame_id, self._sensor_frame, self._thing = frame_id, sensor_frame, thing
+        self._writer: Any = None
+        try:
+            self._stream = path.open("xb")
+            writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
+            writer.start(profile="ros2", library=f"tactape-fab {__version__}")
+            self._pose, self._depth, self._text = (
+                _channel(writer, topic, kind) for topic, kind in ((POSE_TOPIC, POSE), (DEPTH_TOPIC, IMAGE), (TEXT_TOPIC, TEXT))
+            )
+            self._writer = writer
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def __enter__(self) -> McapLog:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def write(self, located: Located) -> bool:
+        """Write a frame and its answer; no pose where there is none. False, and nothing written, where it has no capture time.
+
+        Raises
+        ------
+        TactapeError
+            When it cannot be written.
+        """
+        stamp = stamp_ns(located.fix.timestamp)
+        if stamp is None:
+            return False
+        pose = pose_message(located.fix, stamp, self._frame_id)
+        image = image_message(located.depth, located.sensor, stamp, self._sensor_frame)
+        try:
+            self._add(self._text, stamp, located.frame, TEXT.encode(text_message(located.frame, located.fix, self._thing)))
+            if pose is not None:
+                self._add(self._pose, stamp, located.frame, POSE.encode(pose))
+            self._add(self._depth, stamp, located.frame, IMAGE.encode(image))
+            self._stream.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+        return True
+
+    def close(self) -> None:
+        """Write the index and close the file; it can be read without, too."""
+        if self._writer is None:
+            return
+        writer, self._writer = self._writer, None
+        try:
+            writer.finish()
+            self._stream.close()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _add(self, channel: int, stamp: int, frame: int, data: bytes) -> None:
+        self._writer.add_message(channel, log_time=stamp, publish_time=stamp, sequence=frame % 2**32, data=data)
+
+    def _failed(self, error: OSError) -> TactapeError:
+        self._writer = None
+        if hasattr(self, "_stream"):
+            with suppress(OSError):
+                self._stream.close()
+        return TactapeError(
+            f"mcap {shown_path(self.path)} cannot be written: {error.strerror or error}; what is in it can be read"
+        )
+
+
+def _channel(writer: Any, topic: str, kind: MessageType) -> int:
+    schema = writer.register_schema(name=kind.name, encoding="ros2msg", data=kind.definition.encode())
+    return int(
+        writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema, metadata={"offered_qos_profiles": ""})
+    )

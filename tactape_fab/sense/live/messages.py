@@ -1,0 +1,137 @@
+"""Answers and depth maps as ROS 2 messages: nested dicts of Python's own values, with the names of the messages' fields.
+
+A node hands them to `rosidl_runtime_py.set_message_fields`, `cdr` makes bytes of them. ROS frames are right-handed, in metres and
+radians (REP 103): a pose is given in the board frame (x right, y up, z out of the tape), never in the texture frame, whose y
+points down.
+"""
+
+from __future__ import annotations
+
+import json
+from math import cos, isfinite, radians, sin
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.files.answers import fix_json, object_json
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.decode.result import Localization
+    from tactape_fab.sense.objects.taped_object import TapedObject
+
+UNMEASURED = 1e6
+"""Variance (m², rad²) of z, roll and pitch, which no tape tells: so large that a filter takes nothing from them."""
+
+_NS = 1_000_000_000
+_LAST_S = 2**31
+_MM_TO_M = 1e-3
+_TO_BOARD = np.diag([_MM_TO_M, -_MM_TO_M, 1.0])
+"""Jacobian of (x, y, yaw) in the board frame, m and rad, by (x mm, y mm, theta rad) in the texture frame: y alone turns round."""
+_PLANAR = np.array([0, 1, 5])
+"""Places of x, y and yaw among the six of geometry_msgs/PoseWithCovariance."""
+
+
+def stamp_ns(timestamp: float | None) -> int | None:
+    """Capture time in seconds as whole nanoseconds; None where it is none that a ROS 2 time can hold (0 to 2³¹ s)."""
+    if timestamp is None or not isfinite(timestamp) or not 0.0 <= timestamp < _LAST_S:
+        return None
+    return round(timestamp * _NS)
+
+
+def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> dict[str, Any] | None:
+    """An answer as geometry_msgs/PoseWithCovarianceStamped.
+
+    The pose is that of the sensor's image on the tape: origin at the texture point under the middle of the (canonical) image, x
+    to the image's right, y to its top, z out of the tape. Its yaw is theta. It is given in the board frame of the tape that was
+    found; where the texture stands on no board, in the frame with the same axes and its origin at grid point (0, 0).
+
+    Parameters
+    ----------
+    fix : Localization
+    stamp : int
+        Capture time, ns.
+    frame_id : str, optional
+        Name of the parent frame; by default that of the tape.
+
+    Returns
+    -------
+    dict or None
+        None where there is no pose on a tape: not located, or only a code is known.
+    """
+    if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
+        return None
+    x_mm, y_mm = fix.board_mm or (fix.position_mm[0], -fix.position_mm[1])
+    half = radians(fix.theta_deg) / 2
+    return {
+        "header": _header(stamp, fix.tape if frame_id is None else frame_id),
+        "pose": {
+            "pose": {
+                "position": {"x": x_mm * _MM_TO_M, "y": y_mm * _MM_TO_M, "z": 0.0},
+                "orientation": {"x": 0.0, "y": 0.0, "z": sin(half), "w": cos(half)},
+            },
+            "covariance": board_covariance(fix.covariance).ravel().tolist(),
+        },
+    }
+
+
+def board_covariance(covariance: FloatArray | None) -> FloatArray:
+    """Covariance of a pose in the board frame, of (x, y, z, roll, pitch, yaw) in m and rad, from that of an answer.
+
+    What was not measured has the variance `UNMEASURED`: all of it for a method that states none.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (3, 3), or None
+        Of (x mm, y mm, theta rad) in the texture frame.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+    """
+    whole = UNMEASURED * np.eye(6)
+    if covariance is not None:
+        whole[np.ix_(_PLANAR, _PLANAR)] = _TO_BOARD @ covariance @ _TO_BOARD
+    return whole
+
+
+def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame_id: str | None = None) -> dict[str, Any]:
+    """A depth map as sensor_msgs/Image, 32FC1.
+
+    It is the canonical image: seen from above the tape, larger where the texture pushes further into the gel. Values are metres,
+    as REP 118 asks of 32FC1 (16UC1, whole millimetres, would keep nothing of a texture); where the profile says no unit they are
+    those of the frame. Holes are NaN.
+
+    Parameters
+    ----------
+    depth : array_like, shape (h, w)
+        As the sensor delivers it.
+    frame_id : str, optional
+        Name of the sensor's frame; by default that of its profile.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        metres = np.asarray(depth).astype(np.float32) * np.float32((sensor.depth_unit_mm or 1000.0) * _MM_TO_M)
+    image = np.ascontiguousarray(sensor.canonical(metres), dtype="<f4")
+    height, width = image.shape
+    return {
+        "header": _header(stamp, sensor.name if frame_id is None else frame_id),
+        "height": height,
+        "width": width,
+        "encoding": "32FC1",
+        "is_bigendian": 0,
+        "step": 4 * width,
+        "data": image.tobytes(),
+    }
+
+
+def text_message(frame: int, fix: Localization, thing: TapedObject | None = None) -> dict[str, Any]:
+    """A whole answer as std_msgs/String: the JSON object that `decode --json` prints, with an object as with its `--object`."""
+    more = {} if thing is None else object_json(thing.locate(fix))
+    return {"data": json.dumps({**fix_json(frame, fix), **more}, allow_nan=False)}
+
+
+def _header(stamp: int, frame_id: str) -> dict[str, Any]:
+    seconds, nanoseconds = divmod(stamp, _NS)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

@@ -1,0 +1,180 @@
+"""What a user names -> what is watched: everything that can be wrong is read before the first frame."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
+from tactape_fab.sense.files.jobs import prepare_without_frames
+from tactape_fab.sense.live.camera import FILMS, Crop, camera_source, film_source
+from tactape_fab.sense.live.folder import folder_source
+from tactape_fab.sense.live.replay import has_stamps, replay
+from tactape_fab.sense.live.sources import Source
+from tactape_fab.sense.live.stream import stream_source
+from tactape_fab.sense.live.watch import Watch
+from tactape_fab.sense.raw.colour_images import open_reconstruction
+from tactape_fab.sense.raw.image_files import COLOUR_PICTURES
+from tactape_fab.sense.sensors import SensorProfile
+
+STANDARD_INPUT = "-"
+MOST_HZ = 100_000.0
+_SOURCES = "give a folder, a file of frames, - for standard input, or with --raw a camera such as /dev/video0"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wishes:
+    """How a source is read, as a user gave it; None is what was not given.
+
+    Attributes
+    ----------
+    rate : float, "max" or None
+        Hz of a replay.
+    idle : float or None
+        s without a new file after which a folder is done.
+    no_drop : bool
+    raw : bool
+        The source has colour images.
+    background, weights : str or None
+        See `raw_files.open_raw`.
+    crop : sequence of int, or None
+        See `camera.Crop`.
+    """
+
+    rate: Any = None
+    idle: Any = None
+    no_drop: bool = False
+    raw: bool = False
+    background: str | None = None
+    weights: str | None = None
+    crop: Any = None
+
+
+def open_watch(
+    source: str, kits: Sequence[str], sensor: str, wishes: Wishes, outputs: Sequence[tuple[str, str, str | None]], **options: Any
+) -> Watch:
+    """Open a source, and read the tapes and the sensor.
+
+    Parameters
+    ----------
+    source : str
+        Folder, file of frames, camera, film, or "-".
+    kits, sensor, **options
+        As `localize.prepare` takes them.
+    outputs : sequence of (str, str, path or None)
+        Files to be written that must not be there: name of the option, ending, and the path or None.
+
+    Raises
+    ------
+    SpecError
+        Every value and file that cannot be used, all together.
+    """
+    problems: list[Problem] = []
+    if not wishes.raw and (wishes.background is not None or wishes.weights is not None or wishes.crop is not None):
+        problems.append(Problem("raw", "--background, --weights and --crop are for colour images; give --raw with them"))
+    rate_hz, idle_s, crop = _read_wishes(wishes, problems)
+    job = prepare_without_frames(kits, sensor, problems, colour=wishes.raw, **options)
+    for key, ending, path in outputs:
+        if path is not None:
+            problems += refused_output(key, Path(path), ending)
+    found = None
+    if job is not None:
+        found = tried(partial(_source, source, wishes, rate_hz, idle_s, crop, job.sensor), problems)
+        stamped = found is None or found[1]
+        if not stamped and any(key == "mcap" and path is not None for key, _, path in outputs):
+            message = (
+                f"{shown_path(source)} holds no timestamps, and messages need some; give the --rate HZ at which it was taken"
+            )
+            problems.append(Problem("mcap", message))
+    colours = None
+    if wishes.raw and job is not None:
+        colours = open_reconstruction(wishes.background, wishes.weights, job.sensor, problems, make=not problems)
+    if problems:
+        raise SpecError(problems)
+    assert job is not None and found is not None
+    return Watch(job=job, source=found[0], reconstruction=colours)
+
+
+def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None, float | None, Crop | None]:
+    table = Fields({"rate": wishes.rate, "idle": wishes.idle, "crop": wishes.crop}, problems=problems)
+    rate_hz = None
+    if wishes.rate in ("max", 0):
+        rate_hz = float("inf")
+    elif wishes.rate is not None:
+        rate_hz = table.number("rate", above=0.0, high=MOST_HZ, unit="Hz", remedy="give a number of Hz, or max", default=1.0)
+    idle_s = None if wishes.idle is None else table.number("idle", above=0.0, unit="s", default=1.0)
+    crop = None
+    if wishes.crop is not None:
+        remedy = "give U,V,WIDTH,HEIGHT in pixels of the camera's image"
+        u, v, width, height = table.integers("crop", 4, low=0, high=100_000, remedy=remedy, default=(0, 0, 1, 1))
+        crop = (u, v, width, height)
+        if width * height == 0:
+            table.problem("crop", f"crop = {shown(wishes.crop)} cuts out nothing; {remedy}")
+    return rate_hz, idle_s, crop
+
+
+def refused_output(key: str, path: Path, ending: str) -> list[Problem]:
+    """What is wrong with a file that is to be written."""
+    said = f"{key} {shown_path(path)}"
+    if path.suffix.lower() != ending:
+        return [Problem(key, f"{said} does not end with {ending}; give a name that does")]
+    try:
+        if path.exists() or path.is_symlink():
+            return [Problem(key, f"{said} is there, and nothing is written over; give another name")]
+        if not path.parent.is_dir():
+            return [Problem(key, f"{said}: there is no folder of that name; make it first")]
+    except (OSError, ValueError) as error:
+        return [Problem(key, f"{said} cannot be looked at: {error}; give another name")]
+    return []
+
+
+def _source(
+    given: str, wishes: Wishes, rate_hz: float | None, idle_s: float | None, crop: Crop | None, sensor: SensorProfile
+) -> tuple[Source, bool]:
+    """A source, and whether its frames have timestamps.
+
+    Raises
+    ------
+    SpecError
+    """
+    path, keep = Path(given), wishes.no_drop
+    problems: list[Problem] = []
+    try:
+        mode = 0 if given == STANDARD_INPUT else path.stat().st_mode
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(Problem("source", f"source {shown_path(given)} cannot be opened: {reason}; {_SOURCES}")) from error
+    folder, camera = stat.S_ISDIR(mode), stat.S_ISCHR(mode)
+    film = wishes.raw and path.suffix.lower() in FILMS
+    plain = not (folder or camera or film or given == STANDARD_INPUT)
+    if rate_hz is not None and not (film or plain):
+        problems.append(Problem("rate", "--rate is for files of frames, which say themselves when they end; leave it out"))
+    if idle_s is not None and not folder:
+        problems.append(Problem("idle", "--idle is for folders, which nothing else tells when to stop; leave it out"))
+    if crop is not None and not (camera or film):
+        problems.append(Problem("crop", "--crop is for cameras; cut the images of a folder when they are written"))
+    if camera and not wishes.raw:
+        message = "a camera has colour images; give --raw with --background and --weights"
+        problems.append(Problem("raw", message))
+    if wishes.raw and (plain or given == STANDARD_INPUT):
+        message = f"--raw is for a camera, a film ({', '.join(FILMS)}) or a folder of images, not for {shown_path(given)}"
+        problems.append(Problem("raw", f"{message}; leave it out"))
+    if problems:
+        raise SpecError(problems)
+    if given == STANDARD_INPUT:
+        stdin = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115  # no lock that a reader still holds at the end
+        return stream_source(stdin, keep=keep), True
+    if folder:
+        return folder_source(path, COLOUR_PICTURES if wishes.raw else SUFFIXES, colour=wishes.raw, keep=keep, idle_s=idle_s), True
+    if camera:
+        return camera_source(path, sensor.frame_shape, crop, keep=keep), True
+    if film:
+        return film_source(path, sensor.frame_shape, crop, rate_hz=rate_hz, keep=keep), True
+    (file,) = open_frames([path], sensor)
+    return replay(file, rate_hz, keep=keep), has_stamps(file, rate_hz)

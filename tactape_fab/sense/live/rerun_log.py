@@ -1,0 +1,242 @@
+"""Answers in the Rerun viewer, or in a file for it: what the sensor sees, and where on the tape that is."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import sysconfig
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from math import log10
+from pathlib import Path
+from time import monotonic, sleep
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.sense.files.jobs import Located
+from tactape_fab.sense.overlay import View, ellipse_mm, grid_lines_mm, placed_mm
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+BOX_UM = 10.0
+"""Half the side of the box round the error."""
+TRACE_POSES = 500
+"""Poses of the trace on a tape."""
+MOST_MAPS = 4
+"""Tapes that have a map of their own on the screen at the start."""
+
+_PORT = 9876
+_PATIENCE_S, _STEADY_S = 8.0, 1.0
+_LEAST_P = 1e-30
+_CORNER = 0.5
+"""Rerun counts pixels from the image's corner, everything else here from the middle of the first one."""
+_AGREEING, _OTHER, _PLAIN = (90, 190, 240), (245, 110, 50), (235, 235, 235)
+_GRID, _FIELD, _OUTLINE, _TRACE = (60, 95, 120), (110, 110, 110), (200, 200, 200), (90, 190, 240)
+_AT_A_FIX = ("sensor/lattice", "error/ellipse")
+
+
+class RerunLog:
+    """A recording that grows as answers come; what is in its file can be read however the process ends.
+
+    Entities: ``sensor/depth`` (mm, canonical image), ``sensor/dots``, ``sensor/lattice`` (px); under ``tapes/NAME``, in its
+    texture frame (mm), ``outline`` and ``parts`` of each tape and, of the one that is touched, ``trace``, ``field`` and
+    ``ellipse``; ``error/ellipse`` (two standard deviations, micrometres) and ``error/box``; ``chart/log10_p_false``,
+    ``chart/dots`` and ``chart/agreeing``. Timelines: ``frame`` and, where frames have a timestamp, ``capture``.
+
+    Parameters
+    ----------
+    tapes : sequence of Tape
+        Those that can be touched.
+    sensor : SensorProfile
+        Whose image is framed at the start.
+    save : Path, optional
+        File to write, which must not be there.
+    show : bool
+        Open the viewer.
+
+    Raises
+    ------
+    TactapeError
+        When the file cannot be written, or the viewer not be started.
+    """
+
+    def __init__(self, tapes: Sequence[Tape], sensor: SensorProfile, *, save: Path | None, show: bool) -> None:
+        import rerun as rr
+
+        self._rr = rr
+        self._recording = rr.RecordingStream("tactape-fab", make_default=False, make_thread_default=False)
+        self._recording.set_log_time_enabled(False)  # when a frame was taken counts, not when it was written
+        sinks: list[Any] = []
+        try:
+            if save is not None:
+                sinks.append(rr.FileSink(save))
+            if show:
+                rr.spawn(port=_PORT, connect=False, executable_path=_viewer(), recording=self._recording)
+                _wait_for_viewer()
+                sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{_PORT}/proxy"))
+            self._recording.set_sinks(*sinks, default_blueprint=_blueprint(tapes, sensor))
+        except (OSError, RuntimeError) as error:
+            what = f"save {shown_path(save)} cannot be written" if save is not None and not show else "Rerun cannot be started"
+            raise TactapeError(f"{what}: {error}") from error
+        self._names = {tape.name: f"tapes/{rr.escape_entity_path_part(tape.name)}" for tape in tapes}
+        self._tapes = {tape.name: tape for tape in tapes}
+        self._parts = {tape.name: placed_mm(tape) for tape in tapes}
+        self._traces: dict[str, deque[tuple[float, float]]] = {t.name: deque(maxlen=TRACE_POSES) for t in tapes}
+        self._touched: str | None = None
+        for tape in tapes:
+            self._draw_tape(tape)
+        box = BOX_UM * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
+        self._log("error/box", rr.LineStrips2D([box], colors=_OUTLINE, labels=[f"±{BOX_UM:g} µm"]), static=True)
+
+    def __enter__(self) -> RerunLog:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write what is left, and close the file; a viewer that was closed before is no error."""
+        with suppress(RuntimeError):
+            self._recording.flush(timeout_sec=_PATIENCE_S)
+        self._recording.disconnect()
+
+    def write(self, located: Located) -> bool:
+        """Show a frame and its answer."""
+        rr, fix, sensor = self._rr, located.fix, located.sensor
+        self._recording.set_time("frame", sequence=located.frame)
+        if fix.timestamp is None or not np.isfinite(fix.timestamp):
+            self._recording.disable_timeline("capture")
+        else:
+            self._recording.set_time("capture", timestamp=np.datetime64(round(fix.timestamp * 1e9), "ns"))
+        image = np.ascontiguousarray(sensor.canonical(np.asarray(located.depth).astype(np.float32)))
+        self._log(
+            "sensor/depth", rr.DepthImage(image * np.float32(sensor.depth_unit_mm or 1.0), meter=1000.0, colormap="viridis")
+        )
+        tape = self._tapes.get(fix.tape or "")
+        if tape is not None and fix.position_mm is not None and fix.theta_deg is not None:
+            self._draw_fix(located, tape, image)
+        else:
+            self._forget()
+            dots = _dots(image, located)
+            self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=_PLAIN, radii=rr.Radius.ui_points(4.0)))
+        if fix.p_false is not None:
+            self._log("chart/log10_p_false", rr.Scalars(log10(max(fix.p_false, _LEAST_P))))
+        self._log("chart/dots", rr.Scalars(fix.n_dots))
+        self._log("chart/agreeing", rr.Scalars(fix.n_agree))
+        return True
+
+    def _log(self, path: str, what: Any, *, static: bool = False) -> None:
+        self._recording.log(path, what, static=static)
+
+    def _draw_tape(self, tape: Tape) -> None:
+        rr, path, parts = self._rr, self._names[tape.name], self._parts[tape.name]
+        self._log(f"{path}/parts", rr.Points2D(parts, colors=_FIELD, radii=0.15), static=True)
+        self._log(f"{path}/outline", rr.LineStrips2D([_outline_mm(tape)], colors=_OUTLINE), static=True)
+
+    def _draw_fix(self, located: Located, tape: Tape, image: np.ndarray[Any, np.dtype[np.float32]]) -> None:
+        rr, fix = self._rr, located.fix
+        assert fix.position_mm is not None
+        view, path = View(located.sensor, fix, 1), self._names[tape.name]
+        if self._touched not in (None, tape.name):
+            self._forget()
+        self._touched = tape.name
+        dots = _dots(image, located)
+        parts = view.to_px(self._parts[tape.name])
+        seen = parts[np.abs(parts - located.sensor.centre_px).max(axis=1) < max(image.shape)]
+        apart = np.hypot(*(dots[:, None, :] - seen[None, :, :]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
+        agrees = apart < view.px_per_mm[0] * tape.pitch_mm / 10
+        colours = np.where(agrees[:, None], _AGREEING, _OTHER).astype(np.uint8)
+        self._log("sensor/dots", rr.Points2D(dots + _CORNER, colors=colours, radii=rr.Radius.ui_points(4.0)))
+        self._log("sensor/lattice", rr.LineStrips2D(view.to_px(grid_lines_mm(tape, view)) + _CORNER, colors=_GRID))
+        self._traces[tape.name].append(fix.position_mm)
+        self._log(f"{path}/trace", rr.LineStrips2D([list(self._traces[tape.name])], colors=_TRACE))
+        self._log(f"{path}/field", rr.LineStrips2D([view.corners_mm[[0, 1, 3, 2, 0]]], colors=_OTHER))
+        if fix.covariance is not None:
+            ellipse = ellipse_mm(fix.covariance)
+            self._log(f"{path}/ellipse", rr.LineStrips2D([ellipse + fix.position_mm], colors=_OTHER))
+            self._log("error/ellipse", rr.LineStrips2D([ellipse * 1000.0], colors=_AGREEING))
+
+    def _forget(self) -> None:
+        """Take the last answer off the screen: this frame has none. The trace stays."""
+        paths = [] if self._touched is None else [f"{self._names[self._touched]}/{name}" for name in ("field", "ellipse")]
+        for path in (*_AT_A_FIX, *paths):
+            self._log(path, self._rr.Clear(recursive=False))
+        self._touched = None
+
+
+def _viewer() -> str | None:
+    """The viewer that was installed with this interpreter; None leaves the search to Rerun."""
+    return shutil.which("rerun", path=sysconfig.get_path("scripts"))
+
+
+def _wait_for_viewer() -> None:
+    """Return once the viewer has been listening for a while: one without a display does so for a moment, too.
+
+    Raises
+    ------
+    OSError
+        When it does not: what is sent to it would pile up.
+    """
+    end_s, since_s = monotonic() + _PATIENCE_S, float("inf")
+    while monotonic() - since_s < _STEADY_S:
+        try:
+            socket.create_connection(("127.0.0.1", _PORT), timeout=1.0).close()
+            since_s = min(since_s, monotonic())
+        except OSError:
+            since_s = float("inf")
+        if monotonic() > end_s:
+            raise OSError("its viewer, which needs a display, does not answer; use --save and look at the file later")
+        sleep(0.1)
+
+
+def _dots(image: np.ndarray[Any, np.dtype[np.float32]], located: Located) -> FloatArray:
+    from tactape_fab.sense.decode.dots.detect import detect
+
+    finite = np.where(np.abs(image) < 1e15, image, np.float32(0.0))
+    return detect(finite, float(np.sqrt(located.sensor.px_per_mm[0] * located.sensor.px_per_mm[1]))).xy_px
+
+
+def _outline_mm(tape: Tape) -> FloatArray:
+    """The board's outline in the texture frame; the grid's where the texture stands on no board."""
+    x0, y0 = tape.board.texture_origin_mm
+    (width, height) = tape.board.size_mm
+    low, high = np.array([-x0, y0 - height]), np.array([width - x0, y0])
+    if tape.surface is not None:
+        low, high = np.full(2, -tape.pitch_mm), np.array([tape.columns, tape.rows]) * tape.pitch_mm
+    return np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
+
+
+def _blueprint(tapes: Sequence[Tape], sensor: SensorProfile) -> rr.blueprint.Blueprint:
+    """Sensor and error on the left, maps and charts on the right."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    maps = [
+        rrb.Spatial2DView(origin=f"tapes/{rr.escape_entity_path_part(tape.name)}", name=f"{tape.name}, mm")
+        for tape in tapes[:MOST_MAPS]
+    ]
+    image = rrb.VisualBounds2D(x_range=[0.0, sensor.width_px], y_range=[0.0, sensor.height_px])
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial2DView(origin="sensor", name="depth, dots, lattice", visual_bounds=image),
+                rrb.Spatial2DView(origin="error", name="two standard deviations, µm"),
+                row_shares=[3, 2],
+            ),
+            rrb.Vertical(
+                *maps,
+                rrb.TimeSeriesView(origin="chart", contents="$origin/log10_p_false", name="log10 of p_false"),
+                rrb.TimeSeriesView(origin="chart", contents=["$origin/dots", "$origin/agreeing"], name="dots"),
+            ),
+        ),
+        collapse_panels=True,
+    )

@@ -1,0 +1,151 @@
+"""Frames from a pipe: arrays in numpy's .npy format, one behind the other."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from functools import partial
+from math import prod
+from threading import Event
+from time import time
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import shown
+from tactape_fab.sense.files.depth_maps import ArrayHeader, read_array_header
+from tactape_fab.sense.live.sources import Frame, Source, Trouble
+
+MAGIC = b"\x93NUMPY"
+_MOST_BYTES = 256 << 20
+_PIECE = 1 << 16
+
+
+class Readable(Protocol):
+    """A binary stream."""
+
+    def read(self, size: int, /) -> bytes | None: ...
+
+
+def stream_source(stream: Readable, *, keep: bool = False, clock: Callable[[], float] = time) -> Source:
+    """Source of the arrays in a stream: (h, w), or (N, h, w) as N frames.
+
+    The frames of a stack are never dropped: they came at once. A single number before a frame (an array of shape ()) is its
+    timestamp; other frames were taken when their first byte came. What is no array is skipped up to the next that is.
+
+    Parameters
+    ----------
+    stream : binary stream
+        Unbuffered: what `read` gives is looked at when it comes.
+    keep : bool
+        Let the writer wait instead of dropping frames.
+    """
+    return partial(_streamed, _Bytes(stream), keep, clock)
+
+
+class _Bytes:
+    """A stream to read whole pieces from, whatever pieces it comes in."""
+
+    def __init__(self, stream: Readable) -> None:
+        self._stream = stream
+        self._ahead = bytearray()
+
+    def read(self, size: int) -> bytes:
+        """`size` bytes; fewer at the end."""
+        data = bytearray(self._ahead[:size])
+        del self._ahead[:size]
+        while len(data) < size:
+            piece = self._stream.read(min(size - len(data), _PIECE * 16))
+            if not piece:
+                break
+            data += piece
+        return bytes(data)
+
+    def give_back(self, data: bytes) -> None:
+        """Put bytes before those that come next."""
+        self._ahead[:0] = data
+
+    def skip_to(self, mark: bytes) -> int:
+        """Skip what stands before a mark, or to the end; how many bytes that was."""
+        skipped = 0
+        while (at := self._ahead.find(mark)) < 0:
+            gone = max(0, len(self._ahead) - len(mark) + 1)
+            del self._ahead[:gone]
+            skipped += gone
+            piece = self._stream.read(_PIECE)
+            if not piece:
+                skipped += len(self._ahead)
+                self._ahead.clear()
+                return skipped
+            self._ahead += piece
+        del self._ahead[:at]
+        return skipped + at
+
+
+def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Event) -> Iterator[Frame | Trouble]:
+    number, said = 0, None
+    while not stop.is_set():
+        skipped = source.skip_to(MAGIC)
+        if skipped:
+            yield Trouble(kind="stream damaged", message=f"skipped {skipped} bytes that are no .npy array, before frame {number}")
+        came = clock()
+        try:
+            array = _array(source)
+        except (EOFError, ValueError) as error:
+            if str(error):
+                yield Trouble(kind="stream damaged", message=f"frame {number}: {error}; looking for the next array")
+            if isinstance(error, EOFError):
+                return
+            number += 1
+            continue
+        if array.ndim == 0:
+            said = float(array)
+            continue
+        stack = array.ndim == 3
+        for image in array if stack else [array]:
+            yield Frame(number=number, image=image, timestamp=came if said is None else said, keep=keep or stack)
+            number += 1
+        said = None
+
+
+def _array(source: _Bytes) -> npt.NDArray[Any]:
+    """The array that begins here.
+
+    Raises
+    ------
+    EOFError
+        At the end, with a message where that is in the middle of an array.
+    ValueError
+        When it is none that can be used.
+    """
+    mark = source.read(len(MAGIC))
+    if not mark:
+        raise EOFError
+    header = _header(mark, source)
+    size = prod(header.shape) * header.dtype.itemsize
+    if size > _MOST_BYTES or len(header.shape) not in (0, 2, 3):
+        raise ValueError(f"an array of shape {shown(header.shape)} is no frame, and no stack of at most {_MOST_BYTES} bytes")
+    data = source.read(size)
+    next_one = data.find(MAGIC)
+    if next_one >= 0:  # its writer was stopped, and another has begun
+        source.give_back(data[next_one:])
+        raise ValueError(f"it ends after {next_one} of {size} bytes")
+    if len(data) < size:
+        raise EOFError(f"the stream ends after {len(data)} of {size} bytes")
+    return np.frombuffer(data, dtype=header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
+
+
+def _header(mark: bytes, source: _Bytes) -> ArrayHeader:
+    """A header behind the magic (NEP 1: two bytes of version, two or four of length, a literal)."""
+    before = mark + source.read(2)
+    width = 2 if before[-2:-1] == b"\x01" else 4
+    length = source.read(width)
+    text = source.read(min(int.from_bytes(length, "little"), _PIECE))
+    if len(length) < width or not text:
+        raise EOFError("the stream ends in a header")
+    try:
+        return read_array_header(io.BytesIO(before + length + text))
+    except SpecError as error:
+        raise ValueError(str(error)) from error

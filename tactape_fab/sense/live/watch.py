@@ -1,0 +1,159 @@
+"""Frames as they come -> answers: one thread reads, this one locates, and what comes meanwhile but the latest is dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from threading import Event, Thread
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError
+from tactape_fab.sense.files.jobs import Job, Locate, Located, make_locator
+from tactape_fab.sense.live.counts import Tally
+from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble
+from tactape_fab.sense.sensors import SensorProfile
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.raw.reconstruct import Reconstruction
+
+WAIT_S = 0.05
+"""Longest time without a frame after which `watch` gives None."""
+MOST_SCALES = 8
+"""Scales that the files of a folder may name; each takes a localizer of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Watch:
+    """What is watched.
+
+    Attributes
+    ----------
+    job : Job
+        Tapes, sensor and settings; it has no files.
+    source : Source
+    reconstruction : Reconstruction or None
+        Makes depth maps of the source's colour images.
+    """
+
+    job: Job
+    source: Source
+    reconstruction: Reconstruction | None = None
+
+
+def watch(
+    watched: Watch, tally: Tally, stop: Event, locator: Callable[[Job, SensorProfile], Locate] = make_locator
+) -> Iterator[Located | None]:
+    """Answers as frames come, until there are no more or `stop` is set.
+
+    What the caller does with an answer counts as its latency, which begins when the frame is there or, for one that may wait,
+    when it is taken. What is no frame, or no frame of the sensor, is counted in the tally, and the next one looked at.
+
+    Yields
+    ------
+    Located or None
+        None now and then while no frame comes, so that the caller can look at the tally.
+
+    Raises
+    ------
+    TactapeError
+        When the source fails.
+    """
+    locators: dict[tuple[float, float], tuple[SensorProfile, Locate]] = {}
+    _locator(watched.job, None, locators, locator)  # compiled before the first frame
+    slot = Slot()
+    Thread(target=_read, args=(watched.source, slot, tally, stop), daemon=True, name="frames").start()
+    try:
+        while not stop.is_set():
+            frame = slot.take(WAIT_S)
+            tally.dropped = slot.dropped
+            if frame is None:
+                yield None
+                continue
+            taken_s = perf_counter()
+            try:
+                located = _located(watched, frame, tally, locators, locator)
+            except FrameError as error:
+                tally.unusable += 1
+                tally.trouble(Trouble(kind="frame unusable", message=f"frame {frame.number}: {error}"))
+                continue
+            yield located
+            tally.answer(located.fix, taken_s if frame.keep else frame.arrived_s)
+    except EOFError:
+        return
+    finally:
+        stop.set()
+
+
+def _read(source: Source, slot: Slot, tally: Tally, stop: Event) -> None:
+    error = None
+    try:
+        for found in source(stop):
+            if isinstance(found, Trouble):
+                tally.trouble(found)
+            else:
+                slot.put(found, stop)
+    except BaseException as caught:
+        error = caught
+    slot.end(error)
+
+
+def _located(
+    watched: Watch,
+    frame: Frame,
+    tally: Tally,
+    locators: dict[tuple[float, float], tuple[SensorProfile, Locate]],
+    locator: Callable[[Job, SensorProfile], Locate],
+) -> Located:
+    """A frame and its answer.
+
+    Raises
+    ------
+    FrameError
+    """
+    sensor, locate = _locator(watched.job, frame.px_per_mm, locators, locator)
+    if frame.image.ndim == 2 and frame.image.dtype.kind == "f" and frame.image.shape == sensor.frame_shape:
+        holes = int(frame.image.size - np.count_nonzero(np.isfinite(frame.image)))
+        if holes:
+            message = f"frame {frame.number}: {holes} of {frame.image.size} values are no numbers; they are taken as holes"
+            tally.trouble(Trouble(kind="frame with holes", message=message))
+    depth = frame.image if watched.reconstruction is None else _depth(frame.image, watched.reconstruction, sensor)
+    fix = locate(depth, timestamp=frame.timestamp)
+    return Located(frame=frame.number, depth=depth, sensor=sensor, fix=fix)
+
+
+def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor: SensorProfile) -> npt.NDArray[np.float32]:
+    """The depth map of a colour image.
+
+    Raises
+    ------
+    FrameError
+        When the image has not the size of the sensor's frames.
+    """
+    expected = (*sensor.frame_shape, 3)
+    if image.shape != expected:
+        (height, width), asked = image.shape[:2], f"{expected[0]} x {expected[1]}"
+        raise FrameError(
+            f"an image of {height} x {width} px is none of sensor '{sensor.name}', whose images are {asked} (height x "
+            "width); cut it out of the camera's with --crop, or give another --sensor"
+        )
+    return reconstruction.depth(image)
+
+
+def _locator(
+    job: Job,
+    px_per_mm: tuple[float, float] | None,
+    locators: dict[tuple[float, float], tuple[SensorProfile, Locate]],
+    locator: Callable[[Job, SensorProfile], Locate],
+) -> tuple[SensorProfile, Locate]:
+    """The profile with a frame's scale, and what locates its frames."""
+    scale = px_per_mm or job.sensor.px_per_mm
+    if scale not in locators:
+        if len(locators) == MOST_SCALES:
+            raise FrameError(f"it has a px_per_mm of its own, {scale}, after {MOST_SCALES} others; leave it out of the files")
+        sensor = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
+        locators[scale] = (sensor, locator(job, sensor))
+    return locators[scale]

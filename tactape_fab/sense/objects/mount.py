@@ -1,0 +1,114 @@
+"""How a film lies on an object: flat, or round a cylinder; from places on the tape to the object's own frame and back.
+
+The board frame in space: x right and y up along the film, z out of it, z = 0 at its top. A cylinder's frame has the axis as z;
+where the film goes round with board x, board point (x, y) is x along the circumference, counter-clockwise seen from +z, from the
+frame's x axis, and at height y; with board y, it is y round from the x axis, and at height -x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, radians, sin
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.objects.rigid import to_quaternion
+from tactape_fab.texture.frames import FloatArray, texture_to_board
+from tactape_fab.texture.tape import Tape
+
+Surface = Literal["plane", "cylinder"]
+Around = Literal["x", "y"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mount:
+    """A film on an object.
+
+    Attributes
+    ----------
+    surface : {"plane", "cylinder"}
+    rotation : ndarray, shape (3, 3)
+        Of the board frame, or of the cylinder's, in the object frame.
+    position_mm : ndarray, shape (3,)
+        Of its origin there: the lower left corner of the outline, or a point of the axis.
+    top_mm, true_mm : float
+        Radius of the film's top, and of the layer within it whose length does not change; of a cylinder.
+    around : {"x", "y"}
+        Which board axis goes round.
+    """
+
+    surface: Surface
+    rotation: FloatArray
+    position_mm: FloatArray
+    top_mm: float = 0.0
+    true_mm: float = 0.0
+    around: Around = "x"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectPose:
+    """Where on an object a sensor touches.
+
+    Attributes
+    ----------
+    object : str
+    position_mm : (float, float, float)
+        The point of the film's top under the middle of the image, in the object frame.
+    rotation : (float, float, float, float)
+        Quaternion (x, y, z, w) of the image's frame in the object frame: x along u, y along v, z into the object.
+    """
+
+    object: str
+    position_mm: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+def on_surface(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Board points on the mount's own surface, in its frame.
+
+    Parameters
+    ----------
+    board_mm : array_like, shape (n, 2)
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        mm.
+    axes : ndarray, shape (n, 3, 3)
+        Columns: along board x, along board y, out of the film.
+    """
+    xy = np.asarray(board_mm, dtype=np.float64).reshape(-1, 2)
+    if mount.surface == "plane":
+        return np.column_stack([xy, np.zeros(len(xy))]), np.tile(np.eye(3), (len(xy), 1, 1))
+    round_mm, height = (xy[:, 0], xy[:, 1]) if mount.around == "x" else (xy[:, 1], -xy[:, 0])
+    angle = round_mm / mount.true_mm
+    c, s, none, one = np.cos(angle), np.sin(angle), np.zeros(len(xy)), np.ones(len(xy))
+    along, up, out = np.stack([-s, c, none], axis=1), np.stack([none, none, one], axis=1), np.stack([c, s, none], axis=1)
+    first, second = (along, up) if mount.around == "x" else (-up, along)
+    return np.column_stack([mount.top_mm * c, mount.top_mm * s, height]), np.stack([first, second, out], axis=2)
+
+
+def to_object(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Board points in the object frame, (n, 3) mm, and the axes there as `on_surface` has them, (n, 3, 3)."""
+    points, axes = on_surface(mount, board_mm)
+    return points @ mount.rotation.T + mount.position_mm, mount.rotation @ axes
+
+
+def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.ArrayLike, theta_deg: float) -> ObjectPose:
+    """The pose of a sensor on a tape, in the frame of the object that the tape is on.
+
+    Parameters
+    ----------
+    name : str
+        Of the object.
+    position_mm, theta_deg
+        Of a fix: texture frame.
+    """
+    board = texture_to_board(position_mm, tape.board.texture_origin_mm)
+    points, axes = to_object(mount, board[None])
+    c, s = cos(radians(theta_deg)), sin(radians(theta_deg))
+    image = np.array([(c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, -1.0)])  # u, v and into the film as columns, along the board's axes
+    x, y, z = points[0].tolist()
+    return ObjectPose(object=name, position_mm=(x, y, z), rotation=to_quaternion(axes[0] @ image))

@@ -1,0 +1,250 @@
+"""A tag's pose from all its edges: what a detector made of four corners, refined on the picture itself.
+
+Corners of a small tag are found to some tenths of a pixel, and blur pulls them inwards; far from the tag that grows. Here the
+tag as it is printed is held against every pixel of it, with brightness, contrast and blur as the picture has them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, hypot, sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.sense.objects.tag_view import camera_to_texture, tag_of, tag_side_mm
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tag import CODE_CELLS, SIDE_CELLS, tag_cells
+from tactape_fab.texture.tape import Tape
+
+_PX_PER_CELL = 16
+_PAD_CELLS = 2
+_RING_SHARE = 0.5
+"""Share of the light ring that is looked at: beyond it may be film, or the label."""
+_BLUR_PX = 0.7
+_MOST_STEPS = 20
+_SMOOTHING_CELLS = 0.12
+"""What a large tag's picture is smoothed by first (standard deviation): sharp edges say nothing until they nearly meet."""
+_LEAST_PIXELS, _MOST_PIXELS = 60, 1_000_000
+_ENOUGH = 0.02
+"""Steps end where the pose moves by less than this share of a milliradian and of a ten-thousandth of the distance."""
+_LEAST_FIT = 0.5
+_MOST_BLEED = 0.3
+"""Cells by which light areas may have grown or shrunk."""
+
+GrayImage = npt.NDArray[np.uint8]
+_F32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TagPose:
+    """A tag in the camera's frame, as `camera_to_texture` takes it.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+    translation_mm : ndarray, shape (3,)
+    fit : float
+        Correlation of the picture with the printed tag at this pose; 1 is perfect.
+    blur_px : float
+        Standard deviation of the picture's blur.
+    """
+
+    rotation: FloatArray
+    translation_mm: FloatArray
+    fit: float
+    blur_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """Pixels of the tag: their rays (n, 3) and grey levels (n,); how many there are along a cell; how far they were smoothed."""
+
+    rays: FloatArray
+    levels: FloatArray
+    px_per_cell: float
+    smoothed_px: float
+
+
+def refine_tag_pose(
+    tape: Tape,
+    image: npt.ArrayLike,
+    rotation: npt.ArrayLike,
+    translation_mm: npt.ArrayLike,
+    camera_matrix: npt.ArrayLike,
+    distortion: npt.ArrayLike | None = None,
+) -> TagPose:
+    """Refine the pose that a detector gave, and correct it where it took the mirrored tilt for the true one.
+
+    Parameters
+    ----------
+    image : array_like of uint8, shape (h, w)
+        The picture that the detector saw, gray.
+    rotation, translation_mm
+        See `tactape_fab.sense.objects.tag_view.camera_to_texture`.
+    camera_matrix, distortion
+        Of OpenCV's calibration; see `tactape_fab.sense.objects.tag_view.pixels_to_texture`.
+
+    Raises
+    ------
+    SpecError
+        When the tape has no tag, or the pose is none.
+    FrameError
+        When the picture is none, or does not show the tag there.
+    """
+    tag = tag_of(tape)
+    camera_to_texture(tape, rotation, translation_mm)
+    turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
+    matrix = np.asarray(camera_matrix, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or min(matrix[0, 0], matrix[1, 1]) <= 0.0:
+        raise SpecError(
+            Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is none; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        )
+    lens = None if distortion is None else np.asarray(distortion, dtype=np.float64)
+    picture = np.asarray(image)
+    if picture.ndim != 2 or picture.dtype != np.uint8:
+        raise FrameError(f"a picture of shape {picture.shape} and type {picture.dtype} is none; give (h, w) gray levels, uint8")
+    seen = _pixels(picture, turn, shift, matrix, lens, tag.cell_mm)
+    found = [_fitted(seen, tag.id, tag.cell_mm, *start) for start in _starts(turn, shift, tag_side_mm(tape))]
+    best = max(found, key=lambda pose: pose.fit)
+    if not best.fit >= _LEAST_FIT:
+        raise FrameError(
+            f"the picture does not show tag {tag.id} there (correlation {best.fit:.2f}); give the detector's own pose"
+        )
+    return best
+
+
+def _starts(rotation: FloatArray, translation_mm: FloatArray, side_mm: float) -> list[tuple[FloatArray, FloatArray]]:
+    """The pose itself, and the other one that shows a small square alike."""
+    import cv2
+
+    half = side_mm / 2
+    square = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
+    points = square @ rotation.T + translation_mm
+    seen = points[:, :2] / points[:, 2:]
+    _, turns, shifts, _ = cv2.solvePnPGeneric(square, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    starts = [(np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
+    apart = [np.abs(turn - rotation).max() for turn, _ in starts]
+    return [(rotation, translation_mm), starts[int(np.argmax(apart))]]
+
+
+def _pixels(
+    image: GrayImage,
+    rotation: FloatArray,
+    translation_mm: FloatArray,
+    matrix: FloatArray,
+    lens: FloatArray | None,
+    cell_mm: float,
+) -> _Seen:
+    """The pixels within the middle of the tag's light ring."""
+    import cv2
+
+    half = (CODE_CELLS / 2 + _RING_SHARE) * cell_mm
+    square = np.array([(-half, -half, 0.0), (half, -half, 0.0), (half, half, 0.0), (-half, half, 0.0)])
+    corners, _ = cv2.projectPoints(square, cv2.Rodrigues(rotation)[0], translation_mm, matrix, lens)
+    outline = np.reshape(corners, (-1, 2))
+    height, width = image.shape
+    low, high = np.floor(outline.min(axis=0)), np.ceil(outline.max(axis=0)) + 1
+    if not (np.isfinite(outline).all() and (low >= 0).all() and (high <= (width, height)).all() and translation_mm[2] > 0.0):
+        raise FrameError(f"the tag is not wholly inside the picture of {width} x {height} px; give one that shows it all")
+    (u0, v0), (u1, v1) = low.astype(int), high.astype(int)
+    inside = np.zeros((v1 - v0, u1 - u0), dtype=np.uint8)
+    cv2.fillConvexPoly(inside, np.rint((outline - (u0, v0)) * 16).astype(np.int32), 1, cv2.LINE_8, 4)
+    v, u = np.nonzero(inside)
+    if not _LEAST_PIXELS <= len(u) <= _MOST_PIXELS:
+        message = (
+            f"the tag covers {len(u)} px, not {_LEAST_PIXELS} to {_MOST_PIXELS}; take the picture nearer, or from farther away"
+        )
+        raise FrameError(message)
+    pixels = np.stack([u + u0, v + v0], axis=1).astype(np.float64)
+    px_per_cell = sqrt(len(u)) / (2 * half / cell_mm)
+    smoothed_px = max(_SMOOTHING_CELLS * px_per_cell - _BLUR_PX / 2, 0.0)
+    margin = ceil(4 * smoothed_px)
+    left, top = max(u0 - margin, 0), max(v0 - margin, 0)
+    shown = image[top : v1 + margin, left : u1 + margin].astype(np.float32)
+    if smoothed_px > 0.0:
+        shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), smoothed_px), dtype=np.float32)
+    flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), matrix, lens)
+    return _Seen(
+        rays=np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(u), 1))], axis=1),
+        levels=shown[v + v0 - top, u + u0 - left].astype(np.float64),
+        px_per_cell=px_per_cell,
+        smoothed_px=smoothed_px,
+    )
+
+
+@lru_cache(maxsize=2)
+def _printed(tag_id: int) -> _F32:
+    """How far each point of the tag is inside what is light, in cells; the film beyond the ring is taken for dark."""
+    import cv2
+
+    light = np.kron(np.pad(tag_cells(tag_id), _PAD_CELLS), np.ones((_PX_PER_CELL, _PX_PER_CELL), dtype=bool)).astype(np.uint8)
+    inside, outside = (cv2.distanceTransform(area, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for area in (light, 1 - light))
+    return np.asarray(np.where(light, inside - 0.5, 0.5 - outside) / _PX_PER_CELL, dtype=np.float32)
+
+
+def _residual(
+    seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Grey levels less what the tag would give at a pose, at the best brightness and contrast; and the latter's shape.
+
+    ``values`` are a small turn (3), the translation (3), ln of the blur in cells, and by how many cells light areas have grown
+    (ink that has run).
+    """
+    import cv2
+
+    turn = np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation
+    ahead, start = seen.rays @ turn, -turn.T @ values[3:6]
+    hit = start[:2] - (start[2] / ahead[:, 2])[:, None] * ahead[:, :2]
+    at = ((hit / cell_mm + SIDE_CELLS / 2 + _PAD_CELLS) * _PX_PER_CELL - 0.5).astype(np.float32)
+    light = np.clip((_printed(tag_id) + np.float32(values[7])) * _PX_PER_CELL + 0.5, 0.0, 1.0)
+    blurred = cv2.GaussianBlur(light, (0, 0), float(np.exp(values[6])) * _PX_PER_CELL)
+    shape = np.ravel(cv2.remap(blurred, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)).astype(np.float64)
+    design = np.column_stack([shape, np.ones(len(shape))])
+    return seen.levels - design @ np.linalg.lstsq(design, seen.levels, rcond=None)[0], shape
+
+
+def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> TagPose:
+    """Least squares by Levenberg and Marquardt, from one start."""
+    import cv2
+
+    scale = np.array([1e-3] * 3 + [1e-4 * float(translation_mm[2])] * 3 + [0.05, 0.02])
+    values = np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])
+    low, high = np.log(hypot(0.2, seen.smoothed_px) / seen.px_per_cell), np.log(2.0)
+    (off, shape), damping = _residual(seen, tag_id, cell_mm, rotation, values), 1e-3
+    for _ in range(_MOST_STEPS):
+        steps = np.diag(scale)
+        slopes = np.stack(
+            [
+                (
+                    _residual(seen, tag_id, cell_mm, rotation, values + s)[0]
+                    - _residual(seen, tag_id, cell_mm, rotation, values - s)[0]
+                )
+                / 2
+                for s in steps
+            ],
+            axis=1,
+        )
+        normal = slopes.T @ slopes
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(8), slopes.T @ off)
+        moved = values + np.clip(step, -20.0, 20.0) * scale
+        moved[6], moved[7] = np.clip(moved[6], low, high), np.clip(moved[7], -_MOST_BLEED, _MOST_BLEED)
+        new, new_shape = _residual(seen, tag_id, cell_mm, rotation, moved)
+        if not float(new @ new) < float(off @ off):
+            damping *= 10.0
+            if damping > 1e6:
+                break
+            continue
+        values, off, shape, damping = moved, new, new_shape, max(damping / 5.0, 1e-9)
+        if np.abs(step[:6]).max() < _ENOUGH:
+            break
+    spread = float(shape.std() * seen.levels.std())
+    covaried = float(np.mean((shape - shape.mean()) * (seen.levels - seen.levels.mean())))
+    return TagPose(
+        rotation=np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation,
+        translation_mm=values[3:6].copy(),
+        fit=covaried / spread if spread > 0.0 else 0.0,
+        blur_px=sqrt(max((float(np.exp(values[6])) * seen.px_per_cell) ** 2 - seen.smoothed_px**2, 0.0)),
+    )

@@ -1,0 +1,149 @@
+"""The printed tag joins two senses: what a camera sees of a tape, in the texture frame that touch answers in.
+
+The texture frame in space: x along columns and y along rows, as on the film, and z into it; z = 0 is the film's top. It is
+right-handed, as is AprilRobotics' tag frame: x right and y down on the upright tag, z into it, origin at its centre.
+Camera frame: x right, y down, z forward. Pixels are those of OpenCV, integer at pixel centres.
+"""
+
+from __future__ import annotations
+
+from math import radians
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.texture.frames import FloatArray, board_to_texture
+from tactape_fab.texture.shapes import rotate
+from tactape_fab.texture.tape import Tag, Tape
+
+TAG_CELLS = 8
+"""Cells along the side of tag36h11 between the corners that detectors give: 6 of data and the black border."""
+
+
+def tag_of(tape: Tape) -> Tag:
+    """The tag of a tape.
+
+    Raises
+    ------
+    SpecError
+        When it has none.
+    """
+    if tape.tag is None:
+        raise SpecError(Problem("tag", f"tape {tape.name} carries no tag; make it with --tag strip"))
+    return tape.tag
+
+
+def tag_side_mm(tape: Tape) -> float:
+    """Side of the black border, mm: what detectors want as the tag's size."""
+    return TAG_CELLS * tag_of(tape).cell_mm
+
+
+def tag_corners_mm(tape: Tape) -> FloatArray:
+    """The corners that detectors give, in the board frame; shape (4, 2), mm.
+
+    In their order: lower left, lower right, upper right, upper left of the upright tag.
+    """
+    tag = tag_of(tape)
+    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) * tag_side_mm(tape) / 2
+    return np.asarray(rotate(square, tag.rotation_deg) + np.asarray(tag.center_mm), dtype=np.float64)
+
+
+def tag_to_texture(tape: Tape) -> FloatArray:
+    """Transform of points from the tag's frame to the texture frame, both as this module has them; shape (4, 4), mm.
+
+    Raises
+    ------
+    SpecError
+        When the tape has no tag.
+    """
+    tag = tag_of(tape)
+    c, s = np.cos(radians(tag.rotation_deg)), np.sin(radians(tag.rotation_deg))
+    out = np.eye(4)
+    out[:2, :2] = [(c, s), (-s, c)]  # counter-clockwise as seen from above is clockwise where y points down
+    out[:2, 3] = board_to_texture(tag.center_mm, tape.board.texture_origin_mm)
+    return out
+
+
+def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike) -> FloatArray:
+    """Transform of points from the camera's frame to the texture frame; shape (4, 4), mm.
+
+    Parameters
+    ----------
+    rotation : array_like, shape (3, 3)
+        Of the tag in the camera's frame, as detectors give it (``pose_R``).
+    translation_mm : array_like, shape (3,) or (3, 1)
+        Of its centre (``pose_t``), with the tag's size given to the detector in mm.
+
+    Raises
+    ------
+    SpecError
+        When the tape has no tag, or the pose is none.
+    """
+    turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
+    if turn.shape != (3, 3) or shift.shape != (3,) or not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+        message = f"a pose of shapes {turn.shape} and {shift.shape} is none; give a finite rotation (3, 3) and translation (3,)"
+        raise SpecError(Problem("pose", message))
+    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0.0:
+        raise SpecError(Problem("rotation", "rotation is no rotation matrix; give pose_R as the detector has it"))
+    back = np.eye(4)
+    back[:3, :3], back[:3, 3] = turn.T, -turn.T @ shift
+    return np.asarray(tag_to_texture(tape) @ back, dtype=np.float64)
+
+
+def pixels_to_texture(
+    tape: Tape,
+    pixels: npt.ArrayLike,
+    rotation: npt.ArrayLike,
+    translation_mm: npt.ArrayLike,
+    camera_matrix: npt.ArrayLike,
+    distortion: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Where a flat tape is hit by the rays of pixels.
+
+    Parameters
+    ----------
+    pixels : array_like, shape (n, 2)
+    rotation, translation_mm
+        See `camera_to_texture`.
+    camera_matrix : array_like, shape (3, 3)
+    distortion : array_like, optional
+        As OpenCV's calibration gives it.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Texture frame, mm; NaN where a ray runs along the film or away from it.
+    """
+    import cv2
+
+    points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+    matrix = np.asarray(camera_matrix, dtype=np.float64)
+    flat = cv2.undistortPoints(points, matrix, None if distortion is None else np.asarray(distortion, dtype=np.float64))
+    rays = np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(points), 1))], axis=1)
+    transform = camera_to_texture(tape, rotation, translation_mm)
+    ahead = rays @ transform[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = -transform[2, 3] / ahead[:, 2]
+        hit = transform[:2, 3] + way[:, None] * ahead[:, :2]
+    return np.where((way > 0.0)[:, None] & np.isfinite(hit), hit, np.nan)
+
+
+def texture_to_pixels(
+    tape: Tape,
+    texture_mm: npt.ArrayLike,
+    rotation: npt.ArrayLike,
+    translation_mm: npt.ArrayLike,
+    camera_matrix: npt.ArrayLike,
+    distortion: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Where a camera sees points of a flat tape, the inverse of `pixels_to_texture`; shape (n, 2), px."""
+    import cv2
+
+    xy = np.asarray(texture_mm, dtype=np.float64).reshape(-1, 2)
+    back = np.linalg.inv(camera_to_texture(tape, rotation, translation_mm))
+    points = np.column_stack([xy, np.zeros(len(xy))]) @ back[:3, :3].T + back[:3, 3]
+    matrix = np.asarray(camera_matrix, dtype=np.float64)
+    lens = None if distortion is None else np.asarray(distortion, dtype=np.float64)
+    seen, _ = cv2.projectPoints(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, lens)
+    return np.where(points[:, 2:] > 0.0, np.reshape(seen, (-1, 2)), np.nan)

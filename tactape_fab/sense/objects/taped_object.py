@@ -1,0 +1,242 @@
+"""An object and the tapes on it, from object.toml: fixes come out in the object's own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.templates import read_toml
+from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, sensor_on_object
+from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy
+from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
+from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.registry import read_registered
+from tactape_fab.texture.tape import Tape
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.decode.result import Localization
+
+MOST_TAPES = 256
+FARTHEST_MM = 10_000.0
+LARGEST_RADIUS_MM = 10_000.0
+MISFIT_SHARE = 0.15
+"""Share of the tag's side that its measured corners may be off, root mean square."""
+_POSES = ("rpy_deg", "quaternion_xyzw", "tag_corners_mm")
+_KEYS = ("kit", "surface", "position_mm", *_POSES, "radius_mm", "under_mm", "around")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TapeOnObject:
+    """A tape, where its kit stands, how it lies on the object, and by how much (rms, mm) its measured tag corners are off."""
+
+    kit: Path
+    tape: Tape
+    mount: Mount
+    misfit_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TapedObject:
+    """An object and the tapes on it."""
+
+    name: str
+    tapes: tuple[TapeOnObject, ...]
+
+    def locate(self, fix: Localization) -> ObjectPose | None:
+        """A fix in the object's frame; None where it is not located, or on a tape that is not on this object.
+
+        A tape is known by its name, sector and origin, as a fix has them: `refuse_strangers` says where these do not tell.
+        """
+        if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
+            return None
+        assert fix.index is not None and fix.cell is not None and fix.position_mm is not None and fix.theta_deg is not None
+        place = (fix.tape, fix.sector, (fix.index[0] - fix.cell[0], fix.index[1] - fix.cell[1]))
+        for entry in self.tapes:
+            if place == _place(entry.tape):
+                return sensor_on_object(self.name, entry.mount, entry.tape, fix.position_mm, fix.theta_deg)
+        return None
+
+
+def read_object(path: str | Path) -> TapedObject:
+    """Read an object.toml.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it, in its kits as well.
+    """
+    table = Fields(read_toml(Path(path), "object"), f"object {shown_path(Path(path).name)}: ")
+    table.refuse_unknown(("name", "tapes"))
+    name = table.text("name", longest=100)
+    tapes: list[TapeOnObject] = []
+    for i, row in enumerate(table.rows("tapes", longest=MOST_TAPES)):
+        found = _read_tape(row, f"{table.where}tapes[{i}].", Path(path).parent, table.problems)
+        if found is not None:
+            tapes.append(found)
+    if not tapes and not table.problems:
+        table.problem("tapes", "tapes is empty; give a [[tapes]] for each tape on the object")
+    _refuse_doubles(tapes, table)
+    if table.problems:
+        raise SpecError(table.problems)
+    return TapedObject(name=name, tapes=tuple(tapes))
+
+
+def refuse_strangers(thing: TapedObject, tapes: Sequence[Tape]) -> None:
+    """Refuse registered tapes that a fix would not tell from those of an object.
+
+    Raises
+    ------
+    SpecError
+    """
+    own = {_place(entry.tape): entry for entry in thing.tapes}
+    problems = []
+    for tape in tapes:
+        entry = own.get(_place(tape))
+        if entry is not None and _texture(entry.tape) != _texture(tape):
+            message = f"tape {tape.name} has name, sector and origin of {shown_path(entry.kit)}, which is on the object, but "
+            problems.append(Problem("tape", f"{message}another texture; make it with another --name, or leave it out"))
+    if problems:
+        raise SpecError(problems)
+
+
+def _place(tape: Tape) -> tuple[str, int, tuple[int, int]]:
+    """What a fix says of its tape."""
+    return tape.name, tape.sector, tape.origin
+
+
+def _texture(tape: Tape) -> tuple[Any, ...]:
+    """What a touch can tell a tape by, but for its size; a code without a plane says nothing of the symbols."""
+    return tape.code, tape.sector, tape.origin, tape.symbols.tobytes() if tape.code == TOUCH_CODE else None
+
+
+def _refuse_doubles(tapes: list[TapeOnObject], table: Fields) -> None:
+    """Two tapes with the same texture cannot be told apart, wherever they are; nor can answers be that name them alike."""
+    textures: dict[tuple[Any, ...], Path] = {}
+    places: dict[tuple[Any, ...], Path] = {}
+    for entry in tapes:
+        texture, place = _texture(entry.tape), _place(entry.tape)
+        if texture in textures:
+            message = f"tapes {shown_path(textures[texture])} and {shown_path(entry.kit)} have the same texture"
+            table.problem("tapes", f"{message}, which no touch tells apart; use another sector for one of them")
+        elif place in places:
+            message = f"tapes {shown_path(places[place])} and {shown_path(entry.kit)} have the same name, sector and origin"
+            table.problem("tapes", f"{message}, by which an answer names its tape; make one of them with another --name")
+        textures[texture] = places[place] = entry.kit
+
+
+def _read_tape(row: object, where: str, folder: Path, problems: list[Problem]) -> TapeOnObject | None:
+    """One tape of an object; None where its kit cannot be read, with every problem collected."""
+    if not isinstance(row, Mapping):
+        problems.append(Problem("tapes", f"{where[:-1]} = {shown(row)} is not a table; give [[tapes]]"))
+        return None
+    table = Fields(row, where, problems)
+    table.refuse_unknown(_KEYS)
+    before = len(problems)
+    surface = table.text("surface", choices=("plane", "cylinder"), default="plane")
+    round_keys = [key for key in ("radius_mm", "under_mm", "around") if key in row]
+    radius = under = 0.0
+    around = "x"
+    if surface == "cylinder":
+        radius = table.number("radius_mm", above=0.0, high=LARGEST_RADIUS_MM, default=1.0)
+        under = table.number("under_mm", low=0.0, high=100.0) if "under_mm" in row else 0.0
+        around = table.text("around", choices=("x", "y"), default="x")
+    elif round_keys:
+        table.problem(
+            round_keys[0], f"{round_keys[0]} is of a cylinder, but surface is {shown(surface)}; give surface = 'cylinder'"
+        )
+    given = [key for key in _POSES if key in row]
+    if len(given) != 1:
+        said = " and ".join(given) or "none"
+        table.problem("rpy_deg", f"{' or '.join(_POSES)} says how the film lies, but given is {said}; give one of them")
+    turn, position = _read_pose(table, given)
+    corners = _read_corners(table) if given == ["tag_corners_mm"] else None
+    kit = folder / table.text("kit", longest=4096)
+    tape = _read_kit(kit, table) if "kit" in row and isinstance(row["kit"], str) else None
+    if tape is None or len(problems) > before:
+        return None
+    thickness = tape.board.thickness_mm
+    mount = Mount(
+        surface="cylinder" if surface == "cylinder" else "plane",
+        rotation=turn,
+        position_mm=position,
+        top_mm=radius + under + thickness,
+        true_mm=radius + under + thickness / 2,
+        around="y" if around == "y" else "x",
+    )
+    if corners is None:
+        return TapeOnObject(kit=kit, tape=tape, mount=mount)
+    return _measured(kit, tape, mount, corners, table)
+
+
+def _read_pose(table: Fields, given: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and position by the CAD's values."""
+    turn, position = np.eye(3), np.zeros(3)
+    if "rpy_deg" in given:
+        turn = from_rpy(table.numbers("rpy_deg", 3, low=-360.0, high=360.0, unit="deg", default=(0.0, 0.0, 0.0)))
+    if "quaternion_xyzw" in given:
+        quaternion = table.numbers("quaternion_xyzw", 4, low=-1.01, high=1.01, unit="", default=(0.0, 0.0, 0.0, 1.0))
+        length = float(np.linalg.norm(quaternion))
+        if abs(length - 1.0) > 0.01:
+            table.problem("quaternion_xyzw", f"quaternion_xyzw has length {length:.3f}, not 1; give x, y, z, w of a rotation")
+        else:
+            turn = from_quaternion(quaternion)
+    if "tag_corners_mm" not in given:
+        position = np.array(table.numbers("position_mm", 3, low=-FARTHEST_MM, high=FARTHEST_MM, default=(0.0, 0.0, 0.0)))
+    elif "position_mm" in table.values:
+        table.problem("position_mm", "position_mm and tag_corners_mm both say where the film is; give one of them")
+    return turn, position
+
+
+def _read_corners(table: Fields) -> np.ndarray:
+    rows = table.rows("tag_corners_mm", longest=4)
+    named = Fields({f"tag_corners_mm[{i}]": row for i, row in enumerate(rows)}, table.where, table.problems)
+    if len(rows) != 4:
+        table.problem("tag_corners_mm", f"tag_corners_mm has {len(rows)} corners; give 4, from the lower left, counter-clockwise")
+    bounds = {"low": -FARTHEST_MM, "high": FARTHEST_MM, "default": (0.0, 0.0, 0.0)}
+    return np.array([named.numbers(key, 3, **bounds) for key in named.values])  # type: ignore[arg-type]
+
+
+def _read_kit(kit: Path, table: Fields) -> Tape | None:
+    try:
+        entries = read_registered([kit])
+    except SpecError as error:
+        table.problems.extend(Problem("kit", f"{table.where}kit: {p.message}") for p in error.problems)
+        return None
+    if len(entries) != 1:
+        message = f"kit = {shown_path(kit)} holds {len(entries)} tapes; give the one that is here, such as PANEL/tapes/NAME"
+        table.problem("kit", message)
+        return None
+    tape = entries[0].tape
+    if tape.surface is not None:
+        table.problem("kit", f"kit = {shown_path(kit)} stands on a part of its own, not on a film; give the kit of a tape")
+        return None
+    return tape
+
+
+def _measured(kit: Path, tape: Tape, mount: Mount, corners: np.ndarray, table: Fields) -> TapeOnObject | None:
+    """The mount that brings the tag's corners to where they were measured."""
+    if tape.tag is None:
+        table.problem("tag_corners_mm", f"tag_corners_mm: {shown_path(kit)} carries no tag; give position_mm and rpy_deg")
+        return None
+    rotation, position, misfit = fit_rigid(on_surface(mount, tag_corners_mm(tape))[0], corners)
+    most = MISFIT_SHARE * tag_side_mm(tape)
+    if not misfit <= most:
+        message = f"the corners are {misfit:.2f} mm (rms) off those of a tag of {tag_side_mm(tape):g} mm, more than {most:.2f} mm"
+        remedy = "give mm, from the upright tag's lower left corner, counter-clockwise"
+        table.problem("tag_corners_mm", f"tag_corners_mm: {message}; {remedy}")
+        return None
+    placed = Mount(
+        surface=mount.surface,
+        rotation=rotation,
+        position_mm=position,
+        top_mm=mount.top_mm,
+        true_mm=mount.true_mm,
+        around=mount.around,
+    )
+    return TapeOnObject(kit=kit, tape=tape, mount=placed, misfit_mm=misfit)

@@ -1,0 +1,164 @@
+"""Colour images of a sensor's gel: read one by one, and handed on as the depth maps that its network sees in them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import shown_path
+from tactape_fab.sense.raw.image_files import COLOUR_PICTURES, read_colour, read_colour_header
+from tactape_fab.sense.sensors import SensorProfile
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.raw.reconstruct import Reconstruction
+
+_MOST_TOLD = 10
+_NUMBERS = re.compile(r"0*([0-9]+)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RawImage:
+    """A colour image whose header has been read and checked; it has neither a time nor a scale of its own."""
+
+    path: Path
+    reconstruction: Reconstruction
+    count: int = 1
+    px_per_mm: tuple[float, float] | None = None
+
+    def frames(self) -> Iterator[npt.NDArray[np.float32]]:
+        """Its depth map, mm, larger where pushed further in.
+
+        Raises
+        ------
+        SpecError
+            When the file is damaged.
+        """
+        yield self.reconstruction.depth(_read(self.path, "raw"))
+
+    def time_of(self, frame: int) -> float | None:
+        return None
+
+
+def open_raw(images: Sequence[str], background: str | None, weights: str | None, sensor: SensorProfile) -> list[RawImage]:
+    """Open colour images of a sensor.
+
+    Parameters
+    ----------
+    images : sequence of path
+        PNG or JPEG of 8 bits, as large as the sensor's frames, or folders of them: all in a folder, numbers in their names
+        by value.
+    background : path
+        Image of the untouched gel.
+    weights : path
+        The sensor's network; see `decode.load_network`.
+    sensor : SensorProfile
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of the files, all together.
+    """
+    problems: list[Problem] = []
+    paths = [path for given in images for path in _images_of(Path(given), problems)]
+    refused: list[Problem] = []
+    for path in paths:
+        tried(partial(_checked, path, "raw", sensor), refused)
+    problems += refused[:_MOST_TOLD]
+    if len(refused) > _MOST_TOLD:
+        problems.append(Problem("raw", f"{len(refused) - _MOST_TOLD} more of {len(paths)} images cannot be used either"))
+    found = open_reconstruction(background, weights, sensor, problems, make=not problems)
+    if problems:
+        raise SpecError(problems)
+    assert found is not None
+    return [RawImage(path=path, reconstruction=found) for path in paths]
+
+
+def open_reconstruction(
+    background: str | None, weights: str | None, sensor: SensorProfile, problems: list[Problem], *, make: bool = True
+) -> Reconstruction | None:
+    """What turns a sensor's colour images into depth maps; None, and `problems` are longer, where it cannot be had.
+
+    Parameters
+    ----------
+    background, weights : path or None
+        As `open_raw` takes them.
+    make : bool
+        False only reads the files: what else is wrong shows that nothing will be made of them.
+    """
+    from tactape_fab.sense.raw.reconstruct import load_network, make_reconstruction
+
+    before = len(problems)
+    if background is None:
+        problems.append(Problem("background", "--raw needs --background, an image of the gel that touches nothing; give it"))
+    if weights is None:
+        problems.append(Problem("weights", "--raw needs --weights, the .pth of the sensor's network; give it"))
+    untouched = None if background is None else tried(partial(_checked, Path(background), "background", sensor), problems)
+    network = None if weights is None else tried(partial(load_network, weights), problems)
+    if not make or len(problems) > before:
+        return None
+    assert untouched is not None and network is not None
+    x, y = sensor.px_per_mm
+    scale = (y, x) if sensor.rotate90 % 2 else (x, y)
+    return make_reconstruction(_read(untouched, "background"), network, scale)
+
+
+def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
+    """A file as it is; of a folder all its images, frame_2 before frame_10."""
+    try:
+        if not path.is_dir():
+            return [path]
+        found = [file for file in path.iterdir() if file.suffix.lower() in COLOUR_PICTURES]
+    except (OSError, ValueError) as error:
+        problems.append(
+            Problem("raw", f"raw {shown_path(path)} cannot be read: {_reason(error)}; give a PNG or JPEG, or a folder")
+        )
+        return []
+    if not found:
+        problems.append(Problem("raw", f"raw {shown_path(path)} is a folder without a PNG or JPEG; give images"))
+    return sorted(found, key=lambda file: (by_number(file.name), file.name))
+
+
+def by_number(name: str) -> list[tuple[int, str]]:
+    """A name as what sorts by the value of the numbers in it."""
+    parts = _NUMBERS.split(name)
+    return [(len(part) * (i % 2), part) for i, part in enumerate(parts)]
+
+
+def _checked(path: Path, key: str, sensor: SensorProfile) -> Path:
+    """A path whose file is, by its header, an image as large as a sensor's frames."""
+    with _refused(path, key):
+        (h, w), (height, width) = read_colour_header(path), sensor.frame_shape
+        if (h, w) != (height, width):
+            asked = f"frames of sensor '{sensor.name}' are {height} x {width} (height x width)"
+            remedy = "crop and scale it as the images of the network's calibration were, or give another --sensor"
+            raise SpecError(f"it is {h} x {w} px, {asked}; {remedy}")
+    return path
+
+
+def _read(path: Path, key: str) -> npt.NDArray[np.uint8]:
+    with _refused(path, key):
+        return read_colour(path)
+
+
+@contextmanager
+def _refused(path: Path, key: str) -> Iterator[None]:
+    """Every way in which an image cannot be read as one message that names it."""
+    try:
+        yield
+    except SpecError as error:
+        raise SpecError([Problem(key, f"{key} {shown_path(path)}: {p.message}") for p in error.problems]) from None
+    except (OSError, ValueError) as error:
+        raise SpecError(Problem(key, f"{key} {shown_path(path)} cannot be read: {_reason(error)}; give a PNG or JPEG")) from error
+
+
+def _reason(error: Exception) -> str:
+    return error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -1,0 +1,175 @@
+"""Sensor profiles: how the frames of a tactile sensor become the canonical image, and its scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
+from tactape_fab.texture.frames import FloatArray
+
+MOST_PX = 4096
+_MASK_BYTES = 32 * 1024 * 1024
+_PNG_HEADER = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+_VALID_GREY = 128
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorProfile:
+    """What the frames of a sensor are, and what simulate gives them.
+
+    The canonical image shows the tape seen from above its components, u right and v down, a larger value where the
+    texture pushes further into the elastomer. A frame becomes it by `canonical`.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Size of the canonical image.
+    px_per_mm : (float, float)
+        Along u and v of the canonical image.
+    sign : int
+        1 where a larger value means pushed further in, -1 where a smaller one does.
+    mirror : bool
+        Whether frames are mirrored left-right.
+    rotate90 : int
+        Quarter turns, counter-clockwise, that turn a frame upright after the mirror; 0 to 3.
+    depth_unit_mm : float or None
+        Millimetres in one unit of a frame; None where depth is not calibrated.
+    white_um, correlated_um, correlated_px : float
+        Noise that simulate adds: rms of the white and of the correlated share, and the size of the latter's blobs.
+    scale_tolerance : float
+        How far `px_per_mm` may be off, as a share.
+    mask : ndarray of bool, shape (height_px, width_px), or None
+        Read-only; True where the canonical image carries depth. None: everywhere.
+    """
+
+    name: str
+    title: str
+    width_px: int
+    height_px: int
+    px_per_mm: tuple[float, float]
+    sign: int = 1
+    mirror: bool = False
+    rotate90: int = 0
+    depth_unit_mm: float | None = None
+    white_um: float = 4.0
+    correlated_um: float = 10.0
+    correlated_px: float = 6.0
+    scale_tolerance: float = 0.1
+    mask: npt.NDArray[np.bool_] | None = None
+
+    @property
+    def frame_shape(self) -> tuple[int, int]:
+        """(height, width) of a frame as the sensor delivers it."""
+        return (self.width_px, self.height_px) if self.rotate90 % 2 else (self.height_px, self.width_px)
+
+    @property
+    def centre_px(self) -> FloatArray:
+        """The image centre p0, (u, v) of the canonical image."""
+        return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+
+    def canonical(self, frame: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """A frame as the canonical image, in the frame's own unit: times sign, flipped, then turned; a view if it can be."""
+        signed = frame if self.sign > 0 else -frame
+        return np.rot90(signed[:, ::-1] if self.mirror else signed, self.rotate90)
+
+
+def load_sensor(name: str | Path) -> SensorProfile:
+    """A sensor profile by name, or by the path of a TOML file.
+
+    Raises
+    ------
+    SpecError
+        Every problem found in it, in its mask as well.
+    """
+    table = profile_table("sensors", "sensor", str(name))
+    folder = Path(name).parent if str(name).endswith(".toml") else templates_folder() / "sensors"
+    table.refuse_unknown(("name", "title", "image", "orientation", "depth", "noise"))
+    image = table.table("image", ("width_px", "height_px", "px_per_mm", "scale_tolerance", "mask"))
+    orientation = table.table("orientation", ("sign", "mirror", "rotate90"))
+    noise = table.table("noise", ("white_um", "correlated_um", "correlated_px"))
+    unit_mm = None
+    if "depth" in table.values:
+        unit_mm = table.table("depth", ("unit_mm",)).number("unit_mm", above=0.0, high=1000.0)
+    width_px = image.integer("width_px", low=16, high=MOST_PX, default=16)
+    height_px = image.integer("height_px", low=16, high=MOST_PX, default=16)
+    scale = image.numbers("px_per_mm", 2, low=1.0, high=1000.0, unit="px/mm")
+    if isinstance(orientation.values.get("sign"), bool) or orientation.values.get("sign") not in (1, -1):
+        orientation.problem("sign", f"sign = {shown(orientation.values.get('sign'))} is neither 1 nor -1; give one of them")
+    rotate90 = orientation.integer("rotate90", low=0, high=3)
+    mirror = orientation.flag("mirror")
+    profile = SensorProfile(
+        name=table.text("name", longest=100),
+        title=table.text("title"),
+        width_px=width_px,
+        height_px=height_px,
+        px_per_mm=(scale[0], scale[1]),
+        sign=-1 if orientation.values.get("sign") == -1 else 1,
+        mirror=mirror,
+        rotate90=rotate90,
+        depth_unit_mm=unit_mm,
+        white_um=noise.number("white_um", low=0.0, high=1000.0, unit="um"),
+        correlated_um=noise.number("correlated_um", low=0.0, high=1000.0, unit="um"),
+        correlated_px=noise.number("correlated_px", low=1.0, high=100.0, unit="px"),
+        scale_tolerance=image.number("scale_tolerance", low=0.0, high=0.5, unit=""),
+        mask=_read_mask(image, folder, (height_px, width_px), mirror, rotate90) if "mask" in image.values else None,
+    )
+    refuse_problems(table)
+    return profile
+
+
+def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool, rotate90: int) -> npt.NDArray[np.bool_] | None:
+    """The mask as the canonical image has it; problems are collected, with None then."""
+    value = image.values["mask"]
+    mask = None
+    if value == "ellipse":
+        v, u = np.ogrid[: shape[0], : shape[1]]
+        mask = ((2 * u + 1) / shape[1] - 1) ** 2 + ((2 * v + 1) / shape[0] - 1) ** 2 <= 1.0
+    elif isinstance(value, str) and value.lower().endswith(".png"):
+        frame_shape = shape[::-1] if rotate90 % 2 else shape
+        try:
+            grey = _read_png(folder / value, frame_shape)
+        except SpecError as error:
+            image.problems.extend(error.problems)
+            return None
+        valid = grey >= _VALID_GREY
+        mask = np.ascontiguousarray(np.rot90(valid[:, ::-1] if mirror else valid, rotate90))
+    elif isinstance(value, str):
+        image.problem("mask", f'mask = {shown(value)} is no mask; give "ellipse", a border in px, or the path of a .png')
+    else:
+        border = round(image.number("mask", low=0.0, below=min(shape) / 2, unit="px", default=0.0))
+        mask = np.zeros(shape, dtype=bool)
+        mask[border : shape[0] - border, border : shape[1] - border] = True
+    if mask is not None:
+        if not mask.any():
+            image.problem("mask", f"mask = {shown(value)} leaves no pixel that carries depth; make some of it white")
+        mask.setflags(write=False)
+    return mask
+
+
+def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """A PNG of exactly this (height, width) as grey levels; its header is looked at before anything is unpacked."""
+    import cv2
+
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(_MASK_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        message = f"mask = {shown_path(path)} cannot be opened: {reason}; give a PNG beside the profile"
+        raise SpecError(Problem("mask", message)) from error
+    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if not data.startswith(_PNG_HEADER) or len(data) > _MASK_BYTES:
+        raise SpecError(Problem("mask", f"mask = {shown_path(path)} is no PNG of at most {_MASK_BYTES} bytes; write one"))
+    if (height, width) != shape:
+        message = f"mask = {shown_path(path)} is {width} x {height} px, a frame is {shape[1]} x {shape[0]}; make it as large"
+        raise SpecError(Problem("mask", message))
+    grey = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    if grey is None or grey.shape != shape:
+        raise SpecError(Problem("mask", f"mask = {shown_path(path)} is a PNG that cannot be unpacked; write it again"))
+    return np.asarray(grey, dtype=np.uint8)

@@ -1,0 +1,149 @@
+"""Dots without images: what a detector would have found, for statistics over very many frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.simulation.contact import imprint, inwards
+from tactape_fab.sense.simulation.draw import parts_in_view, points_in_contact
+from tactape_fab.sense.simulation.parts import Parts, as_parts
+from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
+from tactape_fab.sense.simulation.view import as_sensor, make_view
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+
+NOT_A_PART = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DotErrors:
+    """How a detector errs. The defaults are those of maxima of a band-pass (Gaussian 2 px, mean 25 px), default scene.
+
+    Attributes
+    ----------
+    sigma_px : float
+        Standard deviation per axis of a centre whose part is wholly imprinted.
+    rim_sigma_px : float
+        What it grows by towards the rim, times 1 - imprint.
+    rim_pull_px : float
+        How far centres are drawn inwards at the rim, where one side of a part is imprinted less than the other, times
+        (1 - imprint) ** 0.75.
+    outliers : float
+        Share of dots whose centre is off by up to `outlier_px` per axis, evenly.
+    outlier_px : float
+    lost : float
+        Share of dots that are not found, whatever their imprint.
+    least_imprint : float
+        Dots with a smaller share of their height imprinted are not found.
+    false_dots : float
+        Mean number of dots inside the contact where there is no part (Poisson).
+    weight_sigma : float
+        Relative standard deviation of the weights.
+    """
+
+    sigma_px: float = 0.28
+    rim_sigma_px: float = 0.9
+    rim_pull_px: float = 2.4
+    outliers: float = 0.01
+    outlier_px: float = 6.0
+    lost: float = 0.01
+    least_imprint: float = 0.2
+    false_dots: float = 2.0
+    weight_sigma: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing, all of them together."""
+        table = Fields({f.name: getattr(self, f.name) for f in fields(self)}, "errors.")
+        for name in ("outliers", "lost", "least_imprint"):
+            table.number(name, low=0.0, high=1.0, unit="")
+        for name in ("sigma_px", "rim_sigma_px", "rim_pull_px", "outlier_px", "false_dots", "weight_sigma"):
+            table.number(name, low=0.0, high=1000.0, unit="px" if name.endswith("px") else "")
+        if table.problems:
+            raise SpecError(table.problems)
+
+
+DEFAULT_ERRORS = DotErrors()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Dots:
+    """Dots as `locate_dots` takes them, and what they are.
+
+    Attributes
+    ----------
+    xy_px : ndarray, shape (n, 2)
+        Canonical image.
+    weights : ndarray, shape (n,)
+        1 for a part that is wholly imprinted.
+    part : ndarray of int64, shape (n,)
+        Index of the part, -1 where there is none.
+    true_px : ndarray, shape (n, 2)
+        True centres; NaN where there is no part.
+    """
+
+    xy_px: FloatArray
+    weights: FloatArray
+    part: IntArray
+    true_px: FloatArray
+
+
+def dots_of(
+    tape: Tape,
+    pose: Sequence[float],
+    scene: Scene | None = None,
+    rng: np.random.Generator | int = 0,
+    errors: DotErrors | None = None,
+    *,
+    sensor: str | SensorProfile = "gelsight-mini",
+    parts: Parts | npt.ArrayLike | None = None,
+) -> Dots:
+    """The dots of one frame, without a depth map.
+
+    Parameters
+    ----------
+    tape, sensor, parts
+        As in `simulate`.
+    pose : (float, float, float)
+        x mm, y mm (texture frame), theta deg.
+    scene : Scene, optional
+        Its bumps are dots with no part; noise and smoothing are not used.
+    rng : Generator or int
+        A generator to draw from, or a seed.
+    errors : DotErrors, optional
+
+    Raises
+    ------
+    SpecError
+        As `simulate`.
+    """
+    profile, scene, errors = as_sensor(sensor), scene or DEFAULT_SCENE, errors or DEFAULT_ERRORS
+    rng = rng if isinstance(rng, np.random.Generator) else np.random.default_rng(rng)
+    *position_mm, theta_deg = pose
+    view = make_view(tape, position_mm, theta_deg, profile, scene)
+    index, _, at_mm = parts_in_view(view, as_parts(tape, parts), rng)
+    share = imprint(scene, at_mm)
+    true_px = view.to_px(at_mm)
+    found = (share >= max(errors.least_imprint, 1e-3)) & (rng.random(len(share)) >= errors.lost)
+    found &= (np.abs(true_px - profile.centre_px) <= profile.centre_px).all(axis=1)
+    index, share, true_px, at_mm = index[found], share[found], true_px[found], at_mm[found]
+    off = rng.standard_normal(true_px.shape) * (errors.sigma_px + errors.rim_sigma_px * (1 - share))[:, None]
+    off += errors.rim_pull_px * ((1 - share) ** 0.75)[:, None] * inwards(scene, at_mm)
+    off += rng.uniform(-errors.outlier_px, errors.outlier_px, off.shape) * (rng.random(len(off)) < errors.outliers)[:, None]
+    weights = share * (1 + errors.weight_sigma * rng.standard_normal(len(share)))
+
+    count = scene.bumps + int(rng.poisson(errors.false_dots))
+    false_mm = points_in_contact(view, count, rng) if count else np.empty((0, 2))
+    false_weights = rng.uniform(0.3, 1.0, len(false_mm))
+    return Dots(
+        xy_px=np.concatenate([true_px + off, view.to_px(false_mm)]),
+        weights=np.maximum(np.concatenate([weights, false_weights]), 0.05),
+        part=np.concatenate([index, np.full(len(false_mm), NOT_A_PART)]),
+        true_px=np.concatenate([true_px, np.full((len(false_mm), 2), np.nan)]),
+    )

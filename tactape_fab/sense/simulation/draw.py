@@ -1,0 +1,342 @@
+"""Frames with the truth beside them: one by `simulate`, many by `iterate_frames` and `simulate_frames`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
+from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of
+from tactape_fab.sense.simulation.parts import Parts, as_parts, scattered
+from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
+from tactape_fab.sense.simulation.view import View, as_sensor, make_view
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+
+MOST_FRAMES = 1_000_000
+_OVERHANG = (-0.2, 0.9)
+_GOLDEN = 1.2207440846057596  # the real root of x**4 = x + 1: its powers spread points in three dimensions evenly
+_RECURRENCE = np.array([1 / _GOLDEN, 1 / _GOLDEN**2, 1 / _GOLDEN**3])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """One frame and its truth.
+
+    Attributes
+    ----------
+    depth : ndarray of float32, shape (h, w)
+        As the sensor delivers it.
+    position_mm : ndarray, shape (2,)
+        Texture point under the image centre.
+    theta_deg : float
+    contact_px : ndarray, shape (2,)
+        Contact centre in the canonical image.
+    dots_px : ndarray, shape (k, 2)
+        True centres in the canonical image of the parts that leave any imprint, as they really stand.
+    dots_part : ndarray of int64, shape (k,)
+        Which part of the tape, or of the parts given, each of them is.
+    dots_imprint : ndarray, shape (k,)
+        Share of its height that is imprinted at each; at least 0.5 inside the contact's outline.
+    """
+
+    depth: FloatImage
+    position_mm: FloatArray
+    theta_deg: float
+    contact_px: FloatArray
+    dots_px: FloatArray
+    dots_part: IntArray
+    dots_imprint: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frames:
+    """Many frames and their truth, each attribute as in `Frame` with one entry per frame."""
+
+    depth: FloatImage
+    position_mm: FloatArray
+    theta_deg: FloatArray
+    contact_px: FloatArray
+    dots_px: tuple[FloatArray, ...]
+    dots_part: tuple[IntArray, ...]
+    dots_imprint: tuple[FloatArray, ...]
+
+
+def simulate(
+    tape: Tape,
+    position_mm: Sequence[float],
+    theta_deg: float,
+    *,
+    sensor: str | SensorProfile = "gelsight-mini",
+    scene: Scene | None = None,
+    seed: int = 0,
+    parts: Parts | npt.ArrayLike | None = None,
+    **options: Any,
+) -> FloatImage:
+    """The depth map of a tape in contact.
+
+    A pixel p of the canonical image sees the texture point S + (1/R) [[cos, sin], [-sin, cos]] (p - p0), with p0 the
+    image centre ((width - 1) / 2, (height - 1) / 2) and R px/mm (paper, Eq. 12).
+
+    Parameters
+    ----------
+    tape : Tape
+    position_mm : (float, float)
+        S, the texture point under the image centre.
+    theta_deg : float
+        Turn of the sensor on the tape, counter-clockwise seen from above.
+    sensor : str or SensorProfile
+        A profile, its name, or the path of its TOML file.
+    scene : Scene, optional
+        The contact; the default scene when left out.
+    seed : int
+        Equal seeds give equal frames.
+    parts : Parts or array_like, optional
+        Where parts stand, (x, y) or (x, y, rotation) rows in the board frame, instead of the tape's own places.
+    **options
+        Attributes of `Scene` to replace.
+
+    Returns
+    -------
+    ndarray of float32, shape `sensor.frame_shape`
+        Depth in the sensor's unit, mm where it has none; larger where pushed further in, unless the sensor's sign is -1.
+
+    Raises
+    ------
+    SpecError
+        For a pose, an option, parts or a sensor that mean nothing.
+    """
+    profile, scene = as_sensor(sensor), (scene or DEFAULT_SCENE).changed(options)
+    view = make_view(tape, position_mm, theta_deg, profile, scene)
+    return _frame(view, as_parts(tape, parts), np.random.SeedSequence(checked_seed(seed))).depth
+
+
+def iterate_frames(
+    tape: Tape,
+    count: int,
+    seed: int = 0,
+    sensor: str | SensorProfile = "gelsight-mini",
+    scene: Scene | None = None,
+    *,
+    poses: npt.ArrayLike | None = None,
+    edge: bool = False,
+    parts: Parts | npt.ArrayLike | None = None,
+) -> Iterator[Frame]:
+    """Frames one by one; frame k is the same whatever `count` is.
+
+    Parameters
+    ----------
+    tape, sensor, scene, parts
+        As in `simulate`.
+    count : int
+    seed : int
+        Of poses, noise and defects.
+    poses : array_like, shape (count, 3), optional
+        (x mm, y mm, theta deg) per frame; `draw_poses` when left out.
+    edge : bool
+        Draw poses whose contact hangs over the edge of the texture.
+
+    Raises
+    ------
+    SpecError
+        As `simulate`, and for poses of another shape; on the first frame asked for.
+    """
+    profile, scene = as_sensor(sensor), scene or DEFAULT_SCENE
+    drawn = draw_poses(tape, count, seed, profile, scene, edge=edge) if poses is None else _checked_poses(poses, count)
+    standing = as_parts(tape, parts)
+    for k, pose in enumerate(drawn):
+        yield _frame(make_view(tape, pose[:2], float(pose[2]), profile, scene), standing, _stream(seed, k))
+
+
+def frame_at(
+    tape: Tape,
+    number: int,
+    pose: FloatArray,
+    seed: int = 0,
+    sensor: str | SensorProfile = "gelsight-mini",
+    scene: Scene | None = None,
+    *,
+    parts: Parts | npt.ArrayLike | None = None,
+) -> Frame:
+    """Frame `number` of those that `iterate_frames` makes with this pose there; it raises the same."""
+    view = make_view(tape, pose[:2], float(pose[2]), as_sensor(sensor), scene or DEFAULT_SCENE)
+    return _frame(view, as_parts(tape, parts), _stream(seed, number))
+
+
+def simulate_frames(
+    tape: Tape,
+    count: int,
+    seed: int = 0,
+    sensor: str | SensorProfile = "gelsight-mini",
+    scene: Scene | None = None,
+    *,
+    poses: npt.ArrayLike | None = None,
+    edge: bool = False,
+    parts: Parts | npt.ArrayLike | None = None,
+) -> Frames:
+    """Many frames at once, in memory; see `iterate_frames`, which raises the same."""
+    frames = list(iterate_frames(tape, count, seed, sensor, scene, poses=poses, edge=edge, parts=parts))
+    return Frames(
+        depth=np.stack([f.depth for f in frames]),
+        position_mm=np.stack([f.position_mm for f in frames]),
+        theta_deg=np.array([f.theta_deg for f in frames]),
+        contact_px=np.stack([f.contact_px for f in frames]),
+        dots_px=tuple(f.dots_px for f in frames),
+        dots_part=tuple(f.dots_part for f in frames),
+        dots_imprint=tuple(f.dots_imprint for f in frames),
+    )
+
+
+def draw_poses(
+    tape: Tape,
+    count: int,
+    seed: int = 0,
+    sensor: str | SensorProfile = "gelsight-mini",
+    scene: Scene | None = None,
+    *,
+    edge: bool = False,
+) -> FloatArray:
+    """Poses that cover a tape evenly: an additive recurrence in position and angle, shifted by the seed.
+
+    Parameters
+    ----------
+    tape, sensor, scene
+        As in `simulate`.
+    count, seed : int
+        Pose k is the same whatever `count` is.
+    edge : bool
+        False: the contact lies wholly over the grid, as far as the grid is large enough; else its middle is over the
+        grid's. True: the contact's centre is near the grid's outline, from 0.9 of its half width inside to 0.2 outside.
+
+    Returns
+    -------
+    ndarray, shape (count, 3)
+        x mm, y mm (texture frame), theta deg in (-180, 180].
+    """
+    profile, scene = as_sensor(sensor), scene or DEFAULT_SCENE
+    _check_count(count)
+    shift = np.random.Generator(np.random.PCG64(np.random.SeedSequence(checked_seed(seed), spawn_key=(0, 2)))).random(3)
+    share = (shift + np.outer(np.arange(1, count + 1), _RECURRENCE)) % 1.0
+    theta_deg = 180.0 - 360.0 * share[:, 2]
+    view = make_view(tape, (0.0, 0.0), 0.0, profile, scene)
+    c, s = np.cos(np.radians(theta_deg)), np.sin(np.radians(theta_deg))
+    turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # rows of points in view times this
+    outline = contact_outline_mm(scene, view.half_field_mm) @ turn
+    grid_mm = np.array([tape.columns - 1, tape.rows - 1]) * tape.pitch_mm
+    if edge:
+        centre = _overhanging(share[:, :2], np.abs(outline).max(axis=1), grid_mm)
+        position = centre - (np.asarray(scene.contact_offset_mm) @ turn)
+    else:
+        low, high = -outline.min(axis=1), grid_mm - outline.max(axis=1)
+        middle = (low + high) / 2
+        low, high = np.minimum(low, middle), np.maximum(high, middle)
+        narrow = grid_mm < outline.max(axis=1) - outline.min(axis=1)
+        position = np.where(narrow, middle, low + (high - low) * share[:, :2])
+    return np.column_stack([position, theta_deg])
+
+
+def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) -> FloatArray:
+    """Contact centres around the grid's outline; shape (n, 2), mm in the texture frame."""
+    width, height = grid_mm
+    along = share[:, 0] * 2 * (width + height)
+    side = np.searchsorted(np.cumsum([width, height, width]), along, side="right")
+    at = along - np.concatenate([[0.0], np.cumsum([width, height, width])])[side]
+    inward = _OVERHANG[0] + (_OVERHANG[1] - _OVERHANG[0]) * share[:, 1]
+    inset = inward * np.where(side % 2 == 0, half_mm[:, 1], half_mm[:, 0])
+    x = np.choose(side, [at, width - inset, width - at, inset])
+    y = np.choose(side, [inset, at, height - inset, height - at])
+    return np.stack([x, y], axis=-1)
+
+
+def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
+    """One frame; defects and noise come from streams of their own, so that neither changes the other."""
+    scene = view.scene
+    of_parts, of_noise = (
+        np.random.Generator(np.random.PCG64(np.random.SeedSequence(stream.entropy, spawn_key=(*stream.spawn_key, i))))
+        for i in range(2)
+    )
+    index, seen, at_mm = parts_in_view(view, parts, of_parts)
+    bumps_mm, sizes = _draw_bumps(view, of_parts)
+    relief = relief_of(view, seen, bumps_mm, sizes)
+    share = imprint(scene, at_mm)
+    dots_px = view.to_px(at_mm)
+    felt = (share > 0.0) & (np.abs(dots_px - view.profile.centre_px) <= view.profile.centre_px + 0.5).all(axis=1)
+    return Frame(
+        depth=press(relief, view.profile, scene, of_noise),
+        position_mm=view.position_mm,
+        theta_deg=view.theta_deg,
+        contact_px=view.to_px(np.asarray(scene.contact_offset_mm)),
+        dots_px=dots_px[felt],
+        dots_part=index[felt],
+        dots_imprint=share[felt],
+    )
+
+
+def _stream(seed: int, number: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(checked_seed(seed), spawn_key=(number,))
+
+
+def parts_in_view(view: View, parts: Parts, rng: np.random.Generator) -> tuple[IntArray, Parts, FloatArray]:
+    """Parts that the contact can feel, as they really stand: their indices, places on the board, and in view (mm)."""
+    scene, tape = view.scene, view.tape
+    if scene.mirrored_tape:
+        mirrored = parts.xy_mm * (-1.0, 1.0) + (tape.board.size_mm[0], 0.0)
+        parts = Parts(xy_mm=mirrored, rotation_deg=180.0 - parts.rotation_deg)
+    reach_mm = float(np.hypot(*tape.part.body_mm[:2])) / 2
+    near = np.flatnonzero(view.in_reach(parts, reach_mm + 4 * scene.placement_mm))
+    standing, there = scattered(parts.taken(near), scene, rng)
+    at_mm = view.from_board(standing.xy_mm)
+    felt = there & (inside_mm(scene, at_mm) > -scene.roll_off_mm / 2 - reach_mm)
+    felt &= (np.abs(at_mm) <= view.half_field_mm + reach_mm).all(axis=1)
+    return near[felt], standing.taken(felt), at_mm[felt]
+
+
+def _draw_bumps(view: View, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Centres (k, 2) in view of spurious bumps inside the contact, mm, and their (diameter mm, relative height)."""
+    count = view.scene.bumps
+    if count == 0:
+        return np.empty((0, 2)), np.empty((0, 2))
+    inside = points_in_contact(view, count, rng)
+    sizes = np.stack([rng.uniform(*BUMP_FOOT_MM, len(inside)), rng.uniform(*BUMP_HEIGHT, len(inside))], axis=-1)
+    return inside, sizes
+
+
+def points_in_contact(view: View, count: int, rng: np.random.Generator) -> FloatArray:
+    """Points evenly over the contact as far as it is seen; shape (count, 2) or fewer, mm from the image centre."""
+    outline = contact_outline_mm(view.scene, view.half_field_mm)
+    candidates = rng.uniform(outline.min(axis=0), outline.max(axis=0), (32 * count, 2))
+    seen = (np.abs(candidates) <= view.half_field_mm).all(axis=1) & (inside_mm(view.scene, candidates) > 0.0)
+    return candidates[seen][:count]
+
+
+def checked_seed(seed: int) -> int:
+    table = Fields({"seed": seed})
+    whole = table.integer("seed", low=0, high=2**64 - 1)
+    if table.problems:
+        raise SpecError(table.problems)
+    return whole
+
+
+def _check_count(count: int) -> None:
+    table = Fields({"count": count})
+    table.integer("count", low=1, high=MOST_FRAMES)
+    if table.problems:
+        raise SpecError(table.problems)
+
+
+def _checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
+    _check_count(count)
+    try:
+        rows = np.array(poses, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SpecError(Problem("poses", f"poses is no array of numbers: {error}; give (x mm, y mm, theta deg) rows")) from error
+    if rows.shape != (count, 3):
+        raise SpecError(Problem("poses", f"poses has shape {rows.shape}, not ({count}, 3); give (x mm, y mm, theta deg) rows"))
+    return rows

@@ -1,0 +1,153 @@
+"""From the relief under the gel to the frame that a sensor delivers: smoothing, background, noise, orientation."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.simulation.contact import contact_images, contact_outline_mm
+from tactape_fab.sense.simulation.parts import Parts
+from tactape_fab.sense.simulation.pixel_coverage import add_domes, add_quads
+from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.view import View
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import inset_mm
+
+FloatImage = npt.NDArray[np.float32]
+
+_KERNEL_REACH = 3.5
+"""Half the width of a smoothing kernel, in standard deviations."""
+BUMP_FOOT_MM = (0.30, 0.70)
+"""Least and largest diameter of a spurious bump."""
+BUMP_HEIGHT = (0.5, 1.2)
+"""Least and largest height of a spurious bump, as a share of the texture's."""
+
+
+def relief_of(view: View, parts: Parts, bumps_mm: FloatArray, bump_sizes: FloatArray) -> FloatArray:
+    """Height of the surface under the gel over the top of the film; shape (h, w), mm.
+
+    Parameters
+    ----------
+    view : View
+    parts : Parts
+        Those in view.
+    bumps_mm : ndarray, shape (k, 2)
+        Centres of spurious bumps, mm from the image centre.
+    bump_sizes : ndarray, shape (k, 2)
+        Their diameters in mm, and heights as a share of the texture's.
+    """
+    image = np.zeros((view.profile.height_px, view.profile.width_px))
+    centres_px = view.to_px(view.from_board(parts.xy_mm))
+    part, texture_mm = view.tape.part, view.scene.texture_mm
+    if part.shape == "dome":
+        foot = np.full(len(centres_px), part.body_mm[0] / 2)
+        top = np.full(len(centres_px), (part.top_mm or 0.0) / 2)
+        cap = None if part.top_mm is not None else part.body_mm[2]
+        add_domes(image, centres_px, view.px_per_mm, foot, top, np.full(len(foot), texture_mm), cap)
+    else:
+        add_quads(image, centres_px[:, None] + _corners_px(view, parts.rotation_deg), texture_mm)
+    _add_bumps(image, view, bumps_mm, bump_sizes)
+    if view.tape.surface is None:
+        _cut_film(image, view)
+    return image
+
+
+def _corners_px(view: View, rotation_deg: FloatArray) -> FloatArray:
+    """Corners of blocks from their centres in the image; shape (n, 4, 2), px."""
+    length_mm, width_mm = view.tape.part.body_mm[:2]
+    rotation = np.radians(rotation_deg)
+    along_board = np.stack([np.cos(rotation), np.sin(rotation)], axis=-1)
+    across_board = np.stack([-np.sin(rotation), np.cos(rotation)], axis=-1)
+    flip = np.array([1.0, -1.0])
+    along = (along_board * flip) @ view.turn * length_mm / 2
+    across = (across_board * flip) @ view.turn * width_mm / 2
+    corners = np.stack([along + across, across - along, -along - across, along - across], axis=1)
+    scaled: FloatArray = corners * view.px_per_mm
+    return scaled
+
+
+def _add_bumps(image: FloatArray, view: View, bumps_mm: FloatArray, sizes: FloatArray) -> None:
+    """Cones with a flat top of half their width."""
+    foot = sizes[:, 0] / 2
+    add_domes(image, view.to_px(bumps_mm), view.px_per_mm, foot, foot / 2, sizes[:, 1] * view.scene.texture_mm, None)
+
+
+def _cut_film(image: FloatArray, view: View) -> None:
+    """Lower what the contact feels beyond the tape's outline by its thickness, as far as the gel reaches down: `Scene.dome_mm`.
+
+    The share of a pixel is that of a straight edge.
+    """
+    board, profile = view.tape.board, view.profile
+    outline_px = view.to_px(contact_outline_mm(view.scene, view.half_field_mm))
+    margin_px = view.scene.roll_off_mm / 2 * np.asarray(view.px_per_mm) + 1
+    low = np.maximum(outline_px.min(axis=0) - margin_px, -0.5)
+    high = np.minimum(outline_px.max(axis=0) + margin_px, 2 * profile.centre_px + 0.5)
+    corners_px = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
+    corners = view.to_board((corners_px - profile.centre_px) / view.px_per_mm)
+    mean_scale = float(np.sqrt(np.prod(view.px_per_mm)))
+    if inset_mm(corners, board.size_mm, board.corner_radius_mm).min() > 1 / mean_scale:
+        return
+    first, last = np.floor(low + 0.5).astype(np.int64), np.ceil(high + 0.5).astype(np.int64)
+    u, v = np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]))
+    at = view.to_board((np.stack([u, v], axis=-1) - profile.centre_px) / view.px_per_mm)
+    beyond = np.clip(0.5 - inset_mm(at, board.size_mm, board.corner_radius_mm) * mean_scale, 0.0, 1.0)
+    image[first[1] : last[1], first[0] : last[0]] -= min(board.thickness_mm, view.scene.dome_mm) * beyond
+
+
+def press(relief_mm: FloatArray, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> FloatImage:
+    """The depth map that a sensor delivers of a relief pressed into its gel; shape `profile.frame_shape`."""
+    x, y = profile.px_per_mm
+    scale = (x * (1 + scene.scale_error), y * (1 + scene.scale_error))
+    imprint, background = contact_images(scene, (profile.height_px, profile.width_px), scale)
+    depth = _smooth(relief_mm.astype(np.float32) * imprint, scene.elastomer_mm * scale[0], scene.elastomer_mm * scale[1])
+    depth += background
+    _add_noise(depth, profile, scene, rng)
+    return delivered(depth, profile)
+
+
+def delivered(depth_mm: FloatImage, profile: SensorProfile) -> FloatImage:
+    """The canonical image as the sensor delivers it: unit, blind pixels, orientation."""
+    image = depth_mm if profile.depth_unit_mm is None else depth_mm / np.float32(profile.depth_unit_mm)
+    if profile.mask is not None:
+        image = np.where(profile.mask, image, np.float32(0.0))
+    turned = np.rot90(image, -profile.rotate90)
+    flipped = turned[:, ::-1] if profile.mirror else turned
+    return np.ascontiguousarray(flipped if profile.sign > 0 else -flipped, dtype=np.float32)
+
+
+def _smooth(image: FloatImage, sigma_u_px: float, sigma_v_px: float) -> FloatImage:
+    import cv2
+
+    if min(sigma_u_px, sigma_v_px) < 0.05:
+        return image
+    across, down = _kernel(sigma_u_px), _kernel(sigma_v_px)
+    smoothed: FloatImage = cv2.sepFilter2D(image, cv2.CV_32F, across, down, borderType=cv2.BORDER_REPLICATE)
+    return smoothed
+
+
+def _kernel(sigma_px: float) -> FloatImage:
+    at = np.arange(-int(np.ceil(_KERNEL_REACH * sigma_px)), int(np.ceil(_KERNEL_REACH * sigma_px)) + 1)
+    weight = np.exp(-0.5 * (at / sigma_px) ** 2)
+    kernel: FloatImage = (weight / weight.sum()).astype(np.float32)
+    return kernel
+
+
+def _add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> None:
+    """White noise, and noise smoothed to blobs: drawn beyond the image's edges, so that its rms is the same everywhere."""
+    import cv2
+
+    white_um = profile.white_um if scene.white_um is None else scene.white_um
+    correlated_um = profile.correlated_um if scene.correlated_um is None else scene.correlated_um
+    blob_px = profile.correlated_px if scene.correlated_px is None else scene.correlated_px
+    if white_um * scene.noise > 0.0:
+        white = rng.standard_normal(depth.shape, dtype=np.float32)
+        white *= np.float32(white_um * scene.noise / 1000)
+        depth += white
+    if correlated_um * scene.noise > 0.0:
+        kernel = _kernel(blob_px)
+        reach = len(kernel) // 2
+        drawn = rng.standard_normal((depth.shape[0] + 2 * reach, depth.shape[1] + 2 * reach), dtype=np.float32)
+        gain = correlated_um * scene.noise / 1000 / float((kernel.astype(np.float64) ** 2).sum())
+        blobs = cv2.sepFilter2D(drawn, cv2.CV_32F, kernel, kernel * np.float32(gain), borderType=cv2.BORDER_CONSTANT)
+        depth += blobs[reach:-reach, reach:-reach]

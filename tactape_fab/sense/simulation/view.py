@@ -1,0 +1,115 @@
+"""One sensor on one tape: the way from board to image, and which parts are in view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import cos, radians, sin
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.sense.simulation.contact import contact_local
+from tactape_fab.sense.simulation.parts import Parts
+from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.texture.frames import FloatArray, board_to_texture, texture_to_board
+from tactape_fab.texture.tape import Tape
+
+FARTHEST_MM = 100_000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """A pose of a sensor on a tape, with the scale as it truly is.
+
+    Points "in view" are mm from the image centre, right and down, as the sensor sees them.
+    """
+
+    tape: Tape
+    profile: SensorProfile
+    scene: Scene
+    position_mm: FloatArray
+    theta_deg: float
+
+    @property
+    def px_per_mm(self) -> tuple[float, float]:
+        """The true scale along u and v."""
+        x, y = self.profile.px_per_mm
+        return x * (1 + self.scene.scale_error), y * (1 + self.scene.scale_error)
+
+    @property
+    def half_field_mm(self) -> FloatArray:
+        return np.array([self.profile.width_px, self.profile.height_px]) / self.px_per_mm / 2
+
+    @property
+    def turn(self) -> FloatArray:
+        """Matrix M with T = S + q @ M.T of a point q in view, SPEC's [[cos, sin], [-sin, cos]]; shape (2, 2)."""
+        c, s = cos(radians(self.theta_deg)), sin(radians(self.theta_deg))
+        return np.array([[c, s], [-s, c]])
+
+    def to_px(self, in_view_mm: FloatArray) -> FloatArray:
+        """Points in view as pixels of the canonical image; shape (..., 2)."""
+        px: FloatArray = in_view_mm * self.px_per_mm + self.profile.centre_px
+        return px
+
+    def from_board(self, xy_mm: FloatArray) -> FloatArray:
+        """Board points in view; shape (..., 2), mm."""
+        flat: FloatArray = (board_to_texture(xy_mm, self.tape.board.texture_origin_mm) - self.position_mm) @ self.turn
+        return bent(self.scene, flat) if self.scene.contact == "strip" else flat
+
+    def to_board(self, in_view_mm: FloatArray) -> FloatArray:
+        """Points in view on the board, as if it lay flat; shape (..., 2), mm."""
+        return texture_to_board(self.position_mm + in_view_mm @ self.turn.T, self.tape.board.texture_origin_mm)
+
+    def in_reach(self, parts: Parts, margin_mm: float) -> npt.NDArray[np.bool_]:
+        """Parts that may be in view, by their distance on the board."""
+        farthest = float(np.hypot(*self.half_field_mm)) + margin_mm
+        if self.scene.contact == "strip":  # an arc is at most pi/2 times its chord, and the chord may start off centre
+            farthest = 2 * farthest + float(np.hypot(*self.scene.contact_offset_mm))
+        offset = parts.xy_mm - texture_to_board(self.position_mm, self.tape.board.texture_origin_mm)
+        near: npt.NDArray[np.bool_] = (offset * offset).sum(axis=1) <= farthest * farthest
+        return near
+
+
+def bent(scene: Scene, flat_mm: FloatArray) -> FloatArray:
+    """Points of a tape wrapped about a strip's cylinder, as seen from straight above; the image centre stays where it is."""
+    radius = scene.cylinder_radius_mm
+    turn = radians(scene.contact_turn_deg)
+    across = contact_local(scene, flat_mm)[..., 1]
+    centre = float(contact_local(scene, np.zeros(2))[1])
+    arc = np.arcsin(np.clip(centre / radius, -1.0, 1.0)) * radius + across - centre
+    seen = radius * np.sin(np.clip(arc / radius, -np.pi / 2, np.pi / 2))
+    shifted: FloatArray = flat_mm + (seen - across)[..., None] * np.array([sin(turn), cos(turn)])
+    return shifted
+
+
+def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile: SensorProfile, scene: Scene) -> View:
+    """A view of a tape from a pose in the texture frame.
+
+    Raises
+    ------
+    SpecError
+        When the pose is not finite or absurdly far.
+    """
+    plain = position_mm.tolist() if isinstance(position_mm, np.ndarray) else position_mm
+    table = Fields({"position_mm": plain, "theta_deg": theta_deg})
+    x, y = table.numbers("position_mm", 2, low=-FARTHEST_MM, high=FARTHEST_MM)
+    theta = table.number("theta_deg", low=-1e6, high=1e6, unit="deg")
+    if table.problems:
+        raise SpecError(table.problems)
+    return View(tape=tape, profile=profile, scene=scene, position_mm=np.array([x, y]), theta_deg=theta)
+
+
+def as_sensor(sensor: str | SensorProfile) -> SensorProfile:
+    """A profile by name, by path, or as it is; those that come with the package are read once."""
+    if isinstance(sensor, SensorProfile):
+        return sensor
+    return load_sensor(sensor) if str(sensor).endswith(".toml") else _own_sensor(str(sensor))
+
+
+@lru_cache(maxsize=8)
+def _own_sensor(name: str) -> SensorProfile:
+    return load_sensor(name)

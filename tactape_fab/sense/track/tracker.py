@@ -1,0 +1,234 @@
+"""Tracker: frames of one sensor in order; each is located with the last fix in mind, and held against it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import degrees, isfinite
+from numbers import Real
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.sense.decode.localizer import Localizer
+from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.decode.search.search import Prior
+from tactape_fab.sense.track.motion import (
+    LINE_FIXES,
+    Event,
+    EventKind,
+    Motion,
+    Pose,
+    Slip,
+    mean_pose,
+    pose_of,
+    predicted,
+    slip_of,
+    velocity_of,
+    within,
+)
+from tactape_fab.texture.frames import FloatArray
+
+TOUCHES, TRACE = 0.05, 0.5
+"""p_tape below which a frame shows a tape of ours though it is not located, and below which a contact goes on."""
+ANCHOR_FIXES = 3
+"""Fixes whose mean a later pose is held against."""
+STILL_FIXES = 3
+"""Fixes in a row without slip after which the next slip is another one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Track:
+    """What a tracker says of one frame.
+
+    Attributes
+    ----------
+    timestamp : float
+    fix : Localization
+        The localizer's own answer to this frame: never hidden where it is lost, never replaced by a prediction.
+    prediction : Prior or None
+        Where the contact was believed to be before the frame was looked at; what the localizer was told. None where nothing
+        was known, or had lapsed.
+    contact : bool
+        Whether a registered tape is touched.
+    lost : bool
+        Whether it is touched and not located.
+    events : tuple of Event
+        In the order in which they happened.
+    slip : Slip or None
+        None where the frame is not located.
+    velocity_mm_s : (float, float) or None
+        Of ``position_mm``; None where it is not located, or for the first time.
+    turn_deg_s : float or None
+    """
+
+    timestamp: float
+    fix: Localization
+    prediction: Prior | None
+    contact: bool
+    lost: bool
+    events: tuple[Event, ...]
+    slip: Slip | None
+    velocity_mm_s: tuple[float, float] | None
+    turn_deg_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _State:
+    """What is known before a frame; ``line`` are the last fixes, ``anchor`` those that slip is held against."""
+
+    timestamp: float | None = None
+    contact: bool = False
+    lost: bool = False
+    touched: float = 0.0
+    silent: int = 0
+    still: int = 0
+    slipping: bool = False
+    line: tuple[Pose, ...] = ()
+    velocity: FloatArray
+    anchor: tuple[Pose, ...] = ()
+    began: Pose | None = None
+
+
+_NOTHING = _State(velocity=np.zeros(3))
+
+
+class Tracker:
+    """Follows the contact of one sensor.
+
+    Each frame is located with the last fix as a `Prior`: half of the weight of all registered places goes to those near
+    the prediction, the other half stays everywhere. What a located fix promises then:
+
+    - `p_tape` stays a bound, however wrong the prediction is: it was made before the frame was looked at.
+    - The answer leads over every single other place by the localizer's `kappa` without any prior.
+    - `p_place` weighs places by the prior. It bounds the chance of a wrong place as long as the contact really is near the
+      prediction at least every other time that there is one.
+
+    Where the contact is not located, the region grows with the time since the last fix, until nothing is believed.
+
+    Parameters
+    ----------
+    localizer : Localizer
+        Of registered tapes, by method "ml"; its sensor is the one whose frames come.
+    motion : Motion, optional
+        How fast contacts move.
+
+    Raises
+    ------
+    SpecError
+        When the localizer takes no prior.
+    """
+
+    def __init__(self, localizer: Localizer, motion: Motion | None = None) -> None:
+        if not localizer.takes_prior:
+            message = "this localizer takes no prior (method 'paper', or a code without tapes); register tapes with method 'ml'"
+            raise SpecError(Problem("localizer", message))
+        self.localizer = localizer
+        self.motion = motion or Motion()
+        self._state = _NOTHING
+
+    def reset(self) -> None:
+        """Forget everything, such as before frames of another time."""
+        self._state = _NOTHING
+
+    def update(self, depth: npt.ArrayLike, timestamp: float) -> Track:
+        """Locate the next frame.
+
+        Parameters
+        ----------
+        depth : array_like, shape (h, w)
+            As `Localizer.locate` takes it.
+        timestamp : float
+            Seconds, when the frame was captured; later than the one before.
+
+        Raises
+        ------
+        FrameError
+            When it is no depth map of this sensor, or its time is not after the one before; nothing is changed then.
+        """
+        prior = self._prior(timestamp)
+        return self._follow(self.localizer.locate(depth, prior=prior, timestamp=timestamp), prior, timestamp)
+
+    def update_dots(self, xy_px: npt.ArrayLike, weights: npt.ArrayLike | None = None, *, timestamp: float) -> Track:
+        """The same from dots that somebody else detected, as `Localizer.locate_dots` takes them; raises the same."""
+        prior = self._prior(timestamp)
+        fix = self.localizer.locate_dots(xy_px, weights, prior=prior, timestamp=timestamp)
+        return self._follow(fix, prior, timestamp)
+
+    def _prior(self, timestamp: float) -> Prior | None:
+        last = self._state.timestamp
+        number: object = timestamp
+        if not isinstance(number, Real) or not isfinite(timestamp):
+            raise FrameError(f"timestamp = {number!r} is no time; give seconds")
+        if last is not None and timestamp <= last:
+            raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")
+        return predicted(self._state.line, self._state.velocity, timestamp, self.motion)
+
+    def _follow(self, fix: Localization, prior: Prior | None, timestamp: float) -> Track:
+        self._state, track = followed(self._state, fix, prior, timestamp, self.motion)
+        return track
+
+
+def followed(state: _State, fix: Localization, prior: Prior | None, timestamp: float, motion: Motion) -> tuple[_State, Track]:
+    """What is known after a frame, and what is said of it."""
+    pose, before = pose_of(fix, timestamp), state
+    state, events = _contact(replace(state, timestamp=timestamp), fix, pose is not None, timestamp, motion)
+    slip = None
+    if pose is not None:
+        if _jumped(before, pose, prior):
+            events = (*events, "jump")
+            state = replace(state, began=None, anchor=())
+        state, slip, slipped = _moved(state, pose, motion)
+        if slipped:
+            events = (*events, "slip")
+    known = pose is not None and len(state.line) > 1
+    return state, Track(
+        timestamp=timestamp,
+        fix=fix,
+        prediction=prior,
+        contact=state.contact,
+        lost=state.lost,
+        events=tuple(Event(kind=kind, timestamp=before.touched if kind == "end" else timestamp) for kind in events),
+        slip=slip,
+        velocity_mm_s=(float(state.velocity[0]), float(state.velocity[1])) if known else None,
+        turn_deg_s=degrees(state.velocity[2]) if known else None,
+    )
+
+
+def _contact(
+    state: _State, fix: Localization, located: bool, timestamp: float, motion: Motion
+) -> tuple[_State, tuple[EventKind, ...]]:
+    """Whether a tape is touched, and located."""
+    p_tape = 1.0 if fix.p_tape is None else fix.p_tape
+    if located or p_tape <= (TRACE if state.contact else TOUCHES):
+        events: tuple[EventKind, ...] = () if state.contact else ("begin",)
+        if located == state.lost and state.began is not None:
+            events = (*events, "regained" if located else "lost")
+        return replace(state, contact=True, lost=not located, touched=timestamp, silent=0), events
+    if not state.contact:
+        return state, ()
+    if state.silent + 1 < motion.patience:
+        return replace(state, silent=state.silent + 1, lost=True), ("lost",) if state.began is not None and not state.lost else ()
+    return replace(state, contact=False, lost=False, silent=0, velocity=np.zeros(3), anchor=(), began=None), ("end",)
+
+
+def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
+    """Whether a pose is where no motion within the contact can have brought it."""
+    if before.began is None:
+        return False
+    return pose.tape != before.line[-1].tape or (prior is not None and not within(pose, prior))
+
+
+def _moved(state: _State, pose: Pose, motion: Motion) -> tuple[_State, Slip, bool]:
+    """What is known with one more fix, its slip, and whether that is a new one."""
+    line = (*(() if state.began is None else state.line), pose)[-LINE_FIXES:]
+    began = state.began or pose
+    anchor = state.anchor or (pose,)
+    slip = slip_of(pose, mean_pose(anchor), began, motion)
+    if slip.detected:
+        anchor, still = (pose,), 0
+    else:
+        anchor, still = (anchor if not state.anchor else (*anchor, pose)[:ANCHOR_FIXES]), state.still + 1
+    slipping = slip.detected or (state.slipping and still < STILL_FIXES)
+    after = replace(state, line=line, velocity=velocity_of(line, motion), began=began, anchor=anchor)
+    return replace(after, still=still, slipping=slipping), slip, slip.detected and not state.slipping

@@ -1,0 +1,244 @@
+"""One watertight mesh of base and elements, built directly: no booleans, every edge between exactly two triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from tactape_fab.base.errors import RenderError
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh.element_lattice import (
+    Numbers,
+    build_lattice,
+    build_rims,
+    cell_loops,
+    rest_of_board,
+    triangulated,
+    whole_cells,
+)
+from tactape_fab.solids.mesh.shells import Shell, element_shell
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.wrap import world, wrap_of
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+
+_SAME_MM = 1e-7
+
+
+def texture_mesh(tape: Tape, form: SolidForm) -> Mesh:
+    """The mesh of a tape's solid: flat or round a cylinder, texture or mould.
+
+    Parameters
+    ----------
+    tape : Tape
+    form : SolidForm
+        `checks.form_problems` must have found nothing.
+
+    Returns
+    -------
+    Mesh
+        Board frame, mm; z = 0 is the top of the base.
+    """
+    builder = _Builder(tape, form)
+    builder.elements()
+    builder.board()
+    return builder.mesh()
+
+
+class _Builder:
+    """Collects vertices and triangles: of the lattice first, then of the rest of the top, the back, the elements."""
+
+    def __init__(self, tape: Tape, form: SolidForm) -> None:
+        self._tape, self._form = tape, form
+        self._wrap = None if form.cylinder is None else wrap_of(tape, form, form.cylinder)
+        self._part = tape.part if self._wrap is None else self._wrap.part
+        self._lattice = build_lattice(tape, form, self._wrap)
+        self._rims = build_rims(tape, self._lattice, self._wrap)
+        lattice = self._lattice
+        self._a = lattice.a_fine_mm
+        self._lattice_points = len(self._a) * len(lattice.b_mm)
+        self._others = Numbers()
+        self._faces: list[IntArray] = []
+        self._back_faces: list[IntArray] = []
+        self._elements: list[FloatArray] = []
+        self._element_faces: list[IntArray] = []
+        self._element_count = 0
+
+    # Elements
+
+    def elements(self) -> None:
+        """Shells of all elements, and the tops of all whole cells."""
+        tape, lattice = self._tape, self._lattice
+        whole = whole_cells(tape, lattice, self._wrap)
+        self._whole = whole
+        cells = tape.cells()
+        symbols = tape.symbols[cells[:, 1], cells[:, 0]].astype(np.int64)
+        i, j = lattice.cell_of_part.T
+        last_i, last_j = len(lattice.a_mm) - 2, len(lattice.b_mm) - 2
+        kind = (((symbols * 2 + (i == 0)) * 2 + (i == last_i)) * 2 + (j == 0)) * 2 + (j == last_j)
+        for key in np.unique(kind[whole]).tolist():
+            self._cells_alike(whole[kind[whole] == key])
+        self._feet: list[FloatArray] = []
+        alone = np.ones(tape.part_count, dtype=bool)
+        alone[whole] = False
+        for part in np.flatnonzero(alone).tolist():
+            shell = element_shell(self._part, np.empty(0), None)
+            foot = shell.foot + lattice.local_mm[part]
+            self._feet.append(foot)
+            self._add_shell(shell, np.array([part]), self._top_ids(foot)[None])
+
+    def _cells_alike(self, parts: IntArray) -> None:
+        """Cells of one symbol and one size: one triangulation for all."""
+        lattice, first = self._lattice, int(parts[0])
+        i, j = lattice.cell_of_part[first]
+        a, b = lattice.local_mm[first]
+        n = lattice.slices
+        t = self._tangential(self._a[i * n : (i + 1) * n + 1] - a)
+        low, high = lattice.b_mm[j] - b, lattice.b_mm[j + 1] - b
+        shell = element_shell(self._part, t[1:-1], None if self._wrap is None else self._wrap.radius_mm)
+        border = np.concatenate([np.column_stack([t, np.full_like(t, low)]), np.column_stack([t, np.full_like(t, high)])])
+        numbers = Numbers()
+        known = numbers(np.concatenate([border, shell.foot]))
+        ring = np.concatenate([border[: n + 1], border[n + 1 :][::-1]])
+        region = shapely.Polygon(ring, [shell.foot])
+        corners = np.concatenate(list(triangulated(region, t if n > 1 else None)))
+        faces = numbers(corners)
+        if len(numbers.points) != len(known):
+            raise RenderError(f"the mesh of a cell with part '{self._part.name}' does not close; use another --rotation")
+        ci, cj = lattice.cell_of_part[parts].T
+        columns = ci[:, None] * n + np.arange(n + 1)
+        lower = columns * len(lattice.b_mm) + cj[:, None]
+        ids = np.concatenate([lower, lower + 1], axis=1)
+        self._add_shell(shell, parts, None, ids, faces)
+
+    def _tangential(self, arc_mm: FloatArray) -> FloatArray:
+        """Offset along the tangent at an element of points on the surface at an arc length from it."""
+        if self._wrap is None:
+            return arc_mm
+        offset: FloatArray = self._wrap.radius_mm * np.sin(arc_mm / self._wrap.radius_mm)
+        return offset
+
+    def _add_shell(
+        self,
+        shell: Shell,
+        parts: IntArray,
+        foot_ids: IntArray | None,
+        cell_ids: IntArray | None = None,
+        cell_faces: IntArray | None = None,
+    ) -> None:
+        """Copies of a shell: its faces, and those of its cell, whose indices count border first, then the foot.
+
+        Foot vertices are the copy's own, unless `foot_ids` names them in the top sheet.
+        """
+        foot = shell.foot if foot_ids is None else shell.foot[:0]
+        own = len(foot) + len(shell.above)
+        first = -1 - self._element_count - np.arange(len(parts))[:, None] * own  # negative: numbered after all others
+        self._element_count += len(parts) * own
+        own_ids = first - np.arange(own)
+        ids = own_ids if foot_ids is None else np.concatenate([foot_ids, own_ids], axis=1)
+        self._faces.append(ids[:, shell.faces].reshape(-1, 3))
+        if cell_ids is not None and cell_faces is not None:
+            ids = np.concatenate([cell_ids, own_ids], axis=1)
+            self._faces.append(ids[:, cell_faces].reshape(-1, 3))
+        self._elements.append(self._element_points(foot, shell.above, parts))
+
+    def _element_points(self, foot: FloatArray, above: FloatArray, parts: IntArray) -> FloatArray:
+        centre = self._lattice.local_mm[parts]
+        if self._wrap is None:
+            local = np.concatenate([np.column_stack([foot, np.zeros(len(foot))]), above])
+            turn = np.diag(world(self._form))  # a half turn or none: signs
+            points = local * turn + (np.column_stack([centre, np.zeros(len(parts))]) * turn)[:, None]
+            flat: FloatArray = points.reshape(-1, 3)
+            return flat
+        radius_mm = self._wrap.radius_mm
+        on_surface = np.column_stack([foot, np.sqrt(radius_mm**2 - foot[:, 0] ** 2)])
+        local = np.concatenate([on_surface, above + np.array([0.0, 0.0, radius_mm])])
+        angle = self._wrap.angle_rad(centre[:, 0])
+        axis = self._wrap.point(angle, centre[:, 1], 0.0)
+        wrapped: FloatArray = (axis[:, None] + local @ self._wrap.frames(angle)).reshape(-1, 3)
+        return wrapped
+
+    # Board
+
+    def board(self) -> None:
+        """The top outside of whole cells, the back, and the walls between them."""
+        rims, lattice = self._rims, self._lattice
+        cuts = None if self._wrap is None else lattice.a_all_mm
+        rest = rest_of_board(rims, cell_loops(lattice, self._whole), self._feet)
+        known_top = [self._top_ids(rim) for rim in (rims.outline, *rims.holes)]
+        back = Numbers()
+        known_back = [back(self._joined(rim)) for rim in (rims.outline, *rims.holes)]
+        count_top, count_back = len(self._others.points), len(back.points)
+        top_faces = [self._top_ids(corners) for corners in triangulated(rest, cuts)]
+        whole = shapely.Polygon(rims.outline, list(rims.holes))
+        back_faces = [back(self._joined(corners))[:, ::-1] for corners in triangulated(whole, cuts)]
+        if (len(self._others.points), len(back.points)) != (count_top, count_back):
+            raise RenderError("the mesh of the board does not close; use a slightly different --size")
+        self._faces += top_faces
+        for rim, top, low in zip((rims.outline, *rims.holes), known_top, known_back, strict=True):
+            steps = np.roll(rim, -1, axis=0) - rim
+            used = np.abs(steps[:, 0]) > _SAME_MM if rims.closed else np.ones(len(rim), dtype=bool)
+            p, q = top[used], np.roll(top, -1)[used]
+            p_low, q_low = low[used] + self._back_first, np.roll(low, -1)[used] + self._back_first
+            self._faces += [np.stack([p_low, q_low, q], axis=1), np.stack([p_low, q, p], axis=1)]
+        self._faces += [faces + self._back_first for faces in back_faces]
+        self._back = np.array(back.points)
+
+    @property
+    def _back_first(self) -> int:
+        return self._lattice_points + len(self._others.points)
+
+    def _joined(self, points_mm: FloatArray) -> FloatArray:
+        """Points with the two ends of a closed shell taken for one."""
+        if not self._rims.closed:
+            return points_mm
+        first, last = self._lattice.a_all_mm[[0, -1]]
+        joined = points_mm.copy()
+        joined[np.abs(points_mm[..., 0] - last) < _SAME_MM, 0] = first
+        return joined
+
+    def _top_ids(self, points_mm: FloatArray) -> IntArray:
+        """Numbers of points of the top: of the lattice where they lie on it, of their own otherwise."""
+        points = self._joined(points_mm).reshape(-1, 2)
+        ids = np.full(len(points), -1, dtype=np.int64)
+        near = []
+        for lines, values in ((self._a, points[:, 0]), (self._lattice.b_mm, points[:, 1])):
+            after = np.clip(np.searchsorted(lines, values), 1, len(lines) - 1)
+            near.append(np.where(values - lines[after - 1] < lines[after] - values, after - 1, after))
+        on = (np.abs(self._a[near[0]] - points[:, 0]) < _SAME_MM) & (
+            np.abs(self._lattice.b_mm[near[1]] - points[:, 1]) < _SAME_MM
+        )
+        ids[on] = near[0][on] * len(self._lattice.b_mm) + near[1][on]
+        ids[~on] = self._lattice_points + self._others(points[~on])
+        return ids.reshape(points_mm.shape[:-1])
+
+    # All together
+
+    def _placed(self, ab_mm: FloatArray, z_mm: float) -> FloatArray:
+        if self._wrap is None:
+            flat: FloatArray = np.column_stack([ab_mm, np.full(len(ab_mm), z_mm)]) @ world(self._form).T
+            return flat
+        return self._wrap.point(self._wrap.angle_rad(ab_mm[:, 0]), ab_mm[:, 1], self._wrap.radius_mm + z_mm)
+
+    def mesh(self) -> Mesh:
+        """All vertices that a triangle uses, and all triangles, turned over for a mould."""
+        form, lattice = self._form, self._lattice
+        back_mm = self._tape.part.body_mm[2] + form.base_mm if form.negative else -form.base_mm
+        a, b = np.meshgrid(self._a, lattice.b_mm, indexing="ij")
+        others = np.array(self._others.points).reshape(-1, 2)
+        vertices = np.concatenate(
+            [
+                self._placed(np.stack([a.ravel(), b.ravel()], axis=1), 0.0),
+                self._placed(others, 0.0),
+                self._placed(self._back, back_mm),
+                *self._elements,
+            ]
+        )
+        faces = np.concatenate(self._faces)
+        own = self._back_first + len(self._back)
+        faces = np.where(faces < 0, own - 1 - faces, faces)
+        used = np.zeros(len(vertices), dtype=bool)
+        used[faces.ravel()] = True
+        renumbered = np.cumsum(used) - 1
+        faces = renumbered[faces]
+        return Mesh(vertices_mm=vertices[used], faces=faces[:, ::-1] if form.negative else faces)

@@ -1,0 +1,98 @@
+"""Reads STL back and asks what every print needs: closed, one body, facing outward. No mesh library is needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.texture.frames import IntArray
+
+_HEADER_BYTES, _TRIANGLE_BYTES = 84, 50
+MOST_TRIANGLES = 20_000_000
+
+
+class MeshError(TactapeError):
+    """A mesh file that cannot be read."""
+
+
+def read_stl(data: bytes) -> Mesh:
+    """A binary STL with equal corners merged into vertices.
+
+    Raises
+    ------
+    MeshError
+        When the data is no binary STL, too large, or holds coordinates that are no numbers.
+    """
+    corners = stl_corners(data).reshape(-1, 3)
+    vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0
+    return Mesh(vertices_mm=vertices.astype(np.float64), faces=faces.reshape(-1, 3))
+
+
+def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
+    """Corners of every triangle of a binary STL; shape (f, 3, 3).
+
+    Raises
+    ------
+    MeshError
+        As `read_stl` does.
+    """
+    if len(data) < _HEADER_BYTES:
+        raise MeshError(f"{len(data)} bytes are too few for a binary STL")
+    count = int.from_bytes(data[80:84], "little")
+    if len(data) != _HEADER_BYTES + count * _TRIANGLE_BYTES or not 0 < count <= MOST_TRIANGLES:
+        raise MeshError(f"its header announces {count} triangles, its {len(data)} bytes do not fit them")
+    rows = np.frombuffer(data, dtype=np.uint8, offset=_HEADER_BYTES).reshape(count, _TRIANGLE_BYTES)
+    corners = np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(-1, 3, 3)
+    if not np.isfinite(corners).all():
+        raise MeshError("it holds coordinates that are no numbers")
+    return corners
+
+
+def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:
+    """Equal points once, and which of them each was."""
+    order = np.lexsort(points.T)
+    ordered = points[order]
+    first = np.ones(len(points), dtype=bool)
+    first[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    number = np.empty(len(points), dtype=np.int64)
+    number[order] = np.cumsum(first) - 1
+    return ordered[first], number
+
+
+def mesh_problems(mesh: Mesh) -> list[str]:
+    """What keeps a mesh from being one closed body, in words; empty where nothing does."""
+    problems = []
+    faces = mesh.faces
+    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    if (a == b).any():
+        problems.append(f"{int((a == b).reshape(-1, 3).any(axis=1).sum())} triangles without area")
+    count = len(mesh.vertices_mm)
+    edge, back = np.sort(a * count + b), np.sort(b * count + a)
+    if (edge[1:] == edge[:-1]).any():
+        problems.append(f"{int((edge[1:] == edge[:-1]).sum())} edges between more than two triangles")
+    elif not np.array_equal(edge, back):
+        problems.append(f"{len(np.setdiff1d(edge, back))} edges without a second triangle: it is not watertight")
+    bodies = body_count(mesh)
+    if bodies != 1:
+        problems.append(f"{bodies} bodies")
+    if mesh.volume_mm3 <= 0.0:
+        problems.append("its triangles face inward")
+    return problems
+
+
+def body_count(mesh: Mesh) -> int:
+    """Bodies that are connected through vertices."""
+    label = np.arange(len(mesh.vertices_mm))
+    faces = mesh.faces
+    while True:
+        least = label[faces].min(axis=1)
+        new = label.copy()
+        for k in range(3):
+            np.minimum.at(new, faces[:, k], least)
+        new = new[new]
+        new = new[new]
+        if np.array_equal(new, label):
+            return len(np.unique(label[faces]))
+        label = new

@@ -1,0 +1,165 @@
+"""The base of a solid round a cylinder, as exact STEP surfaces: tiles of the outer cylinder, the inner one, the ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, floor, pi
+
+import numpy as np
+
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.step.part21 import Writer, real, wrapped_names
+from tactape_fab.solids.step.tiles import CELLS_PER_TILE
+from tactape_fab.solids.wrap import Wrap
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
+
+MOST_STRIP_RAD = 2 * pi / 3
+_LEAST_GAP_MM = 0.01
+
+Step = tuple[str, bool]
+
+
+def _lines_mm(tape: Tape, wrap: Wrap, axis: int, step: int) -> list[float]:
+    """Places half way between elements along a (axis 0) or b (axis 1), every `step` of them, ascending."""
+    x0, y0 = tape.board.texture_origin_mm
+    corners = np.array([(x0, y0), (x0 + (tape.columns - 1) * tape.pitch_mm, y0 - (tape.rows - 1) * tape.pitch_mm)])
+    low, high = np.sort((corners @ wrap.from_board.T)[:, axis])
+    count = round((high - low) / tape.pitch_mm) + 1
+    return [float(low + (k - 0.5) * tape.pitch_mm) for k in range(step, count, step)]
+
+
+def strip_angles(tape: Tape, form: SolidForm, wrap: Wrap) -> list[float]:
+    """Angles between which the outer cylinder is one strip each; of a whole shell the last is the first plus a turn."""
+    start, end = wrap.ends_rad
+    cells = max(1, min(CELLS_PER_TILE, floor(MOST_STRIP_RAD * wrap.radius_mm / tape.pitch_mm)))
+    lines = [float(wrap.angle_rad(a)) for a in _lines_mm(tape, wrap, 0, cells)]
+    if wrap.cylinder.shell == "segment":
+        return [start, *(lines if form.top == "tiles" else []), end]
+    gap = 2 * pi - (end - start)
+    if gap * wrap.radius_mm < _LEAST_GAP_MM:
+        return [*lines, lines[0] + 2 * pi]
+    pieces = ceil(gap / MOST_STRIP_RAD)
+    bare = [end + gap * k / pieces for k in range(pieces + 1)]
+    inside = lines if form.top == "tiles" else []
+    return [start, *inside, *bare]
+
+
+class CylinderBase:
+    """The base of a solid round a cylinder: edges are written at once, faces when the elements have their names."""
+
+    def __init__(self, w: Writer, tape: Tape, form: SolidForm, wrap: Wrap) -> None:
+        self._w, self._wrap, self._flip = w, wrap, form.negative
+        self._closed = wrap.cylinder.shell == "whole"
+        self._angles = strip_angles(tape, form, wrap)
+        lines = _lines_mm(tape, wrap, 1, CELLS_PER_TILE) if form.top == "tiles" else []
+        self._b = [wrap.b_mm[0], *lines, wrap.b_mm[1]]
+        self._back_mm = wrap.radius_mm + (tape.part.body_mm[2] + form.base_mm if form.negative else -form.base_mm)
+        self._strips, self._tiles_along = len(self._angles) - 1, len(self._b) - 1
+        self._up = w.direction(wrap.turn[:, 1])
+        self._top = self._grid(wrap.radius_mm, self._b)
+        self._back = self._grid(self._back_mm, [self._b[0], self._b[-1]])
+        ab = tape.part_xy_mm() @ wrap.from_board.T
+        angle = wrap.angle_rad(ab[:, 0])
+        angle = np.where(angle < self._angles[0], angle + 2 * pi, angle)
+        strip = np.searchsorted(self._angles, angle) - 1
+        self.tile_of_part = (strip * self._tiles_along + np.searchsorted(self._b, ab[:, 1]) - 1).astype(np.int64)
+        self.entities_to_come = 12 * self._strips * (self._tiles_along + 6) + 200
+
+    def _grid(self, radius_mm: float, b_mm: Sequence[float]) -> tuple[list[list[str]], list[list[str]], list[list[str]]]:
+        """Vertices [strip][along], arcs [strip][along] and lines [strip][along] of a cylinder cut along angles and b."""
+        w, wrap = self._w, self._wrap
+        own = self._angles[:-1] if self._closed else self._angles
+        points = wrap.point(np.array(own)[:, None], np.array(b_mm), radius_mm)
+        vertices = [[w.vertex(p) for p in row] for row in points]
+        lines = [
+            [w.line_edge(vertices[i][j], vertices[i][j + 1], points[i, j], points[i, j + 1]) for j in range(len(b_mm) - 1)]
+            for i in range(len(own))
+        ]
+        centres = [w.point(p) for p in wrap.point(0.0, np.array(b_mm), 0.0)]
+        arcs = []
+        for i in range(self._strips):
+            ref = w.direction(wrap.frames(self._angles[i])[2])
+            ends = vertices[i], vertices[(i + 1) % len(own)]
+            circles = [w.add(f"CIRCLE('',{w.axes(centre, self._up, ref)},{real(radius_mm)})") for centre in centres]
+            arcs.append([w.edge(a, b, circle) for a, b, circle in zip(*ends, circles, strict=True)])
+        if self._closed:
+            vertices, lines = [*vertices, vertices[0]], [*lines, lines[0]]
+        return vertices, arcs, lines
+
+    def _loop(self, steps: Sequence[Step]) -> str:
+        return self._w.loop([(edge, not forward) for edge, forward in reversed(steps)] if self._flip else steps)
+
+    def _surface(self, strip: int, radius_mm: float) -> str:
+        """The cylinder, its seam opposite to the strip."""
+        middle = (self._angles[strip] + self._angles[strip + 1]) / 2
+        ref = -self._wrap.frames(middle)[2]
+        axes = self._w.placement(self._wrap.point(0.0, 0.0, 0.0), self._wrap.turn[:, 1], ref)
+        return self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(radius_mm)})")
+
+    def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
+        """All faces of the base, each listed after a neighbour: inner cylinder, walls, tiles strip by strip."""
+        back = [self._back_face(strip) for strip in range(self._strips)]
+        walls = self._end_walls() if self._closed else [*self._end_walls(), *self._cut_walls()]
+        tiles = []
+        for strip in range(self._strips):
+            surface = self._surface(strip, self._wrap.radius_mm)
+            tiles += [self._tile(strip, j, surface, bounds_of_tile) for j in range(self._tiles_along)]
+        return [*back, *walls, *tiles]
+
+    def _tile(self, i: int, j: int, surface: str, bounds_of_tile: Sequence[str]) -> str:
+        _, arcs, lines = self._top
+        loop = self._loop([(arcs[i][j], True), (lines[i + 1][j], True), (arcs[i][j + 1], False), (lines[i][j], False)])
+        tile = i * self._tiles_along + j
+        bounds = bounds_of_tile[tile] if tile < len(bounds_of_tile) else ""
+        return self._w.face([loop], surface, bounds=[wrapped_names([bounds])] if bounds else [], same_sense=not self._flip)
+
+    def _back_face(self, i: int) -> str:
+        _, arcs, lines = self._back
+        loop = self._loop([(lines[i][0], True), (arcs[i][1], True), (lines[i + 1][0], False), (arcs[i][0], False)])
+        return self._w.face([loop], self._surface(i, self._back_mm), same_sense=self._flip)
+
+    def _plane(self, point: FloatArray, normal: FloatArray, ref: FloatArray) -> str:
+        return self._w.add(f"PLANE('',{self._w.placement(point, normal, ref)})")
+
+    def _radial(self, i: int, end: int) -> str:
+        """Edge from the outer cylinder to the inner one at a cut's corner."""
+        angle, b = self._angles[i], self._b[end]
+        points = self._wrap.point(angle, b, np.array([self._wrap.radius_mm, self._back_mm]))
+        return self._w.line_edge(self._top[0][i][end], self._back[0][i][end], points[0], points[1])
+
+    def _end_walls(self) -> list[str]:
+        """The two walls square to the cylinder; of a whole shell they are rings."""
+        top, back = self._top[1], self._back[1]
+        first = [(top[i][0], False) for i in reversed(range(self._strips))], [(back[i][0], True) for i in range(self._strips)]
+        last = [(top[i][-1], True) for i in range(self._strips)], [(back[i][-1], False) for i in reversed(range(self._strips))]
+        walls = []
+        if not self._closed:
+            self._corners = [[self._radial(i, end) for i in (0, self._strips)] for end in (0, -1)]
+        for end, (outer, inner), sign in ((0, first, -1.0), (-1, last, 1.0)):
+            if self._closed:
+                loops = [self._loop(outer), self._loop(inner)]
+                loops = loops[::-1] if self._flip else loops
+            else:
+                at_start, at_end = self._corners[end]
+                joints = (at_start, at_end) if end == 0 else (at_end, at_start)
+                loops = [self._loop([*outer, (joints[0], True), *inner, (joints[1], False)])]
+            plane = self._plane(self._wrap.point(0.0, self._b[end], 0.0), sign * self._wrap.turn[:, 1], self._wrap.frames(0.0)[2])
+            walls.append(self._w.face(loops, plane))
+        return walls
+
+    def _cut_walls(self) -> list[str]:
+        """The two walls along the cylinder at the ends of a segment."""
+        lines, back = self._top[2], self._back[2]
+        walls = []
+        for i, sign in ((0, -1.0), (self._strips, 1.0)):
+            low, high = self._corners[0][0 if i == 0 else 1], self._corners[1][0 if i == 0 else 1]
+            along = [(edge, True) for edge in lines[i]]
+            steps = [*along, (high, True), (back[i][0], False), (low, False)]
+            if sign > 0:
+                steps = [(edge, not forward) for edge, forward in reversed(steps)]
+            angle = self._angles[i]
+            frame = self._wrap.frames(angle)
+            plane = self._plane(self._wrap.point(angle, self._b[0], self._wrap.radius_mm), sign * frame[0], frame[2])
+            walls.append(self._w.face([self._loop(steps)], plane))
+        return walls

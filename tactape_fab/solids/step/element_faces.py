@@ -1,0 +1,168 @@
+"""Entities of one element of a STEP solid, as templates: block, spherical cap, truncated cone, on a plane.
+
+Every element leaves one bound in the top face (its foot, clockwise there) and has faces of its own. `flip` turns all
+loops and normals over: the same faces seen from a mould.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import atan
+
+import numpy as np
+
+from tactape_fab.solids.elements import block_corners_mm, sphere_radius_mm
+from tactape_fab.solids.step.part21 import Template, TextArray, Writer, index_of, real, reals
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import TapePart
+
+Step = tuple[str, bool]
+"""An edge, and whether it is followed from its start to its end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementText:
+    """A template with what the base needs of it.
+
+    ``bound`` is the index of the FACE_BOUND that its foot leaves in the top face, ``faces`` those of its own faces;
+    ``columns`` the texts of every copy.
+    """
+
+    template: Template
+    bound: int
+    faces: tuple[int, ...]
+    columns: Mapping[str, TextArray]
+
+
+class ElementTemplate(Template):
+    """A template that knows vertices, edges, loops and faces, and turns the latter over for a mould."""
+
+    def __init__(self, *, flip: bool) -> None:
+        super().__init__()
+        self.flip = flip
+
+    def point(self, *xyz: str) -> str:
+        return self.add(f"CARTESIAN_POINT('',({','.join(xyz)}))")
+
+    def vertex(self, point: str) -> str:
+        return self.add(f"VERTEX_POINT('',{point})")
+
+    def edge(self, start: str, end: str, curve: str) -> str:
+        return self.add(f"EDGE_CURVE('',{start},{end},{curve},.T.)")
+
+    def line_edge(self, start: str, end: str, point: str, vector: str) -> str:
+        return self.edge(start, end, self.add(f"LINE('',{point},{vector})"))
+
+    def axes(self, origin: str, axis: str, ref: str) -> str:
+        return self.add(f"AXIS2_PLACEMENT_3D('',{origin},{axis},{ref})")
+
+    def bound(self, steps: Sequence[Step]) -> str:
+        """A bound of steps that go counter-clockwise seen from outside the element."""
+        turned = [(edge, not forward) for edge, forward in reversed(steps)] if self.flip else steps
+        oriented = [self.add(f"ORIENTED_EDGE('',*,*,{edge},.{'T' if forward else 'F'}.)") for edge, forward in turned]
+        loop = self.add(f"EDGE_LOOP('',({','.join(oriented)}))")
+        return self.add(f"FACE_BOUND('',{loop},.T.)")
+
+    def face(self, steps: Sequence[Step], surface: str, *, same_sense: bool = True) -> int:
+        """A face of one loop on a surface whose normal looks out of the element, or into it without `same_sense`."""
+        bound = self.bound(steps)
+        return index_of(self.add(f"ADVANCED_FACE('',({bound}),{surface},.{'T' if same_sense != self.flip else 'F'}.)"))
+
+
+def prism_faces(
+    t: ElementTemplate, foot: Sequence[str], top: Sequence[str], rise: Sequence[str], sides: Sequence[str], top_surface: str
+) -> tuple[int, tuple[int, ...]]:
+    """Bound and faces of a block from its edges (foot and top counter-clockwise from above, rise upward) and surfaces."""
+    count = len(foot)
+    bound = t.bound([(edge, False) for edge in reversed(foot)])
+    faces = [
+        t.face([(foot[i], True), (rise[(i + 1) % count], True), (top[i], False), (rise[i], False)], sides[i])
+        for i in range(count)
+    ]
+    return index_of(bound), (*faces, t.face([(edge, True) for edge in top], top_surface))
+
+
+def flat_element(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArray, *, flip: bool) -> ElementText:
+    """The element of a flat solid; what all copies share is written to `w`.
+
+    Parameters
+    ----------
+    centres_mm : ndarray, shape (n, 2)
+        In the board frame.
+    turn : ndarray, shape (3, 3)
+        From the board frame to the file's: the identity, or the half turn of a mould about board y.
+    """
+    if part.shape == "block":
+        return _flat_block(w, part, centres_mm, turn, flip=flip)
+    return _flat_dome(w, part, centres_mm, turn, flip=flip)
+
+
+def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArray, *, flip: bool) -> ElementText:
+    corners = block_corners_mm(part)
+    along = np.column_stack([np.roll(corners, -1, axis=0) - corners, np.zeros(4)])
+    along = along / np.linalg.norm(along, axis=1, keepdims=True) @ turn.T
+    up = turn @ (0.0, 0.0, 1.0)
+    up_name, along_names = w.direction(up), [w.direction(d) for d in along]
+    vectors = [w.add(f"VECTOR('',{d},1.)") for d in along_names]
+    up_vector = w.add(f"VECTOR('',{up_name},1.)")
+    top_mm = turn @ (0.0, 0.0, part.body_mm[2])
+    top_plane = w.add(f"PLANE('',{w.axes(w.point(top_mm), up_name, along_names[0])})")
+
+    t = ElementTemplate(flip=flip)
+    points = [[t.point(f"<x{k}>", f"<y{k}>", z) for k in range(4)] for z in ("0.", real(top_mm[2]))]
+    foot, top = [[t.vertex(p) for p in level] for level in points]
+    foot_edges, top_edges = [
+        [t.line_edge(level[k], level[(k + 1) % 4], points[i][k], vectors[k]) for k in range(4)]
+        for i, level in enumerate((foot, top))
+    ]
+    rise = [t.line_edge(foot[k], top[k], points[0][k], up_vector) for k in range(4)]
+    # the outward normal of a side is the direction of the side before it
+    sides = [t.add(f"PLANE('',{t.axes(points[0][k], along_names[k - 1], up_name)})") for k in range(4)]
+    bound, faces = prism_faces(t, foot_edges, top_edges, rise, sides, top_plane)
+    xy = (centres_mm[:, None] + corners) * (turn[0, 0], 1.0)
+    texts_x, texts_y = reals(xy[..., 0]), reals(xy[..., 1])
+    columns = {f"x{k}": texts_x[:, k] for k in range(4)} | {f"y{k}": texts_y[:, k] for k in range(4)}
+    return ElementText(template=t, bound=bound, faces=faces, columns=columns)
+
+
+def _flat_dome(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArray, *, flip: bool) -> ElementText:
+    """A spherical cap or a truncated cone, each cut open along a seam that ends in the cap's pole or on the cone's top."""
+    foot_mm, height_mm = part.body_mm[0] / 2, part.body_mm[2]
+    up, east = w.direction(turn[:, 2]), w.direction(turn[:, 0])
+    down, south = w.direction(-turn[:, 2]), w.direction(-turn[:, 1])
+
+    def z(value_mm: float) -> str:
+        return real(turn[2, 2] * value_mm)
+
+    t = ElementTemplate(flip=flip)
+    rim = t.point("<e>", "<y>", "0.")
+    start = t.vertex(rim)
+    circle = t.add(f"CIRCLE('',{t.axes(t.point('<x>', '<y>', '0.'), up, east)},{real(foot_mm)})")
+    foot = t.edge(start, start, circle)
+    bound = index_of(t.bound([(foot, False)]))
+    if part.top_mm is None:
+        sphere_mm = sphere_radius_mm(part)
+        centre = t.point("<x>", "<y>", z(height_mm - sphere_mm))
+        meridian = t.add(f"CIRCLE('',{t.axes(centre, south, east)},{real(sphere_mm)})")
+        seam = t.edge(start, t.vertex(t.point("<x>", "<y>", z(height_mm))), meridian)
+        sphere = t.add(f"SPHERICAL_SURFACE('',{t.axes(centre, up, east)},{real(sphere_mm)})")
+        faces: tuple[int, ...] = (t.face([(foot, True), (seam, True), (seam, False)], sphere),)
+    else:
+        top_mm = part.top_mm / 2
+        slant = np.array([top_mm - foot_mm, 0.0, height_mm]) @ turn.T
+        vector = w.add(f"VECTOR('',{w.direction(slant / np.linalg.norm(slant))},1.)")
+        top_vertex = t.vertex(t.point("<t>", "<y>", z(height_mm)))
+        middle = t.point("<x>", "<y>", z(height_mm))
+        rim_axes = t.axes(middle, up, east)
+        top = t.edge(top_vertex, top_vertex, t.add(f"CIRCLE('',{rim_axes},{real(top_mm)})"))
+        seam = t.line_edge(start, top_vertex, rim, vector)
+        angle = real(atan((foot_mm - top_mm) / height_mm))
+        cone = t.add(f"CONICAL_SURFACE('',{t.axes(middle, down, east)},{real(top_mm)},{angle})")
+        side = t.face([(foot, True), (seam, True), (top, False), (seam, False)], cone)
+        faces = (side, t.face([(top, True)], t.add(f"PLANE('',{rim_axes})")))
+    x, y = (centres_mm * (turn[0, 0], 1.0)).T
+    columns = {"x": reals(x), "y": reals(y), "e": reals(x + turn[0, 0] * foot_mm)}
+    if part.top_mm is not None:
+        columns["t"] = reals(x + turn[0, 0] * part.top_mm / 2)
+    return ElementText(template=t, bound=bound, faces=faces, columns=columns)

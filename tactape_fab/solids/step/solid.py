@@ -1,0 +1,211 @@
+"""One fused solid of base and elements as STEP AP214 text, without a CAD kernel and without booleans.
+
+Elements never cross the border of their grid cell, so that the topology of each is known beforehand: ISO 10303-42
+manifold solid, every edge between exactly two faces.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from itertools import groupby
+from math import cos, sin
+
+import numpy as np
+
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.step.cylinder import CylinderBase
+from tactape_fab.solids.step.element_faces import ElementText, flat_element
+from tactape_fab.solids.step.part21 import (
+    TRAILER,
+    Rgb,
+    Writer,
+    coloured,
+    context,
+    fill,
+    first_name,
+    header,
+    names,
+    product,
+    real,
+    wrapped_names,
+)
+from tactape_fab.solids.step.tiles import Arc, MapEdge, top_map
+from tactape_fab.solids.step.wrapped_element_faces import cylinder_element
+from tactape_fab.solids.wrap import world, wrap_of
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+
+_ROOM_FOR_FRAME = 100
+
+
+def solid_step(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab") -> bytes:
+    """STEP file of a tape's solid; see `solid_step_chunks`."""
+    stream = io.BytesIO()
+    for piece in solid_step_chunks(tape, form, name=name, date=date, rgb=rgb, tool=tool):
+        stream.write(piece)
+    return stream.getvalue()
+
+
+def solid_step_chunks(
+    tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab"
+) -> Iterator[bytes]:
+    """The file of a tape's solid, piece by piece.
+
+    Parameters
+    ----------
+    tape : Tape
+        Its board's outline and holes, and an element at every placed part.
+    form : SolidForm
+        Base, mould, tiles, cylinder; `checks.form_problems` must have found nothing.
+    name : str
+        Name of the product.
+    date : datetime
+        Stands in the file's header.
+    rgb : (float, float, float)
+        Colour of the solid, each from 0 to 1.
+
+    Yields
+    ------
+    bytes
+        Board frame, mm; z = 0 is the top of the base.
+    """
+    w = Writer()
+    shared = context(w)
+    base: FlatBase | CylinderBase
+    if form.cylinder is None:
+        element = flat_element(w, tape.part, tape.part_xy_mm(), world(form), flip=form.negative)
+        base = FlatBase(w, tape, form)
+    else:
+        wrap = wrap_of(tape, form, form.cylinder)
+        element = cylinder_element(tape, wrap, flip=form.negative)
+        base = CylinderBase(w, tape, form, wrap)
+    size, count = len(element.template), tape.part_count
+    first = first_name(w.next + base.entities_to_come + _ROOM_FOR_FRAME, count, size)
+    faces = base.faces(element_bounds(first, element, base.tile_of_part))
+    own = (first + np.arange(count)[:, None] * size + np.array(element.faces)).ravel()
+    shell = w.add(f"CLOSED_SHELL('',({wrapped_names([*faces, names(0, own)])}))")
+    solid = w.add(f"MANIFOLD_SOLID_BREP('',{shell})")
+    axes = w.placement((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    shape = w.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('',({axes},{solid}),{shared.geometry})")
+    _, definition_shape = product(w, shared, name)
+    w.add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")
+    coloured(w, shared, solid, rgb)
+    assert w.next <= first
+    yield header(name, date, tool)
+    yield w.text()
+    yield from fill(element.template, first, count, element.columns)
+    yield TRAILER
+
+
+def element_bounds(first: int, element: ElementText, tile_of_part: IntArray) -> list[str]:
+    """For each tile, the names of the bounds that its elements leave in it."""
+    order = np.argsort(tile_of_part, kind="stable")
+    bounds = first + order * len(element.template) + element.bound
+    ends = np.cumsum(np.bincount(tile_of_part))
+    return [names(0, piece) for piece in np.split(bounds, ends[:-1])] if len(order) else []
+
+
+class FlatBase:
+    """The base of a flat solid: its edges are written at once, its faces when the elements have their names."""
+
+    def __init__(self, w: Writer, tape: Tape, form: SolidForm) -> None:
+        self._w, self._map, self._turn, self._flip = w, top_map(tape, tiled=form.top == "tiles"), world(form), form.negative
+        self._back_mm = tape.part.body_mm[2] + form.base_mm if form.negative else -form.base_mm
+        self._vertices = {i: w.vertex(self._point(xy, 0.0)) for i, xy in enumerate(self._map.vertices_mm)}
+        self._edges = [self._edge(edge, self._vertices, 0.0) for edge in self._map.edges]
+        self.tile_of_part = self._map.tile_of_part
+        steps = sum(len(loop) for tile in self._map.tiles for loop in tile) + 8 * sum(map(len, self._map.rims))
+        self.entities_to_come = steps + 4 * len(self._map.tiles) + 20 * sum(map(len, self._map.rims)) + 50
+
+    def _point(self, xy: tuple[float, float], z: float) -> FloatArray:
+        point: FloatArray = self._turn @ (*xy, z)
+        return point
+
+    def _axes(self, xy: tuple[float, float], z: float, angle_rad: float) -> str:
+        """A placement about the upward axis that counts angles from `angle_rad`."""
+        ref = self._turn @ (cos(angle_rad), sin(angle_rad), 0.0)
+        return self._w.placement(self._point(xy, z), self._turn[:, 2], ref)
+
+    def _edge(self, edge: MapEdge, vertices: Mapping[int, str], z: float) -> str:
+        start, end, arc = vertices[edge.start], vertices[edge.end], edge.arc
+        if arc is None:
+            a, b = (self._point(self._map.vertices_mm[v], z) for v in (edge.start, edge.end))
+            return self._w.line_edge(start, end, a, b)
+        circle = self._w.add(f"CIRCLE('',{self._axes(arc.centre_mm, z, arc.start_rad)},{real(arc.radius_mm)})")
+        return self._w.edge(start, end, circle)
+
+    def _loop(self, steps: Sequence[tuple[str, bool]]) -> str:
+        """A loop given with the material on the left seen from outside a texture, turned over for a mould."""
+        return self._w.loop([(edge, not forward) for edge, forward in reversed(steps)] if self._flip else steps)
+
+    def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
+        """All faces of the base, each listed after a neighbour: back, walls, tiles."""
+        walls, back_loops = self._walls()
+        back = self._w.face(back_loops, self._plane(self._back_mm, upward=False), same_sense=not self._flip)
+        top = self._plane(0.0, upward=True)
+        tiles = []
+        for tile, loops in enumerate(self._map.tiles):
+            outer, *inner = [self._loop([(self._edges[i], forward) for i, forward in loop]) for loop in loops]
+            bounds = bounds_of_tile[tile] if tile < len(bounds_of_tile) else ""
+            listed = [wrapped_names([bounds])] if bounds else []
+            tiles.append(self._w.face([outer, *inner], top, bounds=listed, same_sense=not self._flip))
+        return [back, *walls, *tiles]
+
+    def _plane(self, z: float, *, upward: bool) -> str:
+        normal = self._turn[:, 2] if upward else -self._turn[:, 2]
+        return self._w.add(f"PLANE('',{self._w.placement(self._turn @ (0.0, 0.0, z), normal, self._turn[:, 0])})")
+
+    def _walls(self) -> tuple[list[str], list[str]]:
+        """A wall below each piece of outline and hole, and the loops of the back, the outline's first."""
+        walls, back_loops = [], []
+        for rim in self._map.rims:
+            groups = [list(g) for _, g in groupby(rim, key=lambda step: self._map.edges[step[0]].wall)]
+            corners = [self._ends(group[0])[0] for group in groups]
+            lower = {v: self._w.vertex(self._point(self._map.vertices_mm[v], self._back_mm)) for v in corners}
+            rises = {v: self._rise(v, lower[v]) for v in corners}
+            back: list[tuple[str, bool]] = []
+            for group, start, end in zip(groups, corners, [*corners[1:], corners[0]], strict=True):
+                edge, forward = self._back_edge(group, start, end, lower)
+                steps = [(edge, forward), (rises[end], True)]
+                steps += [(self._edges[i], not f) for i, f in reversed(group)]
+                loop = self._loop([*steps, (rises[start], False)])
+                walls.append(self._wall(group, loop))
+                back.append((edge, not forward))
+            back_loops.append(self._loop(back[::-1]))
+        return walls, back_loops
+
+    def _ends(self, step: tuple[int, bool]) -> tuple[int, int]:
+        edge = self._map.edges[step[0]]
+        return (edge.start, edge.end) if step[1] else (edge.end, edge.start)
+
+    def _rise(self, vertex: int, lower: str) -> str:
+        xy = self._map.vertices_mm[vertex]
+        return self._w.line_edge(lower, self._vertices[vertex], self._point(xy, self._back_mm), self._point(xy, 0.0))
+
+    def _back_edge(self, group: list[tuple[int, bool]], start: int, end: int, lower: dict[int, str]) -> tuple[str, bool]:
+        """The one edge at the back below a piece of a rim, and whether it runs as the rim does."""
+        forward = group[0][1]
+        a, b = (start, end) if forward else (end, start)
+        arcs = [arc for i, _ in group if (arc := self._map.edges[i].arc) is not None]
+        arc = None
+        if arcs:
+            first, last = (arcs[0], arcs[-1]) if forward else (arcs[-1], arcs[0])
+            arc = Arc(centre_mm=first.centre_mm, radius_mm=first.radius_mm, start_rad=first.start_rad, end_rad=last.end_rad)
+        edge = MapEdge(start=a, end=b, arc=arc, wall=None)
+        return self._edge(edge, lower, self._back_mm), forward
+
+    def _wall(self, group: list[tuple[int, bool]], loop: str) -> str:
+        """A plane or a part of a cylinder; the material of a hole lies outside its cylinder."""
+        edge = self._map.edges[group[0][0]]
+        if edge.arc is None:
+            a, b = (np.array(self._map.vertices_mm[v]) for v in (edge.start, edge.end))
+            along = (b - a) / np.linalg.norm(b - a)
+            normal = self._turn @ (along[1], -along[0], 0.0)
+            plane = self._w.placement(self._point((float(a[0]), float(a[1])), 0.0), normal, self._turn[:, 2])
+            return self._w.face([loop], self._w.add(f"PLANE('',{plane})"))
+        first = min((arc.start_rad for i, _ in group if (arc := self._map.edges[i].arc) is not None))
+        axes = self._axes(edge.arc.centre_mm, 0.0, first)
+        surface = self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(edge.arc.radius_mm)})")
+        return self._w.face([loop], surface, same_sense=not edge.hole)

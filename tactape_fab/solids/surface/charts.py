@@ -1,0 +1,168 @@
+"""Charts: how a flat texture lies on a surface. What a mesh and a CAD face have in common, and the frames they give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import cos, radians
+from typing import Any, Protocol
+
+import numpy as np
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+_NEAR_Z_DEG = 10.0
+_MOST_FACE = 1_000_000
+_FURTHEST_MM = 100_000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """Where on the surface a texture goes.
+
+    Attributes
+    ----------
+    face : int or None
+        Face of a STEP model, from 0 in the file's order; None is the face under `at_mm`, else the largest.
+    at_mm : (float, float, float) or None
+        Point of the surface, model coordinates, for the middle of the texture's grid; None is the face's own centre, of
+        a mesh the point straight above the middle of its volume.
+    up : (float, float, float) or None
+        Direction of board +y, laid into the surface; None is +z, or +y where the surface faces +z or -z within 10 degrees.
+    """
+
+    face: int | None = None
+    at_mm: tuple[float, float, float] | None = None
+    up: tuple[float, float, float] | None = None
+
+
+def read_placement(values: Mapping[str, Any]) -> Placement:
+    """A placement from untrusted values.
+
+    Raises
+    ------
+    SpecError
+        With every value that is refused.
+    """
+    table = Fields(values)
+    placement = Placement(
+        face=table.integer("face", low=0, high=_MOST_FACE) if "face" in values else None,
+        at_mm=_triple(table, "at_mm", "mm", "give X,Y,Z in mm, a point of the surface"),
+        up=_triple(table, "up", "", "give a direction X,Y,Z, such as 0,0,1"),
+    )
+    if table.problems:
+        raise SpecError(table.problems)
+    return placement
+
+
+def _triple(table: Fields, key: str, unit: str, remedy: str) -> tuple[float, float, float] | None:
+    if key not in table.values:
+        return None
+    x, y, z = table.numbers(key, 3, low=-_FURTHEST_MM, high=_FURTHEST_MM, unit=unit, remedy=remedy)
+    return x, y, z
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frames:
+    """Many places on a surface with the directions of the board there; model coordinates, mm.
+
+    Attributes
+    ----------
+    points_mm, x_axis, normal : ndarray, shape (n, 3)
+        Board x and the outward normal are unit vectors at right angles; board y is ``normal x x_axis``.
+    facet : ndarray of int, shape (n,)
+        Triangle of a mesh, or 0.
+    walked_mm : ndarray, shape (n,)
+        How far the way from the middle got: shorter than the offset where the surface ends before.
+    arrived : ndarray of bool, shape (n,)
+    """
+
+    points_mm: FloatArray
+    x_axis: FloatArray
+    normal: FloatArray
+    facet: IntArray
+    walked_mm: FloatArray
+    arrived: BoolArray
+
+    @property
+    def y_axis(self) -> FloatArray:
+        return np.cross(self.normal, self.x_axis)
+
+    def __getitem__(self, which: BoolArray | IntArray) -> Frames:
+        return Frames(**{name: getattr(self, name)[which] for name in self.__slots__})
+
+
+class Chart(Protocol):
+    """A surface with a place and an up direction on it."""
+
+    @property
+    def centre(self) -> Frames:
+        """The middle of the texture: one frame."""
+
+    def frames(self, offset_mm: FloatArray) -> Frames:
+        """Where points of the flat board come to lie; `offset_mm`, shape (n, 2), from the middle, board x and y."""
+
+    def feet(self, frames: Frames, outline_mm: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """The surface about places: heights over their tangent planes at `outline_mm`, shape (k, 2).
+
+        Returns
+        -------
+        height_mm : ndarray, shape (n, k)
+            Along the normal, negative below the tangent plane.
+        on_surface : ndarray of bool, shape (n, k)
+            Whether the surface goes on to there.
+        """
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Vectors of length 1 along the last axis; zero stays zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    scaled: FloatArray = vectors / np.where(length > 0, length, 1.0)
+    return scaled
+
+
+def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatArray:
+    """Direction of board x where a surface has the outward `normal` and board y points as `up` does; shape (3,).
+
+    Raises
+    ------
+    SpecError
+        When `up` is no direction, or parallel to the normal.
+    """
+    if up is None:
+        near_z = abs(float(normal[2])) > cos(radians(_NEAR_Z_DEG))
+        up = (0.0, 1.0, 0.0) if near_z else (0.0, 0.0, 1.0)
+    direction = np.array(up, dtype=np.float64)
+    shown = ",".join(f"{v:g}" for v in up)
+    length = float(np.linalg.norm(direction))
+    if direction.shape != (3,) or not np.isfinite(length) or length == 0:
+        raise SpecError(f"up = {shown} is no direction; give three numbers, not all zero")
+    x = np.cross(direction / length, normal)
+    if np.linalg.norm(x) < 1e-3:
+        at = ", ".join(f"{v:.3f}" for v in normal)
+        raise SpecError(f"up = {shown} is parallel to the surface's normal ({at}) there; give a direction along the surface")
+    return unit(x)
+
+
+def turned(vectors: FloatArray, old: FloatArray, new: FloatArray) -> FloatArray:
+    """Vectors taken along by the smallest turn that takes normal `old` to `new`, and laid at right angles to it; (n, 3)."""
+    axis = np.cross(old, new)
+    cosine = np.einsum("ij,ij->i", old, new)[:, None]
+    along = np.einsum("ij,ij->i", axis, vectors)[:, None]
+    moved = vectors * cosine + np.cross(axis, vectors) + axis * (along / (1.0 + np.maximum(cosine, -0.5)))
+    moved -= new * np.einsum("ij,ij->i", moved, new)[:, None]
+    return unit(moved)
+
+
+def nearest(points: FloatArray, queries: FloatArray, count: int = 1, within_mm: float = np.inf) -> tuple[FloatArray, IntArray]:
+    """Distances and indices of the points nearest to each query; shapes (q,) or, for several, (q, count).
+
+    Where none is within the distance, it is infinite and the index the number of points.
+    """
+    from scipy.spatial import cKDTree
+
+    distance, index = cKDTree(points).query(queries, k=count, distance_upper_bound=within_mm)
+    return np.asarray(distance, dtype=np.float64), np.asarray(index, dtype=np.int64)

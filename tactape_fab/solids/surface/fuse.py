@@ -1,0 +1,171 @@
+"""A mesh and the elements of a texture as one mesh: one boolean of manifold3d, and the proof that it did what it should."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.solids.elements import closed_element, element_rings_mm, element_volume_mm3, foot_area_mm2
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.charts import nearest
+from tactape_fab.solids.surface.patch import SINK_MM
+from tactape_fab.solids.surface.place import LaidOut
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import area_mm2
+from tactape_fab.texture.tape import TapePart
+
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how many of how many are done."""
+
+_VOLUME_ERROR = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fused:
+    """The embossed solid as a mesh.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        Its coordinates are float32's, so that it is the same in an STL; vertices and triangles in a fixed order.
+    bodies : int
+        Shells: 1 for a simple solid; more where the user's solid had several, or hollows.
+    volume_mm3, host_volume_mm3 : float
+    """
+
+    mesh: Mesh
+    bodies: int
+    volume_mm3: float
+    host_volume_mm3: float
+
+
+def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *, chord_error_mm: float = 0.0) -> Fused:
+    """Fuse elements with a closed mesh.
+
+    Parameters
+    ----------
+    host : Mesh
+        From `closed_mesh`.
+    laid : LaidOut
+    progress : callable
+    chord_error_mm : float
+        How far the mesh may lie from the surface that the texture was laid out on.
+
+    Raises
+    ------
+    SpecError
+        When the mesh is refused by the boolean engine, or elements come out at the other side of a thin wall.
+    TactapeError
+        When the result is not the solid that it should be.
+    """
+    import manifold3d as m3
+
+    count = laid.tape.part_count
+    progress("fusing", 0, count)
+    base = _manifold(host)
+    if base.status() != m3.Error.NoError or base.is_empty():
+        raise SpecError(f"SURFACE is refused by the boolean engine ({base.status().name}); repair it and export it again")
+    elements = _elements(laid)
+    bodies = len(base.decompose())
+    above = m3.Manifold.compose(elements) - base
+    _refuse_poking_out(above, laid, chord_error_mm)
+    size = float(np.ptp(host.vertices_mm, axis=0).max())
+    union = m3.Manifold.batch_boolean([base, *elements], m3.OpType.Add)
+    got, expected = float(union.volume()), float(base.volume() + above.volume())
+    if abs(got - expected) > _VOLUME_ERROR * expected:
+        raise TactapeError(f"the fused solid has {got:.4f} mm3 instead of {expected:.4f} mm3; {_REPORT}")
+    mesh = _settled(union.simplify(2e-6 * size))
+    result = _manifold(mesh)
+    if result.status() != m3.Error.NoError or len(result.decompose()) != bodies:
+        raise TactapeError(f"the fused solid falls into {len(result.decompose())} bodies instead of {bodies}; {_REPORT}")
+    progress("fusing", count, count)
+    return Fused(mesh=mesh, bodies=bodies, volume_mm3=mesh.volume_mm3, host_volume_mm3=float(base.volume()))
+
+
+_REPORT = "move the texture a little, or give a finer mesh"
+
+
+def _manifold(mesh: Mesh) -> Any:
+    import manifold3d as m3
+
+    points = np.ascontiguousarray(mesh.vertices_mm, dtype=np.float64)
+    return m3.Manifold(m3.Mesh64(vert_properties=points, tri_verts=np.ascontiguousarray(mesh.faces, dtype=np.uint64)))
+
+
+def _elements(laid: LaidOut) -> list[Any]:
+    """Every element as a closed solid of the boolean engine, its sides down to below the surface."""
+    frames = laid.elements
+    axes = np.stack([frames.x_axis, frames.y_axis, frames.normal], axis=1)
+    solids = []
+    for points, turn, sink in zip(frames.points_mm, axes, laid.sink_mm, strict=True):
+        vertices, faces = closed_element(laid.tape.part, float(sink))
+        solids.append(_manifold(Mesh(vertices_mm=vertices @ turn + points, faces=faces)))
+    return solids
+
+
+def _facet_loss_mm3(part: TapePart) -> float:
+    """How much less the mesh of an element encloses above its foot than its exact shape."""
+    rings = element_rings_mm(part)
+    vertices, faces = closed_element(part, SINK_MM)
+    buried_mm3 = area_mm2(rings[0, :, :2]) * SINK_MM
+    return element_volume_mm3(part) - (Mesh(vertices_mm=vertices, faces=faces).volume_mm3 - buried_mm3)
+
+
+def _pieces(solid: Any) -> tuple[FloatArray, FloatArray]:
+    """Volumes and middles of the pieces of a manifold; shapes (n,), (n, 3). Its own decompose() is quadratic in them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    raw = solid.to_mesh64()
+    points = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3]
+    faces = np.asarray(raw.tri_verts, dtype=np.int64)
+    links = coo_array((np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(len(points),) * 2)
+    count, label = connected_components(links, directed=False)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, label, points)
+    np.maximum.at(high, label, points)
+    middles: FloatArray = (low + high) / 2
+    a, b, c = np.moveaxis((points - middles[label])[faces], 1, 0)
+    volumes = np.bincount(label[faces[:, 0]], weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, minlength=count)
+    return np.asarray(volumes, dtype=np.float64), middles
+
+
+def _refuse_poking_out(above: Any, laid: LaidOut, chord_error_mm: float) -> None:
+    """Each element must show above the surface as one piece of the volume that it has there."""
+    volumes, middles = _pieces(above)
+    tops = laid.elements.points_mm + laid.elements.normal * (laid.tape.part.body_mm[2] / 2)
+    _, owner = nearest(tops, middles)
+    total = np.bincount(owner, weights=volumes, minlength=len(tops))
+    number = np.bincount(owner, minlength=len(tops))
+    expected = laid.volume_mm3 - _facet_loss_mm3(laid.tape.part)
+    allowed = laid.volume_error_mm3 + foot_area_mm2(laid.tape.part) * chord_error_mm
+    wrong = (number != 1) | (np.abs(total - expected) > allowed)
+    if wrong.any():
+        i = int(np.flatnonzero(wrong)[0])
+        column, row = laid.tape.cells()[i]
+        message = (
+            f"{int(wrong.sum())} elements do not stand whole on the surface, the first at column {column}, row {row}: "
+            f"{total[i]:.5f} mm3 of it show in {number[i]} pieces, not {expected[i]:.5f} mm3 in one; "
+            f"the wall is thinner than the {laid.sink_mm[i]:.3f} mm that a foot reaches into it, or the surface is too rough; "
+            "use another place or a thicker wall"
+        )
+        raise SpecError(Problem("surface", message))
+
+
+def _settled(solid: Any) -> Mesh:
+    """A manifold as a mesh in float32's coordinates, in an order that its geometry alone decides."""
+    raw = solid.to_mesh64()
+    points = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3].astype(np.float32).astype(np.float64) + 0.0
+    faces = np.asarray(raw.tri_verts, dtype=np.int64)
+    unique, place = np.unique(points, axis=0, return_inverse=True)
+    faces = place.reshape(-1)[faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    first = faces.argmin(axis=1)
+    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    faces = faces[np.lexsort(faces.T[::-1])]
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(vertices_mm=unique[used], faces=faces.reshape(-1, 3))

@@ -1,0 +1,371 @@
+"""The user's mesh: read from STL, OBJ, PLY or 3MF with bounds on everything, welded, and refused where it is no solid."""
+
+from __future__ import annotations
+
+import io
+import logging
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+MESH_FORMATS = ("stl", "3mf", "obj", "ply")
+MOST_BYTES = 512 * 1024 * 1024
+MOST_FACES = 2_000_000
+LEAST_SIZE_MM, MOST_SIZE_MM = 1.0, 5000.0
+
+_WELD = 1e-6
+"""Corners closer than this part of the model's size are one vertex: float32, the coordinates of an STL, is that fine."""
+_THREEMF_UNITS_MM = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
+_FURTHEST_MM = 1e9
+_DEEPEST = 16
+_MOST_OBJECTS = 10_000
+
+
+def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
+    """Read a mesh file, in mm, its equal corners welded; whether it is a solid is for `closed_mesh` to say.
+
+    Parameters
+    ----------
+    data : bytes
+    kind : {"stl", "3mf", "obj", "ply"}
+    unit : {"mm", "cm", "m", "inch"}
+        What the file's numbers are in; a 3MF says so itself.
+
+    Raises
+    ------
+    SpecError
+        When the file is too large, cannot be read, holds no triangles, or a coordinate that is not finite.
+    """
+    if len(data) > MOST_BYTES:
+        raise SpecError(f"SURFACE has {len(data)} bytes, more than {MOST_BYTES}; give a coarser mesh")
+    if unit not in UNITS_MM:
+        raise SpecError(f"unit = {unit!r} is none of: {', '.join(UNITS_MM)}; give one of them")
+    if kind == "3mf":
+        vertices, faces = _read_3mf(data)
+    else:
+        vertices, faces = _read_trimesh(data, kind)
+        vertices = vertices * UNITS_MM[unit]
+    if len(faces) == 0:
+        raise SpecError(f"SURFACE holds no triangles that can be read as {kind.upper()}; give a closed mesh of a solid")
+    if len(faces) > MOST_FACES:
+        raise SpecError(f"SURFACE has {len(faces)} triangles, more than {MOST_FACES}; give a coarser mesh")
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise SpecError(f"SURFACE has {bad} vertices whose coordinates are not finite numbers; export it again")
+    furthest = float(np.abs(vertices).max())
+    if furthest > _FURTHEST_MM:
+        raise SpecError(f"SURFACE reaches {furthest:.3g} mm from its origin, more than {_FURTHEST_MM:g} mm; correct its unit")
+    return welded(vertices, faces)
+
+
+def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
+    import trimesh
+
+    log = logging.getLogger("trimesh")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)  # its tracebacks say nothing to the user
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            # from bytes and without a resolver: materials and textures that an OBJ names are never looked for
+            loaded: Any = trimesh.load(
+                io.BytesIO(data), file_type=kind, force="mesh", process=False, skip_materials=True, resolver=None
+            )
+        vertices = np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(getattr(loaded, "faces", np.zeros((0, 3))), dtype=np.int64).reshape(-1, 3)
+    except MemoryError:
+        raise SpecError(f"SURFACE needs more memory than there is to be read as {kind.upper()}; give a coarser mesh") from None
+    except Exception as error:  # whatever a parser makes of untrusted bytes
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise SpecError(f"SURFACE cannot be read as {kind.upper()}: {reason}; export it again, or as another format") from error
+    finally:
+        log.setLevel(level)
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise SpecError(f"SURFACE cannot be read as {kind.upper()}: a triangle names a vertex that is not there; export it again")
+    return vertices, faces
+
+
+def _read_3mf(data: bytes) -> tuple[FloatArray, IntArray]:
+    """Vertices in mm and triangles of all build items (3MF Core Specification 1.3, sections 3 and 4)."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [n for n in archive.namelist() if PurePosixPath(n).suffix.lower() == ".model"]
+            if len(names) != 1:
+                raise SpecError(f"SURFACE holds {len(names)} model parts, not 1; export it as STL")
+            if archive.getinfo(names[0]).file_size > 2 * MOST_BYTES:
+                raise SpecError(f"SURFACE unpacks to more than {2 * MOST_BYTES} bytes; give a coarser mesh")
+            with archive.open(names[0]) as member:
+                xml = member.read(2 * MOST_BYTES)
+        if b"<!DOCTYPE" in xml or b"<!ENTITY" in xml:
+            raise SpecError("SURFACE declares XML entities, which no 3MF needs; export it again")
+        return _ThreeMF(ElementTree.fromstring(xml)).mesh()
+    except SpecError:
+        raise
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        ElementTree.ParseError,
+        NotImplementedError,
+        RuntimeError,
+        OSError,
+        EOFError,
+    ) as error:
+        raise SpecError(f"SURFACE cannot be read as 3MF: {error}; export it again, or as STL") from error
+    except (LookupError, ValueError, OverflowError) as error:
+        reason = f"a value is missing or no number ({str(error)[:80]})"
+        raise SpecError(f"SURFACE cannot be read as 3MF: {reason}; export it again, or as STL") from error
+
+
+class _ThreeMF:
+    """One 3MF model: its objects, put together as its build says."""
+
+    def __init__(self, root: ElementTree.Element) -> None:
+        self.space = root.tag.partition("}")[0] + "}" if root.tag.startswith("{") else ""
+        unit = root.get("unit", "millimeter")
+        if unit not in _THREEMF_UNITS_MM:
+            raise SpecError(f"SURFACE has the unit {unit[:40]!r}, which 3MF does not know; export it again")
+        self.unit_mm = _THREEMF_UNITS_MM[unit]
+        self.objects = {o.get("id", ""): o for o in root.iter(f"{self.space}object")}
+        self.items = list(root.iter(f"{self.space}item"))
+        self.placed = 0
+        self.faces = 0
+
+    def mesh(self) -> tuple[FloatArray, IntArray]:
+        vertices: list[FloatArray] = []
+        faces: list[IntArray] = []
+        for item in self.items:
+            self._add(item, np.eye(3), np.zeros(3), vertices, faces, 0)
+        if not vertices:
+            return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        first = np.cumsum([0, *(len(v) for v in vertices[:-1])])
+        return np.vstack(vertices) * self.unit_mm, np.vstack([f + i for f, i in zip(faces, first, strict=True)])
+
+    def _add(
+        self,
+        reference: ElementTree.Element,
+        turn: FloatArray,
+        move: FloatArray,
+        vertices: list[FloatArray],
+        faces: list[IntArray],
+        depth: int,
+    ) -> None:
+        self.placed += 1
+        if depth > _DEEPEST or self.placed > _MOST_OBJECTS:
+            raise SpecError(f"SURFACE places more than {_MOST_OBJECTS} objects or nests them too deep; export it as STL")
+        target = self.objects.get(reference.get("objectid", ""))
+        if target is None:
+            raise SpecError("SURFACE places an object that its model part does not hold; export it as STL")
+        if reference.get("transform") is not None:
+            numbers = np.array(reference.get("transform", "").split(), dtype=np.float64)
+            if len(numbers) != 12 or not (np.abs(numbers) < _FURTHEST_MM).all():
+                raise ValueError("transform")
+            matrix = numbers.reshape(4, 3)  # row vectors, section 3.3
+            turn, move = matrix[:3] @ turn, matrix[3] @ turn + move
+        mesh = target.find(f"{self.space}mesh")
+        if mesh is not None:
+            points, triangles = self._arrays(mesh)
+            vertices.append(points @ turn + move)
+            faces.append(triangles if np.linalg.det(turn) > 0 else triangles[:, ::-1])
+        for component in target.iter(f"{self.space}component"):
+            self._add(component, turn, move, vertices, faces, depth + 1)
+
+    def _arrays(self, mesh: ElementTree.Element) -> tuple[FloatArray, IntArray]:
+        rows = [(v.attrib["x"], v.attrib["y"], v.attrib["z"]) for v in mesh.iter(f"{self.space}vertex")]
+        points = np.array(rows, dtype=np.float64).reshape(-1, 3)
+        corners = [(t.attrib["v1"], t.attrib["v2"], t.attrib["v3"]) for t in mesh.iter(f"{self.space}triangle")]
+        triangles = np.array(corners, dtype=np.int64).reshape(-1, 3)
+        if not (np.abs(points) < _FURTHEST_MM).all():
+            raise ValueError("a coordinate")
+        self.faces += len(triangles)
+        if self.faces > MOST_FACES:
+            raise SpecError(f"SURFACE has more than {MOST_FACES} triangles; give a coarser mesh")
+        if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
+            raise ValueError("a triangle names a vertex that is not there")
+        return points, triangles
+
+
+def welded(vertices: FloatArray, faces: IntArray) -> Mesh:
+    """Equal vertices as one, along open edges also those that only rounding parts; no triangle that runs through one twice."""
+    points, _, place = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
+    mesh = _without_slits(Mesh(vertices_mm=points, faces=place.reshape(-1)[faces]))
+    border = _border(mesh.faces)
+    if len(border):
+        grain_mm = _WELD * float(np.ptp(points, axis=0).max())
+        same = np.arange(len(mesh.vertices_mm))
+        same[border] = border[_clusters(mesh.vertices_mm[border], grain_mm)]
+        mesh = _without_slits(Mesh(vertices_mm=mesh.vertices_mm, faces=same[mesh.faces]))
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    return Mesh(vertices_mm=mesh.vertices_mm[used], faces=faces.reshape(-1, 3))
+
+
+def _without_slits(mesh: Mesh) -> Mesh:
+    whole = (mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)
+    return Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[whole])
+
+
+def _clusters(points: FloatArray, within_mm: float) -> IntArray:
+    """The first point of those that each hangs together with; shape (n,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    a, b = cKDTree(points).query_pairs(within_mm, output_type="ndarray").T
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(len(points), len(points)))
+    _, label = connected_components(links, directed=False)
+    _, first = np.unique(label, return_index=True)
+    representative: IntArray = first[label].astype(np.int64)
+    return representative
+
+
+def _edge_keys(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Keys of the directed edges of all triangles and of their opposites; shape (f * 3,) each, edge i after corner i."""
+    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    count = int(faces.max()) + 1 if len(faces) else 1
+    return a * count + b, b * count + a
+
+
+def _border(faces: IntArray) -> IntArray:
+    """Vertices of the edges that only one triangle has."""
+    forward, backward = _edge_keys(faces)
+    undirected, count = np.unique(np.minimum(forward, backward), return_counts=True)
+    single = undirected[count == 1]
+    vertices = int(faces.max()) + 1 if len(faces) else 1
+    return np.unique(np.concatenate([single // vertices, single % vertices]))
+
+
+def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
+    """The mesh, outside out, once it has proved to be a solid's; `crossings` says whether to look for those too.
+
+    Raises
+    ------
+    SpecError
+        When edges are open, shared by more than two triangles or by two of opposite sense, or the mesh cuts itself.
+    """
+    forward, backward = _edge_keys(mesh.faces)
+    _, count = np.unique(np.minimum(forward, backward), return_counts=True)
+    open_edges, crowded = int((count == 1).sum()), int((count > 2).sum())
+    repair = "repair it in your CAD or mesh program and export it again"
+    if open_edges:
+        raise SpecError(f"SURFACE is not watertight: {open_edges} of its {len(count)} edges are open; {repair}")
+    if crowded:
+        raise SpecError(f"SURFACE is no simple solid: {crowded} edges belong to more than two triangles; {repair}")
+    if len(np.unique(forward)) != len(forward):
+        turned = len(forward) - len(np.unique(forward))
+        raise SpecError(f"SURFACE has triangles that face opposite ways: {turned} edges are run through twice; {repair}")
+    cuts, at_mm = self_intersections(mesh) if crossings else (0, (0.0, 0.0, 0.0))
+    if cuts:
+        near = ", ".join(f"{v:.2f}" for v in at_mm)
+        raise SpecError(f"SURFACE cuts itself: {cuts} pairs of triangles cross, first near ({near}) mm; {repair}")
+    if mesh.volume_mm3 < 0:
+        return Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[:, ::-1])
+    return mesh
+
+
+def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[float, float]) -> None:
+    """Raise SpecError where a model is so small or large that its numbers must be in another unit.
+
+    Parameters
+    ----------
+    size_mm : ndarray, shape (3,)
+        Extent along x, y, z.
+    unit : str or None
+        The unit that was assumed; None where the file states its own.
+    texture_mm : (float, float)
+        Width and height of the texture; it may go round the model once, not more.
+    """
+    largest = float(size_mm.max())
+    reach = float(np.hypot(*texture_mm))
+    shown = " x ".join(f"{v:.4g}" for v in size_mm)
+    if largest > MOST_SIZE_MM:
+        problem = f"SURFACE is {shown} mm, larger than {MOST_SIZE_MM:g} mm"
+    elif largest < LEAST_SIZE_MM:
+        problem = f"SURFACE is {shown} mm, smaller than {LEAST_SIZE_MM:g} mm"
+    elif np.pi * np.linalg.norm(size_mm) < reach:
+        problem = f"SURFACE is {shown} mm, smaller than the texture of {texture_mm[0]:.4g} x {texture_mm[1]:.4g} mm"
+    else:
+        return
+    remedy = "correct its unit and export it again"
+    if unit is not None:
+        fitting = [
+            name
+            for name, mm in UNITS_MM.items()
+            if name != unit
+            and reach / np.pi < largest * mm / UNITS_MM[unit]
+            and 10 < largest * mm / UNITS_MM[unit] <= MOST_SIZE_MM
+        ]
+        use = "if it is not, use --unit " + " or ".join(fitting) if fitting else "scale it"
+        remedy = f"the file was read in {unit}; {use}"
+    raise SpecError(f"{problem}; {remedy}")
+
+
+def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
+    """Number of pairs of triangles that cross each other, and where the first does (mm).
+
+    An edge of one that goes through the inside of the other counts; triangles that only touch or lie in each other's
+    plane do not.
+    """
+    corners = mesh.corners_mm
+    tolerance = 1e-6 * float(np.ptp(mesh.vertices_mm, axis=0).max())
+    found = 0
+    first = np.zeros(3)
+    for pairs in _box_pairs(corners, tolerance):
+        shared = (mesh.faces[pairs[0]][:, :, None] == mesh.faces[pairs[1]][:, None, :]).sum(axis=(1, 2))
+        a, b = pairs[:, shared < 2]
+        crossing = np.zeros(len(a), dtype=bool)
+        for one, other in ((a, b), (b, a)):
+            for k in range(3):
+                start, end = corners[one, k], corners[one, (k + 1) % 3]
+                crossing |= _pierces(start, end, corners[other], tolerance)
+        if crossing.any():
+            if not found:
+                first = corners[a[crossing][0]].mean(axis=0)
+            found += int(crossing.sum())
+    return found, (float(first[0]), float(first[1]), float(first[2]))
+
+
+def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
+    """Pairs of triangles whose boxes overlap, in chunks: by a tree in the plane where they are smallest, then in depth."""
+    import shapely
+
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    extent = high - low
+    depth = int(np.argmin([(np.delete(extent, k, axis=1) + tolerance).prod(axis=1).sum() for k in range(3)]))
+    u, v = (k for k in range(3) if k != depth)
+    boxes = shapely.box(low[:, u], low[:, v], high[:, u], high[:, v])
+    tree = shapely.STRtree(boxes)
+    for start in range(0, len(boxes), 20_000):
+        one, other = tree.query(boxes[start : start + 20_000])
+        one = one + start
+        keep = other > one
+        one, other = one[keep], other[keep]
+        keep = (low[one, depth] <= high[other, depth]) & (low[other, depth] <= high[one, depth])
+        yield np.stack([one[keep], other[keep]])
+
+
+def _pierces(start: FloatArray, end: FloatArray, triangle: FloatArray, tolerance: float) -> BoolArray:
+    """Whether segments go through the inside of triangles, by more than `tolerance` on both sides; shape (n,)."""
+    a, b, c = triangle[:, 0], triangle[:, 1], triangle[:, 2]
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    unit = normal / np.where(area > 0, area, 1)[:, None]
+    over = np.einsum("ij,ij->i", start - a, unit)
+    under = np.einsum("ij,ij->i", end - a, unit)
+    through = (np.minimum(over, under) < -tolerance) & (np.maximum(over, under) > tolerance) & (area > 0)
+    at = start + (end - start) * (over / np.where(through, over - under, 1))[:, None]
+    for p, q in ((a, b), (b, c), (c, a)):
+        inward = np.cross(unit, q - p)
+        length = np.linalg.norm(inward, axis=1)
+        through &= np.einsum("ij,ij->i", at - p, inward) > tolerance * length
+    return np.asarray(through)

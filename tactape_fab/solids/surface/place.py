@@ -1,0 +1,210 @@
+"""A texture on a surface: every element placed, the patch measured, and refused where it cannot be made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.solids.elements import element_volume_mm3, foot_area_mm2, reach_mm
+from tactape_fab.solids.surface.charts import Chart, Frames
+from tactape_fab.solids.surface.patch import (
+    SINK_MM,
+    beyond_edge,
+    collisions,
+    fitted_radius_mm,
+    folds,
+    gaps_mm,
+    pitch_errors,
+    probed_radius_mm,
+    too_curved,
+    too_distorted,
+)
+from tactape_fab.texture.frames import FloatArray, texture_to_board
+from tactape_fab.texture.shapes import rotate
+from tactape_fab.texture.tape import Tape, TapePart
+
+MOST_ELEMENTS = 50_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distortion:
+    """How true the texture is on its surface.
+
+    Attributes
+    ----------
+    pitch_error_min, pitch_error_median, pitch_error_max : float
+        Distance of neighbouring grid points along the surface over the pitch, less 1.
+    closest_gap_mm : float or None
+        Least distance of two elements, measured across their feet and tops; None where none are near.
+    reach_mm : float
+        Distance of the farthest grid point from the middle, on the flat board.
+    usable_radius_mm : float
+        Largest radius about the middle within which no edge, no collision and no fold lies and the pitch error stays
+        within `MOST_PITCH_ERROR`; looked for as far as four times the reach.
+    deepest_sink_mm : float
+        How far below its tangent plane the deepest foot begins.
+    """
+
+    pitch_error_min: float
+    pitch_error_median: float
+    pitch_error_max: float
+    closest_gap_mm: float | None
+    reach_mm: float
+    usable_radius_mm: float
+    deepest_sink_mm: float
+
+    def to_mapping(self) -> dict[str, float | None]:
+        """The figures as the manifest records them, to 6 decimals."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: None if value is None else round(float(value), 6) for name, value in values.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LaidOut:
+    """A texture as it lies on a surface.
+
+    Attributes
+    ----------
+    tape : Tape
+    centre : Frames
+        The middle of the grid: one frame.
+    elements : Frames
+        Every element, designator order: the middle of its foot, its board directions.
+    grid : Frames
+        The grid point of every element.
+    sink_mm : ndarray, shape (n,)
+        How far each element's solid must reach below its tangent plane.
+    volume_mm3, volume_error_mm3 : ndarray, shape (n,)
+        Expected volume of each element above the surface, and how far that may be off.
+    distortion : Distortion
+    radius_mm : float or None
+        Of the sphere or cylinder that the patch is, within 1 %: positive where it bulges, negative where it is hollow.
+    """
+
+    tape: Tape
+    centre: Frames
+    elements: Frames
+    grid: Frames
+    sink_mm: FloatArray
+    volume_mm3: FloatArray
+    volume_error_mm3: FloatArray
+    distortion: Distortion
+    radius_mm: float | None
+
+
+def texture_size_mm(tape: Tape) -> tuple[float, float]:
+    """Width and height of the grid."""
+    return (tape.columns - 1) * tape.pitch_mm, (tape.rows - 1) * tape.pitch_mm
+
+
+def refuse_tape(tape: Tape) -> None:
+    """Raise SpecError where a tape cannot be laid on any surface: too many elements, or elements larger than their cell."""
+    problems = []
+    if tape.part_count > MOST_ELEMENTS:
+        message = f"the kit has {tape.part_count} elements, more than {MOST_ELEMENTS}; use a smaller --size"
+        problems.append(Problem("columns", message))
+    if tape.part_count == 0:
+        problems.append(Problem("omitted", "the kit has no elements: every grid point is omitted; give another kit"))
+    reach = max(reach_mm(tape.part)) + tape.displacement_mm
+    if reach >= tape.pitch_mm / 2:
+        problems.append(
+            Problem(
+                "part",
+                f"an element of part '{tape.part.name}' reaches {reach:.3f} mm from its grid point, displaced, and its cell "
+                f"only {tape.pitch_mm / 2:.3f} mm; make the kit with a larger --w, a smaller --delta or a smaller part",
+            )
+        )
+    if problems:
+        raise SpecError(problems)
+
+
+def lay_out(tape: Tape, chart: Chart) -> LaidOut:
+    """Lay a tape's texture on a surface, the middle of its grid on the chart's centre.
+
+    Raises
+    ------
+    SpecError
+        Where the texture runs off the surface, folds, or elements collide or do not stand: every problem, each with its
+        distance from the middle, and the largest radius that works.
+    """
+    middle = (np.array([tape.columns, tape.rows]) - 1) / 2 * tape.pitch_mm
+    middle_mm = texture_to_board(middle, tape.board.texture_origin_mm)
+    offset_mm = tape.part_xy_mm() - middle_mm
+    row, column = (a.ravel() for a in np.indices((tape.rows, tape.columns)))
+    points_mm = np.stack([column, row], axis=1) * tape.pitch_mm
+    point_offset_mm = texture_to_board(points_mm, tape.board.texture_origin_mm) - middle_mm
+    elements, grid = chart.frames(offset_mm), chart.frames(point_offset_mm)
+    outline_mm = foot_outline_mm(tape.part)
+    height_mm, on_surface = chart.feet(elements, outline_mm)
+    errors, pitch_radius = pitch_errors(tape, grid, point_offset_mm)
+    gap_mm, pairs = gaps_mm(tape, elements)
+    found = [
+        beyond_edge(offset_mm, elements, on_surface),
+        too_distorted(errors, pitch_radius),
+        folds(tape, grid, point_offset_mm),
+        collisions(offset_mm, gap_mm, pairs),
+        too_curved(tape.part, offset_mm, height_mm, on_surface),
+    ]
+    reach = float(np.hypot(*point_offset_mm.T).max())
+    usable = min([probed_radius_mm(tape, chart, reach), *(radius for radius, _ in found)])
+    problems = [message for _, message in found if message]
+    if problems:
+        problems[-1] += (
+            f"; the largest usable radius here is {usable:.1f} mm, the texture reaches {reach:.1f} mm; "
+            "use a kit of a smaller --size, or another place"
+        )
+        raise SpecError([Problem("surface", message) for message in problems])
+    volume, volume_error = _volumes_mm3(tape.part, height_mm)
+    sink_mm = np.maximum(-height_mm.min(axis=1), 0.0) + SINK_MM
+    placed = np.flatnonzero(tape.placed.ravel())
+    return LaidOut(
+        tape=tape,
+        centre=chart.centre,
+        elements=elements,
+        grid=grid[placed],
+        sink_mm=sink_mm,
+        volume_mm3=volume,
+        volume_error_mm3=volume_error,
+        radius_mm=fitted_radius_mm(grid),
+        distortion=Distortion(
+            pitch_error_min=float(errors.min()),
+            pitch_error_median=float(np.median(errors)),
+            pitch_error_max=float(errors.max()),
+            closest_gap_mm=float(gap_mm.min()) if len(gap_mm) else None,
+            reach_mm=reach,
+            usable_radius_mm=usable,
+            deepest_sink_mm=float(sink_mm.max()),
+        ),
+    )
+
+
+def foot_outline_mm(part: TapePart) -> FloatArray:
+    """Points of a foot's outline in opposite pairs: corners and middles of the sides, or of a circle; shape (8, 2)."""
+    if part.shape == "dome":
+        angle = np.arange(8) * (np.pi / 4)
+        return part.body_mm[0] / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    half = np.array(part.body_mm[:2]) / 2
+    signs = np.array([(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)], dtype=np.float64)
+    return rotate(half * signs, part.rotation_deg)
+
+
+def _volumes_mm3(part: TapePart, height_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Volume of each element above a surface that is a quadric under its foot, and what another shape could change."""
+    mean_mm = height_mm.mean(axis=1) / 2 if part.shape == "dome" else height_mm[:, :4].sum(axis=1) / 6
+    area, volume = foot_area_mm2(part), element_volume_mm3(part)
+    return volume - area * mean_mm, 0.02 * volume + 0.5 * area * np.ptp(height_mm, axis=1)
+
+
+def record(laid: LaidOut) -> dict[str, Any]:
+    """What the manifest says of the place: centre, directions, radius, distortion."""
+    centre = laid.centre
+    return {
+        "centre_mm": [round(float(v), 6) + 0.0 for v in centre.points_mm[0]],
+        "up": [round(float(v), 9) + 0.0 for v in centre.y_axis[0]],
+        "normal": [round(float(v), 9) + 0.0 for v in centre.normal[0]],
+        "radius_mm": None if laid.radius_mm is None else round(laid.radius_mm, 6),
+        "distortion": laid.distortion.to_mapping(),
+    }

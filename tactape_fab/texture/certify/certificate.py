@@ -1,0 +1,237 @@
+"""What the windows of one tape can tell apart: the tape's certificate, exact.
+
+Distances are Hamming distances in symbols: at how many grid points two windows show another symbol, over all pairs of whole
+windows of a size and all four turns of one against the other. A turned window's symbols turn with it (N to W to S to E by 90
+degrees counter-clockwise). A window is held against its own turns, too: one that equals itself turned tells its place, but not
+its angle. Windows that hold a grid point without a part do not count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
+from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.touch.patches import PatchDistance, patch_distances
+from tactape_fab.texture.windows import Windows, windows_of
+
+CERTIFICATE_FORMAT = "tactape-certificate/1"
+SIDES = (4, 5, 6)
+"""Sides of the windows that are certified, in grid points."""
+LISTED = 20
+"""So many of the nearest pairs are listed, the first ones row by row."""
+LEAST_SIDE, MOST_SIDE = 3, 8
+"""Smallest contacts are looked for among squares of these sides."""
+CORRECTING = 3
+"""Distance at which one wrong symbol leaves a window nearer to the truth than to anything else."""
+_STEPS = (2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Closest:
+    """The nearest windows of one size on one tape.
+
+    Attributes
+    ----------
+    side : int
+    windows : int
+        Number of whole windows.
+    distance : int or None
+        Least number of differing symbols; None without windows.
+    pairs : int
+        Number of pairs at that distance.
+    first_rc, second_rc : ndarray of int64, shape (k, 2)
+        Row and column of the upper left grid points of the first `LISTED` of them.
+    turn : ndarray of int64, shape (k,)
+        The first reads like the second turned by so many quarters counter-clockwise.
+    """
+
+    side: int
+    windows: int
+    distance: int | None
+    pairs: int
+    first_rc: IntArray
+    second_rc: IntArray
+    turn: IntArray
+
+    @property
+    def detects(self) -> int | None:
+        """So many wrong symbols never turn a window into another one."""
+        return None if self.distance is None else max(self.distance - 1, 0)
+
+    @property
+    def corrects(self) -> int | None:
+        """So many wrong symbols leave a window nearest to what it is."""
+        return None if self.distance is None else max((self.distance - 1) // 2, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Certificate:
+    """What the windows of a tape can tell apart.
+
+    Attributes
+    ----------
+    sizes : tuple of Closest
+        One for each of `SIDES`.
+    distinct_side, correcting_side : int or None
+        Side of the smallest square, from 3 to 8, whose windows all differ by one symbol at least, and by three; None where
+        even the largest do not, or where the tape holds none of that size.
+    patches : tuple of PatchDistance
+        Of a touch code what it is designed for, in bits; empty for other codes.
+    """
+
+    tape: Tape
+    sizes: tuple[Closest, ...]
+    distinct_side: int | None
+    correcting_side: int | None
+    patches: tuple[PatchDistance, ...] = ()
+
+    def of_side(self, side: int) -> Closest:
+        return self.sizes[SIDES.index(side)]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The certificate as the kit's file has it: numbers that follow from the tape alone."""
+        tape = self.tape
+        number = np.cumsum(tape.placed.ravel(), dtype=np.int64)
+        return {
+            "format": CERTIFICATE_FORMAT,
+            "name": tape.name,
+            "code": tape.code,
+            "sector": tape.sector,
+            "origin": list(tape.origin),
+            "columns": tape.columns,
+            "rows": tape.rows,
+            "parts": tape.part_count,
+            "windows": [_size_mapping(size, number, tape.columns) for size in self.sizes],
+            "smallest_contact": {"told_apart": self.distinct_side, "one_wrong_symbol": self.correcting_side},
+            **({"patches": [patch.to_mapping() for patch in self.patches]} if self.patches else {}),
+        }
+
+
+def _size_mapping(size: Closest, number: IntArray, columns: int) -> dict[str, Any]:
+    def window(row: int, column: int) -> dict[str, Any]:
+        return {"cell": [column, row], "designator": f"R{number[row * columns + column]}"}
+
+    listed = zip(size.first_rc.tolist(), size.second_rc.tolist(), size.turn.tolist(), strict=True)
+    return {
+        "side": size.side,
+        "count": size.windows,
+        "distance": size.distance,
+        "detects": size.detects,
+        "corrects": size.corrects,
+        "pairs": size.pairs,
+        "nearest": [{"windows": [window(*a), window(*b)], "turn_deg": 90 * turn} for a, b, turn in listed],
+    }
+
+
+def pair_words(tape: Tape, size: Closest, i: int) -> str:
+    """The i-th of the nearest pairs in words: designators and cells of the upper left parts, and the turn."""
+    first, second = (window_words(tape, *rc.tolist()) for rc in (size.first_rc[i], size.second_rc[i]))
+    return f"{first} and {second}{turn_words(int(size.turn[i]))}"
+
+
+def window_words(tape: Tape, row: int, column: int) -> str:
+    """A window by its upper left part."""
+    number = int(tape.placed.ravel()[: row * tape.columns + column + 1].sum())
+    return f"R{number} (column {column}, row {row})"
+
+
+def turn_words(turn: int) -> str:
+    return f" turned by {90 * turn} deg" if turn else ""
+
+
+def certify(tape: Tape) -> Certificate:
+    """Certify a tape; exact, and the same for the same tape."""
+    sizes: tuple[Closest, ...] = ()
+    for side in SIDES:
+        sizes = (*sizes, closest(tape, side, (sizes[-1].distance or 0) if sizes else 0))
+    return Certificate(
+        tape=tape,
+        sizes=sizes,
+        distinct_side=_smallest(tape, sizes, 1),
+        correcting_side=_smallest(tape, sizes, CORRECTING),
+        patches=patch_distances(tape.symbols, tape.placed, tape.directions) if tape.code == TOUCH_CODE else (),
+    )
+
+
+def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
+    """The smallest side whose windows differ by so much; distances never fall from one side to the next."""
+    distance = {size.side: size.distance for size in known}
+    for side in range(max(SIDES) + 1, MOST_SIDE + 1) if (distance[max(SIDES)] or 0) < least else ():
+        distance[side] = closest(tape, side, distance[side - 1] or 0).distance
+    if (distance[min(SIDES)] or 0) >= least:
+        distance[LEAST_SIDE] = closest(tape, LEAST_SIDE).distance
+    return min((side for side, apart in distance.items() if (apart or 0) >= least), default=None)
+
+
+def closest(tape: Tape, side: int, at_least: int = 0) -> Closest:
+    """The nearest windows of one size, whatever their distance; see `closest_windows`."""
+    return closest_windows(windows_of(tape.symbols, tape.placed, side, directions=tape.directions), at_least)
+
+
+def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
+    """The nearest of given windows, whatever their distance.
+
+    Parameters
+    ----------
+    windows : Windows
+    at_least : int
+        What is known of the distance, such as that of smaller windows of the same tape: it only saves time.
+    """
+    found: list[Pairs] = []
+    least = windows.side**2 + 1
+    for most in (step for step in _STEPS if step >= min(at_least, windows.side**2)):
+        search = plan_search(windows.side, windows.count, min(most, windows.side**2))
+        pairs = 0
+        for some in near_pairs(windows.words, search, bits=windows.bits) if windows.count else ():
+            nearest = int(some.distance.min(initial=least + 1))
+            if nearest < least:
+                least, pairs, found = nearest, 0, []
+            if nearest == least:
+                pairs += int((some.distance == least).sum())
+                found = [first_pairs([*found, _only(some, least)], LISTED)]
+        if pairs or search.most >= windows.side**2:
+            break
+    listed = found[0] if found else None
+    none = np.zeros((0, 2), dtype=np.int64)
+    return Closest(
+        side=windows.side,
+        windows=windows.count,
+        distance=least if listed is not None else None,
+        pairs=pairs,
+        first_rc=none if listed is None else windows.corner_rc[listed.first],
+        second_rc=none if listed is None else windows.corner_rc[listed.second],
+        turn=none[:, 0] if listed is None else listed.turn,
+    )
+
+
+def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntArray]:
+    """How far each window of a size is from the nearest other: upper left (row, column), shape (n, 2), and symbols, shape (n,).
+
+    A distance beyond `most` is given as ``most + 1``.
+    """
+    windows = windows_of(tape.symbols, tape.placed, side, directions=tape.directions)
+    distance = np.full(windows.count, most + 1, dtype=np.int64)
+    for pairs in near_pairs(windows.words, plan_search(side, windows.count, most), bits=windows.bits):
+        for end in (pairs.first, pairs.second):
+            np.minimum.at(distance, end, pairs.distance)
+    return windows.corner_rc, distance
+
+
+def _only(pairs: Pairs, distance: int) -> Pairs:
+    kept = pairs.distance == distance
+    return Pairs(first=pairs.first[kept], second=pairs.second[kept], turn=pairs.turn[kept], distance=pairs.distance[kept])
+
+
+def first_pairs(portions: list[Pairs], count: int) -> Pairs:
+    """The first so many of all pairs, in the order of their windows and turns."""
+    first, second, turn, distance = (
+        np.concatenate([getattr(p, name) for p in portions]) for name in ("first", "second", "turn", "distance")
+    )
+    order = np.lexsort((turn, second, first))[:count]
+    return Pairs(first=first[order], second=second[order], turn=turn[order], distance=distance[order])

@@ -1,0 +1,154 @@
+"""Tapes -> what their windows can tell apart, each alone and all together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.texture.certify.certificate import SIDES, Certificate, certify
+from tactape_fab.texture.certify.pairs import BEYOND, Across, Conflict, across, conflicts
+from tactape_fab.texture.registry import Registered, labels, read_registered
+from tactape_fab.texture.tape import Tape
+
+MOST_IN_MATRIX = 256
+"""Up to so many tapes the JSON of a registry has the distances of every two."""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Certified:
+    """Certificates of tapes, what each is called, and the windows across them; `across` is empty for one tape."""
+
+    names: tuple[str, ...]
+    certificates: tuple[Certificate, ...]
+    across: tuple[Across, ...]
+
+    @property
+    def tapes(self) -> list[Tape]:
+        return [c.tape for c in self.certificates]
+
+    def to_mapping(self) -> dict[str, Any]:
+        return {
+            "tapes": [c.to_mapping() for c in self.certificates],
+            "across": [across_mapping(a, self.names) for a in self.across],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Registry:
+    """Tapes that may be touched, what each is called, how far they are apart, and their conflicts."""
+
+    entries: tuple[Registered, ...]
+    names: tuple[str, ...]
+    across: tuple[Across, ...]
+    conflicts: tuple[Conflict, ...]
+
+    @property
+    def tapes(self) -> list[Tape]:
+        return [e.tape for e in self.entries]
+
+    def to_mapping(self) -> dict[str, Any]:
+        with_matrix = len(self.entries) <= MOST_IN_MATRIX
+        return {
+            "tapes": [entry_mapping(e) for e in self.entries],
+            "conflicts": [
+                {"kind": c.kind, "tapes": [self.names[i] for i in c.tapes], "message": c.message} for c in self.conflicts
+            ],
+            "across": [{**across_mapping(a, self.names), "distances": a.rows() if with_matrix else None} for a in self.across],
+        }
+
+
+def entry_mapping(entry: Registered) -> dict[str, Any]:
+    tape = entry.tape
+    return {
+        "name": tape.name,
+        "path": str(entry.path),
+        "sector": tape.sector,
+        "code": tape.code,
+        "origin": list(tape.origin),
+        "columns": tape.columns,
+        "rows": tape.rows,
+        "size_mm": list(tape.board.size_mm),
+        "pitch_mm": tape.pitch_mm,
+        "displacement_mm": tape.displacement_mm,
+        **({} if tape.directions == 4 else {"directions": tape.directions}),
+        "tag": None if tape.tag is None else tape.tag.id,
+        "fab": entry.fab,
+    }
+
+
+def across_mapping(windows: Across, names: Sequence[str]) -> dict[str, Any]:
+    """Windows of one size across tapes: the least distance, and the first of the nearest pairs."""
+
+    def place(window: Sequence[int]) -> dict[str, Any]:
+        tape, row, column = window
+        return {"tape": names[tape], "cell": [column, row]}
+
+    listed = zip(windows.first.tolist(), windows.second.tolist(), windows.turn.tolist(), strict=True)
+    return {
+        "side": windows.side,
+        "distance": windows.distance,
+        "at_least": windows.distance == BEYOND,
+        "pairs": windows.pairs,
+        "nearest": [{"windows": [place(a), place(b)], "turn_deg": 90 * turn} for a, b, turn in listed],
+    }
+
+
+def certified(tapes: Sequence[Tape], names: Sequence[str] | None = None, progress: Progress = lambda *_: None) -> Certified:
+    """Certify each tape exactly, and all of them across each other.
+
+    Parameters
+    ----------
+    tapes : sequence of Tape
+    names : sequence of str, optional
+        What each is called; its name where None is given.
+    progress : callable
+        Told what is counted, how many are done, and of how many.
+    """
+    certificates = []
+    for i, tape in enumerate(tapes):
+        certificates.append(certify(tape))
+        if len(tapes) > 1:
+            progress("tapes", i + 1, len(tapes))
+    return Certified(
+        names=tuple(t.name for t in tapes) if names is None else tuple(names),
+        certificates=tuple(certificates),
+        across=_across_all(tapes, progress) if len(tapes) > 1 else (),
+    )
+
+
+def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None) -> Registry:
+    """Read the kits at some paths, and compare every two of them.
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of the paths.
+    """
+    entries = read_registered(paths)
+    tapes, names = [e.tape for e in entries], labels(entries)
+    windows = _across_all(tapes, progress)
+    found = conflicts(tapes, names, windows[0])
+    return Registry(entries=tuple(entries), names=names, across=windows, conflicts=tuple(found))
+
+
+def _across_all(tapes: Sequence[Tape], progress: Progress) -> tuple[Across, ...]:
+    found = []
+    for i, side in enumerate(SIDES):
+        found.append(across(tapes, side))
+        if len(tapes) > 1:
+            progress("window sizes", i + 1, len(SIDES))
+    return tuple(found)
+
+
+def nearest_tapes(windows: Across, count: int) -> list[tuple[int, int, int]]:
+    """The tapes that are nearest to each other: their numbers and the distance, nearest first."""
+    a, b = np.nonzero(np.triu(windows.matrix <= BEYOND, 1))
+    distance = windows.matrix[a, b]
+    order = np.lexsort((b, a, distance))[:count]
+    return [(int(a[i]), int(b[i]), int(distance[i])) for i in order]

@@ -1,0 +1,204 @@
+"""Where in the code plane a tape tells its places apart best, and farthest from tapes that exist.
+
+The search looks at a fixed number of origins in a fixed order, never at a clock: the same question has the same answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.texture.certify.certificate import closest_windows
+from tactape_fab.texture.certify.nearest import near_pairs, plan_search
+from tactape_fab.texture.certify.pairs import BEYOND, joined
+from tactape_fab.texture.code import BoolArray, Code, default_origin, encode
+from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.windows import Windows, windows_of
+
+MOST_CANDIDATES = 160
+MOST_BESIDE_OTHERS = 48
+"""So many origins, or sectors, are compared with tapes that exist."""
+_WINDOWS = 300_000
+"""A large tape is tried at fewer origins: so many windows in all."""
+_SIDE, _NEXT_SIDE = 4, 5
+_STEP_XY = (0.7548776662466927, 0.5698402909980532)
+"""Steps of a sequence that fills the unit square evenly: 1/p and 1/p^2 of the plastic number p (Roberts 2018)."""
+
+Origin = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """An origin that was searched for.
+
+    Attributes
+    ----------
+    origin : (int, int)
+    candidates : int
+        Number of origins that were looked at.
+    distance : int
+        Least number of symbols by which 4x4 windows of the tape differ, at that origin.
+    default_distance : int or None
+        The same at the sector's default origin; None where the tape runs past the code's range there.
+    from_others : int or None
+        Least distance of its 4x4 windows from those of the tapes to avoid, `BEYOND` for at least that; None without such.
+    """
+
+    origin: Origin
+    candidates: int
+    distance: int
+    default_distance: int | None
+    from_others: int | None
+
+
+def choose_origin(code: Code, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
+    """The origin at which a tape's 4x4 windows are farthest apart, and from those of tapes to avoid before that.
+
+    Of equal ones, that of the largest distance of 5x5 windows, then of the fewest nearest pairs of 4x4, then the first
+    looked at; the sector's default origin is looked at first.
+
+    Parameters
+    ----------
+    code : Code
+    sector : int
+    placed : ndarray of bool, shape (rows, columns)
+        Whether a grid point carries a part.
+    avoid : sequence of Tape
+
+    Raises
+    ------
+    SpecError
+        When there is no place beside the tapes to avoid.
+    """
+    rows, columns = placed.shape
+    limit = MOST_BESIDE_OTHERS if avoid else MOST_CANDIDATES
+    count = max(2, min(limit, _WINDOWS // placed.size))
+    origins = [o for o in _origins(code, sector, placed.shape, count) if not _occupied(o, code, sector, placed.shape, avoid)]
+    if not origins:
+        raise SpecError(
+            Problem(
+                "origin",
+                f"sector {sector} of {code.name} has no room for {columns} x {rows} grid points beside the tapes to avoid at any "
+                f"of {count} origins; use another --sector, or leave it out",
+            )
+        )
+    looked_at = len(origins)
+    others: int | None = None
+    if avoid:
+        cut = [windows_of(encode(code, sector, o, placed.shape), placed, _SIDE, turns=4) for o in origins]
+        farthest, others = _farthest(cut, avoid)
+        origins = [origins[i] for i in farthest]
+    best: tuple[int, int, int] | None = None
+    chosen = origins[0]
+    for origin in origins:
+        merit = _merit(code, sector, origin, placed, None if best is None else best[0])
+        if merit is not None and (best is None or merit > best):
+            best, chosen = merit, origin
+    assert best is not None
+    default = default_origin(code.name, sector)
+    fits = _fits(default, code, placed.shape)
+    return Choice(
+        origin=chosen,
+        candidates=looked_at,
+        distance=best[0],
+        default_distance=_least(code, sector, default, placed) if fits else None,
+        from_others=others,
+    )
+
+
+def choose_sector(code: Code, placed: BoolArray, avoid: Sequence[Tape]) -> int:
+    """The sector, at its default origin, whose 4x4 windows are farthest from those of tapes to avoid.
+
+    Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are looked at.
+
+    Raises
+    ------
+    SpecError
+        When no sector is free.
+    """
+    used = {t.sector for t in avoid if t.code == code.name} | {t.tag.id for t in avoid if t.tag is not None}
+    free = (s for s in range(code.sectors) if s not in used and _fits(default_origin(code.name, s), code, placed.shape))
+    sectors = [s for s, _ in zip(free, range(MOST_BESIDE_OTHERS), strict=False)]
+    if not sectors:
+        raise SpecError(
+            Problem(
+                "sector",
+                f"the tapes to avoid leave no sector of {code.name} free for {placed.shape[1]} x {placed.shape[0]} grid points; "
+                "give --sector, which may be one of theirs elsewhere in the code plane, or use --code anoto-6x6",
+            )
+        )
+    cut = [windows_of(encode(code, s, default_origin(code.name, s), placed.shape), placed, _SIDE, turns=4) for s in sectors]
+    return sectors[_farthest(cut, avoid)[0][0]]
+
+
+def _fits(origin: Origin, code: Code, shape: tuple[int, ...]) -> bool:
+    return origin[0] + shape[1] <= code.range and origin[1] + shape[0] <= code.range
+
+
+def _origins(code: Code, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
+    """Origins in the order in which they are looked at: the default one, then spread over the plane.
+
+    Places where another sector's tape of that size lies by default are left out as far as possible: sectors at one place
+    are nearly shifts of each other.
+    """
+    default = default_origin(code.name, sector)
+    number = 1.0 + sector * MOST_CANDIDATES + np.arange(count - 1)
+    room = np.array([code.range - shape[1] + 1, code.range - shape[0] + 1])
+    spread = np.floor(np.outer(number, _STEP_XY) % 1.0 * room).astype(np.int64)
+    sectors = np.array([default_origin(code.name, s) for s in range(code.sectors) if s != sector])
+    apart = (np.abs(spread[:, None] - sectors) >= (shape[1], shape[0])).any(axis=2).all(axis=1)
+    origins = [(int(c), int(r)) for c, r in (spread[apart] if apart.any() else spread)]
+    return ([default] if _fits(default, code, shape) else []) + origins
+
+
+def _occupied(origin: Origin, code: Code, sector: int, shape: tuple[int, ...], avoid: Sequence[Tape]) -> bool:
+    """Whether a tape to avoid shows some of the same places."""
+    return any(
+        t.code == code.name
+        and t.sector == sector
+        and origin[0] < t.origin[0] + t.columns
+        and t.origin[0] < origin[0] + shape[1]
+        and origin[1] < t.origin[1] + t.rows
+        and t.origin[1] < origin[1] + shape[0]
+        for t in avoid
+    )
+
+
+def _farthest(cut: Sequence[Windows], avoid: Sequence[Tape]) -> tuple[list[int], int]:
+    """Which tapes' windows are farthest from those of tapes to avoid, with the fewest pairs at that distance; and how far."""
+    words, tape_of, _ = joined([*cut, *(windows_of(t.symbols, t.placed, _SIDE, turns=4) for t in avoid)])
+    queries = sum(w.count for w in cut)
+    left = np.arange(len(cut))
+    for most in range(BEYOND):
+        kept = np.flatnonzero(np.isin(tape_of, left) | (np.arange(len(tape_of)) >= queries))
+        mine = int((kept < queries).sum())
+        near = np.zeros(len(cut), dtype=np.int64)
+        search = plan_search(_SIDE, len(kept), most)
+        for pairs in near_pairs(tuple(w[:, kept] for w in words), search, queries=mine):
+            near += np.bincount(tape_of[kept[pairs.first[pairs.distance <= most]]], minlength=len(cut))
+        if (near[left] > 0).all():
+            fewest = near[left].min()
+            return [int(i) for i in left[near[left] == fewest]], most
+        left = left[near[left] == 0]
+    return [int(i) for i in left], BEYOND
+
+
+def _windows(code: Code, sector: int, origin: Origin, placed: BoolArray, side: int) -> Windows:
+    return windows_of(encode(code, sector, origin, placed.shape), placed, side)
+
+
+def _merit(code: Code, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
+    """How good an origin is, as numbers of which larger is better; None where 4x4 windows are nearer than `least`."""
+    windows = _windows(code, sector, origin, placed, _SIDE)
+    if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
+        return None
+    nearest = closest_windows(windows, least or 0)
+    further = closest_windows(_windows(code, sector, origin, placed, _NEXT_SIDE), nearest.distance or 0)
+    return nearest.distance or 0, further.distance or 0, -nearest.pairs
+
+
+def _least(code: Code, sector: int, origin: Origin, placed: BoolArray) -> int:
+    return closest_windows(_windows(code, sector, origin, placed, _SIDE)).distance or 0

@@ -1,0 +1,218 @@
+"""Several tapes that may be touched: how far every two of them are apart, and what makes them conflict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.certify.certificate import LISTED, first_pairs
+from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
+from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.windows import Windows, WordArray, windows_of
+
+EXACT_TO = 4
+"""Distances between tapes are exact so far, and known to be larger beyond."""
+BEYOND = EXACT_TO + 1
+"""What stands in a matrix for "at least 5"."""
+NO_WINDOWS = 255
+"""What stands in a matrix where one of the tapes has no whole window of the size."""
+_STEPS = (0, 2, 3, EXACT_TO)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Across:
+    """Windows of one size across tapes.
+
+    Attributes
+    ----------
+    side : int
+    matrix : ndarray of uint8, shape (tapes, tapes)
+        Least number of symbols by which windows of two different tapes differ, in any turn: 0 to `EXACT_TO`, `BEYOND` for
+        more, `NO_WINDOWS`. On the diagonal `NO_WINDOWS`.
+    shared : ndarray of int64, shape (tapes, tapes)
+        Number of pairs of equal windows of two different tapes, in any turn.
+    distance : int or None
+        The least of the matrix: `BEYOND` means at least that; None where no two tapes have windows.
+    pairs : int
+        Number of pairs of windows at that distance; 0 where it is `BEYOND`.
+    first, second : ndarray of int64, shape (k, 3)
+        Tape, row and column of the upper left grid points of the first `LISTED` of them.
+    turn : ndarray of int64, shape (k,)
+        The first reads like the second turned by so many quarters counter-clockwise.
+    """
+
+    side: int
+    matrix: npt.NDArray[np.uint8]
+    shared: IntArray
+    distance: int | None
+    pairs: int
+    first: IntArray
+    second: IntArray
+    turn: IntArray
+
+    def rows(self) -> list[list[int | None]]:
+        """The matrix as lists, None where there is no distance."""
+        return [[None if d == NO_WINDOWS else d for d in row] for row in self.matrix.tolist()]
+
+
+def joined(windows: Sequence[Windows]) -> tuple[tuple[WordArray, ...], IntArray, IntArray]:
+    """Windows of several tapes one after the other: words, the tape of each, and row and column of its corner."""
+    words = tuple(np.concatenate([w.words[i] for w in windows], axis=1) for i in range(len(windows[0].words)))
+    tape = np.repeat(np.arange(len(windows)), [w.count for w in windows])
+    return words, tape, np.concatenate([w.corner_rc for w in windows])
+
+
+def across(tapes: Sequence[Tape], side: int) -> Across:
+    """How far the windows of every two tapes are apart; memory grows with the number of windows, not of pairs.
+
+    A distance is the least over all windows and turns. The search goes on with larger distances only among tapes that
+    are not yet known to be near another.
+    """
+    count = len(tapes)
+    directions = max((t.directions for t in tapes), default=4)
+    windows = [windows_of(t.symbols, t.placed, side, directions=directions) for t in tapes]
+    words, tape_of, corner_rc = joined(windows)
+    matrix = np.full((count, count), NO_WINDOWS, dtype=np.uint8)
+    have = np.unique(tape_of)
+    matrix[np.ix_(have, have)] = BEYOND
+    np.fill_diagonal(matrix, NO_WINDOWS)
+    shared = np.zeros((count, count), dtype=np.int64)
+    least, pairs, listed = BEYOND, 0, _no_pairs()
+    for most in _STEPS:
+        unknown = np.flatnonzero((matrix == BEYOND).any(axis=1))
+        if len(unknown) == 0:
+            break
+        kept = np.flatnonzero(np.isin(tape_of, unknown))
+        search = plan_search(side, len(kept), most)
+        settled = least < BEYOND
+        for found in near_pairs(tuple(w[:, kept] for w in words), search, bits=windows[0].bits):
+            some = _between_tapes(found, kept, tape_of)
+            a, b = tape_of[some.first], tape_of[some.second]
+            np.minimum.at(matrix, (a, b), np.minimum(some.distance, BEYOND))
+            if most == 0:
+                np.add.at(shared, (a[some.distance == 0], b[some.distance == 0]), 1)
+            nearest = int(some.distance.min(initial=BEYOND))
+            if settled or nearest > least or nearest >= BEYOND:
+                continue
+            if nearest < least:
+                least, pairs, listed = nearest, 0, _no_pairs()
+            at_least = np.flatnonzero(some.distance == least)
+            pairs += len(at_least)
+            listed = first_pairs([listed, _taken(some, at_least)], LISTED)
+        matrix = np.minimum(matrix, matrix.T)
+    return Across(
+        side=side,
+        matrix=matrix,
+        shared=shared + shared.T,
+        distance=least if len(have) > 1 else None,
+        pairs=pairs,
+        first=np.column_stack([tape_of[listed.first], corner_rc[listed.first]]),
+        second=np.column_stack([tape_of[listed.second], corner_rc[listed.second]]),
+        turn=listed.turn,
+    )
+
+
+def _no_pairs() -> Pairs:
+    none = np.zeros(0, dtype=np.int64)
+    return Pairs(first=none, second=none, turn=none, distance=none.astype(np.uint8))
+
+
+def _taken(pairs: Pairs, which: IntArray) -> Pairs:
+    return Pairs(first=pairs.first[which], second=pairs.second[which], turn=pairs.turn[which], distance=pairs.distance[which])
+
+
+def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:
+    """Pairs of windows on different tapes, windows numbered among all; the one of the earlier tape first."""
+    first, second = kept[found.first], kept[found.second]
+    other = np.flatnonzero(tape_of[first] != tape_of[second])
+    first, second, turn = first[other], second[other], found.turn[other]
+    swapped = first > second  # then the second reads like the first turned on by what is missing to a whole turn
+    return Pairs(
+        first=np.where(swapped, second, first),
+        second=np.where(swapped, first, second),
+        turn=np.where(swapped, (4 - turn) % 4, turn),
+        distance=found.distance[other],
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Conflict:
+    """What two tapes have in common, and should not have.
+
+    Attributes
+    ----------
+    kind : {"same-tape", "overlap", "windows", "tag"}
+        They show the same place of the code: whole, or in part; they share windows of 4x4; their tags have one id.
+    tapes : (int, int)
+        Their numbers in the registry.
+    message : str
+    """
+
+    kind: str
+    tapes: tuple[int, int]
+    message: str
+
+
+def conflicts(tapes: Sequence[Tape], names: Sequence[str], windows: Across) -> list[Conflict]:
+    """Every conflict of a registry, by kind and tapes.
+
+    Parameters
+    ----------
+    names : sequence of str
+        What each is called.
+    windows : Across
+        Of the smallest windows, those of `SIDES[0]`.
+    """
+    return [*_plane_conflicts(tapes, names), *_window_conflicts(names, windows), *_tag_conflicts(tapes, names)]
+
+
+def _plane_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Conflict]:
+    found = []
+    groups: dict[tuple[str, int], list[int]] = {}
+    for i, tape in enumerate(tapes):
+        for k in groups.setdefault((tape.code, tape.sector), []):
+            other = tapes[k]
+            if tape.code == TOUCH_CODE:
+                if np.array_equal(tape.symbols, other.symbols):
+                    said = f"{names[k]} and {names[i]}: both have the symbols of one design, and cannot be told apart"
+                    found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
+                continue
+            low = [max(tape.origin[axis], other.origin[axis]) for axis in (0, 1)]
+            high = [min(t.origin[axis] + (t.columns, t.rows)[axis] for t in (tape, other)) for axis in (0, 1)]
+            wide, tall = high[0] - low[0], high[1] - low[1]
+            where = f"{names[k]} and {names[i]}: both show sector {tape.sector} of {tape.code}"
+            if (tape.origin, tape.columns, tape.rows) == (other.origin, other.columns, other.rows):
+                said = f"{where} at origin {tape.origin[0]},{tape.origin[1]}: they are the same tape, and cannot be told apart"
+                found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
+            elif wide > 0 and tall > 0:
+                said = f"{where}, and {wide} x {tall} grid points of it at {low[0]},{low[1]} are on both"
+                found.append(Conflict(kind="overlap", tapes=(k, i), message=said))
+        groups[tape.code, tape.sector].append(i)
+    return sorted(found, key=lambda c: (c.kind != "same-tape", c.tapes))
+
+
+def _window_conflicts(names: Sequence[str], windows: Across) -> list[Conflict]:
+    found = []
+    for a, b in np.argwhere(np.triu(windows.shared) > 0).tolist():
+        count, size = int(windows.shared[a, b]), f"{windows.side}x{windows.side}"
+        said = f"{names[a]} and {names[b]}: {count} pair{'s' * (count != 1)} of {size} windows read the same"
+        found.append(Conflict(kind="windows", tapes=(a, b), message=said))
+    return found
+
+
+def _tag_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Conflict]:
+    found = []
+    first: dict[int, int] = {}
+    for i, tape in enumerate(tapes):
+        if tape.tag is None:
+            continue
+        k = first.setdefault(tape.tag.id, i)
+        if k != i:
+            said = f"{names[k]} and {names[i]}: both tags have id {tape.tag.id}"
+            found.append(Conflict(kind="tag", tapes=(k, i), message=said))
+    return found

@@ -1,0 +1,95 @@
+"""Where a manifest is and what it holds as a mapping; `texture.tape` and `texture.panel_manifest` read its tables."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import shown_path
+
+MANIFEST_FORMAT = "tactape-manifest/1"
+
+
+PANEL_FORMAT = "tactape-panel/1"
+
+
+MANIFEST_NAME = "manifest.json"
+
+
+UNFINISHED_SUFFIX = ".partial"
+"""End of the name of a folder in which a kit is being built; such a folder is never a kit."""
+
+
+_MANIFEST_BYTES = 256 * 1024 * 1024
+
+
+def find_manifest(path: str | Path) -> Path:
+    """The manifest file of a kit, given its folder or the file itself.
+
+    Raises
+    ------
+    SpecError
+        When there is none, or the folder is one that an interrupted run left unfinished.
+    """
+    place = Path(path)
+    try:
+        is_folder = place.is_dir()
+        file = place / MANIFEST_NAME if is_folder else place
+        unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
+        there = file.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, a name that no system takes
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit") from error
+    if unfinished:
+        raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
+    if not there:
+        reason = f"it holds no {MANIFEST_NAME}" if is_folder else "there is no such file"
+        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit or its {MANIFEST_NAME}")
+    return file
+
+
+def read_manifest(file: Path) -> dict[str, Any]:
+    """The content of a kit's manifest.json as a mapping, its size and format checked.
+
+    Raises
+    ------
+    SpecError
+        When the file is too large, no JSON, or not of this format.
+    """
+    content = read_any_manifest(file)
+    if content["format"] == PANEL_FORMAT:
+        raise SpecError(f"{file.name} is that of a panel, not of one tape; give the folder of one of the kits on it")
+    return content
+
+
+def read_any_manifest(file: Path) -> dict[str, Any]:
+    """The content of a manifest.json of a kit or of a panel.
+
+    Raises
+    ------
+    SpecError
+        When the file is too large, no JSON, or of neither format.
+    """
+    try:
+        if file.stat().st_size > _MANIFEST_BYTES:
+            raise SpecError(f"{file.name} is larger than {_MANIFEST_BYTES} bytes; it is not a manifest of this tool")
+        content = json.loads(file.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, SpecError):
+            raise
+        raise SpecError(f"{file.name} cannot be read as JSON: {error}") from error
+    found = content.get("format") if isinstance(content, dict) else None
+    if found not in (MANIFEST_FORMAT, PANEL_FORMAT):
+        raise SpecError(f"{file.name} has format {found!r}; this version reads '{MANIFEST_FORMAT}'")
+    return dict(content)
+
+
+def safe_path(text: object) -> PurePosixPath | None:
+    """A manifest's path, or None where it could lead out of the kit's folder."""
+    if not isinstance(text, str) or not re.fullmatch(r"[A-Za-z0-9._ /+-]{1,300}", text):
+        return None
+    path = PurePosixPath(text)
+    return None if path.is_absolute() or ".." in path.parts or str(path) != text else path

@@ -1,0 +1,95 @@
+"""The manifest of a panel: which kits stand on it, and where. `Tape` knows nothing of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.texture.manifest import MANIFEST_NAME, PANEL_FORMAT, find_manifest, read_any_manifest
+from tactape_fab.texture.tape import LONGEST_MM
+
+KITS_FOLDER = "tapes"
+MOST_PLACED = 10_000
+_KIT_PATH = rf"{KITS_FOLDER}/[A-Za-z0-9][A-Za-z0-9._-]{{0,63}}/{MANIFEST_NAME}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedTape:
+    """A tape on a panel: p_panel = offset_mm + R_ccw(rotation_deg) p_board.
+
+    Attributes
+    ----------
+    manifest : str
+        Path of its kit's manifest, relative to the panel's folder.
+    sha256 : str
+        Of that manifest.
+    offset_mm : (float, float)
+    rotation_deg : float
+    first_designator : str
+        The panel's designator of the tape's R1.
+    """
+
+    manifest: str
+    sha256: str
+    offset_mm: tuple[float, float]
+    rotation_deg: float
+    first_designator: str
+
+    @property
+    def first_number(self) -> int:
+        return int(self.first_designator[1:])
+
+
+def is_panel(content: Mapping[str, Any]) -> bool:
+    """Whether a manifest is a panel's."""
+    return content.get("format") == PANEL_FORMAT
+
+
+def read_placed(table: Fields) -> tuple[PlacedTape, ...]:
+    """The tapes that a panel's manifest lists; problems are collected in `table`."""
+    placed = []
+    for i, row in enumerate(table.rows("tapes", longest=MOST_PLACED)):
+        entry = Fields(row if isinstance(row, Mapping) else {}, f"tapes[{i}].", table.problems)
+        x, y = entry.numbers("offset_mm", 2, low=0.0, high=LONGEST_MM, default=(0.0, 0.0))
+        placed.append(
+            PlacedTape(
+                manifest=entry.text("manifest", pattern=_KIT_PATH, remedy=f"give {KITS_FOLDER}/NAME/{MANIFEST_NAME}"),
+                sha256=entry.text("sha256", pattern="[0-9a-f]{64}", remedy="give 64 hexadecimal digits"),
+                offset_mm=(x, y),
+                rotation_deg=entry.number("rotation_deg", low=0.0, high=0.0, unit="deg", remedy="tapes lie on panels unturned"),
+                first_designator=entry.text(
+                    "first_designator", pattern="R[1-9][0-9]{0,8}", remedy="give R and a number", default="R1"
+                ),
+            )
+        )
+    if not placed:
+        table.problem("tapes", "tapes names no tape; a panel has one or more")
+    if len({p.manifest for p in placed}) < len(placed):
+        table.problem("tapes", "tapes names a kit twice; each stands on the panel once")
+    return tuple(placed)
+
+
+def kits_of(path: Path) -> list[Path]:
+    """The kits of a panel, given its folder or manifest; only the path itself where it is no panel.
+
+    Raises
+    ------
+    SpecError
+        When it is a panel whose manifest cannot be read.
+    """
+    try:
+        file = find_manifest(path)
+        content = read_any_manifest(file)
+    except SpecError:  # whoever reads it as a kit says what is wrong
+        return [path]
+    if not is_panel(content):
+        return [path]
+    table = Fields(content)
+    placed = read_placed(table)
+    if table.problems:
+        raise SpecError([Problem("tape", p.message) for p in table.problems])
+    return [file.parent / PurePosixPath(tape.manifest) for tape in placed]

@@ -1,0 +1,144 @@
+"""The touch code: a matrix of symbols without structure, designed so that no two small patches of it are nearly alike.
+
+A random matrix from an integer generator of our own is repaired conflict by conflict (`touch_search`), for one rung of
+distances after the other, each within so many steps: a number, never a clock, so that the same question has the same answer
+everywhere. What was reached last is the matrix. Its symbols follow from nothing shorter than themselves: they stand in the
+tape's manifest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactape_fab.base.errors import CapacityError, Problem
+from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.frames import SymbolArray, gray_codes
+from tactape_fab.texture.touch.patches import patch_shapes
+from tactape_fab.texture.windows import WordArray
+
+if TYPE_CHECKING:
+    from tactape_fab.texture.touch.climb import Shapes
+
+Bits = tuple[int, ...]
+
+ALONE: tuple[Bits, ...] = (
+    (0, 1, 2, 4, 6),
+    (0, 1, 3, 5, 7),
+    (0, 2, 4, 6, 8),
+    (0, 2, 4, 7, 9),
+    (1, 2, 4, 7, 9),
+    (1, 2, 5, 7, 10),
+    (1, 3, 5, 8, 10),
+    (2, 3, 5, 8, 11),
+)
+"""Rungs: fewest bits in which patches of the tape shall differ, by shape as in `patches.PATCHES`."""
+BESIDE: tuple[tuple[Bits, Bits], ...] = (
+    ((0, 1, 2, 4, 6), (0, 0, 1, 2, 4)),
+    ((0, 2, 4, 6, 8), (0, 1, 2, 4, 6)),
+    ((1, 2, 4, 7, 9), (0, 1, 3, 5, 7)),
+    ((1, 3, 5, 8, 8), (0, 2, 4, 6, 8)),
+    ((1, 3, 5, 8, 10), (0, 2, 4, 7, 9)),
+)
+"""Rungs beside other tapes: the same, and fewest bits between a patch of the tape and one of theirs."""
+ALONE_OF_EIGHT: tuple[Bits, ...] = (
+    (0, 2, 4, 7),
+    (1, 3, 6, 10),
+    (2, 4, 7, 11),
+    (2, 5, 8, 12),
+    (3, 6, 9, 13),
+    (4, 7, 11, 15),
+    (4, 7, 11, 16),
+)
+"""As `ALONE`, of eight directions: a 5x5, whose bits fill more than a word, keeps what the disc within it has, and is counted."""
+BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
+    ((1, 3, 6, 10), (0, 2, 4, 7)),
+    ((2, 5, 8, 12), (1, 3, 6, 10)),
+    ((3, 6, 9, 13), (2, 4, 7, 11)),
+    ((3, 6, 10, 14), (2, 5, 8, 12)),
+)
+_WORK, _WORK_BESIDE = 60_000_000, 400_000_000
+"""Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or a minute.
+
+The latter beside other tapes, but for the last rung, which many tapes do not reach.
+"""
+_LEAST_STEPS = 1000
+MOST_TOUCH_POINTS = 20_000
+
+
+def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (), directions: int = 4) -> SymbolArray:
+    """The matrix of a tape, read-only; equal questions in a row are answered once.
+
+    Parameters
+    ----------
+    sector : int
+        Another one, another matrix.
+    shape : (int, int)
+        Rows and columns.
+    avoid : sequence of ndarray of uint8
+        Symbols of tapes that exist, of as many directions, from whose patches those of this one keep away.
+    directions : int
+
+    Raises
+    ------
+    CapacityError
+        When the tape has more grid points than are ever designed for.
+    """
+    if shape[0] * shape[1] > MOST_TOUCH_POINTS:
+        message = (
+            f"size_mm gives {shape[1]} x {shape[0]} grid points, more than the {MOST_TOUCH_POINTS} that '{TOUCH_CODE}' is "
+            "designed for; use a smaller --size or --code microdots-4x4"
+        )
+        raise CapacityError(Problem("size_mm", message))
+    return _designed(sector, shape, tuple((a.shape, a.tobytes()) for a in avoid), directions)
+
+
+@lru_cache(maxsize=8)
+def _designed(
+    sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int, ...], bytes], ...], directions: int
+) -> SymbolArray:
+    from tactape_fab.texture.touch.climb import Patches, fill, new_room, repair, words_of  # loads the compiler
+
+    codes, shapes = gray_codes(directions), patch_shapes(directions)
+    others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
+    state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
+    symbols, room = np.empty(shape, dtype=np.uint8), new_room()
+    fill(symbols, directions, state)
+    given = _given(others, shapes)
+    work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
+    rungs = _rungs(bool(others), directions)
+    reached = symbols.copy()
+    for rung, (own, across) in enumerate(rungs, start=1):
+        steps = max(_LEAST_STEPS, (_WORK_BESIDE if others and rung < len(rungs) else _WORK) // work)
+        patches = Patches(*words_of(symbols, shapes), *given)
+        least, least_given = np.array(own), np.array(across)
+        if not repair(symbols, shapes, patches, least, least_given, steps, state, room):
+            break
+        reached = symbols.copy()
+    reached = np.argsort(codes).astype(np.uint8)[reached]
+    reached.setflags(write=False)
+    return reached
+
+
+def _rungs(beside: bool, directions: int) -> tuple[tuple[Bits, Bits], ...]:
+    """Least bits of the tape's own patches, and of pairs with those of others, one rung after the other."""
+    if beside:
+        return BESIDE if directions == 4 else BESIDE_OF_EIGHT
+    alone = ALONE if directions == 4 else ALONE_OF_EIGHT
+    return tuple((own, (0,) * len(own)) for own in alone)
+
+
+def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:
+    """All patches of other tapes (Gray codes) in all turns, and how many of each shape."""
+    from tactape_fab.texture.touch.climb import words_of
+
+    found = [words_of(symbols, shapes) for symbols in others]
+    count = sum((4 * n for _, n in found), np.zeros(len(shapes.side), dtype=np.int64))
+    words = np.zeros((len(count), max(int(count.max()), 1)), dtype=np.uint64)
+    for k in range(len(count)):
+        parts = [own[k, :, : n[k]].ravel() for own, n in found]
+        words[k, : count[k]] = np.concatenate(parts) if parts else words[k, :0]
+    return words, np.asarray(count, dtype=np.int64)

@@ -1,0 +1,103 @@
+"""Patches of a grid of symbols, as small contacts show them, and how many bits any two of them differ in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.code import BoolArray
+from tactape_fab.texture.frames import SymbolArray, bits_of, gray_codes
+from tactape_fab.texture.windows import WORD_BITS, windows_of
+
+if TYPE_CHECKING:
+    from tactape_fab.texture.touch.climb import Shapes
+
+
+def _square(side: int) -> npt.NDArray[np.bool_]:
+    return np.ones((side, side), dtype=bool)
+
+
+def _disc(side: int) -> npt.NDArray[np.bool_]:
+    """A square without its corners."""
+    mask = _square(side)
+    mask[np.ix_([0, -1], [0, -1])] = False
+    return mask
+
+
+PATCHES = {"3x3": _square(3), "disc-12": _disc(4), "4x4": _square(4), "disc-21": _disc(5), "5x5": _square(5)}
+"""Shapes of patches, smallest first: squares, and discs of so many dots."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatchDistance:
+    """The nearest patches of one shape.
+
+    Attributes
+    ----------
+    shape : str
+        Of `PATCHES`.
+    patches : int
+        How many there are without a hole.
+    bits : int or None
+        Fewest bits in which two of them differ, in any of four turns: one bit where a part points a quarter turn elsewhere,
+        two where it points the other way; of eight directions the bits of `frames.gray_codes`. None where there is no pair.
+    pairs : int
+        Pairs at that distance.
+    """
+
+    shape: str
+    patches: int
+    bits: int | None
+    pairs: int
+
+    def to_mapping(self) -> dict[str, Any]:
+        return {"shape": self.shape, "count": self.patches, "bits": self.bits, "pairs": self.pairs}
+
+
+def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
+    """Those of `PATCHES` whose bits fill no more than a word: all but 5x5 of eight directions."""
+    return [mask for mask in PATCHES.values() if bits_of(directions) * mask.sum() <= WORD_BITS]
+
+
+@cache
+def patch_shapes(directions: int = 4) -> Shapes:
+    """`in_one_word` for a search."""
+    from tactape_fab.texture.touch.climb import shapes_of  # loads the compiler, which tapes of other codes do without
+
+    return shapes_of(in_one_word(directions), directions)
+
+
+def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4) -> tuple[PatchDistance, ...]:
+    """How far the patches of a grid are apart, by shape; exact.
+
+    Parameters
+    ----------
+    symbols : ndarray of uint8, shape (rows, columns)
+    placed : ndarray of bool, shape (rows, columns)
+        Patches that hold a grid point without a part do not count.
+    directions : int
+    """
+    from tactape_fab.texture.touch.climb import nearest_of, nearest_of_long, words_of
+
+    shapes = patch_shapes(directions)
+    words, _ = words_of(gray_codes(directions)[symbols], shapes)
+    found = []
+    for (name, mask), own in zip(PATCHES.items(), words, strict=False):
+        whole = np.zeros(0, dtype=bool)
+        if min(symbols.shape) >= len(mask):
+            windows = np.lib.stride_tricks.sliding_window_view(placed, mask.shape)
+            whole = (windows | ~mask).all(axis=(2, 3)).ravel()
+        kept, out = np.ascontiguousarray(own[:, : len(whole)][:, whole]), np.zeros(2, dtype=np.int64)
+        nearest_of(kept, kept.shape[1], out)
+        bits, pairs = out.tolist()
+        found.append(PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs))
+    for name, mask in list(PATCHES.items())[len(shapes.side) :]:
+        long, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
+        nearest_of_long(long.words[0], long.words[1], long.count, out)
+        bits, pairs = out.tolist()
+        found.append(PatchDistance(shape=name, patches=long.count, bits=bits if pairs else None, pairs=pairs))
+    return tuple(found)

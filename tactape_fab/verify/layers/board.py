@@ -1,0 +1,152 @@
+"""Outline, clearances to it, component layer and drill file against the manifest and the CPL."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import ceil, pi, sqrt
+
+import numpy as np
+import shapely
+
+from tactape_fab.base.errors import Check
+from tactape_fab.kit.film.gaps import gaps_mm, pen_strokes, polygons
+from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import inset_mm, rotate
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import named
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, Recorded, nearest
+
+OUTLINE_TOLERANCE_MM = 0.001
+EDGE_TOLERANCE_MM = 0.0005
+_ARC_MISFIT_MM, _MOST_ARC_POINTS = 1e-6, 2048
+_CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
+
+
+def check_outline(content: GerberContent, tape: Tape) -> Check:
+    """One closed outline, as large and as round as the manifest says."""
+    board = tape.board
+    if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
+        return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
+    stroke = content.strokes_mm[0]
+    if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
+        return Check(name="profile", passed=False, message="the outline is not closed")
+    (width, height), radius = board.size_mm, board.corner_radius_mm
+    corners = [(radius, radius), (width - radius, radius), (width - radius, height - radius), (radius, height - radius)]
+    core = shapely.MultiPoint(corners).convex_hull
+    expected = core.buffer(radius, quad_segs=_arc_points(radius)) if radius else core
+    if not shapely.Polygon(stroke).is_valid:
+        return Check(name="profile", passed=False, message="the outline crosses itself")
+    sides = shapely.STRtree(shapely.linestrings(np.stack([stroke[:-1], stroke[1:]], axis=1)))
+    from_drawn_mm = nearest(shapely.get_coordinates(expected.exterior), sides)[1]
+    error_mm = float(max(np.abs(inset_mm(stroke, board.size_mm, radius)).max(), from_drawn_mm.max()))
+    passed = error_mm <= OUTLINE_TOLERANCE_MM
+    size = stroke.max(axis=0) - stroke.min(axis=0)
+    message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
+    return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def _arc_points(radius_mm: float) -> int:
+    """Chords of a quarter of a circle that stay within a thousandth of the tolerance of it: their sagitta is r (pi / 4n)² / 2."""
+    return min(_MOST_ARC_POINTS, ceil(pi / 4 * sqrt(radius_mm / (2 * _ARC_MISFIT_MM))))
+
+
+def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
+    """Nothing outside the outline; copper and bodies as far inside as the recorded limits ask."""
+    board = tape.board
+
+    def inset(points: list[FloatArray]) -> float:
+        joined = np.concatenate(points) if points else np.empty((0, 2))
+        return float(inset_mm(joined, board.size_mm, board.corner_radius_mm).min()) if len(joined) else float("inf")
+
+    def drawn(content: GerberContent) -> list[FloatArray]:
+        stamps = [
+            outermost(content.flash_xy_mm[content.flash_aperture == i], outline, tape)
+            for i, outline in enumerate(content.aperture_outlines_mm)
+        ]
+        return [*stamps, *content.areas_mm, *content.strokes_mm]
+
+    checks = []
+    half = np.array(tape.part.body_mm[:2]) / 2
+    bodies = [
+        outermost(cpl.xy_mm[cpl.rotation_deg == angle], rotate(half * _CORNERS, float(angle)), tape)
+        for angle in np.unique(cpl.rotation_deg)
+    ]
+    cases = [(role, drawn(layers[role]), 0.0) for role in ("coverlay-top", "paste-top", "legend-top") if role in layers]
+    cases.insert(0, ("copper-top", drawn(layers["copper-top"]), recorded.pad_edge_mm))
+    cases.append(("bodies", bodies, recorded.body_edge_mm))
+    for role, points, limit_mm in cases:
+        value = inset(points)
+        passed = value >= limit_mm - EDGE_TOLERANCE_MM
+        message = f"{value:.3f} mm inside the outline" + ("" if passed else f", less than {limit_mm:g} mm")
+        checks.append(Check(name=f"{role} to edge", passed=passed, message=message, figure=value, unit="mm"))
+    return checks
+
+
+def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArray:
+    """Points of an outline stamped at many places, of those stamps alone that may be the nearest to the board's outline.
+
+    A stamp is nowhere farther from its place than the outline reaches, and so no nearer to the board's outline.
+    """
+    inset = inset_mm(xy_mm, tape.board.size_mm, tape.board.corner_radius_mm)
+    reach_mm = np.hypot(*outline_mm.T).max()
+    near = xy_mm[inset <= inset.min(initial=np.inf) + 2 * reach_mm + EDGE_TOLERANCE_MM]
+    stamped: FloatArray = (near[:, None] + outline_mm).reshape(-1, 2)
+    return stamped
+
+
+def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:
+    """Ink stays as far from every coverlay opening as the recorded limit asks."""
+    areas = shapely.make_valid(polygons(legend.areas_mm))
+    ink = np.concatenate([areas, pen_strokes(legend.strokes_mm, legend.stroke_width_mm)])
+    bounds = shapely.total_bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
+    close = ((coverlay.flash_xy_mm >= bounds[:2]) & (coverlay.flash_xy_mm <= bounds[2:])).all(axis=1)
+    stamps = [
+        shapely.polygons(coverlay.flash_xy_mm[close & (coverlay.flash_aperture == i), None] + outline)
+        for i, outline in enumerate(coverlay.aperture_outlines_mm)
+    ]
+    near = np.concatenate([*stamps, shapely.make_valid(polygons(coverlay.areas_mm))])
+    value = float(gaps_mm(near, ink).min(initial=np.inf))
+    passed = value >= recorded.opening_legend_mm - EDGE_TOLERANCE_MM
+    message = f"{value:.3f} mm from the nearest opening" if len(near) else "far from every opening"
+    limit = "" if passed else f", less than {recorded.opening_legend_mm:g} mm"
+    return Check(name="legend-top to openings", passed=passed, message=message + limit, figure=value, unit="mm")
+
+
+def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Check:
+    """The component layer names every part where the CPL has it."""
+    main = np.array([f.startswith("ComponentMain") for f in content.aperture_functions], dtype=bool)
+    is_centre = main[content.flash_aperture] if len(content.flash_aperture) else np.zeros(0, dtype=bool)
+    centres = content.flash_xy_mm[is_centre]
+    names = [name for name, keep in zip(content.flash_component, is_centre, strict=True) if keep]
+    if names != list(cpl.designators):
+        wrong = sorted(set(names) ^ set(cpl.designators))
+        return Check(
+            name="components-top", passed=False, message=f"its designators differ from the CPL's: {named(wrong) or 'their order'}"
+        )
+    error = np.hypot(*(centres - cpl.xy_mm).T)
+    far = np.flatnonzero(error > PLACE_TOLERANCE_MM)
+    figure = float(error.max(initial=0.0) * 1000)
+    message = (
+        f"{len(far)} parts are off the CPL: {named([f'{names[i]} by {error[i] * 1000:.1f} um' for i in far])}"
+        if len(far)
+        else f"{len(centres)} parts within {figure:.3f} um of the CPL"
+    )
+    return Check(name="components-top", passed=not len(far), message=message, figure=figure, unit="um")
+
+
+def check_drill(holes: FloatArray, tape: Tape) -> Check:
+    """The drill file has exactly the manifest's holes."""
+    expected, found = sorted(tape.board.holes), sorted((x, y, d) for x, y, d in holes.tolist())
+
+    def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
+        return all(max(abs(a - b) for a, b in zip(hole, other, strict=True)) > PLACE_TOLERANCE_MM for other in others)
+
+    missing = [f"({x:g}, {y:g}) d {d:g} mm is missing" for x, y, d in expected if apart((x, y, d), found)]
+    strange = [f"({x:g}, {y:g}) d {d:g} mm is not in the manifest" for x, y, d in found if apart((x, y, d), expected)]
+    problems = [*missing, *strange]
+    if not problems and len(found) != len(expected):
+        problems.append(f"{len(found)} holes where the manifest has {len(expected)}")
+    message = named(problems) or f"{len(found)} holes as in the manifest"
+    return Check(name="drill-npth", passed=not problems, message=message, figure=float(len(found)))

@@ -1,0 +1,214 @@
+"""CPL and BOM against the manifest."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.kit.profiles import LandPattern
+from tactape_fab.kit.read.gerber_file import ReadbackError
+from tactape_fab.kit.read.readback import CplContent, read_bom
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, FORMATS
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
+
+DESIGNATORS_PER_ROW = 200
+"""As many as JLCPCB takes in one row of a BOM."""
+UPLOADED = ("fab-zip", "cpl", "bom")
+_MOST_SAID = 8
+_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos)(?!\w)")
+_NUMBER = r"(-?\d+\.\d)"
+_PRINT_AREA = re.compile(
+    rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedAssembly:
+    """What the manifest records of the assembly: the house's format, and the part as CPL and BOM name it."""
+
+    format: str
+    value: str
+    footprint: str
+    description: str
+    part_number: str
+
+
+def read_assembly(table: Fields) -> RecordedAssembly:
+    """Read the manifest's ``assembly``; problems are collected in `table`."""
+    assembly = table.table("assembly")
+    numbered = assembly.values.get("part_number") is not None
+    return RecordedAssembly(
+        format=assembly.text("format", choices=ASSEMBLY_FORMATS, default=ASSEMBLY_FORMATS[0]),
+        value=assembly.text("value", longest=200),
+        footprint=assembly.text("footprint", longest=200),
+        description=assembly.text("description", longest=200),
+        part_number=assembly.text("part_number", longest=200) if numbered else "",
+    )
+
+
+def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: LandPattern) -> list[Check]:
+    """One row per part in order, each at its place on the grid, all on top, turned and named as the manifest says."""
+    expected = tape.designators()
+    problems = []
+    house = FORMATS[recorded.format].placements
+    if cpl.table != house:
+        problems.append(f"it is no list of format '{recorded.format}': its columns are {','.join(cpl.table.headers)}")
+    if list(cpl.designators) != expected:
+        found, known = Counter(cpl.designators), set(expected)
+        missing = [d for d in expected if d not in found]
+        extra = [d for d in found if d not in known]
+        twice = [d for d, times in found.items() if times > 1]
+        for what, items in (("misses", missing), ("has unknown", extra), ("repeats", twice)):
+            if items:
+                problems.append(f"it {what} {named(items)}")
+        if not problems:
+            i = next(i for i, (a, b) in enumerate(zip(cpl.designators, expected, strict=True)) if a != b)
+            problems.append(f"rows are out of order: row {i + 1} is {cpl.designators[i]}, not {expected[i]}")
+    if any(side != "Top" for side in cpl.sides):
+        problems.append(f"{sum(side != 'Top' for side in cpl.sides)} rows are not on layer Top")
+    problems += _text_problems(cpl, recorded, pads)
+    message = "; ".join(problems[:_MOST_SAID]) or f"{len(expected)} rows, R1 to R{len(expected)} in order"
+    rows = Check(name="cpl rows", passed=not problems, message=message, figure=float(len(cpl.designators)))
+    return [rows, _check_places(cpl, tape), _check_rotation(cpl, tape)]
+
+
+def _text_problems(cpl: CplContent, recorded: RecordedAssembly, pads: LandPattern) -> list[str]:
+    """Cells beside place and side that are not the manifest's."""
+    blank = "_" if cpl.table.style == "kicad" else " "
+    lands_mm = {"length": 2 * pads.offset_mm + pads.size_mm[0], "width": pads.size_mm[1]}
+    expected = {
+        "value": recorded.value.replace(" ", blank),
+        "footprint": recorded.footprint.replace(" ", blank),
+        "part_number": recorded.part_number,
+        **{content: f"{value_mm / cpl.table.unit_mm:.4f}" for content, value_mm in lands_mm.items()},
+        **dict(cpl.table.fixed),
+    }
+    problems = []
+    for content, cells in cpl.texts.items():
+        wrong = [i for i, cell in enumerate(cells) if cell != expected[content]]
+        if wrong:
+            at = named([f"{cpl.designators[i]} {shown(cells[i])}" for i in wrong])
+            problems.append(f"the {content} of {len(wrong)} rows is not {shown(expected[content])}: {at}")
+    return problems
+
+
+def _check_places(cpl: CplContent, tape: Tape) -> Check:
+    place = {name: i for i, name in enumerate(tape.designators())}
+    index = np.array([place.get(name, -1) for name in cpl.designators], dtype=np.int64)
+    known = index >= 0
+    if not known.any():
+        return Check(name="cpl places", passed=False, message="no row names a part of this tape")
+    error = np.hypot(*(cpl.xy_mm[known] - tape.part_xy_mm()[index[known]]).T)
+    names = [name for name, keep in zip(cpl.designators, known, strict=True) if keep]
+    far = np.flatnonzero(error > PLACE_TOLERANCE_MM)
+    figure = float(error.max() * 1000)
+    message = (
+        f"{len(far)} rows are off the manifest's grid: {named([f'{names[i]} by {error[i] * 1000:.1f} um' for i in far])}"
+        if len(far)
+        else f"every row within {figure:.3f} um of the manifest's grid"
+    )
+    return Check(name="cpl places", passed=not len(far), message=message, figure=figure, unit="um")
+
+
+def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
+    turn = np.abs((cpl.rotation_deg - tape.part.rotation_deg + 180.0) % 360.0 - 180.0)
+    wrong = np.flatnonzero(turn > ROTATION_TOLERANCE_DEG)
+    message = (
+        f"{len(wrong)} parts are turned: {named([f'{cpl.designators[i]} at {cpl.rotation_deg[i]:g} deg' for i in wrong])}"
+        f", the manifest says {tape.part.rotation_deg:g} deg"
+        if len(wrong)
+        else f"all at {tape.part.rotation_deg:g} deg"
+    )
+    return Check(name="cpl rotation", passed=not len(wrong), message=message, figure=float(turn.max(initial=0.0)), unit="deg")
+
+
+def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) -> Check:
+    """Every part in exactly one row of the house's columns, at most 200 a row, quantities and words as the manifest has them."""
+    bom = FORMATS[recorded.format].bom
+    try:
+        rows = read_bom(data, bom)
+    except ReadbackError as error:
+        return Check(name="bom", passed=False, message=f"it cannot be read: {error}")
+    groups = [row["designator"].split(",") for row in rows]
+    found = [name for group in groups for name in group]
+    known, seen = set(expected), set(found)
+    problems = []
+    for what, items in (
+        ("misses", [d for d in expected if d not in seen]),
+        ("has unknown", [d for d in found if d not in known]),
+    ):
+        if items:
+            problems.append(f"it {what} {named(items)}")
+    if len(seen) < len(found):
+        problems.append(f"it repeats {named([d for d, times in Counter(found).items() if times > 1])}")
+    longest = max(map(len, groups), default=0)
+    if longest > DESIGNATORS_PER_ROW:
+        problems.append(f"a row has {longest} designators, more than {DESIGNATORS_PER_ROW}")
+    same = {
+        "value": recorded.value,
+        "footprint": recorded.footprint,
+        "description": recorded.description,
+        "value_description": f"{recorded.value}, {recorded.description}",
+        "part_number": recorded.part_number,
+        **dict(bom.fixed),
+    }
+    for number, (row, group) in enumerate(zip(rows, groups, strict=True), start=1):
+        problems += _row_problems(number, row, {**same, "item": str(number), "quantity": str(len(group))})
+    message = "; ".join(problems[:_MOST_SAID]) or f"{len(found)} designators in {len(groups)} rows, each once"
+    return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ordered:
+    """What notes are of: a tape, or a panel, on which nothing may be printed but in its rails."""
+
+    name: str
+    size_mm: tuple[float, float]
+    part_count: int
+    on_panel: bool = False
+
+
+def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None) -> Check:
+    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free.
+
+    Of a panel `tape` is any of its tapes, and `of` what is ordered.
+    """
+    of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
+    try:
+        text = files["order-notes"].data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return Check(name="order-notes", passed=False, message=f"they are no UTF-8: {error.reason} at byte {error.start}")
+    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in of.size_mm)
+    facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
+    problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
+    paths = {file.path for file in files.values()}
+    listed = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]
+    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
+    found = _PRINT_AREA.findall(text)
+    if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:
+        problems.append("they do not say where the fab may print")
+    for area in found:
+        x0, x1, y0, y1 = map(float, area)
+        centres = tape.part_xy_mm()
+        half_mm = max(tape.part.body_mm[:2]) / 2
+        near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
+        if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
+            problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")
+    message = "; ".join(problems[:_MOST_SAID]) or "tape, size, parts and files as the kit has them"
+    return Check(name="order-notes", passed=not problems, message=message)
+
+
+def _row_problems(number: int, row: Mapping[str, str], expected: Mapping[str, str]) -> list[str]:
+    return [
+        f"the {content} of row {number} is {shown(cell)}, not {shown(expected[content])}"
+        for content, cell in row.items()
+        if content != "designator" and cell != expected[content]
+    ]

@@ -1,0 +1,203 @@
+"""What a film may have beside pads and openings: anchors in the copper, one window for all parts, what is laminated to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.film.anchors import AnchorPlan, Anchors, build_anchors, nearest_foreign
+from tactape_fab.kit.film.coverlay import gang_window
+from tactape_fab.kit.profiles import COVERLAY_MODES, LandPattern, material_words
+from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import inset_mm
+from tactape_fab.texture.tape import Tape
+
+TOLERANCE_MM = 0.001
+_EDGE_TOLERANCE_MM = 0.0005
+_MOST_MM = 100.0
+_FORCED_CHECKS = {
+    "pad-edge": "copper-top to edge",
+    "body-edge": "bodies to edge",
+    "opening-edge": "coverlay-top to edge",
+    "opening-legend": "legend-top to openings",
+    "anchor-opening": "anchors to openings",
+}
+"""Line of the verification that holds a kit to the same limit as a design rule."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmRecord:
+    """What a manifest records of a film beside its lands.
+
+    ``backings`` maps the roles of what is laminated to it to material and thickness; ``forced`` holds the rules in spite
+    of which it was made.
+    """
+
+    mode: str
+    anchor: AnchorPlan | None
+    backings: Mapping[str, str]
+    job_in_zip: bool
+    frame_mm: float
+    forced: frozenset[str]
+
+
+def read_film_record(table: Fields) -> FilmRecord:
+    """Read it out of a manifest; problems are collected in `table`."""
+    fab = table.table("fab")
+    backings = {}
+    for key in ("stiffener", "adhesive"):
+        if key in table.values:
+            pattern = r"[A-Za-z0-9]{1,20} \d{1,2}(\.\d{1,3})?"
+            backings[f"{key}-bottom"] = table.text(key, pattern=pattern, remedy="give material and mm, such as 'FR4 0.2'")
+    forced = table.rows("forced", longest=1000) if "forced" in table.values else ()
+    return FilmRecord(
+        mode=fab.text("coverlay_mode", choices=COVERLAY_MODES) if "coverlay_mode" in fab.values else COVERLAY_MODES[0],
+        anchor=_anchor(table) if "anchor" in table.values else None,
+        backings=backings,
+        job_in_zip=fab.flag("job_in_zip") if "job_in_zip" in fab.values else True,
+        frame_mm=fab.table("limits_mm").number("opening-edge", low=0.0, high=_MOST_MM),
+        forced=frozenset(str(row.get("rule")) for row in forced if isinstance(row, Mapping)),
+    )
+
+
+def _anchor(table: Fields) -> AnchorPlan:
+    names = [f.name for f in fields(AnchorPlan)]
+    anchor = table.table("anchor", names)
+    numbers: dict[str, Any] = {name: anchor.number(name, low=0.0, high=_MOST_MM) for name in names if name != "mode"}
+    return AnchorPlan(mode=anchor.text("mode", choices=("spur", "mesh")), **numbers)
+
+
+def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
+    """Lines that fail by a rule in spite of which the kit was made, as warnings."""
+    names = {_FORCED_CHECKS[rule]: rule for rule in record.forced if rule in _FORCED_CHECKS}
+    return [
+        replace(c, warning=True, message=f"{c.message}; made in spite of rule {names[c.name]}")
+        if c.name in names and not c.passed
+        else c
+        for c in checks
+    ]
+
+
+# Anchors
+
+
+def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPlan, pads: LandPattern, tape: Tape) -> list[Check]:
+    """The copper's lines are the anchors of these parts, and keep clear of other pads' openings, outline and holes."""
+    expected = build_anchors(plan, tape, pads)
+    found = _segments(copper)
+    problems = []
+    missing, strange = _unmatched(expected.lines_mm, found), _unmatched(found, expected.lines_mm)
+    for what, lines in (("missing", missing), ("not an anchor of any part", strange)):
+        if len(lines):
+            (x, y), _ = lines[0]
+            problems.append(f"{len(lines)} lines are {what}, first at ({x:.3f}, {y:.3f}) mm")
+    if not problems and len(found) != len(expected.lines_mm):
+        problems.append(f"{len(found)} lines instead of {len(expected.lines_mm)}")
+    widths = copper.stroke_width_mm
+    if len(widths) and np.abs(widths - plan.web_mm).max() > TOLERANCE_MM:
+        problems.append(f"a line is {widths[np.argmax(np.abs(widths - plan.web_mm))]:.3f} mm wide instead of {plan.web_mm:g} mm")
+    message = "; ".join(problems) or f"{len(found)} lines hold {len(expected.spurs_mm)} pads"
+    checks = [Check(name="anchors", passed=not problems, message=message, figure=float(len(found)))]
+    return checks if problems else [*checks, _clear_of_openings(expected, coverlay, plan), _clear_of_outline(found, plan, tape)]
+
+
+def _segments(content: GerberContent) -> FloatArray:
+    """Drawn lines one by one, shape (k, 2, 2)."""
+    pieces = [np.stack([stroke[:-1], stroke[1:]], axis=1) for stroke in content.strokes_mm if len(stroke) > 1]
+    return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))
+
+
+def _unmatched(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArray:
+    """Lines that have no counterpart, either way round."""
+    if len(lines_mm) == 0 or len(others_mm) == 0:
+        return lines_mm
+    both = np.concatenate([others_mm, others_mm[:, ::-1]])
+    tree = shapely.STRtree(shapely.points(both.mean(axis=1)))
+    line, other = tree.query(shapely.points(lines_mm.mean(axis=1)), predicate="dwithin", distance=TOLERANCE_MM)
+    near = np.abs(lines_mm[line] - both[other]).max(axis=(1, 2)) <= TOLERANCE_MM
+    alone = np.ones(len(lines_mm), dtype=bool)
+    alone[line[near]] = False
+    return lines_mm[alone]
+
+
+def _clear_of_openings(anchors: Anchors, coverlay: GerberContent, plan: AnchorPlan) -> Check:
+    name = "anchors to openings"
+    if 2 * len(coverlay.flash_xy_mm) != len(anchors.spurs_mm):
+        return Check(name=name, passed=False, message=f"{len(coverlay.flash_xy_mm)} openings for {len(anchors.spurs_mm)} pads")
+    outlines = coverlay.aperture_outlines_mm
+    boxes = np.array(
+        [shapely.Polygon(outlines[i] + xy) for i, xy in zip(coverlay.flash_aperture, coverlay.flash_xy_mm, strict=True)]
+    )
+    gap_mm, _ = nearest_foreign(anchors, boxes)
+    passed = gap_mm >= plan.opening_mm - _EDGE_TOLERANCE_MM
+    message = f"{gap_mm:.3f} mm from openings of other pads" + ("" if passed else f", less than {plan.opening_mm:g} mm")
+    return Check(name=name, passed=passed, message=message, figure=gap_mm, unit="mm")
+
+
+def _clear_of_outline(lines_mm: FloatArray, plan: AnchorPlan, tape: Tape) -> Check:
+    board = tape.board
+    edge = float(inset_mm(lines_mm, board.size_mm, board.corner_radius_mm).min()) - plan.web_mm / 2
+    drawn = shapely.linestrings(lines_mm)
+    holes = [float(shapely.distance(drawn, shapely.Point(x, y)).min()) - (d + plan.web_mm) / 2 for x, y, d in board.holes]
+    hole = min(holes, default=float("inf"))
+    passed = edge >= plan.pad_edge_mm - _EDGE_TOLERANCE_MM and hole >= plan.hole_copper_mm - _EDGE_TOLERANCE_MM
+    message = f"{edge:.3f} mm inside the outline" + (f", {hole:.3f} mm from the nearest hole" if holes else "")
+    return Check(name="anchors to edge", passed=passed, message=message, figure=edge, unit="mm")
+
+
+# One window for all parts
+
+
+def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRecord, tape: Tape, cpl: CplContent) -> list[Check]:
+    """One opening that holds every part's, as large as the manifest's tape asks for, with a frame of coverlay round it."""
+    name = "coverlay-top window"
+    if len(coverlay.areas_mm) != 1 or len(coverlay.flash_xy_mm) or len(coverlay.strokes_mm) or coverlay.clear:
+        return [Check(name=name, passed=False, message="other objects than one window")]
+    window = shapely.Polygon(coverlay.areas_mm[0])
+    expected = shapely.Polygon(gang_window(tape.board, tape.part_xy_mm(), opening_mm))
+    if not window.is_valid:
+        return [Check(name=name, passed=False, message="the window crosses itself")]
+    error_mm = float(shapely.hausdorff_distance(window.exterior, expected.exterior))
+    passed = error_mm <= TOLERANCE_MM
+    message = f"{'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the window that these parts ask for"
+    checks = [Check(name=name, passed=passed, message=message, figure=error_mm * 1000, unit="um")]
+    boxes = shapely.polygons(cpl.xy_mm[:, None] + opening_mm) if len(cpl.xy_mm) else np.empty(0)
+    covered = ~shapely.covers(window.buffer(TOLERANCE_MM), boxes)
+    message = f"{int(covered.sum())} parts of the CPL are partly covered" if covered.any() else "every part of the CPL lies in it"
+    checks.append(Check(name="coverlay-top parts", passed=not covered.any(), message=message, figure=float(covered.sum())))
+    frame = float(inset_mm(coverlay.areas_mm[0], tape.board.size_mm, tape.board.corner_radius_mm).min())
+    passed = frame >= record.frame_mm - _EDGE_TOLERANCE_MM
+    message = f"{frame:.3f} mm of coverlay round it" + ("" if passed else f", less than {record.frame_mm:g} mm")
+    return [*checks, Check(name="coverlay-top frame", passed=passed, message=message, figure=frame, unit="mm")]
+
+
+# Stiffener and adhesive
+
+
+def file_function(role: str, backing: str) -> str:
+    """Function that the file of a backing gives itself."""
+    return f"Other,{role.split('-', maxsplit=1)[0].capitalize()}_Bottom_{material_words(backing)}"
+
+
+def check_backing(role: str, content: GerberContent, path: str, backing: str, outline_mm: FloatArray | None) -> Check:
+    """One area as large as the outline, in a file whose name says material and thickness."""
+    problems = []
+    if len(content.areas_mm) != 1 or len(content.flash_xy_mm) or len(content.strokes_mm) or content.clear:
+        problems.append("other objects than one area")
+    elif outline_mm is not None:
+        area, outline = shapely.Polygon(content.areas_mm[0]), shapely.Polygon(outline_mm)
+        error_mm = float(shapely.hausdorff_distance(area.exterior, outline.exterior))
+        if error_mm > TOLERANCE_MM:
+            problems.append(f"it leaves the outline by {error_mm:.3f} mm")
+    if material_words(backing) not in path:
+        problems.append(f"its name {path.rsplit('/', 1)[-1]} does not say {material_words(backing)}")
+    message = "; ".join(problems) or f"{backing} mm, as large as the board"
+    return Check(name=role, passed=not problems, message=message)

@@ -1,0 +1,297 @@
+"""Pads, paste and coverlay openings against the manifest and the CPL: counts, places, rotations, shapes, areas, names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.profiles import LandPattern, read_land
+from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import named
+
+PLACE_TOLERANCE_MM = 0.001
+ROTATION_TOLERANCE_DEG = 0.05
+AREA_TOLERANCE = 0.01
+_PARTNER_TOLERANCE_MM = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """What the manifest records of the lands, the openings and the limits they were made for."""
+
+    pads: LandPattern
+    paste: LandPattern
+    expansion_mm: float
+    pad_edge_mm: float
+    body_edge_mm: float
+    opening_legend_mm: float
+
+
+def read_recorded(table: Fields) -> Recorded:
+    """Read the manifest's ``land_pattern`` and the edge limits of ``fab``; problems are collected in `table`."""
+    lands = table.table("land_pattern")
+    limits = table.table("fab").table("limits_mm")
+
+    return Recorded(
+        pads=read_land(lands.table("pads")),
+        paste=read_land(lands.table("paste")),
+        expansion_mm=lands.number("opening_expansion_mm", low=0.0, high=1.0),
+        pad_edge_mm=limits.number("pad-edge", low=0.0, high=100.0),
+        body_edge_mm=limits.number("body-edge", low=0.0, high=100.0),
+        opening_legend_mm=limits.number("opening-legend", low=0.0, high=100.0),
+    )
+
+
+def nearest(points_mm: FloatArray, tree: shapely.STRtree) -> tuple[IntArray, FloatArray]:
+    """Index of, and distance to, the nearest point of a tree for every point; shapes (n,)."""
+    (asked, found), distance = tree.query_nearest(shapely.points(points_mm), return_distance=True, all_matches=False)
+    order = np.argsort(asked, kind="stable")
+    return found[order].astype(np.int64), distance[order]
+
+
+def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
+    """A tree of points for `nearest`; xy_mm of shape (n, 2)."""
+    return shapely.STRtree(shapely.points(xy_mm))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LandPairs:
+    """Pairs of lands: middles and vectors from land 1 to land 2, shape (p, 2), mm; the flashes that are land 1 and 2 of
+    each pair, shape (p,); and the flashes without a partner.
+    """
+
+    centre_mm: FloatArray
+    axis_mm: FloatArray
+    first: IntArray
+    second: IntArray
+    alone: IntArray
+
+
+def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> LandPairs:
+    """Find pairs of lands from flashes alone.
+
+    Parameters
+    ----------
+    xy_mm : ndarray, shape (m, 2)
+    offset_mm, rotation_deg : float
+        Half the distance of a pair, and its direction.
+    """
+    if len(xy_mm) < 2:
+        nothing, none = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+        return LandPairs(centre_mm=nothing, axis_mm=nothing, first=none, second=none, alone=np.arange(len(xy_mm)))
+    first, second = _alternate(_following(xy_mm, rotate((2 * offset_mm, 0.0), rotation_deg)))
+    used = np.zeros(len(xy_mm), dtype=bool)
+    used[first], used[second] = True, True
+    return LandPairs(
+        centre_mm=(xy_mm[first] + xy_mm[second]) / 2,
+        axis_mm=xy_mm[second] - xy_mm[first],
+        first=first,
+        second=second,
+        alone=np.flatnonzero(~used),
+    )
+
+
+def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
+    """The flash nearest to a step away from each, -1 where there is none or another one is nearer to it; shape (m,)."""
+    partner, distance = nearest(xy_mm + step_mm, point_tree(xy_mm))
+    by_distance = np.argsort(distance, kind="stable")
+    by_distance = by_distance[distance[by_distance] < _PARTNER_TOLERANCE_MM]
+    _, first = np.unique(partner[by_distance], return_index=True)
+    linked = by_distance[first]
+    following = np.full(len(xy_mm), -1)
+    following[linked] = partner[linked]
+    return following
+
+
+def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
+    """Cut chains into pairs from their heads: lands of neighbours may be as far apart as the lands of one part.
+
+    ``following`` names the next flash of each, -1 at the end of a chain.
+    """
+    heads = np.ones(len(following), dtype=bool)
+    heads[following[following >= 0]] = False
+    first, second = [], []
+    now = np.flatnonzero(heads & (following >= 0))
+    while len(now):
+        first.append(now)
+        second.append(following[now])
+        onward = following[second[-1]]
+        now = onward[onward >= 0]
+        now = now[following[now] >= 0]
+    nothing = np.empty(0, dtype=np.int64)
+    return np.concatenate([nothing, *first]), np.concatenate([nothing, *second])
+
+
+def check_lands(
+    name: str,
+    content: GerberContent,
+    pairs: LandPairs,
+    land: LandPattern,
+    tape: Tape,
+    cpl: CplContent,
+    rows: shapely.STRtree,
+    *,
+    lines: bool = False,
+) -> list[Check]:
+    """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation.
+
+    ``lines`` says whether the layer may hold lines, which are checked elsewhere.
+    """
+    count = len(content.flash_xy_mm)
+    expected = 2 * tape.part_count
+    centre, axis, alone, rotation = pairs.centre_mm, pairs.axis_mm, pairs.alone, tape.part.rotation_deg
+    problems = []
+    if count != expected:
+        problems.append(f"{count} flashes where {tape.part_count} parts need {expected}")
+    if len(alone):
+        x, y = content.flash_xy_mm[alone[0]]
+        problems.append(f"{len(alone)} flashes have no partner, first at ({x:.3f}, {y:.3f}) mm")
+    if len(content.aperture_outlines_mm) > 1:
+        problems.append(f"{len(content.aperture_outlines_mm)} different apertures instead of one")
+    if len(content.areas_mm) or (len(content.strokes_mm) and not lines) or content.clear:
+        problems.append("objects that are no pads")
+    shapeless = any(area_mm2(outline) == 0.0 for outline in content.aperture_outlines_mm)
+    if shapeless:
+        problems.append("an aperture without area")
+    message = "; ".join(problems) or f"{len(centre)} pairs for {tape.part_count} parts"
+    checks = [Check(name=f"{name} pairs", passed=not problems, message=message, figure=float(len(centre)))]
+    if shapeless or len(centre) == 0 or len(cpl.xy_mm) == 0:
+        return checks
+    row, distance = nearest(centre, rows)
+    checks.append(_place_check(name, "pair", centre, distance, cpl, row))
+    checks.append(_rotation_check(name, content, land, axis, cpl.rotation_deg[row], cpl, row))
+    checks.append(_area_check(name, content, land.area_mm2 * expected))
+    checks.append(_shape_check(name, content.aperture_outlines_mm, placed_outline(land.size_mm, land.corner_radius_mm, rotation)))
+    if any(content.flash_component):
+        checks.append(_names_check(name, content, pairs, [cpl.designators[i] for i in row]))
+    return checks
+
+
+def _place_check(name: str, what: str, centre: FloatArray, distance: FloatArray, cpl: CplContent, row: IntArray) -> Check:
+    worst = int(np.argmax(distance))
+    taken, times = np.unique(row, return_counts=True)
+    far = np.flatnonzero(distance > PLACE_TOLERANCE_MM)
+    problems = []
+    if len(far):
+        problems.append(
+            f"{len(far)} {what}s are off the CPL, worst by {distance[worst] * 1000:.1f} um at {cpl.designators[row[worst]]} "
+            f"({centre[worst, 0]:.3f}, {centre[worst, 1]:.3f}) mm"
+        )
+    if (times > 1).any():
+        problems.append(f"two {what}s stand at {cpl.designators[taken[times > 1][0]]}")
+    if len(taken) < len(cpl.xy_mm):
+        missing = np.setdiff1d(np.arange(len(cpl.xy_mm)), taken)
+        problems.append(f"no {what} stands at {named([cpl.designators[i] for i in missing])}")
+    figure = float(distance.max() * 1000)
+    message = "; ".join(problems) or f"centre of every {what} within {figure:.3f} um of its CPL row"
+    return Check(name=f"{name} places", passed=not problems, message=message, figure=figure, unit="um")
+
+
+def _turn_deg(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angle between two directions of lines, 0 to 90 degrees."""
+    return np.abs((a - b + 90.0) % 180.0 - 90.0)
+
+
+def _rotation_check(
+    name: str,
+    content: GerberContent,
+    land: LandPattern,
+    axis: FloatArray,
+    rotation_deg: FloatArray,
+    cpl: CplContent,
+    row: IntArray,
+) -> Check:
+    pair_deg = np.degrees(np.arctan2(axis[:, 1], axis[:, 0]))
+    turn = _turn_deg(pair_deg, rotation_deg)
+    worst = int(np.argmax(turn))
+    problems = []
+    # a pad moved by 1 um turns its pair by less than this
+    if turn[worst] > ROTATION_TOLERANCE_DEG + np.degrees(PLACE_TOLERANCE_MM / land.offset_mm):
+        problems.append(f"pads of {cpl.designators[row[worst]]} lie {turn[worst]:.2f} deg from the CPL's rotation")
+    shape_deg = _outline_axis_deg(content.aperture_outlines_mm[0], land)
+    if shape_deg is not None and len(rotation_deg):
+        shape_turn = float(_turn_deg(np.array(shape_deg), rotation_deg).max())
+        if shape_turn > ROTATION_TOLERANCE_DEG:
+            problems.append(f"the pad itself is turned by {shape_turn:.2f} deg from the CPL's rotation")
+    message = "; ".join(problems) or f"pairs and pads within {turn[worst]:.4f} deg of the CPL's rotation"
+    return Check(name=f"{name} rotation", passed=not problems, message=message, figure=float(turn[worst]), unit="deg")
+
+
+def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
+    """Direction of an aperture's side that lies along the part, None where the land is square."""
+    if abs(land.size_mm[0] - land.size_mm[1]) < 0.01:
+        return None
+    box = shapely.minimum_rotated_rectangle(shapely.Polygon(outline))
+    corners = np.array(box.exterior.coords)
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.hypot(*sides.T)
+    along = sides[int(np.argmax(lengths) if land.size_mm[0] > land.size_mm[1] else np.argmin(lengths))]
+    return axis_angle_deg((float(along[0]), float(along[1])))
+
+
+def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:
+    """Every flashed outline is the manifest's, about its own origin."""
+    target = shapely.Polygon(expected).exterior
+    error_mm = max(float(shapely.hausdorff_distance(shapely.Polygon(outline).exterior, target)) for outline in outlines)
+    passed = error_mm <= PLACE_TOLERANCE_MM
+    message = f"outline {'within' if passed else 'off by'} {error_mm * 1000:.1f} um of the manifest's"
+    return Check(name=f"{name} shape", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def _names_check(name: str, content: GerberContent, pairs: LandPairs, designators: list[str]) -> Check:
+    """Pads 1 and 2 name the part whose CPL row they stand at."""
+    wrong = [
+        f"{content.flash_component[flash]}.{content.flash_pin[flash]} stands where {part}.{pin} is"
+        for pin, flashes in (("1", pairs.first), ("2", pairs.second))
+        for flash, part in zip(flashes.tolist(), designators, strict=True)
+        if (content.flash_component[flash], content.flash_pin[flash]) != (part, pin)
+    ]
+    return Check(name=f"{name} names", passed=not wrong, message=named(wrong) or "every pad names its part and pin")
+
+
+def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check:
+    areas = np.array([area_mm2(outline) for outline in content.aperture_outlines_mm])
+    area = float(areas[content.flash_aperture].sum())
+    error = area / expected_mm2 - 1.0
+    passed = abs(error) <= AREA_TOLERANCE
+    message = f"{area:.2f} mm2 drawn, {expected_mm2:.2f} mm2 specified ({error * 100:+.2f} %)"
+    return Check(name=f"{name} area", passed=passed, message=message, figure=error * 100, unit="%")
+
+
+def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: CplContent, rows: shapely.STRtree) -> list[Check]:
+    """One coverlay opening per part, at its CPL row, round both pads with the fab's expansion."""
+    name = "coverlay-top"
+    count = len(content.flash_xy_mm)
+    problems = []
+    if count != tape.part_count:
+        problems.append(f"{count} openings for {tape.part_count} parts")
+    shapeless = any(area_mm2(outline) == 0.0 for outline in content.aperture_outlines_mm)
+    if len(content.aperture_outlines_mm) != 1 or len(content.areas_mm) or len(content.strokes_mm) or content.clear or shapeless:
+        problems.append("other objects than one opening per part")
+    checks = [
+        Check(
+            name=f"{name} openings", passed=not problems, message="; ".join(problems) or f"{count} openings", figure=float(count)
+        )
+    ]
+    if shapeless or count == 0 or len(cpl.xy_mm) == 0:
+        return checks
+    row, distance = nearest(content.flash_xy_mm, rows)
+    checks.append(_place_check(name, "opening", content.flash_xy_mm, distance, cpl, row))
+    checks.append(_shape_check(name, content.aperture_outlines_mm, opening_outline(recorded, tape)))
+    return checks
+
+
+def opening_outline(recorded: Recorded, tape: Tape) -> FloatArray:
+    """A part's opening about its centre: the box round both pads, and the expansion; shape (4, 2)."""
+    pads, wider_mm = recorded.pads, 2 * recorded.expansion_mm
+    size_mm = (2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm)
+    return placed_outline(size_mm, 0.0, tape.part.rotation_deg)

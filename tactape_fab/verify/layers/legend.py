@@ -1,0 +1,136 @@
+"""The printed tag, read from a picture of the written legend layer by AprilTag detectors that are not ours."""
+
+from __future__ import annotations
+
+import atexit
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Check
+from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
+from tactape_fab.texture.shapes import rotate
+from tactape_fab.texture.tag import CODE_CELLS
+from tactape_fab.texture.tape import Tag, Tape
+
+_PX_PER_CELL = 12
+_OVERSAMPLING = 4
+_MARGIN_CELLS = 4
+_CORNER_TOLERANCE_CELLS = 0.1
+_INK, _FILM = 235, 90
+_DARK_INK = 20
+
+GrayImage = npt.NDArray[np.uint8]
+
+
+def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_light: bool) -> GrayImage:
+    """Ink on film round the tag, one gray byte a pixel, row 0 at the top (board +y)."""
+    import cv2
+
+    px_per_mm = _OVERSAMPLING * _PX_PER_CELL / tag.cell_mm
+    cells = CODE_CELLS + 2 + 2 * _MARGIN_CELLS
+    half_mm = cells * tag.cell_mm / 2
+    upper_left_mm = (tag.center_mm[0] - half_mm, tag.center_mm[1] + half_mm)
+    side_px = cells * _PX_PER_CELL * _OVERSAMPLING
+    image = np.full((side_px, side_px), _FILM if legend_is_light else 170, dtype=np.uint8)
+    ink = _INK if legend_is_light else _DARK_INK
+
+    def px(points_mm: FloatArray) -> npt.NDArray[np.int32]:
+        inside = np.clip(board_to_picture(points_mm, upper_left_mm, px_per_mm), -1e6, 1e6)
+        fixed: npt.NDArray[np.int32] = np.rint(inside * 16).astype(np.int32)
+        return fixed
+
+    for area in legend.areas_mm:
+        cv2.fillPoly(image, [px(area)], ink, cv2.LINE_8, 4)
+    for stroke, width in zip(legend.strokes_mm, legend.stroke_width_mm, strict=True):
+        cv2.polylines(image, [px(stroke)], False, ink, max(round(float(width) * px_per_mm), 1), cv2.LINE_8, 4)
+    size = cells * _PX_PER_CELL
+    return np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_pupil: bool) -> list[Check]:
+    """Detect the tag in the written legend layer: id, place of every corner, and so orientation."""
+    if tape.tag is None:
+        return []
+    if legend.clear:
+        return [
+            Check(
+                name="tag by OpenCV",
+                passed=False,
+                message="the legend layer draws in clear polarity, which no detector can judge",
+            )
+        ]
+    image = legend_picture(legend, tape, tape.tag, legend_is_light=legend_is_light)
+    checks = [_judge("tag by OpenCV", tape.tag, _read_opencv(image))]
+    if with_pupil and find_spec("pupil_apriltags") is not None:
+        checks.append(_judge("tag by pupil-apriltags", tape.tag, _read_pupil(image)))
+    elif with_pupil:
+        missing = "not installed; install the extra 'verify' for a second detector"
+        checks.append(Check(name="tag by pupil-apriltags", passed=False, warning=True, message=missing))
+    return checks
+
+
+Reading = tuple[int, FloatArray]
+"""Id and the corners of the black border, (4, 2) px, from the lower left of the upright tag, counter-clockwise seen
+with y up."""
+
+
+def _read_opencv(image: GrayImage) -> list[Reading]:
+    from cv2 import aruco
+
+    parameters = aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
+    detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(aruco.DICT_APRILTAG_36h11), parameters)
+    corners, ids, _ = detector.detectMarkers(image)
+    # OpenCV's dictionary holds the tags turned by 180 degrees: its first corner is the upright tag's lower right
+    return [
+        (int(i), np.asarray(c[0], dtype=np.float64)[[1, 0, 3, 2]])
+        for i, c in zip([] if ids is None else ids.ravel(), corners, strict=True)
+    ]
+
+
+@cache
+def pupil_detector() -> Any:
+    """The one pupil-apriltags detector of this process.
+
+    It is never destroyed: its destructor frees the tag family before the detector that still points to it, which
+    corrupts the heap (pupil-apriltags 1.0.4).
+    """
+    from pupil_apriltags import Detector
+
+    detector = Detector(families="tag36h11", nthreads=1)
+    atexit.register(setattr, detector, "tag_detector_ptr", None)  # without a pointer the destructor does nothing
+    return detector
+
+
+def _read_pupil(image: GrayImage) -> list[Reading]:
+    found = pupil_detector().detect(image)
+    return [(int(d.tag_id), np.asarray(d.corners, dtype=np.float64)) for d in found if d.hamming == 0]
+
+
+def _judge(name: str, tag: Tag, readings: list[Reading]) -> Check:
+    if len(readings) != 1:
+        return Check(name=name, passed=False, message=f"{len(readings)} tags found in the written legend layer instead of one")
+    tag_id, corners_px = readings[0]
+    if tag_id != tag.id:
+        return Check(
+            name=name, passed=False, message=f"the legend shows tag {tag_id}, the manifest says {tag.id}", figure=float(tag_id)
+        )
+    side_px = (CODE_CELLS + 2 + 2 * _MARGIN_CELLS) * _PX_PER_CELL
+    half = CODE_CELLS / 2 * _PX_PER_CELL
+    centre = (side_px - 1) / 2
+    upright = rotate([(-1, -1), (1, -1), (1, 1), (-1, 1)], tag.rotation_deg)
+    expected = centre + half * board_to_texture(upright, (0.0, 0.0))
+    error_cells = float(np.linalg.norm(corners_px - expected, axis=1).max() / _PX_PER_CELL)
+    error_mm = error_cells * tag.cell_mm
+    passed = error_cells <= _CORNER_TOLERANCE_CELLS
+    message = (
+        f"tag {tag_id} reads the right way up, corners within {error_mm:.3f} mm"
+        if passed
+        else f"tag {tag_id} is turned or displaced: a corner is {error_mm:.3f} mm from its place"
+    )
+    return Check(name=name, passed=passed, message=message, figure=error_mm, unit="mm")

@@ -1,0 +1,268 @@
+"""Solid models read by software that is not ours: OCCT, FreeCAD, PrusaSlicer and trimesh, each in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base import launch
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown_path
+from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.solids.elements import element_volume_mm3
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.layers.lands import nearest, point_tree
+from tactape_fab.verify.models.expected import VOLUME_TOLERANCE, Expected, film_centre_mm
+
+PLACE_TOLERANCE_MM = 0.001
+DIRECTION_TOLERANCE = 1e-6
+_TIMEOUT_S = 1800
+_FILE_NAMES = {"step-solid": "solid.step", "step-assembly": "assembly.step", "stl": "a.stl", "3mf": "a.3mf"}
+_FREECAD = """
+import json, sys
+import Part
+answer = {{}}
+for key, path in {files!r}.items():
+    shape = Part.Shape()
+    shape.read(path)
+    solids = shape.Solids
+    answer[key] = {{
+        "solids": len(solids), "faces": len(shape.Faces), "valid": bool(shape.isValid()),
+        "volume_mm3": sum(s.Volume for s in solids),
+        "centre_mm": list(solids[0].CenterOfMass) if len(solids) == 1 else None,
+        "centres": [list(s.CenterOfMass) + [s.Volume] for s in solids] if key == "assembly" else [],
+    }}
+with open({answer!r}, "w") as stream:
+    json.dump(answer, stream)
+"""
+_TRIMESH = """
+import json, sys
+import numpy as np
+import trimesh
+answer = {}
+for path in sys.argv[1:]:
+    mesh = trimesh.load_mesh(path, process=True)
+    bodies = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
+    answer[path] = [bool(mesh.is_watertight), bool(mesh.is_winding_consistent), len(bodies), float(mesh.volume)]
+print("ANSWER " + json.dumps(answer))
+"""
+
+
+def check_with_others(
+    tape: Tape, expected: Expected, files: Mapping[str, WrittenFile], cpl: CplContent | None = None
+) -> list[Check]:
+    """Read a kit's models with every reader that this machine has; one that is missing is said, and fails nothing."""
+    with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch:
+        paths = {}
+        for role, name in _FILE_NAMES.items():
+            if role in files:
+                paths[role] = Path(scratch) / name
+                paths[role].write_bytes(files[role].data)
+        with ThreadPoolExecutor(2) as pool:
+            runs = [pool.submit(check, tape, expected, paths, cpl) for check in (_occt, _freecad, _slicer, _trimesh)]
+            return [line for run in runs for line in run.result()]
+
+
+def _run(arguments: list[str], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
+    """Output of a program, or in words why there is none."""
+    try:
+        return launch.run(arguments, timeout_s=_TIMEOUT_S, scratch=scratch)
+    except subprocess.TimeoutExpired:
+        return f"no answer within {_TIMEOUT_S} s"
+    except OSError as error:
+        return str(error)
+
+
+def _answer(run: subprocess.CompletedProcess[str] | str) -> dict[str, Any]:
+    """The JSON that a reader printed, or ``{"error": why}``."""
+    if isinstance(run, str):
+        return {"error": run}
+    found = re.search(r"^ANSWER (.*)$", run.stdout, re.MULTILINE)
+    if found is None:
+        tail = run.stderr.strip().splitlines()[-1:] or [f"exit status {run.returncode}"]
+        return {"error": f"it could not be read: {tail[0][:200]}"}
+    answer: dict[str, Any] = json.loads(found[1])
+    return answer
+
+
+# OCCT
+
+
+def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
+    names = [str(paths.get(role, "-")) for role in ("step-solid", "step-assembly")]
+    if names == ["-", "-"]:
+        return []
+    found = _answer(_run(launch.python_command("from tactape_fab.verify.models.occt_reader import main; main()", *names)))
+    failed = found if "error" in found else None
+    checks = []
+    if "step-solid" in paths:
+        checks.append(_check_solid(expected, "OCCT", failed or found["solid"], expected.tolerance))
+    if "step-assembly" in paths and cpl is not None:
+        checks.append(_check_occurrences(tape, failed or found["assembly"], cpl))
+    return checks
+
+
+def _check_solid(expected: Expected, reader: str, found: dict[str, Any], tolerance: float) -> Check:
+    """Valid solids with all the faces that the file has, and the volume and centre that formulas give."""
+    name = f"step-solid by {reader}"
+    if "error" in found:
+        return Check(name=name, passed=False, message=str(found["error"]))
+    relative = abs(found["volume_mm3"] - expected.volume_mm3) / expected.volume_mm3
+    problems = []
+    if found["solids"] != expected.bodies:
+        problems.append(f"{found['solids']} solids instead of {expected.bodies}")
+    if found["faces"] != expected.faces:
+        problems.append(f"{found['faces']} faces instead of {expected.faces}")
+    if not found["valid"]:
+        problems.append("the solid is not valid")
+    if not relative <= tolerance:
+        problems.append(f"volume {found['volume_mm3']:.6f} mm3 is {relative:.1e} from {expected.volume_mm3:.6f} mm3")
+    if expected.centre_mm is not None and found["centre_mm"] is not None:
+        off = float(np.abs(np.array(found["centre_mm"]) - expected.centre_mm).max())
+        if off > PLACE_TOLERANCE_MM / 10:
+            problems.append(f"its centre of mass is {off * 1000:.3f} um from where its shape has it")
+    right = f"one valid solid of {expected.faces} faces, volume within {relative:.0e} of {expected.volume_mm3:.4f} mm3"
+    return Check(name=name, passed=not problems, message="; ".join(problems) or right, figure=relative)
+
+
+def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Check:
+    """Every occurrence where its CPL row says, turned as it says, under its designator."""
+    name = "step-assembly by OCCT"
+    if "error" in found:
+        return Check(name=name, passed=False, message=str(found["error"]))
+    rows = {shown_path(row[0]): np.array(row[1:]) for row in found["occurrences"]}
+    problems = [] if len(rows) == len(found["occurrences"]) else ["two occurrences have one name"]
+    missing = [d for d in (*cpl.designators, "board") if d not in rows]
+    extra = sorted(set(rows) - set(cpl.designators) - {"board"})
+    if missing or extra:
+        problems.append(f"occurrences that differ from the CPL: {named([*missing, *extra])}")
+        return Check(name=name, passed=False, message="; ".join(problems))
+    placed = np.array([rows[d] for d in cpl.designators])
+    off = np.hypot(*(placed[:, :2] - cpl.xy_mm).T) + np.abs(placed[:, 2])
+    angle = np.radians(cpl.rotation_deg)
+    along = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    turn = np.abs(placed[:, 3:6] - along).max(axis=1) + np.abs(placed[:, 6:9] - (0.0, 0.0, 1.0)).max(axis=1)
+    worst = int(off.argmax())
+    if np.abs(rows["board"] - (0, 0, 0, 1, 0, 0, 0, 0, 1)).max() > PLACE_TOLERANCE_MM:
+        problems.append("the board does not lie at the origin")
+    if off[worst] > PLACE_TOLERANCE_MM:
+        problems.append(f"{cpl.designators[worst]} is {off[worst] * 1000:.2f} um off its CPL row")
+    if turn.max() > DIRECTION_TOLERANCE:
+        problems.append(f"{cpl.designators[int(turn.argmax())]} is turned otherwise than its CPL row says")
+    problems += _product_problems(tape, found["products"])
+    message = "; ".join(problems) or f"{len(placed)} occurrences as in the CPL, within {off[worst] * 1e6:.1f} nm"
+    return Check(name=name, passed=not problems, message=message, figure=float(off[worst] * 1000), unit="um")
+
+
+def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> list[str]:
+    """The board and the one part, each one solid, by volume and centre of mass."""
+    element = element_volume_mm3(tape.part)
+    film = solid_volume_mm3(tape, SolidForm(base_mm=tape.board.thickness_mm)) - tape.part_count * element
+    (length, width, height), thick = tape.part.body_mm, tape.board.thickness_mm
+    expected = {
+        "part": (element, (0.0, 0.0, height / 2), (-length / 2, -width / 2, 0.0), (length / 2, width / 2, height)),
+        "board": (film, film_centre_mm(tape), (0.0, 0.0, -thick), (*tape.board.size_mm, 0.0)),
+    }
+    solids = [solids[0] for solids in products.values() if len(solids) == 1]
+    if len(solids) != 2 or len(products) != 2:
+        return [f"{len(products)} products with {sum(map(len, products.values()))} solids, not a board and a part of one each"]
+    problems = []
+    for what, (volume, centre, low, high) in expected.items():
+        volumes = [solid for solid in solids if np.isclose(solid[0], volume, rtol=VOLUME_TOLERANCE, atol=0.0)]
+        if not volumes:
+            problems.append(f"no product has the {what}'s {volume:.6f} mm3")
+        elif np.abs(np.array(volumes[0][1:]) - (*centre, *low, *high)).max() > PLACE_TOLERANCE_MM / 2:
+            problems.append(f"the {what}'s centre of mass or its bounds are not where its shape has them")
+    return problems
+
+
+# FreeCAD
+
+
+def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
+    if "step-solid" not in paths:
+        return []
+    program = launch.installed(launch.FREECAD)
+    if program is None:
+        return [_missing("FreeCAD")]
+    folder = paths["step-solid"].parent
+    script, answer = folder / "read.py", folder / "answer.json"
+    files = {key: str(paths[role]) for key, role in (("solid", "step-solid"), ("assembly", "step-assembly")) if role in paths}
+    script.write_text(_FREECAD.format(files=files, answer=str(answer)), encoding="utf-8")
+    run = _run([program, str(script)], folder)
+    try:
+        found = json.loads(answer.read_bytes())
+    except (OSError, ValueError):
+        reason = run if isinstance(run, str) else (run.stderr.strip().splitlines()[-1:] or [f"exit status {run.returncode}"])[0]
+        return [Check(name="step-solid by FreeCAD", passed=False, message=f"it could not be read: {reason[:200]}")]
+    checks = [_check_solid(expected, "FreeCAD", found["solid"], expected.coarse_tolerance)]
+    if "assembly" in found and cpl is not None:
+        checks.append(_check_centres(tape, found["assembly"]["centres"], cpl))
+    return checks
+
+
+def _check_centres(tape: Tape, centres: list[list[float]], cpl: CplContent) -> Check:
+    """Centres of mass of the parts against the CPL, in any order."""
+    name = "step-assembly by FreeCAD"
+    rows = np.array(centres, dtype=np.float64).reshape(-1, 4)
+    parts = rows[np.isclose(rows[:, 3], element_volume_mm3(tape.part), rtol=1e-6)]
+    if len(parts) != len(cpl.xy_mm) or len(rows) != len(parts) + 1:
+        message = f"{len(rows)} solids, {len(parts)} of them parts, where a board and {len(cpl.xy_mm)} parts should be"
+        return Check(name=name, passed=False, message=message)
+    row, distance = nearest(parts[:, :2], point_tree(cpl.xy_mm))
+    off = distance + np.abs(parts[:, 2] - tape.part.body_mm[2] / 2)
+    passed = len(np.unique(row)) == len(row) and off.max() <= PLACE_TOLERANCE_MM
+    message = f"centres of {len(parts)} solids within {off.max() * 1e6:.1f} nm of the CPL"
+    return Check(name=name, passed=passed, message=message, figure=float(off.max() * 1000), unit="um")
+
+
+# Meshes
+
+
+def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
+    program = launch.installed(launch.PRUSA_SLICER)
+    if program is None:
+        return [_missing("PrusaSlicer")]
+    checks = []
+    for role in ("stl", "3mf"):
+        run = _run([program, "--info", str(paths[role])])
+        text = run if isinstance(run, str) else run.stdout
+        found = dict(re.findall(r"^(\w+) =\s*(\S+)", text, re.MULTILINE))
+        volume = float(found.get("volume", "nan"))
+        problems = [] if found.get("manifold") == "yes" else ["it is not manifold"]
+        if found.get("number_of_parts") != str(expected.bodies):
+            problems.append(f"{found.get('number_of_parts', 'no')} parts instead of {expected.bodies}")
+        if not abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3:
+            problems.append(f"its volume is {volume:.3f} mm3, not {expected.volume_mm3:.3f}")
+        message = "; ".join(problems) or f"manifold, one part, {volume:.3f} mm3"
+        checks.append(Check(name=f"{role} by PrusaSlicer", passed=not problems, message=message, figure=volume, unit="mm3"))
+    return checks
+
+
+def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
+    found = _answer(_run(launch.python_command(f"exec({_TRIMESH!r})", str(paths["stl"]))))
+    if "error" in found:
+        return [Check(name="stl by trimesh", passed=False, message=str(found["error"]))]
+    watertight, consistent, bodies, volume = found[str(paths["stl"])]
+    near = abs(volume - expected.volume_mm3) <= expected.mesh_tolerance_mm3
+    passed = watertight and consistent and bodies == expected.bodies and near
+    message = f"{'' if watertight else 'not '}watertight, {bodies} bodies, {volume:.3f} mm3"
+    return [Check(name="stl by trimesh", passed=passed, message=message, figure=float(volume), unit="mm3")]
+
+
+def _missing(program: str) -> Check:
+    """A reader that this machine does not have: a line to read, not a failure."""
+    return Check(
+        name=program, passed=False, warning=True, message=f"{program} is not installed: the models were not read with it"
+    )

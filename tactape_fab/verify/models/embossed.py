@@ -1,0 +1,144 @@
+"""Checks of a texture on the user's own part: one closed body, and the symbols recovered from its triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import Check, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.charts import nearest
+from tactape_fab.solids.surface.placements import Placed, PlacementsError, read_placements
+from tactape_fab.texture.frames import FloatArray, IntArray, texture_to_board
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.symbols import check_symbols
+
+_VOLUME_ERROR = 1e-6
+_PLACE_ERROR_MM = 1e-3
+_TOP_FROM = 0.6
+
+
+def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_bytes: bytes) -> list[Check]:
+    """Check an embossed model against its manifest.
+
+    Parameters
+    ----------
+    manifest : mapping
+        With a ``surface`` table.
+    stl_bytes, placements_bytes : bytes
+        The files of the roles ``stl`` and ``placements``.
+
+    Returns
+    -------
+    list of Check
+        Every line, also when some failed; what cannot be read is a failed line.
+    """
+    try:
+        tape = Tape.from_mapping(manifest)
+        table = Fields(manifest)
+        surface = table.table("surface")
+        volume_mm3 = surface.number("volume_mm3", above=0.0, unit="mm3")
+        bodies = surface.integer("bodies", low=1, high=1_000_000)
+        if table.problems:
+            raise SpecError(table.problems)
+    except SpecError as error:
+        return [Check(name="manifest", passed=False, message="; ".join(str(error).splitlines()))]
+    try:
+        mesh = read_stl(stl_bytes)
+    except MeshError as error:
+        return [Check(name="stl", passed=False, message=str(error))]
+    checks = [_check_body(mesh, bodies), _check_volume(mesh, volume_mm3)]
+    try:
+        placed = read_placements(placements_bytes, tape.part_count)
+    except PlacementsError as error:
+        return [*checks, Check(name="placements", passed=False, message=str(error))]
+    checks.append(_check_rows(tape, placed))
+    if not checks[-1].passed:
+        return checks
+    owner, tops = _tops(tape, placed, mesh)
+    checks.append(_check_tops(tape, placed, owner, tops))
+    board_mm = _board_positions(tape, placed, owner, tops)
+    return checks + check_symbols(tape, board_mm, "STL")
+
+
+def _check_body(mesh: Mesh, bodies: int) -> Check:
+    found = body_count(mesh)
+    problems = [problem for problem in mesh_problems(mesh) if not problem.endswith(" bodies")]
+    if found != bodies:
+        problems.append(f"{found} bodies instead of {bodies}")
+    shells = "one body" if found == 1 else f"{found} shells"
+    message = "; ".join(problems) if problems else f"{len(mesh.faces)} triangles, watertight, {shells}"
+    return Check(name="body", passed=not problems, message=message, figure=float(found))
+
+
+def _check_volume(mesh: Mesh, volume_mm3: float) -> Check:
+    found = mesh.volume_mm3
+    error = abs(found - volume_mm3) / volume_mm3
+    message = f"{found:.4f} mm3, {volume_mm3:.4f} in the manifest"
+    return Check(name="volume", passed=error <= _VOLUME_ERROR, message=message, figure=error)
+
+
+def _check_rows(tape: Tape, placed: Placed) -> Check:
+    problems = []
+    if list(placed.designators) != tape.designators():
+        problems.append("its designators are not the tape's")
+    if not np.array_equal(placed.cells, tape.cells()):
+        problems.append("its columns and rows are not the tape's")
+    lengths = np.stack([(v * v).sum(axis=1) - 1 for v in (placed.x_axis, placed.normal)])
+    askew = max(float(np.abs(lengths).max()), float(np.abs((placed.x_axis * placed.normal).sum(axis=1)).max()))
+    if askew > 1e-6:
+        problems.append("its axes are not unit vectors at right angles")
+    message = "; ".join(problems) if problems else f"{len(placed.designators)} elements as in the manifest"
+    return Check(name="placements", passed=not problems, message=message, figure=float(len(placed.designators)))
+
+
+def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]:
+    """Vertices of the upper part of elements: the grid point that each is nearest to, and its place in that frame."""
+    reach_mm = tape.pitch_mm / 2**0.5 + tape.part.body_mm[2]
+    distance, owner = nearest(placed.grid_mm, mesh.vertices_mm, within_mm=reach_mm)
+    near = np.isfinite(distance)
+    owner = owner[near]
+    axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
+    local = np.einsum("nij,nj->ni", axes[owner], mesh.vertices_mm[near] - placed.grid_mm[owner])
+    high = local[:, 2] > _TOP_FROM * tape.part.body_mm[2]
+    return owner[high], local[high]
+
+
+def _middles(count: int, owner: IntArray, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest coordinates of each owner's points; infinite where it has none; shapes (count, 3)."""
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, owner, local)
+    np.maximum.at(high, owner, local)
+    return low, high
+
+
+def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> Check:
+    """The middle of every element's top stands over its place at the element's height."""
+    axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
+    moved = np.einsum("nij,nj->ni", axes, placed.points_mm - placed.grid_mm)
+    low, high = _middles(len(moved), owner, tops)
+    there = np.isfinite(low[:, 0])
+    if not there.all():
+        missing = [placed.designators[i] for i in np.flatnonzero(~there)[:5]]
+        message = f"{int((~there).sum())} elements are not there, such as {', '.join(missing)}"
+        return Check(name="elements", passed=False, message=message, figure=float(there.sum()))
+    found = np.c_[(low[:, :2] + high[:, :2]) / 2, high[:, 2]]
+    error = np.linalg.norm(found - moved - (0.0, 0.0, tape.part.body_mm[2]), axis=1)
+    worst = int(error.argmax())
+    message = f"{len(error)} elements stand where the placements say, within {error.max() * 1000:.2f} µm"
+    if error.max() > _PLACE_ERROR_MM:
+        message = f"{placed.designators[worst]} stands {error.max():.4f} mm from its place"
+    return Check(name="elements", passed=error.max() <= _PLACE_ERROR_MM, message=message, figure=error.max(), unit="mm")
+
+
+def _board_positions(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> FloatArray:
+    """Board positions of the elements that the mesh shows, each from its grid point's frame; shape (m, 2)."""
+    low, high = _middles(len(placed.cells), owner, tops)
+    there = np.isfinite(low[:, 0])
+    moved = (low[there, :2] + high[there, :2]) / 2
+    points = texture_to_board(placed.cells[there] * tape.pitch_mm, tape.board.texture_origin_mm)
+    return np.asarray(points + moved, dtype=np.float64)

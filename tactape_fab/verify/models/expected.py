@@ -1,0 +1,111 @@
+"""What a kit's models must be, from formulas and the manifest: volumes, faces, centres of mass, and how exactly."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from tactape_fab.solids.elements import element_volume_mm3
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile
+from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
+
+VOLUME_TOLERANCE = 1e-7
+"""Relative, of STEP solids against the formulas."""
+COARSE_VOLUME_TOLERANCE = 1e-6
+"""The same where a reader integrates spheres that a spline bounds, without an accuracy given."""
+EMBOSSED_VOLUME_TOLERANCE = 1e-3
+"""Relative, of an embossed STEP solid against its mesh, which has chords."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Expected:
+    """What readers must find.
+
+    Attributes
+    ----------
+    volume_mm3 : float
+    tolerance, coarse_tolerance : float
+        Relative, of a STEP solid's volume by OCCT, and by readers that integrate more coarsely.
+    mesh_tolerance_mm3 : float
+    faces : int
+        Of the STEP solid, as its text has them; 0 without one.
+    bodies : int
+    centre_mm : ndarray of shape (3,), or None
+        Centre of mass of the STEP solid where a short formula has it.
+    """
+
+    volume_mm3: float
+    tolerance: float
+    coarse_tolerance: float
+    mesh_tolerance_mm3: float
+    faces: int
+    bodies: int
+    centre_mm: FloatArray | None
+
+
+def faces_of(files: Mapping[str, WrittenFile]) -> int:
+    """Faces that the text of the STEP solid has."""
+    return len(re.findall(rb"=\s*ADVANCED_FACE\s*\(", files["step-solid"].data)) if "step-solid" in files else 0
+
+
+def expected_of_kit(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile]) -> Expected:
+    """What the models of a tape must be."""
+    splines = tape.part.shape == "dome" and form.cylinder is not None
+    return Expected(
+        volume_mm3=solid_volume_mm3(tape, form),
+        tolerance=VOLUME_TOLERANCE,
+        coarse_tolerance=COARSE_VOLUME_TOLERANCE if splines else VOLUME_TOLERANCE,
+        mesh_tolerance_mm3=mesh_volume_tolerance_mm3(tape, form),
+        faces=faces_of(files),
+        bodies=1,
+        centre_mm=solid_centre_mm(tape, form),
+    )
+
+
+def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, WrittenFile]) -> Expected:
+    """What the models of an embossed part must be, from what its manifest records of its mesh."""
+    return Expected(
+        volume_mm3=volume_mm3,
+        tolerance=EMBOSSED_VOLUME_TOLERANCE,
+        coarse_tolerance=EMBOSSED_VOLUME_TOLERANCE,
+        mesh_tolerance_mm3=1e-4 * volume_mm3,
+        faces=faces_of(files),
+        bodies=bodies,
+        centre_mm=None,
+    )
+
+
+def film_centre_mm(tape: Tape) -> tuple[float, float, float]:
+    """Centre of mass of the bare board, holes considered (the outline is symmetrical)."""
+    (w, h), r = tape.board.size_mm, tape.board.corner_radius_mm
+    whole = w * h - (4 - pi) * r**2
+    holes = np.array(tape.board.holes).reshape(-1, 3)
+    areas = pi / 4 * holes[:, 2] ** 2
+    middle = (whole * np.array([w, h]) / 2 - areas @ holes[:, :2]) / (whole - areas.sum())
+    return float(middle[0]), float(middle[1]), -tape.board.thickness_mm / 2
+
+
+def solid_centre_mm(tape: Tape, form: SolidForm) -> FloatArray | None:
+    """Centre of mass of a flat solid of blocks; None where no short formula has it."""
+    if form.cylinder is not None or tape.part.shape != "block":
+        return None
+    x, y, _ = film_centre_mm(tape)
+    element, height = element_volume_mm3(tape.part), tape.part.body_mm[2]
+    parts = tape.part_count * element
+    middle = np.array([*tape.part_xy_mm().mean(axis=0), height / 2])
+    if form.negative:
+        base = solid_volume_mm3(tape, form) + parts
+        centre = (base * np.array([x, y, (height + form.base_mm) / 2]) - parts * middle) / (base - parts)
+        turned: FloatArray = centre * (-1.0, 1.0, -1.0)
+        return turned
+    base = solid_volume_mm3(tape, form) - parts
+    flat: FloatArray = (base * np.array([x, y, -form.base_mm / 2]) + parts * middle) / (base + parts)
+    return flat

@@ -1,0 +1,280 @@
+"""Solid models read back without a CAD kernel: STL measured and decoded, 3MF against it, STEP as text."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from math import pi
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown_path
+from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.solids.elements import element_volume_mm3
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh.stl import MeshError, mesh_problems, read_stl
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.solids.wrap import unwrapped
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.models.raised import cells_of, find_raised
+from tactape_fab.verify.symbols import check_symbols
+
+PLACE_TOLERANCE_MM = 0.001
+STL_PLACE_TOLERANCE_MM = 0.005
+"""Coordinates of an STL have 24 bits, and a dome's rings are polygons."""
+_CHORD_TOLERANCE_MM = 0.002
+_DOME_VOLUME_TOLERANCE = 0.06
+_MOST_MODEL_BYTES = 2 << 30
+_TEXT_PER_TRIANGLE = 300
+_POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
+_LONGEST_NAME = 13
+_VERTEX = re.compile(rb"=VERTEX_POINT\('',#(\d{1,12})\)")
+_AXES = re.compile(rb"#(\d{1,12})=AXIS2_PLACEMENT_3D\('',#(\d{1,12}),")
+_ROUND = re.compile(rb"=(?:SPHERICAL|CONICAL)_SURFACE\('',#(\d{1,12}),")
+_OCCURRENCE = re.compile(
+    rb"CARTESIAN_POINT\('',\(\s*(-?\d+\.\d*),\s*(-?\d+\.\d*),\s*(-?\d+\.\d*)\)\);\s*#\d+=AXIS2_PLACEMENT_3D[^;]*;"
+    rb"\s*#\d+=ITEM_DEFINED_TRANSFORMATION[^;]*;\s*#\d+=\(REPRESENTATION_RELATIONSHIP[^;]*;"
+    rb"\s*#\d+=NEXT_ASSEMBLY_USAGE_OCCURRENCE\('([^']*)','([^']*)'"
+)
+
+
+def check_models(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], cpl: CplContent | None) -> list[Check]:
+    """Every model of a kit, as far as numpy can read it."""
+    try:
+        mesh = read_stl(files["stl"].data)
+    except MeshError as error:
+        return [Check(name="stl", passed=False, message=f"{files['stl'].path}: {error}")]
+    checks = [_check_mesh(tape, form, mesh), *_check_elements(tape, form, mesh)]
+    checks.append(check_threemf(files["3mf"].data, mesh))
+    checks.append(_check_solid_text(tape, form, files["step-solid"].data))
+    if "step-assembly" in files:
+        checks.append(_check_assembly_text(tape, files["step-assembly"].data, cpl))
+    return checks
+
+
+def _check_mesh(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
+    problems = mesh_problems(mesh)
+    volume, expected = mesh.volume_mm3, solid_volume_mm3(tape, form)
+    if abs(volume - expected) > mesh_volume_tolerance_mm3(tape, form):
+        problems.append(f"its volume is {volume:.3f} mm3, not {expected:.3f}")
+    message = "; ".join(problems) or f"watertight, one body of {len(mesh.faces)} triangles, {volume:.3f} mm3"
+    return Check(name="stl", passed=not problems, message=message, figure=volume, unit="mm3")
+
+
+def mesh_volume_tolerance_mm3(tape: Tape, form: SolidForm) -> float:
+    """How far a mesh's volume may be from the solid's: its chords cut off a little of every curve."""
+    dome = tape.part_count * element_volume_mm3(tape.part) * _DOME_VOLUME_TOLERANCE if tape.part.shape == "dome" else 0.0
+    width, height = tape.board.size_mm
+    deep_mm = form.base_mm + (tape.part.body_mm[2] if form.negative else 0.0)
+    curved_mm2 = (2 * (width + height) + sum(pi * d for _, _, d in tape.board.holes)) * deep_mm
+    if form.cylinder is not None:
+        along, across = (width, height) if form.cylinder.around == "x" else (height, width)
+        back_mm = form.cylinder.radius_mm + (form.base_mm + tape.part.body_mm[2] if form.negative else 0.0)
+        length = form.cylinder.circumference_mm if form.cylinder.shell == "whole" else along
+        curved_mm2 = length * across * max(back_mm / form.cylinder.radius_mm, 1.0) ** 2
+    return dome + 1e-5 * solid_volume_mm3(tape, form) + _CHORD_TOLERANCE_MM * curved_mm2
+
+
+def _check_elements(tape: Tape, form: SolidForm, mesh: Mesh) -> list[Check]:
+    raised = find_raised(tape, form, mesh.vertices_mm)
+    problems, figure = _place_problems(tape, raised.cells, raised.centres_mm, STL_PLACE_TOLERANCE_MM)
+    if len(raised.strays_mm):
+        x, y = raised.strays_mm[0]
+        problems.append(f"{len(raised.strays_mm)} raised vertices off the grid, first at ({x:.3f}, {y:.3f}) mm")
+    if raised.shape_error_mm > STL_PLACE_TOLERANCE_MM:
+        problems.append(f"elements differ from the manifest's shape by {raised.shape_error_mm * 1000:.1f} um")
+    message = (
+        "; ".join(problems) or f"shape and middle of every element within {max(figure, raised.shape_error_mm * 1000):.2f} um"
+    )
+    places = Check(name="stl places", passed=not problems, message=message, figure=figure, unit="um")
+    return [places, *check_symbols(tape, raised.centres_mm, "STL")]
+
+
+def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, tolerance_mm: float) -> tuple[list[str], float]:
+    """What is wrong with the middles of elements found in cells, and the largest distance from the nominal one, um."""
+    grid = tape.cells() @ (1, tape.columns)
+    order = np.argsort(grid, kind="stable")
+    if not np.array_equal(np.sort(cells), grid[order]):
+        lost, extra = len(np.setdiff1d(grid, cells)), len(np.setdiff1d(cells, grid))
+        return [f"{len(cells)} elements where the manifest has {len(grid)}: {lost} are missing, {extra} too many"], 0.0
+    off = np.hypot(*(centres_mm[np.argsort(cells, kind="stable")] - tape.part_xy_mm()[order]).T)
+    worst = int(np.argmax(off))
+    figure = float(off[worst] * 1000)
+    if off[worst] <= tolerance_mm:
+        return [], figure
+    x, y = tape.part_xy_mm()[order][worst]
+    many = int((off > tolerance_mm).sum())
+    return [f"{many} elements are misplaced, worst by {figure:.1f} um at ({x:.3f}, {y:.3f}) mm"], figure
+
+
+def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
+    """The one mesh of a 3MF file that unpacks to no more than `most_bytes`, in mm.
+
+    Raises
+    ------
+    MeshError
+        When it is no such file.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [entry.filename for entry in archive.infolist()]
+            models = [entry for entry in archive.infolist() if entry.filename.endswith(".model")]
+            if len(models) != 1 or "[Content_Types].xml" not in names or "_rels/.rels" not in names:
+                raise MeshError("it is no 3MF package of one model")
+            if sum(entry.file_size for entry in archive.infolist()) > most_bytes:
+                raise MeshError(f"it unpacks to more than {most_bytes} bytes")
+            text = archive.read(models[0])
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
+        raise MeshError(f"it cannot be unpacked: {error}") from error
+    if not re.search(rb'<model\b[^>]*\bunit="millimeter"', text):
+        raise MeshError("its unit is not the millimetre")
+    try:
+        vertices = _numbers(re.findall(rb'<vertex x="([^"]+)" y="([^"]+)" z="([^"]+)"', text), np.float64)
+        faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', text), np.int64)
+    except (ValueError, OverflowError) as error:
+        raise MeshError(f"it holds what is no number: {error}") from error
+    if len(vertices) == 0 or len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
+        raise MeshError("its triangles name vertices that it does not have")
+    items = re.findall(rb"<item\b[^>]*>", text)
+    if len(items) != 1 or b"transform" in items[0] or b"<component" in text or text.count(b"<object ") != 1:
+        raise MeshError("it does not build one object where it stands")
+    return Mesh(vertices_mm=vertices, faces=faces)
+
+
+def check_threemf(data: bytes, stl: Mesh) -> Check:
+    """A 3MF file holds the mesh of the STL."""
+    try:
+        mesh = read_threemf(data, 1_000_000 + _TEXT_PER_TRIANGLE * len(stl.faces))
+    except MeshError as error:
+        return Check(name="3mf", passed=False, message=str(error))
+    tolerance = 2e-6 + 2.0**-23 * float(np.abs(stl.vertices_mm).max())
+    alike = mesh.faces.shape == stl.faces.shape
+    error_mm = float(np.abs(mesh.corners_mm - stl.corners_mm).max()) if alike else 0.0
+    passed = alike and error_mm <= tolerance
+    if not alike:
+        message = f"its {len(mesh.faces)} triangles are not the STL's {len(stl.faces)}"
+    else:
+        message = f"{'the mesh of the STL, within' if passed else 'a corner is off the STL by'} {error_mm * 1e6:.1f} nm"
+    return Check(name="3mf", passed=passed, message=message, figure=error_mm * 1e6, unit="nm")
+
+
+def _step_problems(data: bytes) -> list[str]:
+    whole = data.startswith(b"ISO-10303-21;") and data.rstrip().endswith(b"END-ISO-10303-21;")
+    problems = [] if whole else ["it is no whole ISO 10303-21 file"]
+    if b".MILLI.,.METRE." not in data:
+        problems.append("its unit is not the millimetre")
+    return problems
+
+
+def faces_of_elements(tape: Tape) -> int:
+    """Faces that the elements of a solid have."""
+    return tape.part_count * (5 if tape.part.shape == "block" else 1 if tape.part.top_mm is None else 2)
+
+
+def _anchors(tape: Tape, data: bytes) -> FloatArray:
+    """Points of a solid's text that tell where elements stand: corners of blocks, middles of spheres and cones; (n, 3).
+
+    Raises
+    ------
+    ValueError
+        When the text holds what is no point.
+    """
+    points = {_name_before(data, found.start()): found[1] for found in _POINT.finditer(data)}
+    if tape.part.shape == "block":
+        wanted = _VERTEX.findall(data)
+    else:
+        axes = dict(_AXES.findall(data))
+        wanted = [axes[name] for name in _ROUND.findall(data) if name in axes]
+    return _numbers([points[name].split(b",") for name in wanted if name in points], np.float64)
+
+
+def _name_before(data: bytes, end: int) -> bytes:
+    """Digits of the entity name that ends there; sought from its end, since every reference begins as a name does."""
+    return data[data.rfind(b"#", max(end - _LONGEST_NAME, 0), end) + 1 : end]
+
+
+def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDArray[Any]:
+    """Rows of three numbers each; shape (n, 3).
+
+    Raises
+    ------
+    ValueError
+        When something is no number, or no row has three.
+    """
+    flat = list(chain.from_iterable(rows))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # numpy's word for text after the last number
+        try:
+            numbers = np.fromstring(b" ".join(flat), dtype=kind, sep=" ")
+        except DeprecationWarning as warning:
+            raise ValueError(str(warning)) from warning
+    if len(numbers) != len(flat):
+        raise ValueError(f"{len(numbers)} numbers where there are {len(flat)}")
+    return numbers.reshape(-1, 3)
+
+
+def _text_place_problems(tape: Tape, form: SolidForm, data: bytes) -> list[str]:
+    """Whether the elements of a STEP solid stand where the manifest has them, and a block's corners are its corners."""
+    try:
+        anchors = _anchors(tape, data)
+    except ValueError:
+        return ["it holds points that are none"]
+    if tape.part.shape == "block":
+        raised = find_raised(tape, form, anchors)
+        problems, _ = _place_problems(tape, raised.cells, raised.centres_mm, PLACE_TOLERANCE_MM)
+        if raised.shape_error_mm > PLACE_TOLERANCE_MM:
+            problems.append(f"elements differ from the manifest's shape by {raised.shape_error_mm * 1000:.1f} um")
+        return problems
+    xy = unwrapped(anchors, tape, form)[:, :2]
+    cells, inside = cells_of(tape, xy)
+    if not inside.all():
+        return [f"{int((~inside).sum())} elements are off the grid"]
+    return _place_problems(tape, cells, xy, PLACE_TOLERANCE_MM)[0]
+
+
+def _check_solid_text(tape: Tape, form: SolidForm, data: bytes) -> Check:
+    problems = _step_problems(data)
+    solids, shells = data.count(b"=MANIFOLD_SOLID_BREP("), data.count(b"=CLOSED_SHELL(")
+    faces, own = data.count(b"=ADVANCED_FACE("), faces_of_elements(tape)
+    if (solids, shells) != (1, 1):
+        problems.append(f"{solids} solids of {shells} shells instead of one")
+    if faces < own + 3:
+        problems.append(f"{faces} faces, fewer than the {own} of {tape.part_count} elements and a base")
+    if not problems:
+        problems = _text_place_problems(tape, form, data)
+    message = "; ".join(problems) or f"one solid of {faces} faces, {own} of them elements', each in its place"
+    return Check(name="step-solid", passed=not problems, message=message, figure=float(faces))
+
+
+def _check_assembly_text(tape: Tape, data: bytes, cpl: CplContent | None) -> Check:
+    problems = _step_problems(data)
+    found = _OCCURRENCE.findall(data)
+    names = [shown_path(name.decode("ascii", "replace")) for *_, name, _ in found]
+    designators = list(cpl.designators) if cpl is not None else tape.designators()
+    xy = cpl.xy_mm if cpl is not None else tape.part_xy_mm()
+    error_mm = 0.0
+    if any(a != b for *_, a, b in found):
+        problems.append("an occurrence has two names")
+    if sorted(names) != sorted(designators):
+        odd = sorted(set(names) ^ set(designators))
+        problems.append(f"{len(names)} occurrences where the CPL has {len(designators)}: {named(odd) or 'a name occurs twice'}")
+    else:
+        places = dict(zip(designators, xy, strict=True))
+        written = np.array([row[:3] for row in found], dtype="S").astype(np.float64)
+        off = np.hypot(*(written[:, :2] - np.array([places[name] for name in names])).T) + np.abs(written[:, 2])
+        error_mm = float(off.max())
+        if error_mm > PLACE_TOLERANCE_MM:
+            problems.append(f"{names[int(off.argmax())]} is {error_mm * 1000:.1f} um off its CPL row")
+    message = "; ".join(problems) or f"{len(names)} occurrences named and placed as in the CPL, within {error_mm * 1e6:.0f} nm"
+    return Check(name="step-assembly", passed=not problems, message=message, figure=error_mm * 1000, unit="um")

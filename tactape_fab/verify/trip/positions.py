@@ -1,0 +1,82 @@
+"""Where the parts of a written kit stand, from each file that says so: CPL, copper, STL."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.sense.simulation.parts import Parts
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.wrap import unwrapped
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.layers.lands import LandPairs, pair_lands
+from tactape_fab.verify.models.raised import RAISED_SHARE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Source:
+    """Parts as one file of the kit has them: its name for the user, and centres and rotations in the board frame."""
+
+    name: str
+    parts: Parts
+
+
+def cpl_source(cpl: CplContent) -> Source:
+    """Parts where the CPL places them."""
+    return Source(name="CPL", parts=Parts(xy_mm=cpl.xy_mm.copy(), rotation_deg=cpl.rotation_deg.copy()))
+
+
+def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float, pairs: LandPairs | None = None) -> Source:
+    """Parts between the pairs of pads that a copper layer flashes.
+
+    Parameters
+    ----------
+    flash_xy_mm : ndarray, shape (m, 2)
+    offset_mm, rotation_deg : float
+        Half the distance of a pair, and its direction: tried as it is, mirrored, and turned by a right angle.
+    pairs : LandPairs, optional
+        Those found in that direction, where they are known.
+    """
+    tried = [pair_lands(flash_xy_mm, offset_mm, rotation_deg) if pairs is None else pairs]
+    for turn_deg in dict.fromkeys((180.0 - rotation_deg, rotation_deg + 90.0)):
+        if not len(tried[-1].alone):
+            break
+        tried.append(pair_lands(flash_xy_mm, offset_mm, turn_deg))
+    best = max(tried, key=lambda found: len(found.centre_mm))
+    rotation = np.degrees(np.arctan2(best.axis_mm[:, 1], best.axis_mm[:, 0]))
+    return Source(name="copper", parts=Parts(xy_mm=best.centre_mm.copy(), rotation_deg=rotation))
+
+
+def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
+    """Elements of a solid: each patch of its mesh that lies well above the base, wherever it stands."""
+    points = unwrapped(mesh.vertices_mm, tape, form)
+    height_mm = tape.part.body_mm[2]
+    high = points[:, 2] > RAISED_SHARE * height_mm
+    if form.negative:
+        high &= points[:, 2] < height_mm + form.base_mm / 2
+    faces = mesh.faces[high[mesh.faces].all(axis=1)]
+    patch = _patches(len(points), faces)
+    used = np.unique(faces)
+    _, number = np.unique(patch[used], return_inverse=True)
+    count = int(number.max(initial=-1)) + 1
+    low, most = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    np.minimum.at(low, number, points[used, :2])
+    np.maximum.at(most, number, points[used, :2])
+    return Source(name="STL", parts=Parts(xy_mm=(low + most) / 2, rotation_deg=np.full(count, tape.part.rotation_deg)))
+
+
+def _patches(count: int, faces: IntArray) -> IntArray:
+    """The least vertex of the patch of triangles that each vertex belongs to; shape (count,)."""
+    patch = np.arange(count)
+    while True:
+        least = patch[faces].min(axis=1)
+        joined = patch.copy()
+        np.minimum.at(joined, faces.ravel(), np.repeat(least, 3))
+        joined = joined[joined]
+        if np.array_equal(joined, patch):
+            return joined
+        patch = joined

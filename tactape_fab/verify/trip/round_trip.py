@@ -1,0 +1,322 @@
+"""Round trip: parts where a written file has them -> depth maps of contacts -> decoded, and held against the truth.
+
+`quick_trip` decodes by the paper's method: nothing has to be compiled or loaded for it. `full_trips` uses `Localizer`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import ceil, sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactape_fab.base.errors import Check, Problem, SpecError
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.sense.simulation.dot_errors import dots_of
+from tactape_fab.sense.simulation.draw import Frame, draw_poses, frame_at, iterate_frames
+from tactape_fab.sense.simulation.gel import FloatImage
+from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.texture.code import TOUCH_CODE, get_code, limits_of
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.trip.misplaced import explain
+from tactape_fab.verify.trip.positions import Source
+from tactape_fab.verify.trip.visible_parts import ERROR_FREE, in_place, parts_shown
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.decode.result import Localization
+
+Progress = Callable[[str, int, int], None]
+Locate = Callable[[FloatImage], "Localization"]
+Excuse = Callable[[int, FloatArray], int]
+
+RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST, WRONG = range(7)
+"""What became of a contact: located at its place; not located where error-free symbols would not do either; nor would they as the
+sensor's noise shows them; nor with room to spare, unless it is given which of the lower tops are parts; not located though they
+do, which is the decoder's own miss; the same where the file does not have the parts in their places; located elsewhere.
+"""
+
+INSIDE, EDGE = 96, 48
+"""Contacts of the full round trip, dealt out to the sources: wholly on the field, and hanging over its edge."""
+MANY_SECTORS, FEWER = 1000, 4
+"""A code of many sectors holds every contact against all of them: so many times fewer contacts."""
+QUICK = 6
+
+_SEED = 0
+_STEP = "round trip: contact"
+_RIGHT_PITCHES, _RIGHT_DEG = 0.25, 10.0
+_QUICK_TOLERATED = 0.34
+"""The paper's method gives no bound, and misses a contact now and then, most where a tape is hardly wider than a window."""
+_QUICK_PITCH_PX = 24.0
+_QUICK_MARGIN = 2
+"""Grid points around a window that the quick round trip's sensor sees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trip:
+    """Contacts with the parts of one source, and what became of them.
+
+    Attributes
+    ----------
+    source : str
+    poses : ndarray, shape (n, 3)
+        x mm, y mm (texture frame), theta deg.
+    outcome : ndarray of int, shape (n,)
+        RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST or WRONG.
+    error_um : ndarray, shape (n,)
+        Distance from the true position; NaN where nothing was located.
+    reasons : Counter of str
+        Why contacts were not located.
+    tolerated : float
+        Share of the contacts that may be LOST, or WRONG: none where the decoder bounds its errors.
+    """
+
+    source: str
+    poses: FloatArray
+    outcome: IntArray
+    error_um: FloatArray
+    reasons: Counter[str]
+    tolerated: float = 0.0
+
+    def count(self, outcome: int) -> int:
+        return int((self.outcome == outcome).sum())
+
+    @property
+    def failed(self) -> bool:
+        most = self.tolerated * len(self.outcome)
+        return self.count(WRONG) > most or self.count(LOST) > most
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contact:
+    """What touches the tape: the sensor, and the scene, which says how large the contact is."""
+
+    sensor: SensorProfile
+    scene: Scene
+
+
+def read_contact(sensor: str = "gelsight-mini", size: object = None) -> Contact:
+    """A contact from what a user asked for.
+
+    Parameters
+    ----------
+    sensor : str
+        Profile name or the path of its TOML file.
+    size : (float, float) or "pad", optional
+        Axes of an ellipse, mm, or the whole field; 11 x 9 mm when left out.
+
+    Raises
+    ------
+    SpecError
+        Every value that cannot be used, all together.
+    """
+    problems: list[Problem] = []
+    profile, scene = None, None
+    try:
+        profile = load_sensor(sensor)
+    except SpecError as error:
+        problems += error.problems
+    try:
+        options: dict[str, Any] = {} if size is None else {"contact": "pad"} if size == "pad" else {"contact_mm": size}
+        scene = Scene(**options)
+    except SpecError as error:
+        problems += error.problems
+    if profile is None or scene is None:
+        raise SpecError(problems)
+    return Contact(sensor=profile, scene=scene)
+
+
+def quick_trips(tape: Tape, sources: Sequence[Source]) -> list[Trip]:
+    """A few contacts from each source; see `quick_trip`."""
+    return [quick_trip(tape, source) for source in sources]
+
+
+def quick_trip(tape: Tape, source: Source) -> Trip:
+    """A few contacts, decoded by the paper's method on a sensor that sees a whole window in any direction.
+
+    The touch code has no windows for it to read: its contacts are decoded with all that is in them, among the tape's places.
+    """
+    px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
+    side_px = ceil(sqrt(2) * (limits_of(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
+    sensor = SensorProfile(name="quick", title="", width_px=side_px, height_px=side_px, px_per_mm=(px_per_mm, px_per_mm))
+    scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
+    locate, locate_dots = _quick_methods(tape, sensor)
+
+    def excuse(_: int, pose: FloatArray) -> int:
+        xy_px = dots_of(tape, pose.tolist(), scene, _SEED, ERROR_FREE, sensor=sensor).xy_px
+        return LOST if locate_dots(xy_px).located else LIMITED
+
+    poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
+    trip = replace(_trip(tape, source, poses, sensor, scene, locate, excuse, lambda: None), tolerated=_QUICK_TOLERATED)
+    if trip.failed and explain(tape, source.parts.xy_mm) is None:  # what this method misses of parts in their places is its own
+        return replace(trip, tolerated=1.0)
+    return trip
+
+
+def _quick_methods(tape: Tape, sensor: SensorProfile) -> tuple[Locate, Callable[[FloatArray], Localization]]:
+    """How a quick trip locates a depth map, and dots."""
+    if tape.code == TOUCH_CODE:
+        from tactape_fab.sense.decode.localizer import Localizer
+
+        localizer = Localizer([tape], sensor, world="closed")
+        return localizer.locate, localizer.locate_dots
+    from tactape_fab.sense.decode.paper import locate_paper, locate_paper_dots
+
+    size, px_per_mm = (float(sensor.width_px), float(sensor.height_px)), sensor.px_per_mm[0]
+
+    def locate(depth: FloatImage) -> Localization:
+        return locate_paper(depth, [tape], px_per_mm=px_per_mm)[0]
+
+    def locate_dots(xy_px: FloatArray) -> Localization:
+        return locate_paper_dots(xy_px, [tape], size, px_per_mm=px_per_mm)[0]
+
+    return locate, locate_dots
+
+
+def full_trips(
+    tape: Tape,
+    sources: Sequence[Source],
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+    *,
+    counts: tuple[int, int] = (INSIDE, EDGE),
+) -> list[Trip]:
+    """Contacts over the whole field and its edges, others for every source, decoded with all that is in them.
+
+    Parameters
+    ----------
+    tape : Tape
+        As the manifest has it.
+    sources : sequence of Source
+    contact : Contact, optional
+        `read_contact`'s when left out.
+    progress : callable
+        Told of every contact.
+    counts : (int, int)
+        Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
+    """
+    from tactape_fab.sense.decode.localizer import Localizer
+    from tactape_fab.verify.trip.limit import MARGIN, as_seen, error_free, rule_of
+
+    contact = contact or read_contact()
+    sensor, scene = contact.sensor, contact.scene
+
+    fewer = FEWER if tape.code != TOUCH_CODE and get_code(tape.code).sectors > MANY_SECTORS else 1
+    each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
+    poses = [
+        np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))
+    ]
+    count, done = sum(map(len, poses)), 0
+    progress(_STEP, done, count)  # the first Localizer ever compiles
+    localizer = Localizer([tape], sensor)
+    rule, stricter = rule_of(tape, sensor), rule_of(tape, sensor, MARGIN)
+
+    def excuse(source: Source, number: int, pose: FloatArray) -> int:
+        if not error_free(rule, pose, scene).located:
+            return LIMITED
+        own = frame_at(tape, number, pose, _SEED, sensor, scene)
+        if not as_seen(rule, pose, scene, own.depth, told_parts=True).located:
+            return NOISY
+        if not as_seen(stricter, pose, scene, own.depth, told_parts=False).located:
+            return BARELY
+        return MISSED if in_place(tape, parts_shown(tape, pose, scene, sensor), source.parts) else LOST
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(_STEP, done, count)
+
+    return [
+        _trip(tape, source, at, sensor, scene, localizer.locate, partial(excuse, source), step)
+        for source, at in zip(sources, poses, strict=True)
+    ]
+
+
+def _trip(
+    tape: Tape,
+    source: Source,
+    poses: FloatArray,
+    sensor: SensorProfile,
+    scene: Scene,
+    locate: Locate,
+    excuse: Excuse,
+    step: Callable[[], None],
+) -> Trip:
+    outcome, error_um = np.full(len(poses), LIMITED), np.full(len(poses), np.nan)
+    reasons: Counter[str] = Counter()
+
+    frames = iterate_frames(tape, len(poses), _SEED, sensor, scene, poses=poses, parts=source.parts)
+    for k, frame in enumerate(frames):
+        fix = locate(frame.depth)
+        if fix.located and fix.position_mm is not None:
+            error_um[k] = _off_mm(frame, fix.position_mm) * 1000.0
+            outcome[k] = RIGHT if _is_right(tape, frame, fix) else WRONG
+        else:
+            reasons[fix.reason or "no answer"] += 1
+            outcome[k] = excuse(k, poses[k])
+        step()
+    return Trip(source=source.name, poses=poses, outcome=outcome, error_um=error_um, reasons=reasons)
+
+
+def _off_mm(frame: Frame, position_mm: tuple[float, float]) -> float:
+    return float(np.hypot(*(np.asarray(position_mm) - frame.position_mm)))
+
+
+def _is_right(tape: Tape, frame: Frame, fix: Localization) -> bool:
+    if not fix.located or fix.position_mm is None or fix.theta_deg is None:
+        return False
+    turn_deg = abs((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
+    return _off_mm(frame, fix.position_mm) <= _RIGHT_PITCHES * tape.pitch_mm and turn_deg <= _RIGHT_DEG
+
+
+def trip_checks(tape: Tape, sources: Sequence[Source], trips: Sequence[Trip]) -> list[Check]:
+    """One line for each source; where some fail and others do not, it says which of them is to blame."""
+    return [_line(tape, source, trip, trips) for source, trip in zip(sources, trips, strict=True)]
+
+
+def _line(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Check:
+    name, right, count = f"round trip from {source.name}", trip.count(RIGHT), len(trip.outcome)
+    if trip.failed:
+        message = "; ".join(_problems(tape, source, trip, trips))
+        return Check(name=name, passed=False, message=message, figure=float(right))
+    if right == 0:
+        message = (
+            f"none of {count} contacts is located by the quick method, which needs whole windows; verify without --quick"
+            if trip.tolerated
+            else f"none of {count} contacts shows enough to be located; see what a larger one does with --contact AxB"
+        )
+        return Check(name=name, passed=False, warning=True, message=message, figure=0.0)
+    p50, p95, p99 = np.percentile(trip.error_um[trip.outcome == RIGHT], [50, 95, 99])
+    said = (
+        (LIMITED, "shows too little to be located"),
+        (NOISY, "not located in the sensor's noise"),
+        (BARELY, "not located, as it shows barely enough"),
+        (MISSED, "missed by the decoder"),
+        (LOST, "not located by the quick method"),
+        (WRONG, "misplaced by the quick method, which has no bound"),
+    )
+    rest = "".join(f", {trip.count(outcome)} {what}" for outcome, what in said if trip.count(outcome))
+    message = f"{right} of {count} contacts located and right{rest}; error p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} um"
+    return Check(name=name, passed=True, message=message, figure=float(right))
+
+
+def _problems(tape: Tape, source: Source, trip: Trip, trips: Sequence[Trip]) -> Iterable[str]:
+    count = len(trip.outcome)
+    for outcome, what in ((WRONG, "decode to another place"), (LOST, "are not located though the tape says enough there")):
+        if trip.count(outcome):
+            x, y, theta = trip.poses[trip.outcome == outcome][0]
+            far = f", {trip.error_um[trip.outcome == WRONG][0] / 1000:.3f} mm off" if outcome == WRONG else ""
+            yield f"{trip.count(outcome)} of {count} contacts {what}, first at x {x:.2f}, y {y:.2f} mm, {theta:.0f} deg{far}"
+    if trip.count(LOST):
+        reason, times = trip.reasons.most_common(1)[0]
+        yield f"the decoder says {times} times: {reason}"
+    cause = explain(tape, source.parts.xy_mm)
+    if cause is not None:
+        yield f"the {source.name} is what is wrong: {cause}" if any(not t.failed for t in trips) else f"{source.name}: {cause}"
+    fine = [t.source for t in trips if not t.failed]
+    if fine:
+        yield f"{' and '.join(fine)} decode{'s' * (len(fine) == 1)} right"

@@ -1,0 +1,85 @@
+"""README and reference say what the software does today."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactape_fab import Kit
+from tactape_fab.cli import certify, check, make, profiles, registry, verify
+from tactape_fab.kit.profiles import BACKING_ROLES
+from tactape_fab.kit.spec.panel_options import PANEL_KEYS
+from tactape_fab.kit.spec.tape_spec import KEYS
+from tactape_fab.report.solid_view import MOST_TRIANGLES
+from tactape_fab.texture.cpl import FORMATS
+from tactape_fab.verify.files import roles_of
+from tactape_fab.verify.trip.round_trip import EDGE, INSIDE, QUICK
+from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM, SWALLOWED_MM
+
+ROOT = Path(__file__).parents[2]
+
+
+def script_of(name: str) -> Any:
+    """A script of docs/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    return script
+
+
+def test_tables_of_fabs_are_what_the_software_computes() -> None:
+    page = (ROOT / "docs" / "fabs.md").read_text(encoding="utf-8")
+    for name, table in script_of("make_fabs").TABLES.items():
+        assert f"<!-- {name} -->\n{table()}<!-- /{name} -->\n" in page, "run docs/make_fabs.py"
+
+
+def test_distances_at_the_default_origins_are_those_of_the_page() -> None:
+    assert script_of("make_certify_numbers").default_row() in (ROOT / "docs" / "certify.md").read_text(encoding="utf-8")
+
+
+def test_numbers_of_the_default_kit_are_its_own(default_kit: Kit) -> None:
+    script = script_of("make_numbers")
+    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    for row in script.lasting_rows(default_kit):
+        assert row in page, "run docs/make_numbers.py --write"
+
+
+@pytest.mark.parametrize("command", [make, check, profiles, verify, certify, registry], ids=lambda c: str(c.name))
+def test_reference_names_every_option(command: object) -> None:
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    for parameter in command.params:  # type: ignore[attr-defined]
+        for option in parameter.opts:
+            if option.startswith("--"):
+                assert f"`{option}" in reference or f"[{option}]" in reference, option
+
+
+def test_reference_names_every_key_and_role(small_kit: Kit) -> None:
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    for name in [*KEYS, *PANEL_KEYS, *roles_of(small_kit.tape, backings=BACKING_ROLES)]:
+        assert f"`{name}`" in reference, name
+
+
+def test_reference_says_how_much_of_a_solid_the_report_shows() -> None:
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    assert f"a piece of {MOST_TRIANGLES:,} triangles" in reference
+
+
+def test_ordering_names_the_columns_of_every_format() -> None:
+    page = (ROOT / "docs" / "ordering.md").read_text(encoding="utf-8")
+    for name, house in FORMATS.items():
+        assert f"| `{name}` |" in page
+        for table in (house.placements, house.bom):
+            assert f"`{','.join(table.headers)}`" in page, name
+
+
+def test_the_page_on_verify_has_the_round_trip_s_numbers() -> None:
+    page = (ROOT / "docs" / "verify.md").read_text(encoding="utf-8")
+    assert (QUICK, INSIDE, EDGE) == (6, 96, 48) and "take six contacts" in page
+    assert f"{INSIDE + EDGE} contacts" in page and f"of {(INSIDE + EDGE) // 3} contacts" in page
+    assert f"nearer than {SWALLOWED_MM:g} mm to the outline" in page
+    assert "a third of them over its edge" in page
+    assert f"within {1000 * IN_PLACE_MM:g} µm" in page

@@ -1,0 +1,271 @@
+"""Order notes: what they must say, what they must never say, and the figures of their estimate."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from tactape_fab import Kit, TapeSpec
+from tactape_fab.base.errors import Finding
+from tactape_fab.base.templates import profile_names
+from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.order_facts import OrderFacts, order_facts
+from tactape_fab.kit.profiles import COVERLAY_MODES, FabProfile, load_fab
+from tactape_fab.kit.render.order_notes import render_order_notes
+from tactape_fab.kit.writer import FAB_ZIP_ROLES, RENDERERS
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
+from tactape_fab.verify.files import WrittenFile
+from tactape_fab.verify.layers.cpl_rows import check_order_notes
+
+FABS = profile_names("fabs")
+EVERY = pytest.mark.parametrize("fab", FABS)
+
+
+@cache
+def examined(**values: Any) -> Examined:
+    return examine(TapeSpec(**{"sector": 7, "size_mm": (40.0, 30.0), "models": False, **values}))
+
+
+def files_of(made: Examined) -> list[Artifact]:
+    film = [artifact for role in ("cpl", "bom") for artifact in RENDERERS[role](made.drawing, made.fab)]
+    return [*film, Artifact(role="fab-zip", path=f"{made.tape.name}-fab.zip", data=b"")]
+
+
+def facts_of(made: Examined, fab: FabProfile | None = None, findings: Sequence[Finding] | None = None) -> OrderFacts:
+    return order_facts(made.layout, fab or made.fab, made.findings if findings is None else findings, files_of(made))
+
+
+def notes_of(facts: OrderFacts) -> str:
+    (artifact,) = render_order_notes(facts)
+    assert (artifact.role, artifact.path) == ("order-notes", f"{facts.tape.name}-order-notes.txt")
+    return artifact.data.decode("utf-8")
+
+
+def flat(text: str) -> str:
+    return re.sub(r"\s+", " ", text)
+
+
+@EVERY
+def test_notes_name_files_counts_and_board(fab: str) -> None:
+    made = examined(fab=fab)
+    text = notes_of(facts_of(made))
+    count = made.tape.part_count
+    assert all(file.path in text for file in files_of(made))
+    assert f"{count} parts" in text and "40 x 30 mm" in text
+    assert f"one kind of part, {count} parts in {-(-count // 200)} rows" in flat(text)
+    assert all(title in text for title in ("2. THE BOARD", "4. ASSEMBLY", "6. CHECK", "7. ESTIMATE"))
+    assert "None" not in text and "{{" not in text and max(map(len, text.split("\n"))) < 260
+    assert "\t" not in text and not re.search(r"\n{3}", text) and text.endswith("\n") and " \n" not in text
+
+
+@EVERY
+def test_every_assumption_of_the_estimate_is_shown_with_its_source(fab: str) -> None:
+    profile = load_fab(fab)
+    text = notes_of(facts_of(examined(fab=fab)))
+    for assumption in [*profile.order.costs.values(), profile.order.placement]:
+        assert f"{assumption.value}" in text
+        assert f"{assumption.origin.source}, {assumption.origin.date}" in text
+    assert text.count(", unconfirmed") == 7
+
+
+@EVERY
+def test_every_unconfirmed_limit_in_play_is_asked_about(fab: str) -> None:
+    made = examined(fab=fab)
+    asked = [f for f in made.findings if f.source]
+    assert len(asked) >= 10
+    text = notes_of(facts_of(made))
+    for finding in asked:
+        assert f"{finding.rule}: {finding.message}" in text
+        assert f"{finding.source}, {made.fab.limits['pad-pad'].date}" in text
+
+
+def test_confirmed_limits_are_not_asked_about() -> None:
+    made = examined()
+    findings = [replace(finding, confirmed=finding.rule != "pad-edge") for finding in made.findings]
+    assert [q.rule for q in facts_of(made, findings=findings).questions] == ["pad-edge"]
+
+
+def test_the_estimate_is_what_its_figures_make() -> None:
+    made = examined()
+    order = made.fab.order
+    values = {"setup": 10.0, "stencil": 20.0, "fixture": 30.0, "feeder": 40.0, "joint": 0.5, "part": 0.25}
+    costs = {name: replace(assumption, value=values[name]) for name, assumption in order.costs.items()}
+    placement = replace(order.placement, value=3.0)
+    estimate = facts_of(made, replace(made.fab, order=replace(order, costs=costs, placement=placement))).estimate
+    parts = made.tape.part_count
+    assert estimate.joints == 2 * parts
+    assert estimate.minutes == pytest.approx(parts / 20)
+    assert (estimate.once, estimate.each) == (100.0, 1.25 * parts)
+    assert estimate.totals == tuple((n, 100.0 + n * 1.25 * parts) for n in (1, 5, 20))
+
+
+@pytest.mark.parametrize("size_mm", [(40.0, 30.0), (100.0, 50.0), (26.0, 60.0), (30.0, 14.0)])
+@pytest.mark.parametrize("name", [None, "a-name-of-a-tape-that-fills-the-strip"])
+def test_where_the_fab_may_print_there_is_no_ink_and_no_part(size_mm: tuple[float, float], name: str | None) -> None:
+    made = examined(size_mm=size_mm, name=name)
+    layout, area = made.layout, facts_of(made).number_mm
+    ink = shapely.union_all(
+        [
+            *(shapely.Polygon(a) for a in layout.legend.areas_mm),
+            *(shapely.LineString(s).buffer(layout.legend.line_mm / 2) for s in layout.legend.strokes_mm),
+        ]
+    )
+    if area is None:
+        bands = shapely.box(0.5, (low := np.arange(0.3, size_mm[1] - 2.9, 0.1)), 5.5, low + 2.6)
+        assert (shapely.distance(bands, ink) == 0.0).all()
+        return
+    box = shapely.box(*area)
+    parts = shapely.union_all(shapely.polygons(layout.openings.xy_mm[:, None] + layout.openings.outline_mm))
+    assert box.distance(ink) >= 0.3
+    assert box.distance(parts) >= 0.3
+    assert shapely.box(0, 0, *size_mm).contains(box)
+    assert f"x {area[0]:.1f} to {area[2]:.1f} mm, y {area[1]:.1f} to {area[3]:.1f} mm" in notes_of(facts_of(made))
+
+
+def test_without_a_strip_the_fab_may_print_nowhere() -> None:
+    facts = facts_of(examined(tag="none"))
+    assert facts.number_mm is None
+    assert "this board has no room for one" in notes_of(facts)
+
+
+@EVERY
+def test_the_field_holds_every_opening(fab: str) -> None:
+    made = examined(fab=fab)
+    low, high = np.reshape(facts_of(made).field_mm, (2, 2))
+    window = made.layout.window_mm
+    corners = (made.layout.openings.xy_mm[:, None] + made.layout.openings.outline_mm).reshape(-1, 2)
+    corners = corners if window is None else np.concatenate([corners, window])
+    assert (corners >= low).all() and (corners <= high).all()
+    assert np.abs(corners.min(axis=0) - low).max() <= 0.1 and np.abs(corners.max(axis=0) - high).max() <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("rotation_deg", "slash"), [(45.0, "/"), (225.0, "/"), (135.0, "\\"), (315.0, "\\"), (0.0, "-"), (180.0, "-"), (90.0, "|")]
+)
+def test_how_a_part_leans(rotation_deg: float, slash: str) -> None:
+    made = examined(rotation_deg=rotation_deg, pitch_mm=2.5)
+    assert f"every part leans like this: {slash}\n" in notes_of(facts_of(made))
+
+
+@EVERY
+def test_what_is_laminated_and_anchored_is_said(fab: str) -> None:
+    facts = facts_of(examined(fab=fab))
+    flex = facts.fab.material.base == "polyimide"
+    plain = notes_of(facts)
+    assert "Stiffener FR4" not in plain and "Adhesive 3M" not in plain and "Copper runs on" not in plain
+    assert ("Isolated pads can peel" in plain) == ("A carrier for assembly" in plain) == flex
+    files = {**facts.files, "stiffener-bottom": "gerber/s.gbr", "adhesive-bottom": "gerber/a.gbr"}
+    mask = facts.fab.mask_name
+    text = notes_of(replace(facts, stiffener="FR4 0.2", adhesive="3M468 0.13", anchors="mesh", files=files))
+    assert "Stiffener FR4 0.2 mm on the underside, where gerber/s.gbr has it" in text
+    assert "Adhesive 3M468 0.13 mm" in text and "gerber/a.gbr" in text
+    assert f"Copper runs on from the pads under the {mask} (mesh)" in text
+    assert "A carrier for assembly" not in text and "Isolated pads" not in text
+    assert len(re.findall(r"FR4 0\.2 mm", text)) == (2 if flex else 1)
+
+
+def test_each_way_to_open_the_coverlay_is_asked_for() -> None:
+    facts = facts_of(examined())
+    said = {mode: flat(notes_of(replace(facts, fab=facts.fab.in_mode(mode)))) for mode in COVERLAY_MODES}
+    assert "The coverlay is cut for each part: one opening of 1.2 x 0.5 mm for both pads" in said["per-part"]
+    assert "The solder mask is photo-imageable, one opening of 1.2 x 0.5 mm" in said["lpi"]
+    assert "one opening over the whole field of parts, drawn so on purpose" in said["gang"]
+    assert len(set(said.values())) == 3
+
+
+def test_a_forced_tape_says_so_and_a_sound_one_does_not() -> None:
+    assert "FORCED" not in notes_of(facts_of(examined()))
+    made = examined(displacement_mm=0.45)
+    broken = [f for f in made.findings if f.blocks]
+    assert broken
+    text = notes_of(facts_of(made))
+    assert "!! FORCED !!" in text
+    assert all(f"- {f.rule}: {f.message}" in text for f in broken)
+
+
+def test_a_board_that_fits_the_line_needs_no_panel() -> None:
+    assert "please panelise it" in notes_of(facts_of(examined(size_mm=(100.0, 50.0))))
+    assert "please panelise it" not in notes_of(facts_of(examined(size_mm=(100.0, 80.0), pitch_mm=4.0)))
+    assert "please panelise it" in notes_of(facts_of(examined(size_mm=(251.0, 80.0), pitch_mm=4.0)))
+
+
+def test_more_parts_than_a_line_takes_are_said() -> None:
+    few, many = examined(size_mm=(20.0, 20.0), pitch_mm=2.0), examined()
+    assert few.tape.part_count <= 300 < many.tape.part_count
+    assert "more than 300" not in notes_of(facts_of(few))
+    assert f"part-count: {many.tape.part_count} parts, more than 300" in notes_of(facts_of(many))
+
+
+@pytest.mark.parametrize("house", ASSEMBLY_FORMATS)
+def test_the_part_number_and_the_list_s_conventions_are_said(house: str) -> None:
+    number = "C123" if house == "jlcpcb" else "RC0201-7"
+    text = notes_of(facts_of(examined(assembly=house, part_number=number)))
+    assert f"number {number}." in text
+    turn = "mil, clockwise" if house == "macrofab" else "mm, counter-clockwise"
+    assert f"format {house}: {turn}" in text
+    assert "no part number is given" in notes_of(facts_of(examined(assembly=house)))
+
+
+def test_files_that_a_profile_s_words_name_are_no_files_of_the_kit(default_kit: Kit) -> None:
+    folder, paths = default_kit.path, default_kit.files
+    files = {role: WrittenFile(path=path, data=(folder / path).read_bytes()) for role, path in paths.items()}
+    data = files["order-notes"].data.replace(
+        b"smallest coverlay bridge", b"see quote-4711.zip, only in the strip, x 9.0 to 9.9 mm"
+    )
+    assert data != files["order-notes"].data
+    assert check_order_notes({**files, "order-notes": replace(files["order-notes"], data=data)}, default_kit.tape).passed
+
+
+def test_a_profile_s_own_words_stay_in_their_line() -> None:
+    made = examined()
+    text = notes_of(facts_of(made, replace(made.fab, title="Fabrik S\u00fcd\n\n2. THE BOARD:\x1b[31m {{ tape }}")))
+    assert f"ORDER NOTES: {made.tape.name} at Fabrik S\u00fcd 2. THE BOARD: [31m {{{{ tape }}}} (profile generic-fpc)\n" in text
+
+
+def test_notes_are_the_same_bytes_again() -> None:
+    assert render_order_notes(facts_of(examined())) == render_order_notes(facts_of(examined()))
+
+
+def test_notes_stand_in_the_kit_and_never_in_the_zip(small_kit: Kit) -> None:
+    assert "order-notes" not in FAB_ZIP_ROLES
+    text = (small_kit.path / small_kit.files["order-notes"]).read_text("utf-8")
+    with zipfile.ZipFile(small_kit.path / small_kit.files["fab-zip"]) as archive:
+        assert not [name for name in archive.namelist() if name.endswith(".txt")]
+    assert f"{small_kit.tape.name} at " in text
+    assert "order-notes" in {check.name for check in small_kit.checks}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (r"\d+ parts", "12 parts", "they lack '\\d+ parts'"),
+        (r"100 x 50 mm", "100 x 51 mm", "they lack '100 x 50 mm'"),
+        (r"tactape-s007 at", "tactape-s008 at", "they lack 'tactape-s007 at '"),
+        (r"\S+-fab\.zip", "other-fab.zip", "they name other-fab.zip, which is not in the kit"),
+        (r"assembly/\S+-cpl\.csv", "the list", "they lack 'assembly/tactape-s007-cpl.csv'"),
+        (r"only in the strip at the left end", "anywhere", "do not say where the fab may print"),
+        (r"(left end, x \d+\.\d) to \d+\.\d", r"\1 to 9.0", "on parts or off the board"),
+        (r"(left end, .*?to) \d+\.\d mm;", r"\1 99.0 mm;", "on parts or off the board"),
+        (r"ORDER", "\u00d6RDER", "no UTF-8"),
+    ],
+)
+def test_verify_reads_the_notes(old: str, new: str, says: str, default_kit: Kit) -> None:
+    files = {
+        role: WrittenFile(path=path, data=(default_kit.path / path).read_bytes()) for role, path in default_kit.files.items()
+    }
+    assert check_order_notes(files, default_kit.tape).passed
+    text = re.sub(old, new, files["order-notes"].data.decode("utf-8"), flags=re.DOTALL if "left end" in old else 0)
+    data = text.encode("latin-1" if "\u00d6" in text else "utf-8")
+    assert data != files["order-notes"].data
+    check = check_order_notes({**files, "order-notes": replace(files["order-notes"], data=data)}, default_kit.tape)
+    assert not check.passed
+    assert re.search(says, check.message)

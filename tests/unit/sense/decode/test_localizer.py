@@ -1,0 +1,323 @@
+"""Localizer: signs of the contract with dots drawn by it, every field of an answer, every refusal, the registry."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from math import atan2, cos, degrees, radians, sin
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tactape_fab import Localization, Localizer, Prior, TapeSpec
+from tactape_fab.base.errors import SpecError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import load_sensor, simulate
+from tests.bench.impostors import plain_grid, random_symbols
+from tests.contacts import CENTRE, DELTA, POSE, SHIFT, TAPE, R, W, dots, is_near, seen, tape_of, texture_of
+
+
+def plain(fix: Localization) -> dict[str, Any]:
+    """All fields but the time, to be compared."""
+    return {k: v for k, v in fix.to_mapping(0).items() if k != "elapsed_ms"}
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Localizer:
+    return Localizer([TAPE])
+
+
+@pytest.fixture(scope="module")
+def closed() -> Localizer:
+    return Localizer([TAPE], world="closed")
+
+
+@pytest.fixture(scope="module")
+def depth() -> npt.NDArray[np.float32]:
+    return simulate(TAPE, POSE[0], POSE[1], seed=4)
+
+
+# Conventions
+
+
+def test_the_worked_example_of_the_contract(localizer: Localizer) -> None:
+    point = np.array([[20 + cos(radians(30)), 12 - sin(radians(30))]])
+    assert seen(point, (20.0, 12.0), 30.0)[0] == pytest.approx((175.5, 119.5))
+    fix = localizer.locate_dots(dots((20.0, 12.0), 30.0))
+    assert fix.located
+    assert fix.position_mm == pytest.approx((20.0, 12.0), abs=1e-6)
+    assert fix.theta_deg == pytest.approx(30.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("theta_deg", [0.0, 45.0, 90.0, 135.0, 179.9, 180.0, -45.0, -90.0, -135.0, -179.9, 7.3])
+def test_any_turn_is_told(localizer: Localizer, theta_deg: float) -> None:
+    fix = localizer.locate_dots(dots((47.7, 21.2), theta_deg))
+    assert fix.located and is_near(fix, (47.7, 21.2), theta_deg, 1e-4, 1e-3)
+    assert fix.theta_deg is not None and -180.0 < fix.theta_deg <= 180.0
+
+
+def test_a_depth_map_gives_the_pose_that_it_was_drawn_at(localizer: Localizer, depth: npt.NDArray[np.float32]) -> None:
+    fix = localizer.locate(depth, timestamp=12.5)
+    assert fix.located and is_near(fix, *POSE, mm=0.02, deg=0.3)
+    assert fix.timestamp == 12.5
+
+
+# Fields
+
+
+def test_every_field_of_an_answer(localizer: Localizer) -> None:
+    xy = dots()
+    fix = localizer.locate_dots(xy, np.ones(len(xy)), timestamp=3.25)
+    assert (fix.status, fix.located, fix.reason, fix.tape, fix.sector) == ("solid", True, None, TAPE.name, 7)
+    assert fix.position_mm == pytest.approx(POSE[0], abs=1e-6)
+    x0, y0 = TAPE.board.texture_origin_mm
+    assert fix.board_mm == pytest.approx((x0 + POSE[0][0], y0 - POSE[0][1]), abs=1e-6)
+    assert fix.cell is not None and fix.contact_mm is not None
+    column, row = fix.cell
+    letter = TAPE.to_mapping()["symbols"][row][column]
+    nominal = (column * W + DELTA * SHIFT[letter][0], row * W + DELTA * SHIFT[letter][1])
+    assert fix.contact_mm == pytest.approx(nominal)
+    middle_px = xy.mean(axis=0)
+    nearest = xy[np.hypot(*(xy - middle_px).T).argmin()]
+    assert seen(np.array([nominal]), *POSE)[0] == pytest.approx(nearest, abs=1e-6)
+    assert fix.index == (TAPE.origin[0] + column, TAPE.origin[1] + row)
+    assert fix.plane_mm is None
+    assert fix.px_per_mm == pytest.approx(R)
+    assert fix.covariance is not None and fix.covariance.shape == (3, 3)
+    assert fix.covariance == pytest.approx(fix.covariance.T, rel=1e-6, abs=1e-12)
+    assert (np.linalg.eigvalsh(fix.covariance) > 0).all()
+    assert (fix.n_dots, fix.n_agree) == (len(xy), len(xy))
+    assert fix.p_tape is not None and fix.p_place is not None and fix.p_false is not None
+    assert fix.p_tape > 0 and fix.p_place > 0 and fix.p_false < 1e-4
+    assert fix.p_false == pytest.approx(fix.p_tape + fix.p_place)
+    assert fix.elapsed_ms > 0 and fix.timestamp == 3.25
+
+
+def test_an_answer_is_plain_json() -> None:
+    fix = Localizer([TAPE]).locate_dots(dots())
+    told = json.loads(json.dumps(fix.to_mapping(5)))
+    assert list(told) == ["frame", *(f.name for f in fields(Localization))]
+    assert told["frame"] == 5
+    assert np.shape(told["covariance"]) == (3, 3)
+
+
+def test_what_is_not_located_is_not_guessed(localizer: Localizer) -> None:
+    fix = localizer.locate_dots(dots(semi_mm=(2.6, 2.6)))
+    assert not fix.located and fix.reason
+    for name in ("tape", "position_mm", "theta_deg", "board_mm", "contact_mm", "cell", "index", "covariance"):
+        assert getattr(fix, name) is None, name
+
+
+def test_equal_frames_give_equal_answers(localizer: Localizer, depth: npt.NDArray[np.float32]) -> None:
+    first, again, other = localizer.locate(depth), localizer.locate(depth.copy()), Localizer([TAPE]).locate(depth)
+    assert plain(first) == plain(again) == plain(other)
+
+
+def test_a_frame_is_left_as_it_was(localizer: Localizer, depth: npt.NDArray[np.float32]) -> None:
+    frame = depth.copy()
+    frame[3, 4] = np.nan
+    kept = frame.copy()
+    localizer.locate(frame)
+    assert np.array_equal(frame, kept, equal_nan=True)
+    frame.setflags(write=False)
+    assert localizer.locate(frame).located
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int32, np.uint16])
+def test_any_type_of_number_is_a_depth(localizer: Localizer, depth: npt.NDArray[np.float32], dtype: type) -> None:
+    frame = ((depth - depth.min()) * (1000.0 if dtype is np.float16 else 50_000.0)).astype(dtype)
+    assert is_near(localizer.locate(frame), *POSE, mm=0.02, deg=0.3)
+
+
+def test_dots_need_no_order(localizer: Localizer) -> None:
+    xy = dots() + np.random.default_rng(1).normal(0, 0.3, dots().shape)
+    shuffled = np.random.default_rng(0).permutation(xy)
+    a, b = localizer.locate_dots(xy), localizer.locate_dots(shuffled)
+    assert a.position_mm == pytest.approx(b.position_mm, abs=1e-9)
+    assert a.cell == b.cell
+
+
+# Status and refusals
+
+
+@pytest.mark.parametrize(("count", "status"), [(0, "none"), (1, "weak"), (15, "weak"), (16, "solid")])
+def test_status_counts_dots(localizer: Localizer, count: int, status: str) -> None:
+    fix = localizer.locate_dots(dots()[:count])
+    assert (fix.status, fix.n_dots) == (status, count)
+    if count < 6:
+        assert not fix.located
+        assert fix.reason == ("no dots" if count == 0 else f"only {count} dots")
+
+
+def test_dots_on_no_grid_are_refused(localizer: Localizer) -> None:
+    turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    ring = CENTRE + 77.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    fix = localizer.locate_dots(ring)
+    assert not fix.located and fix.reason
+
+
+@pytest.mark.parametrize("world", ["open", "closed"])
+def test_other_textures_are_not_ours(world: Any) -> None:
+    found = Localizer([TAPE], world=world)
+    for parts in (plain_grid(TAPE), random_symbols(TAPE, 5)):
+        fix = found.locate(simulate(TAPE, POSE[0], POSE[1], parts=parts))
+        assert not fix.located
+        assert fix.p_false is None or fix.p_false > 1e-3
+        assert fix.reason
+
+
+def test_a_small_contact_says_what_is_missing(closed: Localizer) -> None:
+    fix = closed.locate_dots(dots(semi_mm=(2.2, 2.2)))
+    assert not fix.located and fix.reason is not None
+    assert "p_false" in fix.reason and "1.0e-04" in fix.reason
+
+
+@pytest.mark.parametrize("sector", [8, 24, 100, 246])
+def test_a_tape_that_nobody_registered_is_named(localizer: Localizer, sector: int) -> None:
+    fix = localizer.locate_dots(dots(texture_mm=texture_of(tape_of(sector))))
+    assert not fix.located
+    assert fix.reason is not None and f"sector {sector} " in fix.reason and "not registered" in fix.reason
+
+
+def test_a_registered_tape_is_no_rival_of_itself_in_another_place() -> None:
+    found = Localizer([TAPE, tape_of(24)])
+    fix = found.locate_dots(dots(texture_mm=texture_of(tape_of(24))))
+    assert fix.located and (fix.tape, fix.sector) == ("s24", 24)
+    assert found.locate_dots(dots()).sector == 7
+
+
+def test_the_closed_world_has_fewer_rivals(localizer: Localizer, closed: Localizer) -> None:
+    xy = dots(semi_mm=(4.0, 4.0))
+    wide, narrow = localizer.locate_dots(xy), closed.locate_dots(xy)
+    assert wide.p_tape == pytest.approx(narrow.p_tape)
+    assert wide.p_place is not None and narrow.p_place is not None
+    assert 0 < narrow.p_place < wide.p_place
+
+
+def test_equal_windows_are_never_answered() -> None:
+    """Two tapes that overlap in the code plane: nothing tells them apart, whatever the limit."""
+    other = replace(tape_of(7, (TAPE.origin[0] + 10, TAPE.origin[1])), name="shifted")
+    found = Localizer([TAPE, other], max_p_false=0.9)
+    fix = found.locate_dots(dots())
+    assert not fix.located and fix.reason is not None
+    assert fix.p_place is not None and fix.p_place == pytest.approx(0.5, abs=0.01)
+    assert found.locate_dots(dots((8.0, 22.1))).tape == TAPE.name  # beyond the overlap
+
+
+def test_a_stricter_limit_refuses() -> None:
+    strict = Localizer([TAPE], max_p_false=1e-30)
+    fix = strict.locate_dots(dots())
+    assert not fix.located and fix.reason is not None and "1.0e-30" in fix.reason
+
+
+def test_the_limit_on_the_texture_may_be_wider(closed: Localizer) -> None:
+    contacts = (
+        dots((x, y), 30.0, (semi, semi)) for semi in np.linspace(2.4, 3.4, 11) for x in (20.3, 40.3, 60.3) for y in (15.2, 30.4)
+    )
+    for xy in contacts:
+        fix = closed.locate_dots(xy)
+        if (fix.p_false or 1.0) > 1.1e-4 and (fix.p_tape or 1.0) < 0.9e-2 and (fix.p_place or 1.0) < 0.9e-4:
+            break
+    else:
+        pytest.fail("no contact is in between")
+    assert not fix.located
+    assert Localizer([TAPE], world="closed", max_p_tape=1e-2).locate_dots(xy).located
+
+
+def test_a_narrower_limit_on_the_texture_is_kept() -> None:
+    assert not Localizer([TAPE], max_p_tape=1e-30).locate_dots(dots()).located
+
+
+def test_mirrored_dots_are_not_located(localizer: Localizer) -> None:
+    for axis in ((-1.0, 1.0), (1.0, -1.0)):
+        fix = localizer.locate_dots((dots() - CENTRE) * axis + CENTRE)
+        assert not fix.located
+
+
+def test_mirrored_frames_are_named(localizer: Localizer, depth: npt.NDArray[np.float32]) -> None:
+    assert "mirror" in (localizer.locate(depth[:, ::-1]).reason or "")
+
+
+def test_a_prior_is_refused_where_nothing_uses_it(localizer: Localizer) -> None:
+    prior = Prior(position_mm=POSE[0], theta_deg=POSE[1])
+    assert localizer.locate_dots(dots(), prior=prior).located
+    for other in (Localizer([TAPE], method="paper"), Localizer.from_code(TAPE.code, W, DELTA)):
+        with pytest.raises(SpecError, match="prior"):
+            other.locate_dots(dots(), prior=prior)
+        with pytest.raises(SpecError, match="prior"):
+            other.locate(np.zeros((240, 320)), prior=prior)
+
+
+@pytest.mark.parametrize("method", ["ml", "paper"])
+def test_oblong_pixels_are_the_same_contact(method: str) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), px_per_mm=(16.0, 12.0), height_px=180)
+    square = dots((50.0, 25.0), 40.0, (6.0, 6.0))
+    oblong = (square - CENTRE) * (1.0, 0.75) + sensor.centre_px
+    fix = Localizer([TAPE], sensor, method=method).locate_dots(oblong)  # type: ignore[arg-type]
+    assert fix.located and fix.position_mm is not None and fix.theta_deg is not None
+    assert np.hypot(*np.subtract(fix.position_mm, (50.0, 25.0))) < 0.05
+    assert abs(fix.theta_deg - 40.0) < 1.0
+
+
+# Registry
+
+
+def test_equal_tapes_are_one() -> None:
+    found = Localizer([TAPE, replace(TAPE, name="second roll")])
+    assert [tape.name for tape in found.tapes] == [TAPE.name]
+    assert found.locate_dots(dots()).tape == TAPE.name
+
+
+def test_the_larger_of_two_equal_tapes_counts_under_the_first_name() -> None:
+    small = replace(tape_of(7, columns=20, rows=20), name="first")
+    found = Localizer([small, TAPE])
+    fix = found.locate_dots(dots((70.0, 40.0)))
+    assert fix.located and fix.tape == "first"
+
+
+def test_equal_tapes_are_the_union_of_their_grids() -> None:
+    wide, high = replace(tape_of(7, columns=62, rows=12), name="wide"), replace(tape_of(7, columns=14, rows=32), name="high")
+    found = Localizer([wide, high])
+    assert found.locate_dots(dots((80.0, 8.0), texture_mm=texture_of(wide))).tape == "wide"
+    assert found.locate_dots(dots((9.0, 40.0), texture_mm=texture_of(high))).tape == "wide"
+
+
+def test_omitted_points_do_not_count_against_a_place() -> None:
+    holed = examine(TapeSpec(sector=7, holes_mm=[(47.0, 26.0, 3.0)])).layout.tape
+    assert 4 <= len(holed.omitted) <= 20
+    fix = Localizer([holed]).locate_dots(dots(texture_mm=texture_of(holed)))
+    assert fix.located and is_near(fix, *POSE, mm=1e-4)
+
+
+@pytest.mark.parametrize("code", ["debruijn-4x4", "anoto-6x6"])
+def test_other_codes(code: str) -> None:
+    tape = examine(TapeSpec(sector=7, code=code)).layout.tape
+    fix = Localizer([tape], world="closed").locate_dots(dots(texture_mm=texture_of(tape)))
+    assert fix.located and is_near(fix, *POSE, mm=1e-4)
+
+
+def test_contacts_over_the_edge(localizer: Localizer) -> None:
+    fix = localizer.locate_dots(dots((1.2, 20.0), 200.0))
+    assert fix.located and is_near(fix, (1.2, 20.0), 200.0, mm=1e-4)
+
+
+def test_all_that_is_wrong_with_a_localizer_is_said_at_once() -> None:
+    with pytest.raises(SpecError) as caught:
+        Localizer([], world="half", max_p_false=0.0, max_p_tape=2.0, unregistered_share=float("nan"), kappa=0.5)  # type: ignore[arg-type]
+    assert {p.key for p in caught.value.problems} == {
+        "tape", "world", "max_p_false", "max_p_tape", "unregistered_share", "kappa",
+    }  # fmt: skip
+
+
+def test_tapes_of_two_sizes_need_two_localizers() -> None:
+    other = examine(TapeSpec(sector=8, pitch_mm=1.8, displacement_mm=0.3)).layout.tape
+    with pytest.raises(SpecError, match="differ in pitch or displacement"):
+        Localizer([TAPE, other])
+
+
+def test_angles_are_those_of_atan2() -> None:
+    """The helper above against the contract once more: a part to the right is seen turned clockwise, at atan2(v, u) = theta."""
+    du, dv = (seen(np.array([[21.0, 12.0]]), (20.0, 12.0), 25.0) - CENTRE)[0]
+    assert degrees(atan2(dv, du)) == pytest.approx(25.0)

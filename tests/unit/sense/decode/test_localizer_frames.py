@@ -1,0 +1,157 @@
+"""Localizer: frames of any sensor, and every door for what is no frame and what are no dots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tactape_fab import Localizer, TapeSpec
+from tactape_fab.base.errors import FrameError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import SensorProfile, load_sensor, simulate
+from tactape_fab.texture.frames import FloatArray
+from tests.contacts import POSE, TAPE, R, dots, is_near
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Localizer:
+    return Localizer([TAPE])
+
+
+@pytest.fixture(scope="module")
+def depth() -> npt.NDArray[np.float32]:
+    return simulate(TAPE, POSE[0], POSE[1], seed=4)
+
+
+# Contacts over the board's edge
+
+
+@pytest.mark.parametrize(
+    ("options", "poses"),
+    [
+        ({}, [((40.0, -0.5), 34.0), ((12.0, -0.4), 60.0), ((30.0, 36.4), -110.0)]),
+        ({"part": "block"}, [((41.0, -0.5), 4.0), ((18.0, 0.0), 112.0), ((0.4, 35.1), 32.0), ((45.0, 37.3), 20.0)]),
+    ],
+    ids=["film", "solid"],
+)
+def test_the_edge_of_the_board_hides_no_place(options: dict[str, Any], poses: list[tuple[tuple[float, float], float]]) -> None:
+    tape = examine(TapeSpec(sector=7, size_mm=(60.0, 40.0), **options)).tape
+    localizer = Localizer([tape])
+    for position_mm, theta_deg in poses:
+        fix = localizer.locate(simulate(tape, position_mm, theta_deg))
+        assert fix.located and is_near(fix, position_mm, theta_deg, mm=0.05, deg=0.5), (position_mm, fix.reason)
+
+
+# Sensors
+
+
+@pytest.mark.parametrize("rotate90", [0, 1, 2, 3])
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_frames_of_a_sensor_become_upright(rotate90: int, mirror: bool, sign: int) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), rotate90=rotate90, mirror=mirror, sign=sign)
+    frame = simulate(TAPE, POSE[0], POSE[1], sensor=sensor)
+    assert frame.shape == sensor.frame_shape
+    fix = Localizer([TAPE], sensor).locate(frame)
+    assert fix.located and is_near(fix, *POSE, mm=0.02, deg=0.3)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"px_per_mm": (16.0, 14.5)}, {"px_per_mm": (15.0, 16.5)}, {"width_px": 400, "height_px": 300, "px_per_mm": (20.0, 20.0)}],
+)
+def test_pixels_of_any_size(change: dict[str, Any]) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), **change)
+    fix = Localizer([TAPE], sensor).locate(simulate(TAPE, POSE[0], POSE[1], sensor=sensor))
+    assert fix.located and is_near(fix, *POSE, mm=0.02, deg=0.3)
+
+
+@pytest.mark.parametrize("name", ["digit", "generic"])
+def test_sensors_that_come_with_the_package(name: str) -> None:
+    sensor = load_sensor(name)
+    fix = Localizer([TAPE], name).locate(simulate(TAPE, POSE[0], POSE[1], sensor=sensor, contact_mm=(9.0, 9.0)))
+    assert fix.located and is_near(fix, *POSE, mm=0.03, deg=0.5)
+
+
+def test_the_scale_of_the_frame_is_told(localizer: Localizer) -> None:
+    xy = dots(px_per_mm=16.8)
+    fix = localizer.locate_dots(xy)
+    assert fix.located and fix.px_per_mm == pytest.approx(16.8, rel=1e-3)
+    assert is_near(fix, *POSE, mm=1e-3)
+    fixed = Localizer([TAPE], fixed_scale=True).locate_dots(dots())
+    assert fixed.located and fixed.px_per_mm == pytest.approx(R, rel=1e-12)
+
+
+def test_dots_outside_the_mask_are_not_looked_at(depth: npt.NDArray[np.float32]) -> None:
+    mask = np.zeros((240, 320), dtype=np.bool_)
+    mask[:, 160:] = True
+    sensor: SensorProfile = replace(load_sensor("gelsight-mini"), mask=mask)
+    whole, half = Localizer([TAPE]).locate(depth), Localizer([TAPE], sensor).locate(depth)
+    assert 0.3 * whole.n_dots < half.n_dots < 0.7 * whole.n_dots
+
+
+# Bad frames
+
+
+def test_holes_are_filled(localizer: Localizer, depth: npt.NDArray[np.float32]) -> None:
+    rng = np.random.default_rng(3)
+    frame = depth.copy()
+    frame[rng.random(frame.shape) < 0.005] = np.nan
+    frame[:20, :30] = np.inf
+    fix = localizer.locate(frame)
+    assert not fix.located or is_near(fix, *POSE, mm=0.1, deg=2.0)
+    frame = depth.copy()
+    frame[:20, :30] = np.nan
+    frame[200:, 300:] = -np.inf
+    assert is_near(localizer.locate(frame), *POSE, mm=0.02, deg=0.3)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -np.inf, 1e38, -3.0])
+def test_a_frame_of_one_value_has_no_dots(localizer: Localizer, value: float) -> None:
+    fix = localizer.locate(np.full((240, 320), value, dtype=np.float32))
+    assert (fix.status, fix.located, fix.n_dots, fix.reason) == ("none", False, 0, "no dots")
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        np.zeros((320, 240)), np.zeros((240, 320, 1)), np.zeros(7), np.zeros((0, 0)), 5.0, None, "depth",
+        np.zeros((240, 320), dtype=complex), np.full((240, 320), "x"), np.zeros((240, 320), dtype="datetime64[s]"),
+        [[1.0, 2.0], [3.0]], np.full((240, 320), None), {"depth": 1},
+    ],
+)  # fmt: skip
+def test_what_is_no_depth_map_is_refused(localizer: Localizer, frame: Any) -> None:
+    with pytest.raises(FrameError) as caught:
+        localizer.locate(frame)
+    assert len(str(caught.value)) > 20
+
+
+@pytest.mark.parametrize(
+    ("xy", "weights"),
+    [
+        (np.zeros((3, 3)), None), (np.zeros(4), None), (np.zeros((4, 2)), np.zeros(3)), (np.full((4, 2), np.nan), None),
+        (np.zeros((4, 2)), [1, 1, np.inf, 1]), (np.zeros((4, 2)), [1, 1, -1, 1]), (np.full((8, 2), 1e308), np.ones((8, 1))),
+    ],
+)  # fmt: skip
+def test_what_are_no_dots_is_refused(localizer: Localizer, xy: Any, weights: Any) -> None:
+    with pytest.raises(FrameError):
+        localizer.locate_dots(xy, weights)
+
+
+@pytest.mark.parametrize("xy", ["dots", [[1, 2], [3]], np.zeros((4, 2), dtype=complex)])
+def test_dots_that_are_no_numbers_are_refused(localizer: Localizer, xy: Any) -> None:
+    with pytest.raises(FrameError):
+        localizer.locate_dots(xy)
+
+
+@pytest.mark.parametrize(
+    "xy",
+    [np.zeros((50, 2)), np.full((50, 2), 1e200), np.arange(4000.0).reshape(2000, 2) * 7, np.eye(2).repeat(20, axis=0) * 1e12],
+)
+def test_absurd_dots_have_an_answer(localizer: Localizer, xy: FloatArray) -> None:
+    assert not localizer.locate_dots(xy).located
+    assert not localizer.locate_dots(xy, np.zeros(len(xy))).located

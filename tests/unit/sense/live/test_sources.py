@@ -1,0 +1,400 @@
+"""Sources of frames as they come: files replayed, a folder that grows, a stream, a camera; and what is wrong with them, said."""
+
+from __future__ import annotations
+
+import io
+import os
+import threading
+from pathlib import Path
+from threading import Event
+from time import monotonic, sleep, time
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frame_file
+from tactape_fab.sense.live import folder as folder_module
+from tactape_fab.sense.live.camera import camera_source, film_source
+from tactape_fab.sense.live.folder import folder_source
+from tactape_fab.sense.live.replay import has_stamps, replay
+from tactape_fab.sense.live.sources import Frame, Trouble
+from tactape_fab.sense.live.stream import stream_source
+from tests.live import SHAPE, npy, ramp, read, save_npz
+
+# Replay
+
+
+def test_a_replay_has_the_frames_and_stamps_of_its_file(tmp_path: Path) -> None:
+    stamps = np.array([5.0, np.nan, 5.02])
+    file = open_frame_file(save_npz(tmp_path / "f.npz", [ramp(k) for k in range(3)], timestamp=stamps, px_per_mm=15.5))
+    frames, troubles = read(replay(file))
+    assert troubles == []
+    assert [(f.number, f.timestamp, f.px_per_mm, f.keep) for f in frames] == [
+        (0, 5.0, (15.5, 15.5), False), (1, None, (15.5, 15.5), False), (2, 5.02, (15.5, 15.5), False)
+    ]  # fmt: skip
+    for k, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.image, ramp(k))
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "stamps", "least_s"), [(20.0, True, 0.15), (None, True, 0.3), (None, False, 0.12), (float("inf"), True, 0.0)]
+)
+def test_a_replay_takes_its_time(tmp_path: Path, rate_hz: float | None, stamps: bool, least_s: float) -> None:
+    """At the rate given; else at its timestamps' (0.1 s apart here), or at 25 Hz."""
+    others = {"timestamp": 7.0 + 0.1 * np.arange(4)} if stamps else {}
+    file = open_frame_file(save_npz(tmp_path / "f.npz", [ramp(k) for k in range(4)], **others))
+    start = monotonic()
+    frames, _ = read(replay(file, rate_hz))
+    took_s = monotonic() - start
+    assert len(frames) == 4
+    assert least_s <= took_s < least_s + 5.0
+    assert [f.keep for f in frames] == [rate_hz == float("inf")] * 4
+
+
+def test_a_rate_stamps_what_has_no_stamp(tmp_path: Path) -> None:
+    bare = open_frame_file(save_npz(tmp_path / "bare.npz", [ramp(k) for k in range(3)]))
+    stamped = open_frame_file(save_npz(tmp_path / "stamped.npz", [ramp(k) for k in range(3)], timestamp=np.arange(3.0)))
+    assert [f.timestamp for f in read(replay(bare, 200.0))[0]] == [0.0, 0.005, 0.01]
+    assert [f.timestamp for f in read(replay(bare, float("inf")))[0]] == [None] * 3
+    assert [f.timestamp for f in read(replay(stamped, 200.0))[0]] == [0.0, 1.0, 2.0]
+    given = [(bare, None), (bare, float("inf")), (bare, 10.0), (stamped, None), (stamped, float("inf"))]
+    assert [has_stamps(file, rate) for file, rate in given] == [False, False, True, True, True]
+
+
+def test_a_replay_that_breaks_off_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "f.npy"
+    path.write_bytes(npy(np.stack([ramp(k) for k in range(3)]))[:-1000])
+    frames, (trouble,) = read(replay(open_frame_file(path), float("inf")))
+    assert len(frames) == 2
+    assert trouble.kind == "file damaged"
+    assert "after 2 of 3 frames" in trouble.message and "ends in the middle of a frame" in trouble.message
+
+
+def test_a_replay_stops_when_told(tmp_path: Path) -> None:
+    file = open_frame_file(save_npz(tmp_path / "f.npz", [ramp(0)] * 3, timestamp=[0.0, 1000.0, 2000.0]))
+    stop = Event()
+    found = replay(file)(stop)
+    next(found)
+    threading.Timer(0.05, stop.set).start()
+    start = monotonic()
+    assert list(found) == []
+    assert monotonic() - start < 5.0
+
+
+# Stream
+
+
+def test_a_stream_is_arrays_one_behind_the_other() -> None:
+    data = npy(ramp(0)) + npy(np.stack([ramp(1), ramp(2)])) + npy(np.asfortranarray(ramp(3))) + npy(ramp(4).astype(np.uint16))
+    frames, troubles = read(stream_source(io.BytesIO(data), clock=lambda: 77.0))
+    assert troubles == []
+    assert [(f.number, f.timestamp, f.keep) for f in frames] == [
+        (0, 77.0, False),
+        (1, 77.0, True),
+        (2, 77.0, True),
+        (3, 77.0, False),
+        (4, 77.0, False),
+    ]
+    for k in range(4):
+        np.testing.assert_array_equal(frames[k].image, ramp(k))
+
+
+def test_a_number_before_a_frame_is_its_timestamp() -> None:
+    data = npy(1234.5) + npy(ramp(0)) + npy(ramp(1)) + npy(np.float64(2.5)) + npy(ramp(2))
+    assert [f.timestamp for f in read(stream_source(io.BytesIO(data), clock=lambda: 77.0))[0]] == [1234.5, 77.0, 2.5]
+
+
+class Dribble(io.RawIOBase):
+    """A pipe that gives a few bytes at a time."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._rng = io.BytesIO(data), np.random.default_rng(1)
+
+    def read(self, size: int = -1) -> bytes:
+        return self._data.read(min(size, int(self._rng.integers(1, 5000))))
+
+
+def test_a_stream_goes_on_behind_what_is_no_array() -> None:
+    """Noise, an array of words, an array of four axes, one cut off by the next."""
+    whole = npy(ramp(9))
+    data = b"noise \x93NUM" + npy(ramp(0)) + npy(np.array(["a"], dtype=object)) + npy(ramp(1)) + npy(np.zeros((1, 2, 3, 4)))
+    data += npy(ramp(2)) + whole[:100_000] + npy(ramp(3)) + b"\x93NUMPY\x01\x00\x05\x00{{{{{" + npy(ramp(4)) + whole[:-1]
+    frames, troubles = read(stream_source(Dribble(data)))
+    assert [float(f.image[0, 0]) for f in frames] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert {t.kind for t in troubles} == {"stream damaged"}
+    said = "\n".join(t.message for t in troubles)
+    for words in (
+        "skipped 10 bytes",
+        "no numbers",
+        "shape (1, 2, 3, 4)",
+        "ends after 99872 of 307200 bytes",
+        "ends after 307199 of",
+    ):
+        assert words in said, said
+
+
+@pytest.mark.parametrize("cut", [0, 3, 7, 9, 50])
+def test_a_stream_that_ends_anywhere_ends(cut: int) -> None:
+    frames, troubles = read(stream_source(io.BytesIO(npy(ramp(0)) + npy(ramp(1))[:cut])))
+    assert len(frames) == 1
+    assert len(troubles) == (cut > 0)
+
+
+def test_a_stream_does_not_believe_in_a_giant() -> None:
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (1_000_000, 1_000_000)})
+    frames, (trouble, *_) = read(stream_source(io.BytesIO(header.getvalue() + npy(ramp(0)))))
+    assert len(frames) == 1
+    assert "shape (1000000, 1000000)" in trouble.message
+
+
+# Folder
+
+
+class Growing:
+    """A folder source that is read by a thread of its own, as `watch` does."""
+
+    def __init__(self, folder: Path, suffixes: tuple[str, ...] = SUFFIXES, **options: Any) -> None:
+        self.frames: list[Frame] = []
+        self.troubles: list[Trouble] = []
+        self._stop = Event()
+        self._thread = threading.Thread(target=self._read, args=(folder_source(folder, suffixes, **options),))
+        self._thread.start()
+
+    def _read(self, source: Any) -> None:
+        for found in source(self._stop):
+            (self.frames if isinstance(found, Frame) else self.troubles).append(found)
+
+    def wait(self, frames: int, troubles: int = 0) -> None:
+        end = monotonic() + 20.0
+        while (len(self.frames) < frames or len(self.troubles) < troubles) and monotonic() < end:
+            sleep(0.005)
+        assert (len(self.frames), len(self.troubles)) == (frames, troubles), self.troubles
+
+    def __enter__(self) -> Growing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+def test_a_folder_gives_what_is_there_in_order_and_then_what_comes(tmp_path: Path) -> None:
+    for k in (2, 10, 1):
+        np.save(tmp_path / f"frame_{k}.npy", ramp(k))
+    (tmp_path / "notes.txt").write_text("no frame")
+    (tmp_path / ".frame_0.npy").write_bytes(npy(ramp(0)))
+    with Growing(tmp_path) as source:
+        source.wait(3)
+        save_npz(tmp_path / "two.npz", [ramp(20), ramp(21)], timestamp=[3.5, 4.5], px_per_mm=15.0)
+        source.wait(5)
+        cv2.imwrite(str(tmp_path / "last.png"), np.full(SHAPE, 30, dtype=np.uint16))
+        source.wait(6)
+    assert [int(f.image[0, 0]) for f in source.frames] == [1, 2, 10, 20, 21, 30]
+    assert [f.number for f in source.frames] == list(range(6))
+    assert [f.keep for f in source.frames] == [True] * 3 + [False] * 3
+    assert [f.timestamp for f in source.frames[3:5]] == [3.5, 4.5]
+    assert source.frames[3].px_per_mm == (15.0, 15.0)
+    for k, name in ((0, "frame_1.npy"), (5, "last.png")):
+        assert source.frames[k].timestamp == (tmp_path / name).stat().st_mtime
+
+
+def grow(path: Path, data: bytes, pieces: int) -> None:
+    """Write a file piece by piece."""
+    with path.open("wb") as stream:
+        for k in range(pieces):
+            stream.write(data[k * len(data) // pieces : (k + 1) * len(data) // pieces])
+            stream.flush()
+            sleep(0.03)
+
+
+def picture(suffix: str) -> bytes:
+    shades = (1000.0 * ramp(1)).astype(np.uint16)
+    return bytes(cv2.imencode(suffix, shades)[1].tobytes())
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".png", ".tif"])
+def test_a_file_is_taken_when_it_is_whole(suffix: str, tmp_path: Path) -> None:
+    if suffix == ".npz":
+        data = save_npz(tmp_path / "there.npz", [ramp(1)]).read_bytes()
+        (tmp_path / "there.npz").unlink()
+    else:
+        data = npy(ramp(1)) if suffix == ".npy" else picture(suffix)
+    with Growing(tmp_path) as source:
+        grow(tmp_path / f"frame{suffix}", data, 8)
+        source.wait(1)
+    wanted = ramp(1) if suffix.startswith(".np") else (1000.0 * ramp(1)).astype(np.uint16)
+    np.testing.assert_array_equal(source.frames[0].image, wanted)
+
+
+def test_a_stack_that_grows_is_taken_frame_by_frame(tmp_path: Path) -> None:
+    data = npy(np.stack([ramp(k) for k in range(4)]))
+    frame_bytes = ramp(0).nbytes
+    with Growing(tmp_path) as source, (tmp_path / "stack.npy").open("wb") as stream:
+        stream.write(data[: len(data) - 2 * frame_bytes])
+        stream.flush()
+        source.wait(2)
+        stream.write(data[len(data) - 2 * frame_bytes :])
+        stream.flush()
+        source.wait(4)
+    assert [(f.number, int(f.image[0, 0])) for f in source.frames] == [(0, 0), (1, 1), (2, 2), (3, 3)]
+
+
+def test_a_file_that_stays_cut_off_is_said_once_and_does_not_hold_up_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folder_module, "PATIENCE_S", 0.2)
+    for name, data in (("a.npy", npy(ramp(0))), ("a.npz", b"PK\x03\x04"), ("a.png", picture(".png")), ("a.tif", picture(".tif"))):
+        (tmp_path / name).write_bytes(data[: max(4, len(data) // 2)])
+        os.utime(tmp_path / name, (time() - 9, time() - 9))
+    with Growing(tmp_path) as source:
+        np.save(tmp_path / "b.npy", ramp(5))
+        source.wait(1, troubles=4)
+        (tmp_path / "a.npy").write_bytes(npy(ramp(7)))
+        source.wait(2, troubles=4)
+    assert [int(f.image[0, 0]) for f in source.frames] == [5, 7]
+    assert {t.kind for t in source.troubles} == {"file not whole"}
+    for name in ("a.npy", "a.npz", "a.png", "a.tif"):
+        assert sum(f"{tmp_path / name}" in t.message for t in source.troubles) == 1
+
+
+def test_a_folder_ends_when_idle_and_says_what_it_leaves(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", ramp(0))
+    (tmp_path / "b.npy").write_bytes(npy(ramp(1))[:-1])
+    start = monotonic()
+    frames, (trouble,) = read(folder_source(tmp_path, SUFFIXES, idle_s=0.3))
+    assert 0.3 <= monotonic() - start < 5.0
+    assert len(frames) == 1
+    assert "b.npy" in trouble.message
+
+
+def test_a_folder_that_goes_away_is_an_error(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    found = folder_source(folder, SUFFIXES)(Event())
+    folder.rmdir()
+    with pytest.raises(TactapeError, match="frames cannot be looked into"):
+        list(found)
+
+
+def test_a_folder_of_colour_images(tmp_path: Path) -> None:
+    for suffix in (".png", ".jpg"):
+        data = bytes(cv2.imencode(suffix, np.full((24, 32, 3), (10, 20, 30), dtype=np.uint8))[1].tobytes())
+        (tmp_path / f"whole{suffix}").write_bytes(data)
+        (tmp_path / f"half{suffix}").write_bytes(data[: len(data) // 2])
+    frames, troubles = read(folder_source(tmp_path, (".png", ".jpg"), colour=True, idle_s=0.1))
+    assert [f.image.shape for f in frames] == [(24, 32, 3)] * 2
+    assert sorted(Path(t.message.split(": ")[0].split(" ")[0]).stem for t in troubles) == ["half", "half"]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_half_a_picture_is_none_whatever_opencv_makes_of_it(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Versions before 5 show the top of it."""
+    image = np.zeros((24, 32, 3), dtype=np.uint8)
+    data = bytes(cv2.imencode(suffix, image)[1].tobytes())
+    monkeypatch.setattr(folder_module, "read_colour", lambda path: image)
+    (tmp_path / f"half{suffix}").write_bytes(data[: len(data) // 2])
+    (tmp_path / f"whole{suffix}").write_bytes(data)
+    frames, troubles = read(folder_source(tmp_path, (suffix,), colour=True, idle_s=0.05))
+    assert len(frames) == 1
+    assert "ends in the middle of the picture" in troubles[0].message
+
+
+def test_a_tiff_is_not_looked_at_while_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked = []
+
+    def look(path: Path) -> Any:
+        looked.append(time() - path.stat().st_mtime)
+        return open_frame_file(path)
+
+    monkeypatch.setattr(folder_module, "open_frame_file", look)
+    with Growing(tmp_path) as source:
+        grow(tmp_path / "a.tif", picture(".tif"), 8)
+        source.wait(1)
+    assert len(looked) == 1 and looked[0] >= 0.1
+
+
+# Camera
+
+
+class Shots:
+    """A camera as OpenCV has them: images, or None where one cannot be unpacked; then no more."""
+
+    def __init__(self, images: list[npt.NDArray[np.uint8] | None], opened: bool = True) -> None:
+        self.images, self.opened, self.released, self.asked = images, opened, False, dict[int, float]()
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return self.opened
+
+    def set(self, key: int, value: float) -> None:
+        self.asked[key] = value
+
+    def grab(self) -> bool:
+        return bool(self.images)
+
+    def retrieve(self) -> tuple[bool, npt.NDArray[np.uint8] | None]:
+        image = self.images.pop(0)
+        return image is not None, image
+
+    def release(self) -> None:
+        self.released = True
+
+
+def coloured(value: int, shape: tuple[int, int] = (240, 320)) -> npt.NDArray[np.uint8]:
+    return np.full((*shape, 3), value, dtype=np.uint8)
+
+
+def test_a_camera_s_images_are_stamped_when_grabbed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactape_fab.sense.live.camera._MOST_MISSES", 2)
+    shots = Shots([coloured(1), None, coloured(3)])
+    times = iter([10.0, 10.04, 10.08])
+    found = []
+    with pytest.raises(TactapeError, match="/dev/video7 gives no more images"):
+        for item in camera_source(Path("/dev/video7"), (240, 320), opened=lambda _: shots, clock=lambda: next(times))(Event()):
+            found.append(item)
+    assert [(f.number, f.timestamp) for f in found if isinstance(f, Frame)] == [(0, 10.0), (2, 10.08)]
+    assert [t.kind for t in found if isinstance(t, Trouble)] == ["image damaged"]
+    assert shots.released
+    assert (shots.asked[cv2.CAP_PROP_FRAME_WIDTH], shots.asked[cv2.CAP_PROP_FRAME_HEIGHT]) == (320, 240)
+
+
+def test_a_camera_s_image_is_cut_and_scaled() -> None:
+    image = coloured(0, (480, 640))
+    image[100:220, 50:210] = 200
+    source = camera_source(
+        Path("/dev/video0"), (240, 320), (50, 100, 160, 120), opened=lambda _: Shots([image, coloured(1, (90, 90))])
+    )
+    found = source(Event())
+    frame, small = next(found), next(found)
+    assert isinstance(frame, Frame) and isinstance(small, Frame)
+    assert frame.image.shape == (240, 320, 3) and (frame.image == 200).all()
+    assert small.image.shape == (90, 90, 3)
+
+
+def test_a_camera_that_is_none_is_an_error() -> None:
+    with pytest.raises(TactapeError, match="/dev/video0 cannot be opened"):
+        list(camera_source(Path("/dev/video0"), (240, 320), opened=lambda _: Shots([], opened=False))(Event()))
+
+
+def test_a_film_is_read_by_opencv_as_a_camera_is(tmp_path: Path) -> None:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (320, 240))
+    assert writer.isOpened()
+    for k in range(6):
+        writer.write(coloured(40 * k))
+    writer.release()
+    frames, troubles = read(film_source(path, (240, 320), rate_hz=float("inf"), keep=False))
+    assert troubles == []
+    assert [round(float(f.image.mean()) / 40.0) for f in frames] == list(range(6))
+    np.testing.assert_allclose(np.diff([f.timestamp for f in frames]), 0.02, atol=1e-6)
+    by_camera = camera_source(path, (240, 320), opened=lambda p: cv2.VideoCapture(str(p)))(Event())
+    for frame in frames:
+        shot = next(by_camera)
+        assert isinstance(shot, Frame)
+        np.testing.assert_array_equal(shot.image, frame.image)
+    with pytest.raises(TactapeError, match=r"none\.avi cannot be opened"):
+        read(film_source(tmp_path / "none.avi", (240, 320), keep=False))

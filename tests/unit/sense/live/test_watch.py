@@ -1,0 +1,387 @@
+"""`watch`: the loop that is never late, its counts, and the command with everything that can be wrong about it."""
+
+from __future__ import annotations
+
+import json
+import resource
+import shlex
+import signal
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Event, Thread
+from time import sleep
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from rosbags.highlevel import AnyReader
+
+from tactape_fab import Kit, Localization
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.cli import main
+from tactape_fab.sense import SensorProfile
+from tactape_fab.sense.files.depth_maps import open_frame_file
+from tactape_fab.sense.files.jobs import Job, Locate, Located
+from tactape_fab.sense.live.counts import Latencies, Tally
+from tactape_fab.sense.live.replay import replay
+from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble
+from tactape_fab.sense.live.status_lines import end_lines, status_line
+from tactape_fab.sense.live.watch import MOST_SCALES, Watch, watch
+from tests.live import JOB, at_once, npy, ramp, save_npz
+
+
+def run(arguments: str, stdin: bytes | None = None) -> Result:
+    return CliRunner().invoke(main, shlex.split(f"watch {arguments}"), input=stdin, prog_name="tactape-fab")
+
+
+def source_of(items: list[Frame | Trouble]) -> Source:
+    return lambda stop: iter(items)
+
+
+def frame(k: int, **others: object) -> Frame:
+    return Frame(number=k, image=ramp(k), **others)  # type: ignore[arg-type]
+
+
+def answers(source: Source, tally: Tally, locator: object = at_once) -> list[Located]:
+    found = watch(Watch(job=JOB, source=source), tally, Event(), locator)  # type: ignore[arg-type]
+    return [located for located in found if located is not None]
+
+
+# The loop
+
+
+def test_the_latest_frame_is_located_and_those_before_it_are_counted() -> None:
+    """A frame every 5 ms, 20 ms for each answer."""
+
+    def slow(job: Job, sensor: SensorProfile) -> Locate:
+        def locate(depth: object, *, timestamp: float | None = None) -> Localization:
+            sleep(0.02)
+            return at_once(job, sensor)(depth, timestamp=timestamp)  # type: ignore[arg-type]
+
+        return locate
+
+    def source(stop: Event) -> Iterator[Frame]:
+        for k in range(60):
+            sleep(0.005)
+            yield frame(k, timestamp=float(k))
+
+    tally = Tally()
+    found = answers(source, tally, slow)
+    numbers = [located.frame for located in found]
+    assert numbers == sorted(set(numbers)) and numbers[-1] == 59
+    assert tally.dropped == 60 - len(found) > 20
+    assert [located.fix.timestamp for located in found] == [float(k) for k in numbers]
+    assert tally.latencies.percentile_ms(99) < 200.0
+
+
+def test_frames_that_may_wait_are_all_located() -> None:
+    tally = Tally()
+    found = answers(source_of([frame(k, keep=True) for k in range(40)]), tally)
+    assert [located.frame for located in found] == list(range(40))
+    assert (tally.answered, tally.dropped, tally.unusable) == (40, 0, 0)
+
+
+def test_what_is_no_frame_is_said_once_and_counted() -> None:
+    """Wrong shapes and holes between good frames, and troubles of the source."""
+    items: list[Frame | Trouble] = []
+    for k in range(0, 40, 4):
+        small = Frame(number=k + 1, image=np.zeros((3, 4)), keep=True)
+        holes = ramp(k)
+        holes[5, :7] = np.nan
+        items += [
+            frame(k, keep=True),
+            small,
+            Frame(number=k + 2, image=holes, keep=True),
+            Trouble(kind="noise", message="of a pipe"),
+        ]
+    tally = Tally()
+    found = answers(source_of(items), tally)
+    assert len(found) == 20
+    assert tally.troubles == {"frame unusable": 10, "frame with holes": 10, "noise": 10}
+    said = tally.unsaid()
+    assert sorted(message.split(":")[0] for message in said) == ["frame unusable", "frame with holes", "noise"]
+    assert any("frame 2: 7 of 76800 values are no numbers" in message for message in said)
+    assert tally.unsaid() == []
+    assert sorted(end_lines(tally)[-3:]) == ["frame unusable: 10 times", "frame with holes: 10 times", "noise: 10 times"]
+
+
+def test_an_error_of_the_source_comes_after_its_frames() -> None:
+    def source(stop: Event) -> Iterator[Frame]:
+        yield frame(0, keep=True)
+        raise TactapeError("camera gone")
+
+    tally = Tally()
+    with pytest.raises(TactapeError, match="camera gone"):
+        answers(source, tally)
+    assert tally.answered == 1
+
+
+def test_a_source_that_is_silent_can_be_stopped() -> None:
+    stop, tally = Event(), Tally()
+
+    def source(stop: Event) -> Iterator[Frame]:
+        while not stop.wait(20.0):
+            yield frame(0)
+
+    found = watch(Watch(job=JOB, source=source), tally, stop, at_once)
+    assert next(found) is None
+    stop.set()
+    assert list(found) == []
+
+
+def test_files_of_many_scales_are_refused_after_some() -> None:
+    made: list[tuple[float, float]] = []
+
+    def locator(job: Job, sensor: SensorProfile) -> Locate:
+        made.append(sensor.px_per_mm)
+        return at_once(job, sensor)
+
+    frames: list[Frame | Trouble] = [frame(k, keep=True, px_per_mm=(14.0 + k / 10, 14.0)) for k in range(20)]
+    tally = Tally()
+    found = answers(source_of(frames), tally, locator)
+    assert (len(made), len(found), tally.unusable) == (MOST_SCALES, MOST_SCALES - 1, 20 - MOST_SCALES + 1)
+    assert found[3].sensor.px_per_mm == (14.3, 14.0)
+
+
+def test_memory_does_not_grow(tmp_path: Path) -> None:
+    """Of a replay at full speed, after the first hundred frames."""
+    file = open_frame_file(save_npz(tmp_path / "f.npz", [ramp(k) for k in range(20)]))
+
+    def again(stop: Event) -> Iterator[Frame | Trouble]:
+        for _ in range(30):
+            yield from replay(file, float("inf"))(stop)
+
+    tally, used = Tally(), []
+    tracemalloc.start()
+    try:
+        for located in watch(Watch(job=JOB, source=again), tally, Event(), at_once):
+            if located is not None and tally.answered in (100, 590):
+                used.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert tally.answered == 600
+    assert used[1] - used[0] < 2 * ramp(0).nbytes
+
+
+def test_a_slot_lets_wait_only_until_told() -> None:
+    slot, stop = Slot(), Event()
+    slot.put(frame(0, keep=True), stop)
+    waiting = Thread(target=slot.put, args=(frame(1), stop))
+    waiting.start()
+    sleep(0.05)
+    assert waiting.is_alive()
+    taken = slot.take(1.0)
+    waiting.join(5.0)
+    assert taken is not None and taken.number == 0 and not waiting.is_alive()
+    slot.put(frame(2), stop)
+    last = slot.take(1.0)
+    assert last is not None and last.number == 2 and slot.dropped == 1
+    assert slot.take(0.01) is None
+    slot.end()
+    with pytest.raises(EOFError):
+        slot.take(1.0)
+
+
+# Counts
+
+
+def test_percentiles_are_those_of_all_times() -> None:
+    times = np.random.default_rng(1).lognormal(1.0, 1.0, 5000)
+    latencies = Latencies()
+    for ms in times:
+        latencies.add(float(ms))
+    for percent in (1, 50, 99):
+        assert latencies.percentile_ms(percent) == pytest.approx(np.percentile(times, percent), rel=0.03)
+    for extreme in (0.0, 1e-9, 1e12):
+        latencies.add(extreme)
+    assert latencies.count == 5003
+    assert np.isnan(Latencies().percentile_ms(50))
+
+
+def test_lines_say_how_it_went() -> None:
+    tally = Tally()
+    assert status_line(tally) == "waiting for frames; 0 of 0 located; 0.0 Hz; dropped 0"
+    assert end_lines(tally) == ["located 0 of 0 frames"]
+    fix = Localization(status="solid", located=True, tape="tactape-s007", position_mm=(20.0, 12.0), theta_deg=30.04)
+    tally.answer(fix, 0.0)
+    assert status_line(tally).startswith("tactape-s007 x 20.00 y 12.00 mm 30.0 deg; 1 of 1 located; ")
+    tally.answer(Localization(status="none", located=False, reason="no dots"), 0.0)
+    tally.dropped = 3
+    assert status_line(tally).startswith("not located: no dots; 1 of 2 located; ")
+    assert "; dropped 3; latency p50 " in status_line(tally)
+    assert end_lines(tally)[0].startswith("located 1 of 2 frames at ")
+    assert end_lines(tally)[1].startswith("dropped 3, ")
+
+
+# The command
+
+
+@pytest.fixture(scope="module")
+def frames(default_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six frames of the default tape; not to be changed."""
+    path = tmp_path_factory.mktemp("frames") / "frames.npz"
+    result = CliRunner().invoke(main, shlex.split(f"simulate {default_kit.path} -o {path} --count 6 --seed 3"))
+    assert result.exit_code == 0, result.output
+    return path
+
+
+def same(watched: str, decoded: str) -> None:
+    """Answers of watch and of decode, but for the time that they took."""
+    assert [{**json.loads(line), "elapsed_ms": 0} for line in watched.splitlines()] == [
+        {**json.loads(line), "elapsed_ms": 0} for line in decoded.splitlines()
+    ]
+
+
+def test_watch_answers_as_decode_does(default_kit: Kit, frames: Path) -> None:
+    watched = run(f"{frames} --rate max --tape {default_kit.path} --json")
+    decoded = CliRunner().invoke(main, shlex.split(f"decode {frames} --tape {default_kit.path} --json"))
+    assert watched.exit_code == 0
+    same(watched.stdout, decoded.stdout)
+    (line,) = watched.stderr.splitlines()
+    assert line.startswith("located 6 of 6 frames at ") and "latency p50" in line
+
+
+def test_watch_says_nothing_on_stdout_unless_asked(default_kit: Kit, frames: Path) -> None:
+    result = run(f"{frames} --rate max --tape {default_kit.path} --count 2")
+    assert (result.exit_code, result.stdout) == (0, "")
+    assert result.stderr.startswith("located 2 of 2 frames")
+
+
+def test_watch_takes_several_kits_behind_tape(default_kit: Kit, small_kit: Kit, frames: Path) -> None:
+    assert "located 6 of 6" in run(f"{frames} --rate max --tape {small_kit.path} {default_kit.path}").stderr
+
+
+def test_watch_takes_a_code_alone(default_kit: Kit, tmp_path: Path) -> None:
+    """No tape, no frame to give a pose in: the answers alone are written."""
+    CliRunner().invoke(main, shlex.split(f"simulate {default_kit.path} -o {tmp_path}/large.npz --count 2 --contact 15x13"))
+    result = run(f"{tmp_path}/large.npz --rate 50 --no-drop --code microdots-4x4 --json --mcap {tmp_path}/touch.mcap")
+    found = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [(f["sector"], f["tape"], f["timestamp"], len(f["plane_mm"])) for f in found] == [
+        (7, None, 0.0, 2),
+        (7, None, 0.02, 2),
+    ]
+    with AnyReader([tmp_path / "touch.mcap"]) as reader:
+        assert {c.topic: c.msgcount for c in reader.connections} == {"/tactape/fix": 2, "/tactape/depth": 2, "/tactape/pose": 0}
+
+
+def test_a_folder_that_grows_is_watched(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    with np.load(frames) as arrays:
+        depth = arrays["depth"]
+
+    def write() -> None:
+        for k, image in enumerate(depth[2:], start=2):
+            sleep(0.1)
+            np.save(tmp_path / f"{k}.npy", image)
+        (tmp_path / "cut.npy").write_bytes(npy(depth[0])[:1000])
+        np.save(tmp_path / "small.npy", depth[0, :100])
+
+    for k, image in enumerate(depth[:2]):
+        np.save(tmp_path / f"{k}.npy", image)
+    writer = Thread(target=write)
+    writer.start()
+    result = run(f"{tmp_path} --tape {default_kit.path} --json --idle 1 --no-drop")
+    writer.join()
+    assert result.exit_code == 0
+    found = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [(answer["frame"], answer["located"]) for answer in found] == [(k, True) for k in range(6)]
+    assert found[5]["timestamp"] == (tmp_path / "5.npy").stat().st_mtime
+    assert "warning: frame unusable: frame 6: a frame of shape (100, 320)" in result.stderr
+    assert "cut.npy" in result.stderr and "tried again when it changes" in result.stderr
+
+
+def process(arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "tactape_fab", "watch", *shlex.split(arguments)]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+def test_a_stream_is_watched_until_it_is_told_to_end(
+    default_kit: Kit, frames: Path, tmp_path: Path, which: signal.Signals
+) -> None:
+    path = tmp_path / "touch.mcap"
+    with np.load(frames) as arrays, process(f"- --tape {default_kit.path} --json --mcap {path}") as watching:
+        assert watching.stdin is not None and watching.stdout is not None and watching.stderr is not None
+        found = []
+        for k, image in enumerate(arrays["depth"]):
+            watching.stdin.write(npy(1000.0 + k) + npy(image))
+            watching.stdin.flush()
+            found.append(json.loads(watching.stdout.readline()))
+        watching.send_signal(which)
+        assert watching.wait(20.0) == 0
+        said = watching.stderr.read().decode()
+    assert [(answer["timestamp"], answer["located"]) for answer in found] == [(1000.0 + k, True) for k in range(6)]
+    assert said.startswith("located 6 of 6 frames")
+    with AnyReader([path]) as reader:
+        assert reader.message_count == 18
+
+
+def test_frames_of_another_sensor_alone_are_a_failure(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    with np.load(frames) as arrays:
+        np.save(tmp_path / "a.npy", arrays["depth"][:, :50])
+    result = run(f"{tmp_path} --tape {default_kit.path} --idle 0.2")
+    assert result.exit_code == 1
+    assert "frame unusable: 6 times" in result.stderr.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("nowhere --tape {kit}", ["source nowhere cannot be opened"]),
+        ("{frames}", ["no tape is given"]),
+        ("{frames} --tape {kit} --rate -3", ["rate = -3 Hz is not above 0"]),
+        ("{frames} --tape {kit} --rate fast", ["rate = 'fast' is not a number", "or max"]),
+        ("{frames} --tape {kit} --idle 3", ["--idle is for folders"]),
+        ("{kit} --tape {kit} --rate 3 --idle soon", ["--rate is for files", "idle = 'soon'"]),
+        ("{frames} --tape {kit} --count 0", ["count = 0 is outside"]),
+        ("{frames} --tape {kit} --mcap a.mcap", ["holds no timestamps", "--rate HZ"]),
+        ("{frames} --tape {kit} --mcap a.bag --save none/a.rrd --rate 9", ["a.bag does not end with .mcap", "no folder"]),
+        ("{frames} --tape {kit} --frame-id a", ["--mcap FILE.mcap with them"]),
+        ("{frames} --tape {kit} --raw", ["--raw is for a camera", "needs --background", "needs --weights"]),
+        ("{frames} --tape {kit} --weights a.pth", ["give --raw with them"]),
+        ("{frames} --tape {kit} --crop 1,2,3,0 --raw", ["cuts out nothing", "--crop is for cameras"]),
+        ("/dev/null --tape {kit}", ["a camera has colour images"]),
+        ("{frames} --tape {kit} --world flat", ["world = 'flat'"]),
+    ],
+)  # fmt: skip
+def test_watch_refuses_with_words(default_kit: Kit, frames: Path, arguments: str, words: list[str]) -> None:
+    result = run(arguments.format(kit=default_kit.path, frames=frames))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert all(line.startswith("error: ") for line in result.stderr.splitlines())
+    assert [word for word in words if word not in result.stderr] == []
+
+
+def test_nothing_is_written_over(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").touch()
+    (tmp_path / "a.rrd").touch()
+    result = run(f"{frames} --rate 9 --tape {default_kit.path} --mcap {tmp_path}/a.mcap --save {tmp_path}/a.rrd")
+    assert result.exit_code == 2
+    assert [line.endswith("is there, and nothing is written over; give another name") for line in result.stderr.splitlines()] == [
+        True
+    ] * 2
+
+
+def test_an_extra_that_is_missing_is_named(default_kit: Kit, frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def without(name: str) -> object:
+        return None if name in ("mcap", "rerun") else find_spec(name)
+
+    monkeypatch.setattr("tactape_fab.sense.live.extras.find_spec", without)
+    result = run(f"{frames} --rate 9 --tape {default_kit.path} --mcap a.mcap --rerun")
+    assert result.exit_code == 2
+    assert result.stderr == ("error: --mcap, --rerun need packages that are not installed; pip install 'tactape-fab[live]'\n")
+
+
+def test_a_full_disk_is_a_word(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    """As far as one goes: no file may become larger than three frames."""
+    path, limits = tmp_path / "touch.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, limits[1]))
+    try:
+        result = run(f"{frames} --rate 100 --no-drop --tape {default_kit.path} --mcap {path}")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert result.exit_code == 1
+    error = f"error: mcap {path} cannot be written: File too large; what is in it can be read"
+    assert result.stderr.splitlines()[-1] == error

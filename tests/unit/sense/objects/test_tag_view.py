@@ -1,0 +1,117 @@
+"""The camera's side: from a tag's pose to texture coordinates and back, on pictures of a written preview, too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tactape_fab import Kit, pixels_to_texture, refine_tag_pose, tag_side_mm, tag_to_texture, texture_to_pixels
+from tactape_fab.base.errors import FrameError, SpecError
+from tactape_fab.sense.objects.tag_view import tag_corners_mm
+from tactape_fab.texture.tape import Tape
+from tests.bench import camera
+
+CAMERA = np.array([[1000.0, 0.0, 640.0], [0.0, 1100.0, 480.0], [0.0, 0.0, 1.0]])
+POSE = (np.asarray(cv2.Rodrigues(np.array([0.3, -0.2, 1.0]))[0]), np.array([10.0, -20.0, 280.0]))
+
+
+@pytest.fixture(params=[0.0, 90.0], ids=["upright", "turned"])
+def tape(small_kit: Kit, request: pytest.FixtureRequest) -> Tape:
+    assert small_kit.tape.tag is not None
+    return replace(small_kit.tape, tag=replace(small_kit.tape.tag, rotation_deg=request.param))
+
+
+def test_the_tag_s_frame_is_apriltag_s(tape: Tape) -> None:
+    assert tape.tag is not None
+    half, (x0, y0) = tag_side_mm(tape) / 2, tape.board.texture_origin_mm
+    assert tag_side_mm(tape) == 8 * tape.tag.cell_mm
+    # AprilRobotics: x right, y down; corners from the lower left, counter-clockwise
+    in_tag = np.array([(-half, half, 0, 1), (half, half, 0, 1), (half, -half, 0, 1), (-half, -half, 0, 1)])
+    in_texture = in_tag @ tag_to_texture(tape).T
+    board = tag_corners_mm(tape)
+    assert in_texture[:, :2] == pytest.approx(np.stack([board[:, 0] - x0, y0 - board[:, 1]], axis=1))
+    right = board[1] - board[0]
+    angle = np.radians(tape.tag.rotation_deg)
+    assert right / np.linalg.norm(right) == pytest.approx([np.cos(angle), np.sin(angle)], abs=1e-9)
+
+
+@pytest.mark.parametrize("distortion", [None, [-0.2, 0.05, 0.001, -0.002, 0.0]])
+def test_pixels_and_texture_are_inverse(tape: Tape, distortion: list[float] | None) -> None:
+    points = np.array([(0.0, 0.0), (30.0, 5.0), (-4.0, 22.0)])
+    pixels = texture_to_pixels(tape, points, *POSE, CAMERA, distortion)
+    assert pixels_to_texture(tape, pixels, *POSE, CAMERA, distortion) == pytest.approx(points, abs=1e-3)
+    # by hand, without a lens: through the tag's own frame
+    if distortion is None:
+        in_tag = np.linalg.inv(tag_to_texture(tape)) @ [30.0, 5.0, 0.0, 1.0]
+        x, y, z = POSE[0] @ in_tag[:3] + POSE[1]
+        assert pixels[1] == pytest.approx([1000 * x / z + 640, 1100 * y / z + 480])
+
+
+def test_rays_that_miss_the_film_hit_nothing(tape: Tape) -> None:
+    edge_on = np.asarray(cv2.Rodrigues(np.array([np.pi / 2 - 0.05, 0.0, 0.0]))[0])
+    hit = pixels_to_texture(tape, [(640.0, -3000.0), (640.0, 480.0)], edge_on, (0.0, 20.0, 300.0), CAMERA)
+    behind = texture_to_pixels(tape, [(0.0, 0.0)], POSE[0], (0.0, 0.0, -300.0), CAMERA)
+    assert np.isnan(hit).any() and np.isnan(behind).all()
+
+
+def test_what_is_no_pose_is_refused(tape: Tape) -> None:
+    for rotation, shift in (
+        (np.eye(2), (0, 0, 1)),
+        (2 * np.eye(3), (0, 0, 1)),
+        (-np.eye(3), (0, 0, 1)),
+        (np.eye(3), (0, 0, np.nan)),
+    ):
+        with pytest.raises(SpecError, match=r"pose|rotation"):
+            pixels_to_texture(tape, [(0, 0)], rotation, shift, CAMERA)
+    with pytest.raises(SpecError, match="carries no tag"):
+        tag_to_texture(replace(tape, tag=None))
+
+
+# Pictures
+
+
+def test_points_of_the_texture_are_seen_within_a_tenth_of_a_millimetre() -> None:
+    pytest.importorskip("pupil_apriltags")
+    large = camera.measure(2.0, 3)
+    assert large["found"] == 3
+    assert large["refined, whole"]["max_mm"] <= 0.1
+    middle = camera.measure(1.0, 3)
+    assert middle["refined, near"]["max_mm"] <= 0.1
+    assert middle["refined, whole"]["p95_mm"] < middle["detector, whole"]["p95_mm"]
+
+
+def test_a_mirrored_tilt_is_put_right() -> None:
+    of, rng = camera.printed(2.0), np.random.default_rng(5)
+    turn, shift = camera.draw_pose(of.tape, rng)
+    picture = camera.photograph(of, turn, shift, rng)
+    half = tag_side_mm(of.tape) / 2
+    square = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
+    corners = np.reshape(cv2.projectPoints(square, cv2.Rodrigues(turn)[0], shift, camera.CAMERA, None)[0], (-1, 2))
+    _, turns, shifts, _ = cv2.solvePnPGeneric(square, corners, camera.CAMERA, None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    mirrored, there = np.asarray(cv2.Rodrigues(turns[1])[0]), np.ravel(shifts[1])
+    assert np.abs(mirrored - turn).max() > 0.1
+    found = refine_tag_pose(of.tape, picture, mirrored, there, camera.CAMERA)
+    assert found.fit > 0.99 and 0.3 < found.blur_px < 1.0
+    assert found.rotation == pytest.approx(turn, abs=2e-3) and found.translation_mm == pytest.approx(shift, abs=0.2)
+
+
+def test_pictures_without_the_tag_are_refused() -> None:
+    of, rng = camera.printed(2.0), np.random.default_rng(5)
+    pose = camera.draw_pose(of.tape, rng)
+    height_px, width_px = camera.SIZE_PX[::-1]
+    noise = rng.integers(0, 255, (height_px, width_px), dtype=np.uint8)
+    with pytest.raises(FrameError, match="does not show tag 7 there"):
+        refine_tag_pose(of.tape, noise, *pose, camera.CAMERA)
+    with pytest.raises(FrameError, match="does not show tag 7 there"):
+        refine_tag_pose(of.tape, np.zeros_like(noise), *pose, camera.CAMERA)
+    with pytest.raises(FrameError, match="not wholly inside"):
+        refine_tag_pose(of.tape, noise, pose[0], pose[1] + [300.0, 0.0, 0.0], camera.CAMERA)
+    with pytest.raises(FrameError, match="covers"):
+        refine_tag_pose(of.tape, noise, pose[0], pose[1] * 40, camera.CAMERA)
+    with pytest.raises(FrameError, match="gray levels"):
+        refine_tag_pose(of.tape, np.zeros((4, 4)), *pose, camera.CAMERA)
+    with pytest.raises(SpecError, match="camera_matrix"):
+        refine_tag_pose(of.tape, noise, *pose, np.eye(2))

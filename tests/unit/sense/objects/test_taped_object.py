@@ -1,0 +1,302 @@
+"""object.toml: how tapes lie on an object, what is refused, and fixes in the object's frame."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import cos, pi, radians, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tactape_fab import Kit, Localization, TapeSpec, make_kit, read_object
+from tactape_fab.base.errors import SpecError
+from tactape_fab.cli import main
+from tactape_fab.sense.objects.mount import Mount, sensor_on_object, to_object
+from tactape_fab.sense.objects.rigid import about_z, fit_rigid, from_quaternion, from_rpy, to_quaternion
+from tactape_fab.sense.objects.tag_view import tag_corners_mm
+from tactape_fab.texture.frames import FloatArray
+
+PLANE = Mount(surface="plane", rotation=from_rpy((10, 20, 30)), position_mm=np.array([5.0, -3.0, 40.0]))
+
+
+def cylinder(around: str) -> Mount:
+    turn, at = from_rpy((40, -20, 70)), np.array([1.0, 2.0, 3.0])
+    return Mount(surface="cylinder", rotation=turn, position_mm=at, top_mm=16.11, true_mm=16.055, around=around)  # type: ignore[arg-type]
+
+
+# Rotations
+
+
+def test_roll_pitch_yaw_are_urdf_s() -> None:
+    assert from_rpy((90, 0, 0)) @ [0, 1, 0] == pytest.approx([0, 0, 1])
+    assert from_rpy((0, 90, 0)) @ [0, 0, 1] == pytest.approx([1, 0, 0])
+    assert from_rpy((0, 0, 90)) @ [1, 0, 0] == pytest.approx([0, 1, 0])
+    # x first, then z about the fixed axis: y goes to z, and stays there
+    assert from_rpy((90, 0, 90)) @ [0, 1, 0] == pytest.approx([0, 0, 1])
+    assert about_z(30.0) == pytest.approx(from_rpy((0, 0, 30.0)))
+
+
+@pytest.mark.parametrize("rpy", [(0, 0, 0), (180, 0, 0), (0, 180, 0), (0, 0, 180), (10, -70, 130), (-120, 40, 179)])
+def test_quaternions_are_those_of_their_matrices(rpy: tuple[float, float, float]) -> None:
+    rotation = from_rpy(rpy)
+    quaternion = to_quaternion(rotation)
+    assert quaternion[3] >= 0.0 and np.linalg.norm(quaternion) == pytest.approx(1.0)
+    assert from_quaternion(quaternion) == pytest.approx(rotation, abs=1e-12)
+    assert from_quaternion((0, 0, sin(radians(15)), cos(radians(15)))) == pytest.approx(about_z(30.0))
+
+
+def test_a_fit_finds_the_motion_and_no_mirror() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(4, 3))
+    turn, shift = from_rpy((30, 60, -100)), np.array([1.0, 2.0, 3.0])
+    found, moved, rms = fit_rigid(points, points @ turn.T + shift)
+    assert found == pytest.approx(turn) and moved == pytest.approx(shift) and rms == pytest.approx(0.0, abs=1e-12)
+    found, _, rms = fit_rigid(points, points * (1, 1, -1))
+    assert np.linalg.det(found) == pytest.approx(1.0) and rms > 0.1
+
+
+# Surfaces
+
+
+def test_a_cylinder_is_gone_round_as_seen_from_outside() -> None:
+    still = Mount(surface="cylinder", rotation=np.eye(3), position_mm=np.zeros(3), top_mm=10.0, true_mm=10.0, around="x")
+    quarter = 10.0 * pi / 2
+    points, axes = to_object(still, [(0, 0), (quarter, 7), (2 * quarter, 0)])
+    assert points == pytest.approx(np.array([(10, 0, 0), (0, 10, 7), (-10, 0, 0)]))
+    assert axes[0] == pytest.approx(np.array([(0, 0, 1), (1, 0, 0), (0, 1, 0)]))  # x goes round, y is up, out is x
+    points, axes = to_object(replace(still, around="y"), [(0, 0), (7, quarter)])
+    assert points == pytest.approx(np.array([(10, 0, 0), (0, 10, -7)]))
+    assert axes[1] == pytest.approx(np.array([(0, -1, 0), (0, 0, 1), (-1, 0, 0)]))
+
+
+@pytest.mark.parametrize("mount", [PLANE, cylinder("x"), cylinder("y")], ids=["plane", "round x", "round y"])
+def test_axes_are_the_directions_in_which_points_move(mount: Mount) -> None:
+    at, step = np.array([(12.0, 30.0), (70.0, 4.0)]), 1e-5
+    points, axes = to_object(mount, at)
+    stretch = mount.top_mm / mount.true_mm if mount.surface == "cylinder" else 1.0
+    for axis in range(2):
+        moved = (to_object(mount, at + step * np.eye(2)[axis])[0] - points) / step
+        long = stretch if mount.around == "xy"[axis] else 1.0
+        assert moved == pytest.approx(long * axes[:, :, axis], abs=1e-5)
+    assert np.linalg.det(axes) == pytest.approx(np.ones(2))  # right-handed: board x, board y, out
+
+
+def test_a_pixel_is_where_the_sensor_s_pose_has_it(small_kit: Kit) -> None:
+    tape, position, theta_deg = small_kit.tape, np.array([6.0, 9.0]), 33.0
+    there = sensor_on_object("box", PLANE, tape, position, theta_deg)
+    offset = np.array([2.0, -1.0])  # mm in the image: right and up
+    c, s = cos(radians(theta_deg)), sin(radians(theta_deg))
+    texture = position + np.array([[c, s], [-s, c]]) @ offset  # the contract's pose
+    x0, y0 = tape.board.texture_origin_mm
+    (seen,), _ = to_object(PLANE, [(x0 + texture[0], y0 - texture[1])])
+    by_pose = np.array(there.position_mm) + from_quaternion(there.rotation) @ [*offset, 0.0]
+    assert by_pose == pytest.approx(seen)
+    into = from_quaternion(there.rotation)[:, 2]
+    assert into == pytest.approx(-PLANE.rotation[:, 2])
+
+
+# Files
+
+
+def write(folder: Path, kit: Kit, entry: str, more: str = "") -> Path:
+    path = folder / "box.toml"
+    path.write_text(f'name = "box"\n\n[[tapes]]\nkit = "{kit.path}"\n{entry}\n{more}', encoding="utf-8")
+    return path
+
+
+FLAT = 'surface = "plane"\nposition_mm = [1, 2, 3]\nrpy_deg = [0, 0, 90]'
+
+
+def test_a_plane_by_its_cad_values(small_kit: Kit, tmp_path: Path) -> None:
+    thing = read_object(write(tmp_path, small_kit, FLAT))
+    (entry,) = thing.tapes
+    assert (thing.name, entry.tape.name, entry.misfit_mm) == ("box", small_kit.tape.name, None)
+    assert to_object(entry.mount, [(10, 0)])[0][0] == pytest.approx([1, 12, 3])
+    half = 'surface = "plane"\nposition_mm = [1, 2, 3]\nquaternion_xyzw = [0, 0, 0.70710678, 0.70710678]'
+    same = read_object(write(tmp_path, small_kit, half)).tapes[0]
+    assert same.mount.rotation == pytest.approx(entry.mount.rotation, abs=1e-7)
+
+
+def test_film_and_adhesive_make_a_cylinder_larger(small_kit: Kit, tmp_path: Path) -> None:
+    entry = 'surface = "cylinder"\nradius_mm = 16\nunder_mm = 0.13\naround = "x"\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]'
+    mount = read_object(write(tmp_path, small_kit, entry)).tapes[0].mount
+    assert [mount.top_mm, mount.true_mm] == pytest.approx([16.24, 16.185])
+
+
+@pytest.mark.parametrize("surface", ["plane", "cylinder"])
+def test_measured_corners_place_a_tape(small_kit: Kit, tmp_path: Path, surface: str) -> None:
+    mount = PLANE if surface == "plane" else replace(cylinder("y"), top_mm=16.11, true_mm=16.055)
+    corners = to_object(mount, tag_corners_mm(small_kit.tape))[0]
+    shape = 'surface = "plane"' if surface == "plane" else 'surface = "cylinder"\nradius_mm = 16\naround = "y"'
+    entry = read_object(write(tmp_path, small_kit, f"{shape}\ntag_corners_mm = {corners.tolist()}")).tapes[0]
+    assert entry.misfit_mm == pytest.approx(0.0, abs=1e-6)
+    assert to_object(entry.mount, [(20, 15)])[0] == pytest.approx(to_object(mount, [(20, 15)])[0], abs=1e-6)
+
+
+def test_corners_in_metres_or_out_of_order_are_no_tag(small_kit: Kit, tmp_path: Path) -> None:
+    corners: FloatArray = to_object(PLANE, tag_corners_mm(small_kit.tape))[0]
+    for wrong in (corners / 1000, corners[[0, 2, 1, 3]]):
+        with pytest.raises(SpecError, match=r"off those of a tag of 4 mm.*lower left corner, counter-clockwise"):
+            read_object(write(tmp_path, small_kit, f'surface = "plane"\ntag_corners_mm = {wrong.tolist()}'))
+
+
+def test_all_that_is_wrong_is_said_together(small_kit: Kit, tmp_path: Path) -> None:
+    entry = 'surface = "plane"\nradius_mm = 3\nposition_mm = [1, 2]\nrpy_deg = [0, 0, nan]\ncolour = 1'
+    more = (
+        '[[tapes]]\nkit = "nowhere"\nsurface = "ball"\n'
+        '[[tapes]]\nsurface = "cylinder"\nradius_mm = -1\nquaternion_xyzw = [1, 1, 0, 0]'
+    )
+    with pytest.raises(SpecError) as caught:
+        read_object(write(tmp_path, small_kit, entry, more))
+    said = str(caught.value)
+    for words in (
+        "tapes[0].colour is not a known key",
+        "tapes[0].radius_mm is of a cylinder",
+        "tapes[0].position_mm = [1, 2] is not 3 numbers",
+        "tapes[0].rpy_deg[2] = nan deg is not a finite number",
+        "tapes[1].surface = 'ball' is none of",
+        "nowhere",
+        "tapes[1].rpy_deg or quaternion_xyzw or tag_corners_mm says how the film lies, but given is none",
+        "tapes[2].kit is missing",
+        "tapes[2].radius_mm = -1 mm is not above 0",
+        "tapes[2].around is missing",
+        "quaternion_xyzw has length 1.414",
+    ):
+        assert words in said, said
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name = 'a'\ntapes = 3", "tapes = 3 is not a list"),
+        ("name = 'a'\ntapes = [3]", "tapes[0] = 3 is not a table"),
+        ("name = 'a'\ntapes = []", "tapes is empty"),
+        ("tapes = []", "name is missing"),
+        ("name = [", "is not TOML"),
+        ("name = 'a'\n[[tapes]]\nkit = 3\nsurface = 'plane'", "kit = 3 is not a text"),
+        ("name = 'a'\n[[tapes]]\nkit = \"a\\u0000b\"\nsurface = 'plane'\nposition_mm = [0, 0, 0]\nrpy_deg = [0, 0, 0]", "kit"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "box.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError) as caught:
+        read_object(tmp_path / "box.toml")
+    assert words in str(caught.value)
+
+
+def test_one_texture_in_two_places_is_refused(small_kit: Kit, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="same texture, which no touch tells apart"):
+        read_object(write(tmp_path, small_kit, FLAT, f'[[tapes]]\nkit = "{small_kit.path}"\n{FLAT}'))
+
+
+@pytest.fixture(scope="module")
+def namesake(small_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Kit:
+    """A kit of another code, with the name, the sector and the origin of the small one."""
+    tape = small_kit.tape
+    spec = TapeSpec(
+        sector=tape.sector, code="debruijn-4x4", origin=tape.origin, name=tape.name, size_mm=tape.board.size_mm, models=False
+    )
+    return make_kit(spec, tmp_path_factory.mktemp("namesake") / "kit", verify=False)
+
+
+def test_tapes_that_answers_name_alike_are_refused(small_kit: Kit, namesake: Kit, frames: Path, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="have the same name, sector and origin, by which an answer names its tape"):
+        read_object(write(tmp_path, small_kit, FLAT, f'[[tapes]]\nkit = "{namesake.path}"\n{FLAT}'))
+    command = ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT)), "--tape", str(namesake.path)]
+    run = CliRunner().invoke(main, command)
+    assert run.exit_code == 2 and "on the object, but another texture; make it" in run.stderr
+
+
+def test_fixes_of_other_tapes_or_of_none_have_no_place(small_kit: Kit, tmp_path: Path) -> None:
+    thing, tape = read_object(write(tmp_path, small_kit, FLAT)), small_kit.tape
+    index = (tape.origin[0] + 3, tape.origin[1] + 4)
+    fix = Localization(
+        status="solid",
+        located=True,
+        tape=tape.name,
+        sector=tape.sector,
+        position_mm=(1.0, 2.0),
+        theta_deg=0.0,
+        cell=(3, 4),
+        index=index,
+    )
+    there = thing.locate(fix)
+    x0, y0 = tape.board.texture_origin_mm
+    assert there is not None and there.position_mm == pytest.approx((1 - (y0 - 2.0), 2 + (x0 + 1.0), 3))
+    assert thing.locate(replace(fix, sector=tape.sector + 1)) is None
+    assert thing.locate(replace(fix, tape="another")) is None
+    assert thing.locate(replace(fix, index=(index[0] + 1, index[1]))) is None
+    assert thing.locate(replace(fix, located=False)) is None
+    assert thing.locate(replace(fix, position_mm=None)) is None
+
+
+# decode
+
+
+@pytest.fixture(scope="module")
+def frames(small_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("frames") / "frames.npz"
+    run = CliRunner().invoke(main, ["simulate", str(small_kit.path), "-o", str(path), "--count", "2", "--contact", "9x9"])
+    assert run.exit_code == 0, run.output
+    return path
+
+
+def test_decode_registers_the_tapes_of_an_object_and_answers_in_its_frame(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    corners = to_object(PLANE, tag_corners_mm(small_kit.tape))[0]
+    path = write(tmp_path, small_kit, f'surface = "plane"\ntag_corners_mm = {corners.tolist()}')
+    run = CliRunner().invoke(main, ["decode", str(frames), "--object", str(path), "--json"])
+    assert run.exit_code == 0, run.output
+    assert "the tag's corners fit within 0.000 mm (rms)" in run.stderr
+    answers = [json.loads(line) for line in run.stdout.splitlines()]
+    assert len(answers) == 2 and all(answer["located"] for answer in answers)
+    for answer in answers:
+        assert answer["object"] == "box"
+        assert answer["object_mm"] == pytest.approx(to_object(PLANE, [answer["board_mm"]])[0][0].tolist(), abs=1e-6)
+        assert np.linalg.norm(answer["object_rotation"]) == pytest.approx(1.0)
+    table = CliRunner().invoke(main, ["decode", str(frames), "--object", str(path)]).stdout.splitlines()
+    assert table[0].endswith("on object: x, y, z mm")
+    assert table[1].endswith(", ".join(f"{v:.3f}" for v in answers[0]["object_mm"]))
+
+
+def test_watch_answers_in_the_frame_of_an_object_as_decode_does(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    path, keys = write(tmp_path, small_kit, FLAT), ("frame", "located", "object", "object_mm", "object_rotation")
+    found = []
+    for command in (["decode", str(frames)], ["watch", str(frames), "--rate", "max"]):
+        run = CliRunner().invoke(main, [*command, "--object", str(path), "--json"])
+        assert run.exit_code == 0, run.output
+        found.append([{key: json.loads(line)[key] for key in keys} for line in run.stdout.splitlines()])
+    assert found[0] == found[1] and all(answer["object_mm"] is not None for answer in found[0])
+    refused = CliRunner().invoke(main, ["watch", str(frames), "--object", str(path), "--w", "1.5"])
+    assert refused.exit_code == 2 and "--w and --object are given" in refused.stderr
+
+
+def test_the_log_of_watch_has_the_objects_frame(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    reader = pytest.importorskip("rosbags.highlevel")
+    log, path = tmp_path / "touch.mcap", write(tmp_path, small_kit, FLAT)
+    line = ["watch", str(frames), "--rate", "10", "--no-drop", "--object", str(path), "--mcap", str(log), "--json"]
+    run = CliRunner().invoke(main, line)
+    assert run.exit_code == 0, run.output
+    with reader.AnyReader([log]) as bag:
+        logged = [bag.deserialize(data, c.msgtype).data for c, _, data in bag.messages() if c.topic == "/tactape/fix"]
+    assert [json.loads(text) for text in logged] == [json.loads(line) for line in run.stdout.splitlines()]
+    assert json.loads(logged[0])["object"] == "box"
+
+
+def test_answers_beside_an_object_are_null(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    np.savez(tmp_path / "noise.npz", depth=np.random.default_rng(1).normal(size=(240, 320)).astype(np.float32))
+    run = CliRunner().invoke(
+        main, ["decode", str(tmp_path / "noise.npz"), "--object", str(write(tmp_path, small_kit, FLAT)), "--json"]
+    )
+    (answer,) = [json.loads(line) for line in run.stdout.splitlines()]
+    assert (answer["located"], answer["object"], answer["object_mm"], answer["object_rotation"]) == (False, None, None, None)
+
+
+def test_decode_says_what_is_wrong_with_an_object(small_kit: Kit, frames: Path, tmp_path: Path) -> None:
+    (tmp_path / "box.toml").write_text("name = 'a'\ntapes = []", encoding="utf-8")
+    run = CliRunner().invoke(main, ["decode", str(frames), "--object", str(tmp_path / "box.toml")])
+    beside = CliRunner().invoke(main, ["decode", str(frames), "--object", str(write(tmp_path, small_kit, FLAT)), "--w", "1.5"])
+    assert beside.exit_code == 2 and "--w and --object are given, but an object's kits say all of it" in beside.stderr
+    assert run.exit_code == 2 and "tapes is empty; give a [[tapes]] for each tape on the object" in run.stderr

@@ -1,0 +1,126 @@
+"""Origins and sectors that are searched for: the best of those looked at, the same every time, away from what exists."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactape_fab import Kit, Tape, TapeSpec, default_origin, make_kit, verify_kit
+from tactape_fab.base.errors import SpecError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.examine.values import examine_values
+from tactape_fab.texture.certify import origin as choose
+from tactape_fab.texture.certify.certificate import closest
+from tactape_fab.texture.certify.origin import choose_origin, choose_sector
+from tactape_fab.texture.certify.pairs import across
+from tactape_fab.texture.code import get_code
+from tests.tapes import tape_at
+
+CODE = get_code("microdots-4x4")
+GRID = (20, 14)
+WHOLE = np.ones((14, 20), dtype=bool)
+
+
+def merit(sector: int, origin: tuple[int, int]) -> tuple[int, int, int]:
+    tape = tape_at(sector, GRID, origin=origin)
+    near, further = closest(tape, 4), closest(tape, 5)
+    assert near.distance is not None and further.distance is not None
+    return near.distance, further.distance, -near.pairs
+
+
+@pytest.mark.parametrize("sector", [255])
+def test_best_origin_is_the_best_of_those_looked_at(sector: int) -> None:
+    choice = choose_origin(CODE, sector, WHOLE)
+    looked_at = choose._origins(CODE, sector, WHOLE.shape, choose.MOST_CANDIDATES)
+    assert len(looked_at) == choice.candidates > 100
+    assert looked_at[0] == default_origin(CODE.name, sector)
+    best = max(merit(sector, origin) for origin in looked_at)
+    assert merit(sector, choice.origin) == best
+    assert choice.origin == next(o for o in looked_at if merit(sector, o) == best)
+    assert choice.distance == best[0] >= choice.default_distance == merit(sector, looked_at[0])[0]  # type: ignore[operator]
+
+
+def test_search_is_the_same_every_time_and_looks_where_no_other_sector_lies() -> None:
+    assert choose_origin(CODE, 7, WHOLE) == choose_origin(CODE, 7, WHOLE)
+    for column, row in choose._origins(CODE, 7, WHOLE.shape, 160)[1:]:
+        for other in (s for s in range(256) if s != 7):
+            c, r = default_origin(CODE.name, other)
+            assert abs(c - column) >= 20 or abs(r - row) >= 14
+
+
+def test_avoiding_takes_the_farthest_of_those_looked_at() -> None:
+    avoid = [tape_at(s, GRID) for s in (3, 7, 12)] + [tape_at(20, GRID, origin=(0, 0))]
+    choice = choose_origin(CODE, 7, WHOLE, avoid)
+    apart = []
+    for origin in choose._origins(CODE, 7, WHOLE.shape, choose.MOST_BESIDE_OTHERS)[1:]:  # the first is there already
+        tapes = [tape_at(7, GRID, origin=origin), *avoid]
+        apart.append((int(across(tapes, 4).matrix[0, 1:].min()), origin))
+    assert choice.candidates == len(apart)
+    assert choice.from_others == max(d for d, _ in apart)
+    assert choice.origin in [origin for d, origin in apart if d == choice.from_others]
+
+
+def test_sector_chosen_is_free_and_the_farthest() -> None:
+    avoid = [tape_at(s, GRID) for s in (0, 1, 5)]
+    sector = choose_sector(CODE, WHOLE, avoid)
+    free = [s for s in range(60) if s not in (0, 1, 5)][: choose.MOST_BESIDE_OTHERS]
+    apart = {s: int(across([tape_at(s, GRID), *avoid], 4).matrix[0, 1:].min()) for s in free}
+    assert apart[sector] == max(apart.values())
+
+
+def test_no_room_and_no_sector_are_refused() -> None:
+    with pytest.raises(SpecError, match="leave no sector of microdots-4x4 free for 20 x 14 grid points"):
+        choose_sector(CODE, WHOLE, [tape_at(s, (4, 4)) for s in range(256)])
+    everywhere = [tape_at(7, (3375, 40), origin=(0, row)) for row in range(0, 3335, 40)]
+    everywhere.append(tape_at(7, (3375, 40), origin=(0, 3335)))
+    with pytest.raises(SpecError, match="sector 7 of microdots-4x4 has no room for 20 x 14 grid points"):
+        choose_origin(CODE, 7, WHOLE, everywhere)
+
+
+# Through make
+
+
+def test_kit_with_the_best_origin_says_what_was_found(tmp_path: Path) -> None:
+    spec = TapeSpec(sector=9, size_mm=(20.0, 20.0), origin="best", models=False)
+    kit = make_kit(spec, tmp_path / "kit")
+    manifest = json.loads((kit.path / "manifest.json").read_bytes())
+    search = manifest["search"]
+    assert manifest["origin"] == manifest["spec"]["origin"] == search["origin"] == list(kit.tape.origin)
+    assert search["distance"] == closest(kit.tape, 4).distance >= search["default_distance"]
+    assert (search["avoided"], search["from_others"]) == ([], None)
+    assert verify_kit(kit.path, quick=True).passed
+    again = TapeSpec.from_mapping({k: v for k, v in manifest["spec"].items() if v is not None})
+    assert examine(again).tape.to_mapping() == kit.tape.to_mapping()
+
+
+def test_best_origin_of_solid_elements() -> None:
+    examined = examine(TapeSpec(sector=3, size_mm=(20.0, 20.0), part="dome", origin="best"))
+    assert examined.search is not None
+    assert examined.tape.origin == examined.search.origin == examined.spec.origin
+
+
+def test_kits_without_a_search_record_none(small_kit: Kit) -> None:
+    assert "search" not in json.loads((small_kit.path / "manifest.json").read_bytes())
+
+
+def test_avoided_tapes_decide_sector_and_origin(small_kit: Kit) -> None:
+    tape: Tape = small_kit.tape
+    values = {"size_mm": (20.0, 20.0), "models": False}
+    examined = examine_values(values, avoid=[tape])
+    assert examined.spec.sector != tape.sector
+    assert examined.spec.name == f"tactape-s{examined.spec.sector:03d}"
+    assert examined.tape.tag is not None and examined.tape.tag.id == examined.spec.sector
+    assert examined.avoided == (tape.name,)
+    given = examine_values({**values, "sector": tape.sector}, avoid=[tape])
+    assert given.tape.sector == tape.sector
+    assert given.tape.origin != tape.origin
+    with pytest.raises(SpecError, match="contradicts avoid"):
+        examine(TapeSpec(sector=5), avoid=[tape])
+
+
+def test_no_sector_is_chosen_without_tapes_to_avoid() -> None:
+    with pytest.raises(SpecError, match="sector is missing"):
+        examine_values({"origin": "best"})

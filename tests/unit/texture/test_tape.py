@@ -1,0 +1,354 @@
+"""Tape: the manifest's share round-trips through JSON, holds every pinned key, and a corrupt one is refused by name."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactape_fab import Kit, Tape, TapeSpec
+from tactape_fab.base.errors import SpecError
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.texture.manifest import MANIFEST_FORMAT, UNFINISHED_SUFFIX, find_manifest, read_manifest
+from tests.unit.base.test_fields import JSON
+
+TAPE_KEYS = (
+    *("name", "sector", "code", "origin", "columns", "rows", "pitch_mm", "displacement_mm"),
+    *("board", "part", "symbols", "omitted", "tag"),
+)
+BOARD_KEYS = ("size_mm", "texture_origin_mm", "corner_radius_mm", "thickness_mm", "holes")
+PART_KEYS = ("name", "shape", "body_mm", "rotation_deg")
+TAG_KEYS = ("family", "id", "cell_mm", "center_mm", "rotation_deg")
+PATHS = [
+    *((key,) for key in TAPE_KEYS),
+    *(("board", key) for key in BOARD_KEYS),
+    *(("part", key) for key in PART_KEYS),
+    *(("tag", key) for key in TAG_KEYS),
+]
+
+SPEC = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
+TAPE = examine(SPEC).layout.tape
+MAPPING: dict[str, Any] = TAPE.to_mapping()
+
+
+def with_value(path: tuple[str, ...], value: Any) -> dict[str, Any]:
+    mapping = copy.deepcopy(MAPPING)
+    table = mapping
+    for key in path[:-1]:
+        table = table[key]
+    table[path[-1]] = value
+    return mapping
+
+
+def without(path: tuple[str, ...]) -> dict[str, Any]:
+    mapping = with_value(path, None)
+    table = mapping
+    for key in path[:-1]:
+        table = table[key]
+    del table[path[-1]]
+    return mapping
+
+
+def refused_keys(mapping: dict[str, Any]) -> list[str]:
+    with pytest.raises(SpecError) as caught:
+        Tape.from_mapping(mapping)
+    assert all(p.message for p in caught.value.problems)
+    return [p.key for p in caught.value.problems]
+
+
+def names(keys: list[str], path: tuple[str, ...]) -> bool:
+    wanted = ".".join(path)
+    return any(key == wanted or key.startswith((f"{wanted}[", f"{wanted}.")) for key in keys)
+
+
+# What a manifest holds
+
+
+def test_tape_writes_every_pinned_key_and_no_other() -> None:
+    assert sorted(MAPPING) == sorted(TAPE_KEYS)
+    assert sorted(MAPPING["board"]) == sorted(BOARD_KEYS)
+    assert sorted(MAPPING["part"]) == sorted(PART_KEYS)
+    assert sorted(MAPPING["tag"]) == sorted(TAG_KEYS)
+
+
+def test_pinned_values_of_the_main_job(default_kit: Kit) -> None:
+    manifest = read_manifest(default_kit.path / "manifest.json")
+    expected = {
+        "format": "tactape-manifest/1",
+        "name": "tactape-s007",
+        "sector": 7,
+        "code": "microdots-4x4",
+        "origin": [84, 1428],
+        "columns": 62,
+        "rows": 32,
+        "pitch_mm": 1.5,
+        "displacement_mm": 0.25,
+        "part": {"name": "r0201", "shape": "block", "body_mm": [0.6, 0.3, 0.23], "rotation_deg": 45.0},
+        "omitted": [],
+        "board": {
+            "size_mm": [100.0, 50.0],
+            "texture_origin_mm": [6.9, 48.25],
+            "corner_radius_mm": 1.0,
+            "thickness_mm": 0.11,
+            "holes": [],
+        },
+    }
+    assert {key: manifest[key] for key in expected} == expected
+    assert manifest["tool"]["name"] == "tactape-fab"
+    assert manifest["fab"]["name"] == "generic-fpc"
+    assert manifest["spec"]["sector"] == 7
+    assert (manifest["tag"]["family"], manifest["tag"]["id"], manifest["tag"]["cell_mm"]) == ("tag36h11", 7, 0.5)
+    assert all(set(row) == {"role", "path", "bytes", "sha256"} for row in manifest["files"])
+    assert [len(row) for row in manifest["symbols"]] == [62] * 32
+    assert set("".join(manifest["symbols"])) == set("NESW")
+
+
+def test_round_trip_through_json() -> None:
+    again = Tape.from_mapping(json.loads(json.dumps(MAPPING, allow_nan=False)))
+    assert again.to_mapping() == MAPPING
+    assert np.array_equal(again.symbols, TAPE.symbols)
+    assert np.array_equal(again.omitted, TAPE.omitted)
+    assert (again.board, again.part, again.tag) == (TAPE.board, TAPE.part, TAPE.tag)
+
+
+def test_round_trip_without_a_tag() -> None:
+    tape = examine(TapeSpec(sector=1, size_mm=(20.0, 20.0), tag="none")).layout.tape
+    assert tape.to_mapping()["tag"] is None
+    assert Tape.from_mapping(tape.to_mapping()).to_mapping() == tape.to_mapping()
+
+
+def test_load_by_folder_and_by_file(small_kit: Kit) -> None:
+    by_folder, by_file = Tape.load(small_kit.path), Tape.load(str(small_kit.path / "manifest.json"))
+    assert by_folder.to_mapping() == by_file.to_mapping() == small_kit.tape.to_mapping()
+
+
+# What follows from it
+
+
+def test_designators_run_row_major_over_placed_parts_only() -> None:
+    omitted = {tuple(cell) for cell in MAPPING["omitted"]}
+    assert omitted
+    expected = [(c, r) for r in range(TAPE.rows) for c in range(TAPE.columns) if (c, r) not in omitted]
+    assert [tuple(cell) for cell in TAPE.cells().tolist()] == expected
+    assert TAPE.part_count == len(expected)
+    assert TAPE.designators() == [f"R{i}" for i in range(1, len(expected) + 1)]
+
+
+def test_omitted_points_keep_their_letter_and_stand_row_major() -> None:
+    assert all(len(row) == TAPE.columns for row in MAPPING["symbols"])
+    cells = [(r, c) for c, r in MAPPING["omitted"]]
+    assert cells == sorted(cells)
+
+
+def test_part_centres_are_the_displaced_grid_points_in_the_board_frame() -> None:
+    step = {"N": (0.0, 0.25), "S": (0.0, -0.25), "W": (-0.25, 0.0), "E": (0.25, 0.0)}
+    x0, y0 = MAPPING["board"]["texture_origin_mm"]
+    for (c, r), centre_mm in zip(TAPE.cells().tolist(), TAPE.part_xy_mm().tolist(), strict=True):
+        dx, dy = step[MAPPING["symbols"][r][c]]
+        assert centre_mm == pytest.approx([x0 + 1.5 * c + dx, y0 - 1.5 * r + dy], abs=1e-9)
+
+
+def test_symbols_and_omitted_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        TAPE.symbols[0, 0] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        TAPE.omitted[0, 0] = 0
+
+
+# Corrupt manifests
+
+
+@pytest.mark.parametrize("path", PATHS, ids=".".join)
+def test_a_missing_key_is_named(path: tuple[str, ...]) -> None:
+    assert names(refused_keys(without(path)), path)
+
+
+@pytest.mark.parametrize("key", BOARD_KEYS)
+def test_one_missing_board_key_gives_one_problem(key: str) -> None:
+    assert refused_keys(without(("board", key))) == [f"board.{key}"]
+
+
+NUMBERS = [
+    *((p, i) for p in (("origin",), ("board", "size_mm"), ("board", "texture_origin_mm"), ("tag", "center_mm")) for i in (0, 1)),
+    *((p, None) for p in (("sector",), ("columns",), ("rows",), ("pitch_mm",), ("displacement_mm",), ("tag", "id"))),
+    *((p, None) for p in (("board", "corner_radius_mm"), ("board", "thickness_mm"), ("tag", "cell_mm"))),
+    *((p, None) for p in (("part", "rotation_deg"), ("tag", "rotation_deg"))),
+    *((("part", "body_mm"), i) for i in range(3)),
+]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, -1e300, 10**400, "1", True, None, [], {}], ids=repr)
+@pytest.mark.parametrize(("path", "index"), NUMBERS, ids=lambda p: ".".join(p) if isinstance(p, tuple) else str(p))
+def test_a_number_that_is_none_is_named(path: tuple[str, ...], index: int | None, bad: Any) -> None:
+    value = bad
+    if index is not None:
+        table = MAPPING
+        for key in path:
+            table = table[key]
+        value = [bad if i == index else v for i, v in enumerate(table)]
+    assert names(refused_keys(with_value(path, value)), path)
+
+
+FREE_NUMBERS = ("pitch_mm", "corner_radius_mm", "thickness_mm", "cell_mm", "rotation_deg")
+WRONG: tuple[Any, ...] = (7.5, "x y", [None], {"a": []}, False)
+WRONG_TYPES: list[tuple[tuple[str, ...], Any]] = [
+    (path, bad)
+    for path in PATHS
+    for bad in WRONG
+    if not (bad == 7.5 and path[-1] in FREE_NUMBERS) and not (bad == "x y" and path == ("part", "name"))
+]
+
+
+@pytest.mark.parametrize(("path", "bad"), WRONG_TYPES, ids=str)
+def test_a_value_of_the_wrong_type_is_named(path: tuple[str, ...], bad: Any) -> None:
+    assert names(refused_keys(with_value(path, bad)), path)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("sector",), 256),
+        (("sector",), -1),
+        (("origin",), [3375, 0]),
+        (("origin",), [0, 3374]),
+        (("columns",), 3),
+        (("rows",), 0),
+        (("columns",), 100_000),
+        (("pitch_mm",), 0.0),
+        (("displacement_mm",), 0.75),
+        (("displacement_mm",), -0.25),
+        (("board", "size_mm"), [0.0, 20.0]),
+        (("board", "corner_radius_mm"), 10.1),
+        (("board", "holes"), [[1.0, 1.0]]),
+        (("board", "holes"), [[1.0, math.nan, 1.0]]),
+        (("board", "holes"), [[0.0, 0.0, 0.0]] * 10_001),
+        (("part", "shape"), "ball"),
+        (("part", "body_mm"), [0.6, 0.3]),
+        (("tag", "family"), "tag25h9"),
+        (("tag", "id"), 587),
+        (("code",), "morse"),
+        (("name",), "../up"),
+        (("name",), ""),
+        (("omitted",), [[8, 0]]),
+        (("omitted",), [[0, 99]]),
+        (("omitted",), [[-1, 0]]),
+        (("omitted",), [[0.0, 0]]),
+        (("omitted",), [[True, 0]]),
+        (("omitted",), [[0, 0], [0, 0]]),
+        (("omitted",), [[0, 0, 0]]),
+        (("omitted",), [0, 0]),
+    ],
+    ids=str,
+)
+def test_a_value_out_of_range_is_named(path: tuple[str, ...], value: Any) -> None:
+    assert names(refused_keys(with_value(path, value)), path)
+
+
+def test_one_changed_symbol_is_found_and_its_place_named() -> None:
+    rows = list(MAPPING["symbols"])
+    old = rows[3][5]
+    new = "N" if old != "N" else "S"
+    rows[3] = rows[3][:5] + new + rows[3][6:]
+    with pytest.raises(SpecError, match=f"at 1 grid points, first at column 5, row 3: '{new}' where the code has '{old}'"):
+        Tape.from_mapping(with_value(("symbols",), rows))
+
+
+@pytest.mark.parametrize("path", [("sector",), ("origin",), ("code",)])
+def test_another_place_in_the_code_contradicts_the_symbols(path: tuple[str, ...]) -> None:
+    other = {"sector": 101, "origin": [0, 0], "code": "debruijn-4x4"}[path[0]]
+    assert "symbols" in refused_keys(with_value(path, other))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda rows: rows[:-1],
+        lambda rows: [*rows, rows[0]],
+        lambda rows: [rows[0][:-1], *rows[1:]],
+        lambda rows: [rows[0].lower(), *rows[1:]],
+        lambda rows: ["\u00c9" * len(rows[0]), *rows[1:]],
+        lambda rows: ["\ud800" * len(rows[0]), *rows[1:]],
+        lambda rows: [list(rows[0]), *rows[1:]],
+        "".join,
+    ],
+)
+def test_symbols_of_another_form_are_named(change: Callable[[list[str]], Any]) -> None:
+    assert "symbols" in refused_keys(with_value(("symbols",), change(list(MAPPING["symbols"]))))
+
+
+def test_all_problems_come_together() -> None:
+    mapping = with_value(("sector",), -1) | {"pitch_mm": math.nan, "name": "?"}
+    assert set(refused_keys(mapping)) >= {"sector", "pitch_mm", "name"}
+
+
+@settings(deadline=None, derandomize=True, max_examples=400)
+@given(path=st.sampled_from(PATHS), value=JSON)
+def test_any_json_value_is_understood_or_refused(path: tuple[str, ...], value: Any) -> None:
+    mapping = with_value(path, value)
+    try:
+        tape = Tape.from_mapping(mapping)
+    except SpecError as error:
+        assert error.problems
+        assert all(p.key and p.message for p in error.problems)
+    else:
+        assert tape.to_mapping() == mapping
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(value=JSON)
+def test_any_json_file_is_understood_or_refused(value: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
+    file = tmp_path_factory.getbasetemp() / "any.json"
+    file.write_text(json.dumps(value))
+    with pytest.raises(SpecError):
+        Tape.load(file)
+    file.write_text(json.dumps({"format": MANIFEST_FORMAT, "symbols": value, "board": value}))
+    with pytest.raises(SpecError):
+        Tape.load(file)
+
+
+TEXT = json.dumps({"format": MANIFEST_FORMAT, **MAPPING})
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "cannot be read as JSON"),
+        (TEXT.encode()[:-20], "cannot be read as JSON"),
+        (b"\x00\xff\xfe" * 50, "cannot be read as JSON"),
+        (b"[" * 100_000, "cannot be read as JSON"),
+        (b'{"sector": ' + b"9" * 5000 + b"}", "cannot be read as JSON"),
+        (b"[]", "has format None"),
+        (b"{}", "has format None"),
+        (TEXT.replace("manifest/1", "manifest/2").encode(), "has format 'tactape-manifest/2'; this version reads"),
+        (TEXT.replace(MANIFEST_FORMAT, "tactape-panel/1").encode(), "is that of a panel, not of one tape"),
+    ],
+    ids=["empty", "truncated", "binary", "deep", "long-number", "list", "no-format", "newer", "panel"],
+)
+def test_a_file_that_is_no_manifest(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "manifest.json").write_bytes(content)
+    with pytest.raises(SpecError, match=message):
+        Tape.load(tmp_path)
+
+
+def test_a_place_without_a_kit(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=r"is no kit: it holds no manifest\.json"):
+        find_manifest(tmp_path)
+    with pytest.raises(SpecError, match="is no kit: there is no such file"):
+        find_manifest(tmp_path / "nothing")
+
+
+def test_an_unfinished_folder_is_never_a_kit(tmp_path: Path, small_kit: Kit) -> None:
+    folder = tmp_path / f".kit.x{UNFINISHED_SUFFIX}"
+    folder.mkdir()
+    (folder / "manifest.json").write_bytes((small_kit.path / "manifest.json").read_bytes())
+    for place in (folder, folder / "manifest.json"):
+        with pytest.raises(SpecError, match="unfinished kit"):
+            Tape.load(place)
