@@ -86,9 +86,8 @@ def test_nothing_that_lies_in_the_folder_is_run(hostile: Kit, search: str) -> No
     if search == "with the current folder":
         environment["PATH"] = os.pathsep.join((".", "", environment["PATH"]))
     for command in COMMANDS if search == "absolute" else ("verify .", "doctor"):
-        run = subprocess.run(
-            [tactape_fab(), *command.split()], cwd=hostile.path, env=environment, capture_output=True, text=True, check=False
-        )
+        argv = [tactape_fab(), *command.split()]
+        run = subprocess.run(argv, cwd=hostile.path, env=environment, capture_output=True, encoding="utf-8", check=False)
         ran = hostile.path.parent / "ran"
         assert not ran.exists(), f"{command} ran {ran.read_text()}"
         assert "Traceback" not in run.stderr and run.returncode in (0, 4), f"{command}: {run.stderr}"

@@ -288,7 +288,7 @@ def test_it_needs_no_compiler_and_no_kernel() -> None:
         "import sys; from tactape_fab.cli import main; main(['advise', '--contact', '6'], standalone_mode=False); "
         "print([name for name in ('numba', 'build123d', 'trimesh', 'gerbonara', 'scipy') if name in sys.modules])"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True)
     assert result.stdout.splitlines()[-1] == "[]"
 
 
