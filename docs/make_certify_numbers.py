@@ -11,9 +11,9 @@ from collections import Counter
 from pathlib import Path
 
 from tactape_fab import TapeSpec, make_kit
+from tactape_fab.kit.examine.code_tapes import default_tapes
 from tactape_fab.report.certify_picture import draw_certified, write_picture
 from tactape_fab.texture.certify.certificate import closest
-from tactape_fab.kit.examine.code_tapes import default_tapes
 from tactape_fab.texture.certify.kits import certified
 from tactape_fab.texture.certify.origin import choose_origin
 from tactape_fab.texture.code import DEFAULT_CODE, get_code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import pytest
 
@@ -13,3 +14,8 @@ only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_
 def some(many: int) -> int:
     """How many of so many examples are tried."""
     return many if THOROUGH else -(-many // 4)
+
+
+def thorough(*values: Any) -> Any:
+    """One set of parameters that only a thorough run tries."""
+    return pytest.param(*values, marks=only_thorough)

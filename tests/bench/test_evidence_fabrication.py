@@ -15,6 +15,7 @@ from tests.bench.evidence.job import FULL, QUICK, Result
 from tests.bench.evidence.page import FIGURES_JSON, page_of, write_page
 from tests.bench.evidence.record import results_of
 from tests.bench.gerber_peers import PEERS
+from tests.thorough import only_thorough
 
 
 def synthetic() -> dict[str, Result]:
@@ -135,6 +136,7 @@ def test_copper_and_kit_are_measured() -> None:
     assert 30 < kit["memory_mb"][KIT][US] < 1000
 
 
+@only_thorough
 def test_models_are_measured_with_everyone_s_files() -> None:
     found = fabrication_measure.measure_models(100, 1, True, True, True)
     assert {file: set(who) for file, who in found["seconds"].items()} == {
@@ -155,6 +157,7 @@ def test_models_are_measured_with_everyone_s_files() -> None:
     assert all(set(who) == {US} for who in alone["seconds"].values())
 
 
+@only_thorough
 def test_whole_processes_are_measured_with_the_versions_of_libraries() -> None:
     found = fabrication_measure.measure_processes(1)
     assert set(found["versions"]) == set(LIBRARIES)

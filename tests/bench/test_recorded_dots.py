@@ -16,6 +16,7 @@ from tactape_fab.texture.frames import FloatArray
 from tests.bench.impostors import random_bumps
 from tests.bench.recorded import DotRecords, draw_dots, record_dots
 from tests.bench.touched import LEAST_IMPRINT, touched_parts
+from tests.thorough import some
 
 SENSOR = load_sensor("gelsight-mini")
 STRIP = Scene(contact="strip", strip_width_mm=5.0, contact_turn_deg=30.0, contact_offset_mm=(1.0, 2.0))
@@ -135,18 +136,19 @@ def test_false_dots_keep_away_from_dots_and_stay_by_the_outline(tape: Tape) -> N
 
     x0, y0 = tape.board.texture_origin_mm
     rng = np.random.default_rng(4)
-    x = np.where(rng.random(900) < 0.5, rng.uniform(0.0, 2.0, 900), tape.board.size_mm[0] - rng.uniform(0.0, 2.0, 900)) - x0
-    poses = np.column_stack([x, y0 - rng.uniform(20.0, 30.0, 900), rng.uniform(-180.0, 180.0, 900)])
-    frames = iterate_frames(tape, 600, 1, scene=replace(scene, noise=0.0), poses=poses[:600])
+    recordings, n = some(600), some(600) + 300
+    x = np.where(rng.random(n) < 0.5, rng.uniform(0.0, 2.0, n), tape.board.size_mm[0] - rng.uniform(0.0, 2.0, n)) - x0
+    poses = np.column_stack([x, y0 - rng.uniform(20.0, 30.0, n), rng.uniform(-180.0, 180.0, n)])
+    frames = iterate_frames(tape, recordings, 1, scene=replace(scene, noise=0.0), poses=poses[:recordings])
     seen_there = ((f, np.concatenate([f.dots_px, beyond(f)]), np.append(f.dots_imprint, 0.123)) for f in frames)
     recorded = record_dots(tape, seen_there, scene)
-    dots = draw_dots(tape, poses[600:], recorded, np.random.default_rng(5))
+    dots = draw_dots(tape, poses[recordings:], recorded, np.random.default_rng(5))
     for k in range(300):
-        one, angle = dots[k], np.radians(poses[600 + k, 2])
+        one, angle = dots[k], np.radians(poses[recordings + k, 2])
         false = one.xy_px[one.part < 0]
         assert len(false) <= 1
         for u, v in (false - SENSOR.centre_px) / 16:
-            at_x = poses[600 + k, 0] + x0 + np.cos(angle) * u + np.sin(angle) * v
+            at_x = poses[recordings + k, 0] + x0 + np.cos(angle) * u + np.sin(angle) * v
             assert min(abs(at_x + 4.0), abs(at_x - tape.board.size_mm[0] - 4.0)) < 0.8
     assert (dots.part < 0).sum() > 270
 

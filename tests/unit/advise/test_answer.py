@@ -33,7 +33,7 @@ from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.simulation.gel import press
 from tactape_fab.texture.code import ALL_CODE_NAMES, TOUCH_CODE
 from tests.bench import advise as bench
-from tests.thorough import only_thorough
+from tests.thorough import only_thorough, thorough
 
 MINI = load_sensor("gelsight-mini")
 USUAL = Seen(
@@ -170,6 +170,7 @@ def test_elements_keep_their_process_s_gap_or_are_warned_of() -> None:
     assert {d.warnings for d in legal} == {(), ("gap",)}
 
 
+@only_thorough
 def test_designs_of_eight_directions_keep_the_rules_that_a_tape_of_them_keeps() -> None:
     process = load_process("sla")
     eight = [design for design in map(judged, dict.fromkeys(solid_designs(process))) if design and design.directions == 8]
@@ -214,7 +215,9 @@ def test_a_part_whose_openings_no_film_takes_is_refused_whatever_w() -> None:
 # The command
 
 
-@pytest.mark.parametrize("args", ["--contact 7", "--contact 6 --fab jlcpcb-fpc --size 60x40", "--contact 5 --process sla"])
+@pytest.mark.parametrize(
+    "args", ["--contact 7", thorough("--contact 6 --fab jlcpcb-fpc --size 60x40"), thorough("--contact 5 --process sla")]
+)
 def test_every_command_can_be_pasted(args: str) -> None:
     found = asked(args)
     contact_mm = found["contact_mm"]

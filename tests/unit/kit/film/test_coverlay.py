@@ -18,6 +18,7 @@ from tactape_fab.kit.film.anchors import anchor_modes
 from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, gang_window, least_pitch_mm, worst_box_gap_mm
 from tactape_fab.kit.profiles import FabProfile, load_fab, load_part
 from tactape_fab.texture.tape import Board
+from tests.thorough import some
 
 PART = load_part("r0201")
 PROFILES = ("generic-fpc", "jlcpcb-fpc", "pcbway-fpc", "generic-lpi", "generic-fr4", "jlcpcb-fr4", "pcbway-fr4")
@@ -52,10 +53,10 @@ def modes_at(fab: FabProfile, pitch_mm: float, displacement_mm: float, rotation_
     return {mode.name: mode for mode in modes}
 
 
-def test_legal_region_is_that_of_brute_force_on_500_random_designs() -> None:
+def test_legal_region_is_that_of_brute_force_on_random_designs() -> None:
     rng = np.random.default_rng(6)
     fabs, verdicts = [load_fab(name) for name in PROFILES], []
-    for _ in range(500):
+    for _ in range(some(500)):
         fab = fabs[rng.integers(len(fabs))]
         displacement_mm = round(float(rng.uniform(0.05, 0.5)), 3)
         rotation_deg = float(rng.choice([45.0, 45.0, 135.0, 0.0, 90.0, round(float(rng.uniform(0, 360)), 1)]))
@@ -68,7 +69,7 @@ def test_legal_region_is_that_of_brute_force_on_500_random_designs() -> None:
         large = min(opening_size(fab)) >= fab.limits["opening-size"].value_mm - HALF_UM
         assert mode.legal == (wide and large), (fab.name, pitch_mm, displacement_mm, rotation_deg)
         verdicts.append(mode.legal)
-    assert 100 < sum(verdicts) < 400
+    assert 0.2 < np.mean(verdicts) < 0.8
 
 
 @pytest.mark.parametrize("name", PROFILES)

@@ -17,6 +17,7 @@ from tactape_fab.sense.decode.search.families import families
 from tactape_fab.sense.decode.search.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, rivals, search, strangers
 from tactape_fab.texture.code import BoolArray, encode, get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tests.thorough import thorough
 
 GRID = np.array([24.0, 0.0, 3.0, -5.0])
 CENTRE = np.array([10.0, 7.0])
@@ -188,13 +189,13 @@ def test_search_is_a_plain_enumeration(name: str, corner: tuple[int, int], doubt
 @pytest.mark.parametrize(
     ("sector", "corner", "doubt", "at_default", "beyond"),
     [
-        (7, (28, 9), 0.02, False, False),
-        (7, (-2, 3), 0.05, False, False),
-        (9, (20, 9), 0.02, False, False),
-        (8, (3, 3), 0.3, False, True),
+        thorough(7, (28, 9), 0.02, False, False),
+        thorough(7, (-2, 3), 0.05, False, False),
+        thorough(9, (20, 9), 0.02, False, False),
+        thorough(8, (3, 3), 0.3, False, True),
         (7, (-2, 3), 0.05, False, True),
         (104, (-3, 12), 0.02, True, True),
-        (104, (59, -1), 0.05, True, True),
+        thorough(104, (59, -1), 0.05, True, True),
     ],
 )
 def test_rivals_are_a_plain_enumeration(
