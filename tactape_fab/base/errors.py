@@ -157,7 +157,7 @@ class VerifyError(TactapeError):
 
 
 def tried(read: Callable[[], T], problems: list[Problem]) -> T | None:
-    """What a reader gives; where it refuses, None, and its problems are added to the others."""
+    """Result of a reader; None if it raises SpecError, whose problems are added to the list."""
     try:
         return read()
     except SpecError as error:

@@ -35,7 +35,7 @@ def installed(names: Sequence[str]) -> str | None:
 
 
 def environment(scratch: Path) -> dict[str, str]:
-    """What a child sees of this process's environment; its home is `scratch`, so that it reads no settings and leaves none."""
+    """Environment variables of a child; its home is `scratch`, so that it reads no settings and leaves none."""
     kept = {
         name: value for name, value in os.environ.items() if name in _KEPT or name == "PATH" or name.startswith(_KEPT_PREFIXES)
     }

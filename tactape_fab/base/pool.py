@@ -141,7 +141,7 @@ def _send(pipe: BinaryIO | Any, value: object) -> None:
 
 
 def serve() -> None:
-    """What a process of the pool does: answer until nobody asks.
+    """Main loop of a process of the pool: answers calls until its input ends.
 
     Asked to stop it cleans up behind a function at work, and ends at once otherwise: a collector would swallow the exception.
     """

@@ -63,7 +63,7 @@ class OrderedTape:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedPanel:
-    """What the notes say of a panel."""
+    """Facts about a panel for the order notes."""
 
     words: str
     tape_mm: tuple[float, float]
@@ -132,7 +132,7 @@ class OrderFacts:
 
     @property
     def unit(self) -> str:
-        """What is ordered."""
+        """Description of the ordered item."""
         return "tape" if self.panel is None else "panel"
 
 
@@ -252,7 +252,7 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
 
 
 def estimate(parts: int, fab: FabProfile) -> Estimate:
-    """What assembling tapes of so many parts would cost, by the figures of the fab's profile."""
+    """Estimated cost of assembling tapes with so many parts, from the figures of the fab's profile."""
     costs = {name: assumption.value for name, assumption in fab.order.costs.items()}
     joints = LANDS_PER_PART * parts
     once = costs["setup"] + costs["stencil"] + costs["fixture"] + costs["feeder"]

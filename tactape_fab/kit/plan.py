@@ -60,7 +60,7 @@ class Claim:
 
 
 def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, anchored: bool = False) -> Claim:
-    """What a part with lands claims by a fab's rules for copper, body and opening."""
+    """Space around a part with lands that the fab's rules for copper, body and opening ask for."""
     outlines = part_outlines(part, fab, rotation_deg)
     copper = copper_outline(outlines, fab, rotation_deg, anchored=anchored)
     limit = {rule: fab.limits[rule].value_mm for rule in ("pad-edge", "body-edge", "opening-edge", "hole-copper", "hole-part")}
@@ -81,7 +81,7 @@ def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, ancho
 
 
 def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: float) -> Claim:
-    """What a solid element claims by the rules of its process for its foot."""
+    """Space around a solid element's foot that the rules of its process ask for."""
     foot = element_outline(part.shape, part.body_mm, rotation_deg)
     return Claim(
         edge=((foot, process.limits["body-edge"].value_mm),), hole=((foot, process.limits["hole-part"].value_mm),), widest=foot

@@ -56,7 +56,7 @@ FAB_ZIP_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth"),
     *("stiffener-bottom", "adhesive-bottom", "job"),
 )
-"""What is uploaded to the fab, the job file only where the profile wants it; never the component layer."""
+"""Roles in the zip for the fab; the job file only if the profile asks for it, never the component layer."""
 
 
 def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
@@ -161,7 +161,7 @@ def panel_manifest(
 
 
 def panel_record(layout: Layout, spec: TapeSpec, fab: FabProfile) -> dict[str, Any]:
-    """What the manifest of a panel records of profiles and options: as `film_record`, but what is of one tape."""
+    """Record of profiles and options in a panel's manifest: as `film_record`, without keys of one tape."""
     record = film_record(layout, spec, fab, None)
     own = ("name", "sector", "origin", "tag_id")
     return {
@@ -171,7 +171,7 @@ def panel_record(layout: Layout, spec: TapeSpec, fab: FabProfile) -> dict[str, A
 
 
 def film_record(layout: Layout, spec: TapeSpec, fab: FabProfile, process: ProcessProfile | None) -> dict[str, Any]:
-    """What the manifest of a film records of profiles and options."""
+    """Record of profiles and options in a film's manifest."""
     return {
         "fab": {"name": fab.name, **fab.thresholds()},
         "land_pattern": _land_pattern(layout.part, fab),
@@ -189,7 +189,7 @@ def film_record(layout: Layout, spec: TapeSpec, fab: FabProfile, process: Proces
 
 
 def _film_extras(layout: Layout, fab: FabProfile) -> dict[str, Any]:
-    """What `verify` needs to know of anchors and of what is laminated to the film, where there is any."""
+    """Anchors, stiffener and adhesive as `verify` needs them, if there are any."""
     extras: dict[str, Any] = {}
     if layout.anchors is not None:
         extras["anchor"] = asdict(anchor_plan(layout.anchors.mode, fab, layout.outlines))
@@ -200,7 +200,7 @@ def _film_extras(layout: Layout, fab: FabProfile) -> dict[str, Any]:
 
 
 def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
-    """What the manifest of a texture of solid elements records: its process stands in the fab's place."""
+    """Record in the manifest of a texture of solid elements; its process takes the fab's place."""
     return {
         "fab": {"name": process.name, **process.thresholds()},
         **_models_record(spec.form, process),
@@ -209,7 +209,7 @@ def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
 
 
 def search_record(choice: Choice | None, avoided: Sequence[str]) -> dict[str, Any]:
-    """What the manifest records of a search for the origin, or of the tapes that a design kept away from."""
+    """Record of a search for the origin, or of the tapes that a design was kept apart from."""
     if choice is None:
         return {"avoided": list(avoided)} if avoided else {}
     return {"search": {**asdict(choice), "origin": list(choice.origin), "avoided": list(avoided)}}
@@ -225,7 +225,7 @@ def _models_record(form: SolidForm | None, process: ProcessProfile | None) -> di
 
 
 def _land_pattern(part: PartProfile, fab: FabProfile) -> dict[str, Any]:
-    """What `verify` needs to know of the lands without the part's profile."""
+    """Land pattern as `verify` needs it without the part's profile."""
 
     def land(pattern: LandPattern) -> dict[str, Any]:
         return {

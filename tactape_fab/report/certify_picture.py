@@ -1,4 +1,4 @@
-"""What windows can tell apart as a picture: a map of one tape, or the distances of every two of several."""
+"""Certificates as pictures: a map of one tape's nearest windows, or the distances of every two of several tapes."""
 
 from __future__ import annotations
 

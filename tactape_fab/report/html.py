@@ -1,4 +1,4 @@
-"""What every report is made with: templates, and what may stand in a page's script and style elements."""
+"""HTML shared by all reports: templates, and escaping for a page's script and style elements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the map draws, from the bottom up: shapes of the written layers in their colours (board frame, mm)."""
+"""Layers of the map from the bottom up: shapes of the written layers in their colours (board frame, mm)."""
 
 from __future__ import annotations
 

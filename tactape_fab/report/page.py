@@ -85,7 +85,7 @@ def render_report(kit: Written) -> Artifact:
 
 
 def report_data(kit: Written) -> dict[str, Any]:
-    """What the page's script draws and counts with; arrays as `packed` gives them."""
+    """Data for the page's script; arrays as `packed` gives them."""
     tape = kit.tape
     shapes, places = _drawn(kit)
     return {
@@ -134,7 +134,7 @@ def _picture(kit: Written) -> str | None:
 
 
 def _facts(kit: Written) -> Iterator[tuple[str, str]]:
-    """What the tape is, in a few words each."""
+    """Properties of the tape as short texts."""
     tape, surface = kit.tape, kit.manifest.get("surface")
     width_mm, height_mm = tape.board.size_mm
     yield "sector", f"{tape.sector} of {tape.code}"

@@ -61,7 +61,7 @@ def render_panel_report(panel: WrittenPanel) -> Artifact:
 
 
 def _facts(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """What the panel is, in a few words each."""
+    """Properties of the panel as short texts."""
     panel = manifest["panel"]
     yield "tapes", f"{panel['columns']} x {panel['rows']}"
     yield "size", "{:g} x {:g} mm".format(*panel["size_mm"])

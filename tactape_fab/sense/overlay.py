@@ -1,4 +1,4 @@
-"""What the decoder saw of a frame, as a picture: band-passed depth, dots, grid and symbols, pose, error, place on the tape."""
+"""Picture of a decoded frame: band-passed depth, dots, grid and symbols, pose, error, place on the tape."""
 
 from __future__ import annotations
 

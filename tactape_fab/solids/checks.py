@@ -1,4 +1,4 @@
-"""What a tape's solid models ask of tape and form, checked before anything is built."""
+"""Checks of tape and form before any solid model is built."""
 
 from __future__ import annotations
 

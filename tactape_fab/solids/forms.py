@@ -44,7 +44,7 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolidForm:
-    """What the solid models of a tape are like.
+    """Form of a tape's solid models: base, mould or relief, flat or wrapped round a cylinder.
 
     Attributes
     ----------

@@ -146,7 +146,7 @@ def _lambert(normals: FloatArray) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """What each sample sees: a face's index, -1 for none, and its depth in samples towards the viewer."""
+    """Visible face at each sample (its index, -1 for none) and its depth in samples towards the viewer."""
 
     face: IntArray
     depth: npt.NDArray[np.float32]

@@ -50,7 +50,7 @@ class Anchors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorPlan:
-    """What decides the anchors of a tape, as far as its manifest records it."""
+    """Parameters that decide the anchors of a tape, as its manifest records them."""
 
     mode: str
     web_mm: float
@@ -73,7 +73,7 @@ def anchor_plan(mode: str, fab: FabProfile, outlines: PartOutlines) -> AnchorPla
 
 
 def clearance_mm(fab: FabProfile) -> float:
-    """What a line keeps from other pads' openings, so that it also keeps the gap of copper from the pads in them."""
+    """Clearance of a line from other pads' openings; it also keeps the copper gap to the pads inside them."""
     return max(fab.anchor.opening_mm, fab.limits["pad-pad"].value_mm - fab.coverlay_expansion_mm)
 
 

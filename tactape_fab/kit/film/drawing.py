@@ -166,7 +166,7 @@ def _moved(shapes: Iterable[FloatArray], offset: FloatArray) -> list[FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """What one set of files is of: its name, the text that decides its GUID, and what a board of it is (.Part)."""
+    """Identity of one set of files: its name, the text that decides its GUID, and the kind of board (.Part)."""
 
     name: str
     key: str

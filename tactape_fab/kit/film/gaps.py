@@ -23,7 +23,7 @@ def polygons(outlines_mm: Sequence[FloatArray]) -> Geometries:
 
 
 def pen_strokes(lines_mm: Sequence[FloatArray], width_mm: float | FloatArray) -> Geometries:
-    """What a round pen covers along each polyline, shapes (k, 2), k >= 2; one width, or one for each."""
+    """Area that a round pen covers along each polyline, shapes (k, 2), k >= 2; one width, or one for each."""
     if not lines_mm:
         return np.empty(0, dtype=object)
     lines = shapely.linestrings(np.concatenate(lines_mm), indices=_numbers(lines_mm))

@@ -46,7 +46,7 @@ class Flashes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Legend:
-    """What is printed: areas of ink without holes, and lines of `line_mm` width along `strokes_mm`."""
+    """Legend: areas of ink without holes, and lines of `line_mm` width along `strokes_mm`."""
 
     areas_mm: tuple[FloatArray, ...] = ()
     strokes_mm: tuple[FloatArray, ...] = ()

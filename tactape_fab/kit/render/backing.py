@@ -1,4 +1,4 @@
-"""What is laminated to the underside, stiffener and adhesive: a layer each, named in words, as large as each tape."""
+"""Stiffener and adhesive under the film: a layer each, named in words, as large as each tape."""
 
 from __future__ import annotations
 

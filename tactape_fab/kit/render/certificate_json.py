@@ -1,4 +1,4 @@
-"""What the tape's windows can tell apart, as a JSON file."""
+"""The certificate of a tape as a JSON file."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
 
 
 def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
-    """What is laminated to the underside, seen as a rim round the film, the thing farthest from it widest."""
+    """Stiffener and adhesive under the film, drawn as rims around it, the one farthest from the film widest."""
     given = [role for role in ("adhesive-bottom", "stiffener-bottom") if role in files]
     for place, role in enumerate(given):
         rim_mm = _RIM_MM * (len(given) - place)

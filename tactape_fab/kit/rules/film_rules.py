@@ -1,4 +1,4 @@
-"""What a film asks of its fab besides gaps and edges: coverlay, anchors, stencil, backing, bending, parts and panel."""
+"""Rules of a film besides gaps and edges: coverlay, anchors, stencil, backing, bending, parts and panel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a way of printing or milling makes of a tape's solid models: its limits, measured on their nominal geometry."""
+"""Limits of a printing or milling process, measured on the nominal geometry of a tape's solid models."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from tactape_fab.sense.sensors import MOST_PX, SensorProfile
 SUFFIXES = (".npz", ".npy", *PICTURES)
 MOST_FRAMES = 1_000_000
 ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
-"""What reading a damaged zip raises."""
+"""Exceptions raised by reading a damaged zip."""
 
 _MOST_BYTES = 1 << 30
 _MOST_MEMBERS = 1000
@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrayHeader:
-    """What stands before the data of an array in numpy's format."""
+    """Header of an array in numpy's format."""
 
     shape: tuple[int, ...]
     fortran: bool

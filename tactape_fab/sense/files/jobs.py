@@ -63,7 +63,7 @@ def is_kit(path: str) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BareCode:
-    """What is known without a tape: the code and its grid."""
+    """Code and grid, given instead of tapes."""
 
     name: str
     pitch_mm: float
@@ -81,7 +81,7 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Job:
-    """What is to be located: files of frames, the sensor, the registry or only the code, and settings of `Localizer`."""
+    """A job of `decode`: files of frames, sensor, registry or code alone, and settings of `Localizer`."""
 
     files: Sequence[FrameFile | RawImage]
     sensor: SensorProfile

@@ -26,7 +26,7 @@ from tactape_fab.texture.manifest import find_manifest, read_manifest, safe_path
 from tactape_fab.texture.tape import Tape
 
 SCENE_MEMBER = "scene"
-"""What was simulated, as JSON; marks a file of frames as one that may be written anew."""
+"""Member with the simulated scene as JSON; marks a file of frames that may be overwritten."""
 
 Progress = Callable[[str, int, int], None]
 

@@ -1,4 +1,4 @@
-"""What has happened so far, in a room that does not grow: counts, times, and what is to be said once."""
+"""Counts of frames, answers and problems, and latencies, in a buffer of fixed size."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Tally:
             self._unsaid.append(f"{trouble.kind}: {trouble.message}")
 
     def unsaid(self) -> list[str]:
-        """What is to be said now, once."""
+        """Messages that are new since the last call."""
         messages = []
         while self._unsaid:
             messages.append(self._unsaid.popleft())

@@ -11,7 +11,7 @@ _NEEDS = {"mcap": "mcap", "rerun": "rerun", "save": "rerun"}
 
 
 def missing_extra(wanted: Collection[str]) -> list[Problem]:
-    """What is wrong with wanting some of the options mcap, rerun, save."""
+    """Problems of the options mcap, rerun and save where their packages are not installed."""
     missing = [f"--{option}" for option, module in _NEEDS.items() if option in wanted and find_spec(module) is None]
     if not missing:
         return []

@@ -31,7 +31,7 @@ _LIST_S = 0.25
 _TICK_S = 0.05
 """A folder's time may stand still for so long though files come."""
 _ENDINGS = {".png": (b"IEND\xaeB`\x82", 8), ".jpg": (b"\xff\xd9", 64), ".jpeg": (b"\xff\xd9", 64)}
-"""What the last bytes of a whole picture hold (PNG, 11.2.5; ITU-T T.81, B.1.1.3): OpenCV shows the top of half a one."""
+"""End marks of complete images (PNG, 11.2.5; ITU-T T.81, B.1.1.3); OpenCV decodes the top of a truncated file."""
 _SETTLED_S = 0.1
 """A TIFF does not say where it ends: it is whole once it has not changed for so long."""
 

@@ -18,7 +18,7 @@ from tactape_fab.sense.objects.taped_object import TapedObject
 POSE_TOPIC, DEPTH_TOPIC, TEXT_TOPIC = "/tactape/pose", "/tactape/depth", "/tactape/fix"
 
 _CHUNK_BYTES = 1 << 20
-"""What a killed process may lose: three frames of a GelSight Mini."""
+"""Bytes a killed process may lose: three frames of a GelSight Mini."""
 
 
 class McapLog:

@@ -1,4 +1,4 @@
-"""What a user names -> what is watched: everything that can be wrong is read before the first frame."""
+"""Options of `watch` to an open source; everything that can be refused is checked before the first frame."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None,
 
 
 def refused_output(key: str, path: Path, ending: str) -> list[Problem]:
-    """What is wrong with a file that is to be written."""
+    """Problems of a file that is to be written."""
     said = f"{key} {shown_path(path)}"
     if path.suffix.lower() != ending:
         return [Problem(key, f"{said} does not end with {ending}; give a name that does")]

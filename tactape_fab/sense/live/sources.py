@@ -1,4 +1,4 @@
-"""What a source delivers, and the place of one frame between the thread that reads and the one that locates."""
+"""Frames and troubles of a source, and the one-frame buffer between the reading and the locating thread."""
 
 from __future__ import annotations
 

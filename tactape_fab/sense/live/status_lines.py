@@ -1,4 +1,4 @@
-"""What `watch` says: a line while it runs, and the lines at its end."""
+"""Lines printed by `watch`: the status line while it runs, and the summary."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def status_line(tally: Tally) -> str:
 
 
 def end_lines(tally: Tally) -> list[str]:
-    """What it came to."""
+    """The summary at the end."""
     count = tally.answered
     first = f"located {tally.located} of {count} frame{'s' * (count != 1)}"
     if count > 1:

@@ -28,7 +28,7 @@ MOST_SCALES = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Watch:
-    """What is watched.
+    """A source of frames with its sensor and locator.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ _RING_SHARE = 0.5
 _BLUR_PX = 0.7
 _MOST_STEPS = 20
 _SMOOTHING_CELLS = 0.12
-"""What a large tag's picture is smoothed by first (standard deviation): sharp edges say nothing until they nearly meet."""
+"""First smoothing of a large tag's image (standard deviation): unsmoothed edges have no gradient until they nearly meet."""
 _LEAST_PIXELS, _MOST_PIXELS = 60, 1_000_000
 _ENOUGH = 0.02
 """Steps end where the pose moves by less than this share of a milliradian and of a ten-thousandth of the distance."""

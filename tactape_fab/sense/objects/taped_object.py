@@ -106,7 +106,7 @@ def refuse_strangers(thing: TapedObject, tapes: Sequence[Tape]) -> None:
 
 
 def _place(tape: Tape) -> tuple[str, int, tuple[int, int]]:
-    """What a fix says of its tape."""
+    """Key by which a localization names its tape."""
     return tape.name, tape.sector, tape.origin
 
 

@@ -1,4 +1,4 @@
-"""What a tracker believes of motion between frames: how far a contact may be from where it was, and what counts as slip."""
+"""Motion model of a tracker: how far a contact may move between frames, and which motion counts as slip."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ STILL_FIXES = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
-    """What a tracker says of one frame.
+    """Answer of a tracker for one frame.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _State:
-    """What is known before a frame; ``line`` are the last fixes, ``anchor`` those that slip is held against."""
+    """State before a frame; ``line`` holds the last fixes, ``anchor`` those that slip is measured against."""
 
     timestamp: float | None = None
     contact: bool = False
@@ -170,7 +170,7 @@ class Tracker:
 
 
 def followed(state: _State, fix: Localization, prior: Prior | None, timestamp: float, motion: Motion) -> tuple[_State, Track]:
-    """What is known after a frame, and what is said of it."""
+    """State after a frame, and the answer for it."""
     pose, before = pose_of(fix, timestamp), state
     state, events = _contact(replace(state, timestamp=timestamp), fix, pose is not None, timestamp, motion)
     slip = None
@@ -220,7 +220,7 @@ def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
 
 
 def _moved(state: _State, pose: Pose, motion: Motion) -> tuple[_State, Slip, bool]:
-    """What is known with one more fix, its slip, and whether that is a new one."""
+    """State with one more fix, its slip, and whether that slip is new."""
     line = (*(() if state.began is None else state.line), pose)[-LINE_FIXES:]
     began = state.began or pose
     anchor = state.anchor or (pose,)

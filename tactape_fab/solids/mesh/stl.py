@@ -62,7 +62,7 @@ def _merged(points: np.ndarray) -> tuple[np.ndarray, IntArray]:
 
 
 def mesh_problems(mesh: Mesh) -> list[str]:
-    """What keeps a mesh from being one closed body, in words; empty where nothing does."""
+    """Reasons why a mesh is not one closed body; empty if it is."""
     problems = []
     faces = mesh.faces
     a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()

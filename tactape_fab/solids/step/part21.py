@@ -222,7 +222,7 @@ TRAILER = b"ENDSEC;\nEND-ISO-10303-21;\n"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What all shapes of a file share: application contexts, units (mm, rad) and their uncertainty."""
+    """Entities shared by all shapes of a file: application contexts, units (mm, rad) and their uncertainty."""
 
     product: str
     definition: str

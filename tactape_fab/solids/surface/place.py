@@ -199,7 +199,7 @@ def _volumes_mm3(part: TapePart, height_mm: FloatArray) -> tuple[FloatArray, Flo
 
 
 def record(laid: LaidOut) -> dict[str, Any]:
-    """What the manifest says of the place: centre, directions, radius, distortion."""
+    """The place as the manifest records it: centre, directions, radius, distortion."""
     centre = laid.centre
     return {
         "centre_mm": [round(float(v), 6) + 0.0 for v in centre.points_mm[0]],
