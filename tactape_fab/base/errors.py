@@ -85,7 +85,7 @@ def _plain_numbers(line: Finding | Check, *names: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One value that was refused at the door: the key it belongs to and the sentence for the user."""
+    """One refused value: the key it belongs to and the sentence for the user."""
 
     key: str
     message: str
@@ -136,7 +136,7 @@ class RenderError(TactapeError):
 
 
 class FrameError(TactapeError, ValueError):
-    """A frame that is no depth map of the sensor: wrong shape, no numbers, too large."""
+    """A frame that is not a depth map of the sensor: wrong shape, not numeric, too large."""
 
 
 class VerifyError(TactapeError):

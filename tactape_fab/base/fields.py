@@ -39,7 +39,7 @@ def _range_text(low: float, high: float, above: float, below: float, of_unit: st
 
 
 def unknown_key(key: object, known: Sequence[str], where: str = "") -> Problem:
-    """The problem of a key that nobody reads, with the nearest known one."""
+    """The problem of an unknown key, with the nearest known one."""
     near = difflib.get_close_matches(str(key), known, n=1)
     hint = f"did you mean '{near[0]}'?" if near else "known are: " + ", ".join(known)
     name = str(key)[:_SHOWN_CHARACTERS]

@@ -77,7 +77,7 @@ def stroke_text(text: str, cap_height_mm: float) -> Text:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """Strokes of a whole label in the board frame, and in words what found no room."""
+    """Strokes of a whole label in the board frame, and the names of the texts that did not fit."""
 
     strokes_mm: tuple[FloatArray, ...]
     left_out: tuple[str, ...]

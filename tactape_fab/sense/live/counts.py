@@ -28,7 +28,7 @@ class Latencies:
         self.count += 1
 
     def percentile_ms(self, percent: float) -> float:
-        """The least time that so many percent do not exceed (upper edge of its bin); no number where there is none."""
+        """The least time that so many percent do not exceed (upper edge of its bin); NaN if there is none."""
         if self.count == 0:
             return float("nan")
         place = int(np.searchsorted(np.cumsum(self._bins), percent / 100.0 * self.count))

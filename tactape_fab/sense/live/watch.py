@@ -118,7 +118,7 @@ def _located(
     if frame.image.ndim == 2 and frame.image.dtype.kind == "f" and frame.image.shape == sensor.frame_shape:
         holes = int(frame.image.size - np.count_nonzero(np.isfinite(frame.image)))
         if holes:
-            message = f"frame {frame.number}: {holes} of {frame.image.size} values are no numbers; they are taken as holes"
+            message = f"frame {frame.number}: {holes} of {frame.image.size} values are NaN or infinite; they are treated as holes"
             tally.trouble(Trouble(kind="frame with holes", message=message))
     depth = frame.image if watched.reconstruction is None else _depth(frame.image, watched.reconstruction, sensor)
     fix = locate(depth, timestamp=frame.timestamp)

@@ -27,7 +27,7 @@ class Motion:
     """How a contact moves on a tape, at most, and when its pose has changed.
 
     A place is looked for first within ``radius_mm + speed_mm_s * gap`` of where constant velocity has it, and
-    ``angle_deg + turn_deg_s * gap``, with the gap since the last fix; beyond ``reach_mm`` nothing is believed any more.
+    ``angle_deg + turn_deg_s * gap``, with the gap since the last fix; beyond ``reach_mm`` there is no prediction.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ def velocity_of(line: Sequence[Pose], motion: Motion) -> FloatArray:
 
 
 def predicted(line: Sequence[Pose], velocity: FloatArray, timestamp: float, motion: Motion) -> Prior | None:
-    """Where the contact is believed to be at some time; None where it has been away for too long."""
+    """Predicted region of the contact at some time; None if it has been away for too long."""
     if not line:
         return None
     last = line[-1]
@@ -181,7 +181,7 @@ def predicted(line: Sequence[Pose], velocity: FloatArray, timestamp: float, moti
 
 
 def within(pose: Pose, prior: Prior) -> bool:
-    """Whether a pose is where it was believed to be."""
+    """Whether a pose lies in its predicted region."""
     off = difference(pose.at, np.array([*prior.position_mm, radians(prior.theta_deg)]))
     near = hypot(float(off[0]), float(off[1])) <= prior.radius_mm and abs(off[2]) <= radians(prior.angle_deg)
     return near and prior.tape in (None, pose.tape)

@@ -47,7 +47,7 @@ class Track:
     fix : Localization
         The localizer's own answer to this frame: never hidden where it is lost, never replaced by a prediction.
     prediction : Prior or None
-        Where the contact was believed to be before the frame was looked at; what the localizer was told. None where nothing
+        Predicted region of the contact before the frame, given to the localizer as prior. None where nothing
         was known, or had lapsed.
     contact : bool
         Whether a registered tape is touched.
@@ -104,7 +104,7 @@ class Tracker:
     - `p_place` weighs places by the prior. It bounds the chance of a wrong place as long as the contact really is near the
       prediction at least every other time that there is one.
 
-    Where the contact is not located, the region grows with the time since the last fix, until nothing is believed.
+    Where the contact is not located, the region grows with the time since the last fix, until there is no prediction.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ def read_stl(data: bytes) -> Mesh:
     Raises
     ------
     MeshError
-        When the data is no binary STL, too large, or holds coordinates that are no numbers.
+        When the data is no binary STL, too large, or holds coordinates that are not finite numbers.
     """
     corners = stl_corners(data).reshape(-1, 3)
     vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0
@@ -46,7 +46,7 @@ def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
     rows = np.frombuffer(data, dtype=np.uint8, offset=_HEADER_BYTES).reshape(count, _TRIANGLE_BYTES)
     corners = np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(-1, 3, 3)
     if not np.isfinite(corners).all():
-        raise MeshError("it holds coordinates that are no numbers")
+        raise MeshError("it holds coordinates that are not finite numbers")
     return corners
 
 

@@ -124,7 +124,7 @@ def _read_3mf(data: bytes) -> tuple[FloatArray, IntArray]:
     ) as error:
         raise SpecError(f"SURFACE cannot be read as 3MF: {error}; export it again, or as STL") from error
     except (LookupError, ValueError, OverflowError) as error:
-        reason = f"a value is missing or no number ({str(error)[:80]})"
+        reason = f"a value is missing or not a number ({str(error)[:80]})"
         raise SpecError(f"SURFACE cannot be read as 3MF: {reason}; export it again, or as STL") from error
 
 

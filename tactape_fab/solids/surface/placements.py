@@ -78,7 +78,7 @@ def read_placements(data: bytes, count: int) -> Placed:
         cells = np.array([row[1:3] for row in rows[1:]], dtype=np.int64).reshape(-1, 2)
         numbers = np.array([row[3:] for row in rows[1:]], dtype=np.float64).reshape(-1, 12)
     except (ValueError, OverflowError) as error:
-        raise PlacementsError(f"a value is no number: {error}") from error
+        raise PlacementsError(f"a value is not a number: {error}") from error
     if not np.isfinite(numbers).all() or np.abs(numbers).max(initial=0) > 1e6:
         raise PlacementsError("a value is not finite or beyond 1 km")
     points, grid, x_axis, normal = (numbers[:, i : i + 3] for i in (0, 3, 6, 9))
