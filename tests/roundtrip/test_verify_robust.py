@@ -22,6 +22,7 @@ import pytest
 from tactape_fab import Kit
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import MODELS, ROLES, Edit, OpenKit, aperture, bytes_of, failed, flashes, points, replaced, text_of
+from tests.thorough import some
 
 Copy = Callable[[Kit], Path]
 
@@ -78,7 +79,7 @@ def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Ki
     assert verification.checks[0].passed
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(some(24)))
 def test_random_damage_of_the_manifest_is_answered(seed: int, small_kit: Kit, copied: Copy) -> None:
     file = copied(small_kit) / "manifest.json"
     file.write_bytes(DAMAGES[seed % len(DAMAGES)](Random(f"manifest {seed}"), file.read_bytes()))
@@ -97,7 +98,7 @@ def test_any_value_anywhere_in_the_manifest_is_answered(value: object, small_kit
     file = kit.folder / "manifest.json"
     text = file.read_text()
     random = Random(repr(value)[:10])
-    for path in random.sample(_leaves(kit.manifest)[1:], 25):
+    for path in random.sample(_leaves(kit.manifest)[1:], some(25)):
         manifest: Any = json.loads(text)
         place = manifest
         for key in path[:-1]:
