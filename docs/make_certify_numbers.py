@@ -16,7 +16,7 @@ from tactape_fab.report.certify_picture import draw_certified, write_picture
 from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.certify.kits import certified
 from tactape_fab.texture.certify.origin import choose_origin
-from tactape_fab.texture.code import DEFAULT_CODE, get_code
+from tactape_fab.texture.code import DEFAULT_CODE, get_plane
 
 PAGE = Path(__file__).parent / "certify.md"
 FIGURE = Path(__file__).parent / "figures" / "certify-map.png"
@@ -38,7 +38,7 @@ def default_row() -> str:
 def best_row() -> str:
     """The same after `--origin best`."""
     tapes = default_tapes(DEFAULT_CODE)
-    return row("`--origin best`", [choose_origin(get_code(t.code), t.sector, t.placed).distance for t in tapes])
+    return row("`--origin best`", [choose_origin(get_plane(t.code), t.sector, t.placed).distance for t in tapes])
 
 
 def picture() -> None:

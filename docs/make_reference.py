@@ -11,7 +11,8 @@ from typing import Any
 import click
 
 from tactape_fab.cli import main
-from tactape_fab.texture.code import CODE_NAMES, Code, get_code
+from tactape_fab.texture.code import CODE_NAMES, get_plane
+from tactape_fab.texture.plane import PlaneCode
 
 DOCS = Path(__file__).parent
 RANGES = (("from", "minimum"), ("above", "exclusiveMinimum"), ("to", "maximum"))
@@ -106,7 +107,7 @@ def code_table() -> str:
         "|---|---|---|---|---|---|",
     ]
     for name in CODE_NAMES:
-        code = get_code(name)
+        code = get_plane(name)
         n, bits = code.window, 2 * code.window**2
         needed = 2 * log2(code.range) + log2(code.sectors) + 2
         places = f"{code.range:,}² x {code.sectors} x 4"
@@ -114,7 +115,7 @@ def code_table() -> str:
     return "\n".join(rows) + "\n"
 
 
-def share_that_reads(code: Code) -> float:
+def share_that_reads(code: PlaneCode) -> float:
     """Share of all patterns of one window that are a window of the code: as many as there are places, each another pattern."""
     return code.range**2 * code.sectors / 2.0 ** (2 * code.window**2)
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from tactape_fab import Localization, Tape, TapeSpec, default_origin
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.plane import encode
 
 R, W, DELTA = 16.0, 1.5, 0.25
 CENTRE = np.array([159.5, 119.5])
@@ -21,7 +22,7 @@ POSE = ((40.3, 22.1), 37.0)
 
 def tape_of(sector: int, origin: tuple[int, int] | None = None, columns: int = 62, rows: int = 32) -> Tape:
     place = default_origin(TAPE.code, sector) if origin is None else origin
-    symbols = encode(get_code(TAPE.code), sector, place, (rows, columns))
+    symbols = encode(get_plane(TAPE.code), sector, place, (rows, columns))
     return replace(TAPE, name=f"s{sector}", sector=sector, origin=place, columns=columns, rows=rows, symbols=symbols)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.step.solid import solid_step
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.plane import encode
 from tactape_fab.texture.tape import Board, Tape, TapePart
 
 DATE = datetime(2026, 1, 1, tzinfo=UTC)
@@ -50,7 +51,7 @@ def tape_of(part: TapePart = BLOCK, columns: int = 7, rows: int = 5, **values: A
     size_mm = (2 * x0 + (columns - 1) * pitch_mm, 2 * y0 + (rows - 1) * pitch_mm)
     size_mm = (round(size_mm[0], 6), round(size_mm[1], 6))
     origin_mm = (x0, round(size_mm[1] - y0, 6))
-    code = get_code("microdots-4x4")
+    code = get_plane("microdots-4x4")
     tape = Tape(
         name="t",
         sector=sector,

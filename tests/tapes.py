@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab import Tape, default_origin
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.plane import encode
 from tactape_fab.texture.tape import Board, TapePart
 
 
@@ -29,7 +30,7 @@ def tape_at(
         rows=rows,
         pitch_mm=1.5,
         displacement_mm=0.25,
-        symbols=encode(get_code(code), sector, origin, (rows, columns)),
+        symbols=encode(get_plane(code), sector, origin, (rows, columns)),
         omitted=np.zeros((0, 2), dtype=np.int64),
         board=Board(
             size_mm=(1.5 * columns + 6.0, 1.5 * rows + 6.0),

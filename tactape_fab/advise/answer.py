@@ -17,7 +17,7 @@ from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, read_part
 from tactape_fab.kit.rules.film_rules import fab_for
-from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
 LOCATED = 0.9
@@ -201,7 +201,7 @@ def _line(design: Design, question: Question) -> Line:
 
 def _code_for(seen: Seen, contact_mm: float, field_mm: float) -> tuple[Code, float | None]:
     """The first code by which the design locates the contact, else that by which it locates the smallest; and that contact."""
-    codes = CODES if seen.directions == 4 else tuple(code for code in CODES if code.name == TOUCH_CODE)
+    codes = tuple(code for code in CODES if seen.directions in get_code(code.name).directions)
     best, least_mm = codes[0], None
     for code in codes:
         if code.axis > best.axis or (code is not best and code.axis == best.axis) or seen.points > code.most_points:

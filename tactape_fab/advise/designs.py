@@ -20,6 +20,7 @@ from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.tape_spec import DEFAULT_PITCH_MM, TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
 from tactape_fab.texture.tape import TapePart
 
 FILM = "fpc"
@@ -58,7 +59,11 @@ class Design:
     fab: str | None = None
     process: str | None = None
     warnings: tuple[str, ...] = ()
-    directions: int = 4
+    directions: int = USUAL_DIRECTIONS
+
+    @property
+    def points_in(self) -> Directions:
+        return DIRECTIONS[self.directions]
 
     def spec(self, size_mm: tuple[float, float], **more: object) -> TapeSpec:
         """A tape of it, of four directions unless said otherwise: those of eight take a code that takes seconds."""
@@ -80,7 +85,7 @@ class Design:
             size = self.body_mm if self.shape == "block" else self.body_mm[1:]
             words += [f"--part {self.part} --body {'x'.join(f'{side:g}' for side in size)} --process {self.process}"]
         words += [f"--code {code}"] if code != default_code else []
-        words += [f"--directions {self.directions}"] if self.directions != 4 else []
+        words += [f"--directions {self.directions}"] if not self.points_in.usual else []
         return " ".join([*words, f"--size {size_mm[0]:g}x{size_mm[1]:g}"])
 
 
@@ -183,7 +188,7 @@ def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | No
         found = examine(design.spec(size_mm, tag="none", name="t")).findings
     except SpecError:
         return None
-    if design.directions == 8 and design.shape == "block" and design.process is not None:
+    if not design.points_in.usual and design.shape == "block" and design.process is not None:
         found = tuple(_gap_of_eight(design, load_process(design.process)) if f.rule == "gap" else f for f in found)
     return [f for f in found if not f.passed and f.level != "info" and f.rule not in _OF_ANY_TAPE]
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, erf, exp, hypot, inf, log, pi, sin, sqrt
+from math import ceil, erf, exp, hypot, inf, log, pi, sqrt
 
 import numpy as np
 
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.code import TOUCH_CODE
-from tactape_fab.texture.frames import FloatArray, IntArray, gray_codes
-from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS
+from tactape_fab.texture.code import get_code
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import FloatArray, IntArray
 
 IMPRINT_SHARE = 0.12 / 0.23
 """Share of a body's height that the gel takes on before it smooths it: that of the default scene, whose bodies are 0201."""
@@ -32,8 +32,6 @@ MAX_P_FALSE, BEST_GRID, MOST_TURN = 1e-4, 0.9, 0.98
 """The decoder's own figures (`decode.symbols`, `detect`, `judge`, `elongation`), which cannot be read without its compiler."""
 CLEAN = 0.25
 """Dots that are off by no more than this, in displacements, always show their grid."""
-NEARER = sin(pi / 8.0) / sin(pi / 4.0)
-"""How near neighbouring places of eight directions are, where those of four are 1 apart."""
 POSES = 240
 _LATTICE = 33
 _TOPS = 600
@@ -58,7 +56,7 @@ CODES = (
     Code(name="microdots-4x4", axis=0.0),
     Code(name="debruijn-4x4", axis=1.5),
     Code(name="anoto-6x6", axis=0.7),
-    Code(name=TOUCH_CODE, axis=-inf, most_points=MOST_TOUCH_POINTS),
+    Code(name="touch-1", axis=-inf, most_points=get_code("touch-1").most_points),
 )
 """The codes that are advised on, the first that does being taken. From faultless contacts of 11 to 25 dots."""
 
@@ -181,10 +179,8 @@ def _pull_mm(seen: Seen, s_mm: float) -> float:
     All pairs of symbols change the distance along the axis by so many displacements.
     """
     width2_mm2 = s_mm**2 + (seen.body_mm[0] ** 2 + seen.body_mm[1] ** 2) / 24.0
-    steps, pairs = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-    if seen.directions == 8:
-        along = _around(8)[:, 0]
-        steps, pairs = np.subtract.outer(along, along).ravel(), np.full(64, 1.0 / 64.0)
+    along = _around(seen.directions)[:, 0]
+    steps, pairs = np.subtract.outer(along, along).ravel(), np.full(len(along) ** 2, 1.0 / len(along) ** 2)
     apart_mm = seen.pitch_mm + steps * seen.displacement_mm
     drawn_mm = apart_mm * np.exp(-(apart_mm**2) / (2.0 * width2_mm2))
     mean_mm = float(pairs @ drawn_mm)
@@ -215,10 +211,8 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
 
 def _around(directions: int) -> FloatArray:
     """Directions as they follow each other round a grid point; shape (directions, 2)."""
-    if directions == 4:
-        return np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
-    angles = np.arange(directions) * (2.0 * pi / directions)
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    of = DIRECTIONS[directions]
+    return of.xy[of.clockwise]
 
 
 @lru_cache(maxsize=2)
@@ -287,17 +281,13 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
 
 def _away(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
     """Squared distances to all places round a grid point, the dot's own first, of dots that are off it by so much."""
-    if directions == 4:
-        return np.stack(
-            [e**2 + f**2, (e + shift) ** 2 + (f - shift) ** 2, (e + 2.0 * shift) ** 2 + f**2, (e + shift) ** 2 + (f + shift) ** 2]
-        )
     return np.stack([(e + shift * (1.0 - x)) ** 2 + (f - shift * y) ** 2 for x, y in _around(directions).tolist()])
 
 
 def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
     """Nats that dots say of each bit of their symbols, from what they say of all places, their own first.
 
-    Of four directions one bit is shared with the neighbour on either side. Of eight the bits are those of `frames.gray_codes`.
+    Of four directions one bit is shared with the neighbour on either side. Of eight they are `Directions.gray_codes`.
     """
     if len(q) == 4:
         return [np.log(2.0 * (q[0] + q[k])) for k in (1, 3)]
@@ -321,7 +311,7 @@ def posteriors(away: FloatArray, variance: FloatArray, trust: FloatArray) -> Flo
     return said
 
 
-_BITS_AROUND = np.array([gray_codes(8)[[2, 6, 3, 7, 1, 5, 0, 4]] >> bit & 1 for bit in range(3)])
+_BITS_AROUND = np.array([DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise] >> bit & 1 for bit in range(3)])
 """Bits of the symbols as they follow each other in `_around`: E, SE, S and on; shape (3, 8)."""
 
 
@@ -361,9 +351,9 @@ def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: 
     signal = signal_of(seen)
     if signal.noise_um > signal.height_um:
         return None
-    apart_mm = seen.displacement_mm * (1.0 if seen.directions == 4 else NEARER)
+    apart_mm = seen.displacement_mm * DIRECTIONS[seen.directions].spacing
     missed = hypot(signal.error_mm, seen.placement_mm, signal.pull_mm) / apart_mm - CLEAN
-    larger = (1.0 + loss.scatter * max(missed, 0.0)) * (1.0 if seen.directions == 4 else loss.eight)
+    larger = (1.0 + loss.scatter * max(missed, 0.0)) * {4: 1.0, 8: loss.eight}[seen.directions]
     low, most = 10, int(most_mm / larger * 10.0 + 1e-9)
     high = min(int(10.0 * _FIRST_PITCHES * seen.pitch_mm), most)
     while high <= low or located_share(seen, high / 10.0, code, loss) < share:

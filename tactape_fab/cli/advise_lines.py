@@ -58,7 +58,7 @@ def explained(advice: Advice) -> Iterator[str]:
     yield f"contact: smallest round contact, mm, of which {LOCATED:.0%} are located anywhere on a tape, at the usual trust"
     yield f"error, angle: medians, µm and degrees, of contacts of {asked.contact_mm:g} mm, or of the smallest where that is more"
     yield f"parts: of a tape of {width_mm:g}x{height_mm:g} mm; cost: estimate of assembly, order + each tape, without the board"
-    if any(line.design.directions == 8 for line in advice.lines):
+    if any(not line.design.points_in.usual for line in advice.lines):
         yield "directions: eight say three bits a part, for printed and milled elements with touch-1; no decoder knows both kinds"
     yield "warnings: rules that check warns of; what a rule refuses is not listed, nor what another line beats in all"
     yield (

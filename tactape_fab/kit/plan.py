@@ -15,12 +15,12 @@ from tactape_fab.base.errors import CapacityError, Problem, SpecError
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.texture.code import DEFAULT_CODE, TOUCH_CODE, BoolArray, CodeLimits, encode, get_code, limits_of
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, snap_mm, texture_to_board
+from tactape_fab.texture.code import DEFAULT_CODE, Code, get_code
+from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, SymbolArray, snap_mm, texture_to_board
+from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.shapes import inset_mm, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
-from tactape_fab.texture.tape import MOST_POINTS, TAG_FAMILY, Board, Tag, Tape, TapePart
-from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS, design
+from tactape_fab.texture.tape import TAG_FAMILY, Board, Tag, Tape, TapePart
 
 TAG_KEEP_OUT_MM = 0.5
 """Free film between the tag's ring and the outline, and between the ring and the field."""
@@ -152,15 +152,13 @@ def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, 
 
 
 def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, avoid: Sequence[Tape] = ()) -> SymbolArray:
-    """The symbols of a grid: a place of the code's plane, or the design of a touch code, away from tapes that exist."""
-    shape = (grid.rows, grid.columns)
-    if spec.code == TOUCH_CODE:
-        return design(spec.sector, shape, [tape.symbols for tape in avoid], spec.directions)
-    return encode(get_code(spec.code), spec.sector, origin, shape)
+    """The symbols of a grid as the code has them, designed ones away from tapes that exist."""
+    others = [tape.symbols for tape in avoid]
+    return get_code(spec.code).symbols(spec.sector, origin, (grid.rows, grid.columns), others, spec.directions)
 
 
 def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avoid: Sequence[Tape]) -> Tape:
-    code = limits_of(spec.code)
+    code = get_code(spec.code)
     grid = _grid(spec.size_mm, spec, claim)
     problems = list(_size_problems(spec, code, grid, claim)) or list(_tag_problems(spec, claim.ink_edge_mm))
     beyond = list(_reach_problems(spec, code, grid))
@@ -201,14 +199,14 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
     )
 
 
-def _has_window(free: BoolArray, code: CodeLimits) -> bool:
+def _has_window(free: BoolArray, code: Code) -> bool:
     """Whether the parts that can be placed make up at least one whole window."""
     if min(free.shape) < code.window:
         return False
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
 
 
-def _size_problems(spec: TapeSpec, code: CodeLimits, grid: _Grid, claim: Claim) -> Iterator[Problem]:
+def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Iterator[Problem]:
     least_height_mm = _strip_height_mm(spec)
     fits = grid.columns >= code.window and grid.rows >= code.window
     if fits and spec.size_mm[1] >= least_height_mm - TOLERANCE_MM:
@@ -228,7 +226,7 @@ def _strip_height_mm(spec: TapeSpec) -> float:
     return SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
 
 
-def _least_size_mm(spec: TapeSpec, code: CodeLimits, claim: Claim) -> tuple[float, float]:
+def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, float]:
     """The least size, in whole tenths of a millimetre, whose field holds a window, rounded corners considered."""
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     field_mm = (code.window - 1) * spec.pitch_mm
@@ -252,14 +250,13 @@ def _least_size_mm(spec: TapeSpec, code: CodeLimits, claim: Claim) -> tuple[floa
         tenths += 1
 
 
-def _reach_problems(spec: TapeSpec, code: CodeLimits, grid: _Grid) -> Iterator[Problem]:
-    most = MOST_TOUCH_POINTS if code.name == TOUCH_CODE else MOST_POINTS
-    if grid.columns * grid.rows > most:
-        other = f", or --code {DEFAULT_CODE}" if code.name == TOUCH_CODE else ""
+def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid) -> Iterator[Problem]:
+    if grid.columns * grid.rows > code.most_points:
+        other = f", or --code {DEFAULT_CODE}" if code.most_points < MOST_POINTS else ""
         yield Problem(
             "size_mm",
-            f"size_mm gives {grid.columns} x {grid.rows} grid points, more than the {most} of a tape of code '{code.name}'; "
-            f"use a smaller --size{other}",
+            f"size_mm gives {grid.columns} x {grid.rows} grid points, more than the {code.most_points} of a tape of code "
+            f"'{code.name}'; use a smaller --size{other}",
         )
     for name, first, count in (("column", spec.place[0], grid.columns), ("row", spec.place[1], grid.rows)):
         if first + count > code.range:

@@ -17,7 +17,6 @@ from tactape_fab.report.layers import HIDDEN, TITLES, Shapes, film_shapes, solid
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid_view import solid_view
 from tactape_fab.solids.surface.placements import read_placements
-from tactape_fab.texture.frames import LETTERS, gray_codes
 from tactape_fab.texture.tape import Tape
 
 REPORT_NAME = "report.html"
@@ -95,8 +94,8 @@ def report_data(kit: Written) -> dict[str, Any]:
         "pitch_mm": tape.pitch_mm,
         "origin": list(tape.origin),
         "grid": [tape.columns, tape.rows],
-        "letters": LETTERS[: tape.directions],
-        **({} if tape.directions == 4 else {"codes": gray_codes(tape.directions).tolist()}),
+        "letters": tape.points_in.letters,
+        **({} if tape.points_in.usual else {"codes": tape.points_in.gray_codes.tolist()}),
         "body_mm": list(tape.part.body_mm),
         "places": places.to_mapping(),
         "shapes": [shape.to_mapping() for shape in shapes],

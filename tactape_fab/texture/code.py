@@ -1,133 +1,27 @@
-"""The position codes: encode a patch of the code plane, and find a patch's place again, window by window.
+"""The codes of textures: what every code has and does, and the codes that there are.
 
-SPEC of the code plane, with M the main sequence (length L, order n), d(k) the difference at plane index k and
-(u, v) = divmod(sector, L):
-
-    X[r, c] = M[(r + u + sum of d(k) for k < c) mod L]        Y[r, c] = M[(c + v + sum of d(k) for k < r) mod L]
-
-The x bit of a symbol is X, the y bit is Y.
+A code is an object. Whoever needs to know how codes differ asks an attribute or a method of it, never for its name. To add a code
+is to add an object to `CODES`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, cached_property
-from math import prod
+from collections.abc import Hashable, Sequence
 from numbers import Integral
+from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from tactape_fab.base.errors import CapacityError, Problem, SpecError
-from tactape_fab.texture.frames import IntArray, SymbolArray
-from tactape_fab.texture.sequences import NumberSequence, anoto_main, anoto_secondary, de_bruijn
-
-BoolArray = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Code:
-    """A two-dimensional position code.
-
-    Attributes
-    ----------
-    name : str
-    main : NumberSequence
-        The binary main sequence M; its order is the window's side.
-    secondary : tuple of NumberSequence
-        Sequences of order ``main.order - 1`` and pairwise coprime lengths whose digits make up the differences.
-    least_difference : int
-        The difference where all secondary digits are 0.
-    origin_stride : int
-        Step of the default origins from one sector to the next, in grid points.
-    """
-
-    name: str
-    main: NumberSequence
-    secondary: tuple[NumberSequence, ...]
-    least_difference: int
-    origin_stride: int
-
-    @property
-    def window(self) -> int:
-        """Side of the smallest window that names its place, in grid points."""
-        return self.main.order
-
-    @property
-    def sectors(self) -> int:
-        return self.main.length**2
-
-    @property
-    def range(self) -> int:
-        """Number of columns, and of rows, of the code plane."""
-        return prod(s.length for s in self.secondary)
-
-    @cached_property
-    def weights(self) -> tuple[int, ...]:
-        """Weight of each secondary digit in the difference: a mixed-radix number, so that a difference names them all."""
-        return tuple(prod(s.base for s in self.secondary[:i]) for i in range(len(self.secondary)))
-
-    @cached_property
-    def _crt_factors(self) -> tuple[int, ...]:
-        """Chinese remainder theorem: place = sum(residue * factor) mod range."""
-        return tuple(self.range // s.length * pow(self.range // s.length, -1, s.length) for s in self.secondary)
-
-    def phase_before(self, index: IntArray) -> IntArray:
-        """Sum of the differences before plane index `index`, modulo L; any shape."""
-        total = self.least_difference * index
-        for weight, sequence in zip(self.weights, self.secondary, strict=True):
-            total = total + weight * sequence.sum_before(index)
-        return total % self.main.length
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
+from tactape_fab.texture.frames import SymbolArray
+from tactape_fab.texture.plane import PlaneCode
+from tactape_fab.texture.sequences import anoto_main, anoto_secondary, de_bruijn
+from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS
+from tactape_fab.texture.touch.designed import DesignedCode
 
 
-def _microdots_4x4() -> Code:
-    return Code(
-        name="microdots-4x4",
-        main=de_bruijn(2, 4),
-        secondary=(de_bruijn(3, 3), de_bruijn(5, 3)),
-        least_difference=1,
-        origin_stride=12,
-    )
-
-
-def _debruijn_4x4() -> Code:
-    return Code(
-        name="debruijn-4x4",
-        main=de_bruijn(2, 4),
-        secondary=(de_bruijn(16, 3),),
-        least_difference=0,
-        origin_stride=12,
-    )
-
-
-def _anoto_6x6() -> Code:
-    return Code(
-        name="anoto-6x6",
-        main=anoto_main(),
-        secondary=anoto_secondary(),
-        least_difference=5,
-        origin_stride=1000,
-    )
-
-
-_BUILDERS: dict[str, Callable[[], Code]] = {
-    "microdots-4x4": _microdots_4x4,
-    "debruijn-4x4": _debruijn_4x4,
-    "anoto-6x6": _anoto_6x6,
-}
-
-CODE_NAMES = tuple(_BUILDERS)
-"""Codes with a plane, in which a tape shows a place."""
-DEFAULT_CODE = "microdots-4x4"
-TOUCH_CODE = "touch-1"
-"""The code without a plane: a matrix of symbols designed for its tape, see `tactape_fab.texture.touch.design`."""
-ALL_CODE_NAMES = (*CODE_NAMES, TOUCH_CODE)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CodeLimits:
-    """What a tape of a code may be.
+class Code(Protocol):
+    """What every code has and does.
 
     Attributes
     ----------
@@ -136,57 +30,138 @@ class CodeLimits:
         Columns and rows that a tape has at least.
     sectors : int
     range : int
-        Columns and rows that it has at most.
+        Columns and rows that a tape has at most.
+    most_points : int
+        Grid points that a tape has at most.
+    directions : tuple of int
+        How many directions its parts may point in.
+    plane : PlaneCode or None
+        The plane in which a tape shows a place, at an origin that may be given or searched for. None where each tape's matrix
+        is designed: its origin is (0, 0), another size is another texture, and nothing but the tape itself knows its symbols.
+    vouched : str
+        What vouches for a tape's symbols, after "symbols ...".
+    another : str
+        The option that gives a tape another texture.
     """
 
-    name: str
-    window: int
-    sectors: int
-    range: int
+    @property
+    def name(self) -> str: ...
+    @property
+    def window(self) -> int: ...
+    @property
+    def sectors(self) -> int: ...
+    @property
+    def range(self) -> int: ...
+    @property
+    def most_points(self) -> int: ...
+    @property
+    def directions(self) -> tuple[int, ...]: ...
+    @property
+    def plane(self) -> PlaneCode | None: ...
+    @property
+    def vouched(self) -> str: ...
+    @property
+    def another(self) -> str: ...
+
+    def default_origin(self, sector: int) -> tuple[int, int]:
+        """(column, row) of a sector's tape where no origin is given."""
+
+    def symbols(
+        self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
+    ) -> SymbolArray:
+        """Symbols of a new tape of so many rows and columns; a designed one keeps away from the symbols of other tapes."""
+
+    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+        """The symbols of a texture on a grid of so many rows and columns, which holds those of equal textures."""
+
+    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
+        """What two tapes have in common where no touch can tell them apart, but for grid, pitch and displacement."""
+
+    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
+        """What a manifest holds beside the symbols to vouch for them."""
+
+    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
+        """Refuse symbols of a manifest that are not the code's there, or not those vouched for.
+
+        Raises
+        ------
+        SpecError
+        """
 
 
-_TOUCH_LIMITS = CodeLimits(name=TOUCH_CODE, window=4, sectors=4096, range=2000)
+DEFAULT_CODE = "microdots-4x4"
+TOUCH_CODE = "touch-1"
+_CODES: tuple[Code, ...] = (
+    PlaneCode(
+        name=DEFAULT_CODE,
+        main=de_bruijn(2, 4),
+        secondary=(de_bruijn(3, 3), de_bruijn(5, 3)),
+        least_difference=1,
+        origin_stride=12,
+    ),
+    PlaneCode(
+        name="debruijn-4x4",
+        main=de_bruijn(2, 4),
+        secondary=(de_bruijn(16, 3),),
+        least_difference=0,
+        origin_stride=12,
+    ),
+    PlaneCode(
+        name="anoto-6x6",
+        main=anoto_main(),
+        secondary=anoto_secondary(),
+        least_difference=5,
+        origin_stride=1000,
+    ),
+    DesignedCode(name=TOUCH_CODE, window=4, sectors=4096, range=2000, most_points=MOST_TOUCH_POINTS),
+)
+CODES = {code.name: code for code in _CODES}
+"""Every code by its name."""
+ALL_CODE_NAMES = tuple(CODES)
+CODE_NAMES = tuple(code.name for code in _CODES if code.plane is not None)
+"""Codes with a plane, in which a tape shows a place."""
 
 
-@cache
 def get_code(name: str) -> Code:
-    """The code of that name, built once.
-
-    Raises
-    ------
-    SpecError
-        When no code with a plane has that name.
-    """
-    if name == TOUCH_CODE:
-        said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit with --tape"
-        raise SpecError(Problem("code", f"code = {name!r} {said}"))
-    if name not in _BUILDERS:
-        raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(CODE_NAMES)}"))
-    return _BUILDERS[name]()
-
-
-def limits_of(name: str) -> CodeLimits:
-    """What a tape of a code may be, the touch code included.
+    """The code of that name.
 
     Raises
     ------
     SpecError
         When no code has that name.
     """
-    if name == TOUCH_CODE:
-        return _TOUCH_LIMITS
-    if name not in _BUILDERS:
+    if name not in CODES:
         raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(ALL_CODE_NAMES)}"))
-    code = get_code(name)
-    return CodeLimits(name=name, window=code.window, sectors=code.sectors, range=code.range)
+    return CODES[name]
+
+
+def get_plane(name: str) -> PlaneCode:
+    """The code of that name, which has a plane.
+
+    Raises
+    ------
+    SpecError
+        When no code with a plane has that name.
+    """
+    plane = CODES[name].plane if name in CODES else None
+    if plane is None and name in CODES:
+        said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit with --tape"
+        raise SpecError(Problem("code", f"code = {name!r} {said}"))
+    if plane is None:
+        raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(CODE_NAMES)}"))
+    return plane
+
+
+def has_plane(name: object) -> bool:
+    """Whether tapes of a code that was asked for have a place in a plane; what is no code's name counts as one that has."""
+    return not isinstance(name, str) or name not in CODES or CODES[name].plane is not None
 
 
 def default_origin(code: str, sector: int) -> tuple[int, int]:
     """Default (column, row) in the code plane of a sector's tape.
 
-    ``(stride * s, stride * (17 * s mod sectors))``: any two sectors stand at least one stride apart on both axes, and
-    tapes of up to 166 x 166 points never overlap in the plane, so that sectors are not shifts of one another. The touch code
-    has no plane, and its tapes begin at (0, 0).
+    Tapes of up to 166 x 166 points at the default origins of two sectors never overlap in the plane, so that sectors are not
+    shifts of one another (`PlaneCode.default_origin`). A code without a plane has tapes that begin at (0, 0).
 
     Parameters
     ----------
@@ -200,130 +175,25 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
     SpecError
         When the code is unknown or the sector out of its range.
     """
-    of = limits_of(code)
+    of = get_code(code)
     given: object = sector
     if isinstance(given, bool) or not isinstance(given, Integral):
         raise SpecError(Problem("sector", f"sector = {given!r} is not a whole number; give one from 0 to {of.sectors - 1}"))
     sector = int(given)
     if not 0 <= sector < of.sectors:
         raise SpecError(Problem("sector", f"sector = {sector} is outside 0 to {of.sectors - 1} of code '{code}'"))
-    if code == TOUCH_CODE:
-        return 0, 0
-    stride = get_code(code).origin_stride
-    return stride * sector, stride * (17 * sector % of.sectors)
+    return of.default_origin(sector)
 
 
-def encode(code: Code, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
-    """Symbols of a patch of the code plane.
-
-    Parameters
-    ----------
-    code : Code
-    sector : int
-        0 ... code.sectors - 1.
-    origin : (int, int)
-        Column and row of the patch's first point in the code plane.
-    shape : (int, int)
-        Rows and columns of the patch. Nothing longer than the patch is ever built, wherever it lies.
-
-    Returns
-    -------
-    ndarray of uint8, shape (rows, columns)
-        Values ``x_bit + 2 * y_bit``.
-
-    Raises
-    ------
-    CapacityError
-        When the patch runs past the code's range or the sector does not exist.
-    """
-    rows, columns = shape
-    length = code.main.length
-    if not 0 <= sector < code.sectors:
-        raise CapacityError(Problem("sector", f"sector = {sector} is outside 0 to {code.sectors - 1} of '{code.name}'"))
-    for name, first, count in (("column", origin[0], columns), ("row", origin[1], rows)):
-        if first < 0 or first + count > code.range:
-            raise CapacityError(
-                Problem(
-                    "origin",
-                    f"origin {name} {first} + {count} {name}s runs past {code.range}, the range of code "
-                    f"'{code.name}'; give --origin COL,ROW nearer to 0,0 or make the tape smaller",
-                )
-            )
-    u, v = divmod(sector, length)
-    column = origin[0] + np.arange(columns, dtype=np.int64)
-    row = origin[1] + np.arange(rows, dtype=np.int64)
-    bits = code.main.digits.astype(np.uint8)
-    phases = np.arange(length)
-    x_of_phase = bits[(row[:, None] + u + phases) % length]  # (rows, L)
-    y_of_phase = bits[(column + v + phases[:, None]) % length]  # (L, columns)
-    x = x_of_phase.take(code.phase_before(column), axis=1)
-    y = y_of_phase.take(code.phase_before(row), axis=0)
-    y <<= 1
-    symbols: SymbolArray = x | y
-    return symbols
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WindowPlaces:
-    """What each window of a patch says of its place, all arrays of shape (rows - n + 1, columns - n + 1).
-
-    Attributes
-    ----------
-    valid : ndarray of bool
-        Whether the window is one that the code contains in this rotation.
-    column, row, sector : ndarray of int64
-        Place of the window's first point in the code plane, and its sector; -1 where not valid.
-    """
-
-    valid: BoolArray
-    column: IntArray
-    row: IntArray
-    sector: IntArray
-
-
-def _places_along_columns(code: Code, bits: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Plane column of each window, the phase of its first column, and validity, from the x bits of a patch."""
-    n, length = code.window, code.main.length
-    windows = np.lib.stride_tricks.sliding_window_view(bits, n, axis=0)  # (rows', columns, n)
-    phase = code.main.place_of_window[windows @ code.main.digit_weights]
-    phase_valid = phase >= 0
-    excess = (phase[:, 1:] - phase[:, :-1] - code.least_difference) % length
-    valid = np.asarray(np.lib.stride_tricks.sliding_window_view(phase_valid, n, axis=1).all(axis=-1))
-    steps_known = excess < prod(s.base for s in code.secondary)
-    valid &= np.lib.stride_tricks.sliding_window_view(steps_known, n - 1, axis=1).all(axis=-1)
-    place: IntArray = np.zeros(valid.shape, dtype=np.int64)
-    for weight, sequence, factor in zip(code.weights, code.secondary, code._crt_factors, strict=True):
-        digit = excess // weight % sequence.base
-        words = np.lib.stride_tricks.sliding_window_view(digit, n - 1, axis=1) @ sequence.digit_weights
-        residue = sequence.place_of_window[words]
-        valid &= residue >= 0
-        place += residue * factor
-    return place % code.range, phase[:, : valid.shape[1]], valid
-
-
-def locate_windows(code: Code, symbols: SymbolArray) -> WindowPlaces:
-    """Read the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
-
-    Parameters
-    ----------
-    code : Code
-    symbols : ndarray of uint8, shape (rows, columns)
-        Symbol values in the texture's own rotation; at least n x n.
-    """
-    n, length = code.window, code.main.length
-    if min(symbols.shape) < n:
-        empty = np.zeros((max(symbols.shape[0] - n + 1, 0), max(symbols.shape[1] - n + 1, 0)), dtype=np.int64)
-        return WindowPlaces(valid=empty.astype(bool), column=empty, row=empty.copy(), sector=empty.copy())
-    values = symbols.astype(np.int64)
-    column, column_phase, column_valid = _places_along_columns(code, values & 1)
-    row_t, row_phase_t, row_valid_t = _places_along_columns(code, (values >> 1).T)
-    row, row_phase = row_t.T, row_phase_t.T
-    u = (column_phase - code.phase_before(column) - row) % length
-    v = (row_phase - code.phase_before(row) - column) % length
-    valid = column_valid & row_valid_t.T
-    return WindowPlaces(
-        valid=valid,
-        column=np.where(valid, column, -1),
-        row=np.where(valid, row, -1),
-        sector=np.where(valid, u * length + v, -1),
-    )
+def read_directions(table: Fields, code: Code | None) -> int:
+    """How many directions the parts point in, `USUAL_DIRECTIONS` where nothing is said; any known number where no code is."""
+    directions = table.values.get("directions", USUAL_DIRECTIONS)
+    if isinstance(directions, bool) or not isinstance(directions, int) or directions not in DIRECTIONS:
+        known = " nor ".join(map(str, DIRECTIONS))
+        table.problem("directions", f"directions = {shown(directions)} is neither {known}; give one of them")
+        return USUAL_DIRECTIONS
+    if code is not None and directions not in code.directions:
+        others = [other.name for other in _CODES if directions in other.directions]
+        message = f"directions = {directions} of code '{code.name}': only '{others[0]}' has {directions}"
+        table.problem("directions", f"{message}; use --code {others[0]}, or {USUAL_DIRECTIONS} directions")
+    return directions

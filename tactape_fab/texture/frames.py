@@ -14,6 +14,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 SymbolArray = npt.NDArray[np.uint8]
+BoolArray = npt.NDArray[np.bool_]
 
 LETTERS = "NWESnwes"
 """Letter of each symbol value.
@@ -29,29 +30,9 @@ DIRECTIONS_XY: FloatArray = np.array(
 """Unit displacement of each symbol value in the texture frame, shape (8, 2): N is up, so -y (paper, Eq. 10)."""
 DIRECTIONS_XY.setflags(write=False)
 
-DIRECTION_COUNTS = (4, 8)
-"""How many directions the parts of a tape may point in: the first so many symbol values."""
-
 TURNED: SymbolArray = np.argmax((DIRECTIONS_XY @ np.array([(0.0, -1.0), (1.0, 0.0)])) @ DIRECTIONS_XY.T, axis=1).astype(np.uint8)
 """Symbol that each becomes when the texture is turned by 90 degrees counter-clockwise, seen from above: N to W to S to E."""
 TURNED.setflags(write=False)
-
-_GRAY_OF_EIGHT: SymbolArray = np.array([0, 3, 5, 6, 4, 1, 7, 2], dtype=np.uint8)
-
-
-def gray_codes(directions: int) -> SymbolArray:
-    """Bits of each symbol value as one number, so that neighbouring directions differ in one bit; shape (directions,).
-
-    Of four directions these are the values themselves, x and y bit. Of eight they count up from N counter-clockwise: N, w, W,
-    s, S, e, E, n are 000, 001, 011, 010, 110, 111, 101, 100.
-    """
-    return np.arange(4, dtype=np.uint8) if directions == 4 else _GRAY_OF_EIGHT
-
-
-def bits_of(directions: int) -> int:
-    """Bits of a symbol: 2 of four directions, 3 of eight."""
-    return directions.bit_length() - 1
-
 
 NM_PER_MM = 1_000_000
 

@@ -8,8 +8,7 @@ from math import sqrt
 import numpy as np
 import shapely
 
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 
 CODE_CELLS = 8
 """Cells along a side: 6 of data and the black border."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import Fields, shown
-from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, BoolArray, encode, get_code, limits_of
+from tactape_fab.base.fields import Fields
+from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, get_code, read_directions
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
 from tactape_fab.texture.frames import (
-    DIRECTION_COUNTS,
     DIRECTIONS_XY,
+    BoolArray,
     FloatArray,
     IntArray,
     SymbolArray,
@@ -25,13 +25,13 @@ from tactape_fab.texture.frames import (
     texture_to_board,
 )
 from tactape_fab.texture.manifest import find_manifest, read_manifest
+from tactape_fab.texture.plane import MOST_POINTS
 
 TAG_FAMILY = "tag36h11"
 TAG_IDS = 587
 PART_SHAPES = ("block", "dome")
 
 LONGEST_MM = 10_000.0
-MOST_POINTS = 500_000
 MOST_HOLES = 10_000
 
 
@@ -127,7 +127,7 @@ class Tape:
     part: TapePart
     tag: Tag | None
     surface: Surface | None = None
-    directions: int = 4
+    directions: int = USUAL_DIRECTIONS
 
     def __post_init__(self) -> None:
         self.symbols.setflags(write=False)
@@ -145,9 +145,19 @@ class Tape:
         return self.rows * self.columns - len(self.omitted)
 
     @property
+    def points_in(self) -> Directions:
+        """The directions that parts point in."""
+        return DIRECTIONS[self.directions]
+
+    @property
     def in_directions(self) -> str:
         """What is said of the displacement beside its length; nothing of four directions."""
-        return "" if self.directions == 4 else f" in {self.directions} directions"
+        return "" if self.points_in.usual else f" in {self.directions} directions"
+
+    @property
+    def texture_key(self) -> tuple[Hashable, ...]:
+        """Equal where no touch can tell two tapes apart, but for grid, pitch and displacement."""
+        return get_code(self.code).texture_key(self.sector, self.origin, self.symbols)
 
     def cells(self) -> IntArray:
         """(column, row) of every placed part in designator order R1 ... Rn: row-major; shape (n, 2)."""
@@ -176,11 +186,11 @@ class Tape:
             "rows": self.rows,
             "pitch_mm": self.pitch_mm,
             "displacement_mm": self.displacement_mm,
-            **({} if self.directions == 4 else {"directions": self.directions}),
+            **({} if self.points_in.usual else {"directions": self.directions}),
             "board": {**_plain(self.board), "holes": [list(h) for h in self.board.holes]},
             "part": _plain(self.part),
             "symbols": symbols_to_rows(self.symbols),
-            **({"symbols_sha256": symbols_sha256(self.symbols)} if self.code == TOUCH_CODE else {}),
+            **get_code(self.code).digest_entry(self.symbols),
             "omitted": self.omitted.tolist(),
             "tag": None if self.tag is None else _plain(self.tag),
             **({} if self.surface is None else {"surface": _plain(self.surface)}),
@@ -207,11 +217,6 @@ class Tape:
             When there is no kit at `path`, or its manifest cannot be read or contradicts itself.
         """
         return cls.from_mapping(read_manifest(find_manifest(path)))
-
-
-def symbols_sha256(symbols: SymbolArray) -> str:
-    """Digest of a matrix of symbols: SHA-256 of its rows as the manifest has them, each followed by a line feed, in ASCII."""
-    return hashlib.sha256("".join(f"{row}\n" for row in symbols_to_rows(symbols)).encode("ascii")).hexdigest()
 
 
 def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
@@ -286,7 +291,7 @@ def _pair(values: tuple[float, ...]) -> tuple[float, float]:
 
 
 def _read_tape(table: Fields) -> Tape:
-    code = limits_of(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
+    code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     sector = table.integer("sector", low=0, high=code.sectors - 1)
     origin = table.integers("origin", 2, low=0, high=code.range - 1)
     columns = table.integer("columns", low=code.window, high=code.range, default=code.window)
@@ -294,7 +299,7 @@ def _read_tape(table: Fields) -> Tape:
     name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
-    directions = read_directions(table, code.name)
+    directions = read_directions(table, code)
     board = _read_board(table.table("board"))
     part = _read_part(table.table("part"))
     if "tag" not in table.values:
@@ -306,10 +311,7 @@ def _read_tape(table: Fields) -> Tape:
     if table.problems:
         raise SpecError(table.problems)
     symbols = _read_symbols(table, rows, columns, directions)
-    if code.name == TOUCH_CODE:
-        _check_matrix(table, symbols, (origin[0], origin[1]))
-    else:
-        _check_place(symbols, code.name, sector, (origin[0], origin[1]))
+    code.check_symbols(symbols, sector, (origin[0], origin[1]), table)
     return Tape(
         name=name,
         sector=sector,
@@ -327,52 +329,6 @@ def _read_tape(table: Fields) -> Tape:
         surface=surface,
         directions=directions,
     )
-
-
-def _check_place(symbols: SymbolArray, code: str, sector: int, origin: tuple[int, int]) -> None:
-    """Refuse symbols that a code does not have at a place."""
-    expected = encode(get_code(code), sector, origin, (len(symbols), len(symbols[0])))
-    wrong = np.argwhere(symbols != expected)
-    if len(wrong) == 0:
-        return
-    r, c = (int(i) for i in wrong[0])
-    of = f"code '{code}', sector {sector}, origin [{origin[0]}, {origin[1]}]"
-    raise SpecError(
-        Problem(
-            "symbols",
-            f"symbols differ from {of} at {len(wrong)} grid points, first at column {c}, row {r}: "
-            f"'{symbols_to_rows(symbols[r : r + 1, c : c + 1])[0]}' where the code has "
-            f"'{symbols_to_rows(expected[r : r + 1, c : c + 1])[0]}'",
-        )
-    )
-
-
-def _check_matrix(table: Fields, symbols: SymbolArray, origin: tuple[int, int]) -> None:
-    """Refuse symbols of the touch code, which nothing but their digest vouches for, that are not those it was made of."""
-    said = table.text("symbols_sha256", pattern=r"[0-9a-f]{64}", remedy="a tape of code 'touch-1' has the digest of its symbols")
-    found = symbols_sha256(symbols)
-    if said and said != found:
-        table.problem(
-            "symbols_sha256",
-            f"symbols_sha256 = {said} is not that of symbols, {found}: one of them was changed; take the manifest that was made "
-            "with the tape",
-        )
-    if origin != (0, 0):
-        table.problem("origin", f"origin = {list(origin)} of code 'touch-1' is not [0, 0]: its symbols are the tape's own")
-    if table.problems:
-        raise SpecError(table.problems)
-
-
-def read_directions(table: Fields, code: str) -> int:
-    """How many directions the symbols have; without a word of it four."""
-    directions = table.values.get("directions", 4)
-    if isinstance(directions, bool) or not isinstance(directions, int) or directions not in DIRECTION_COUNTS:
-        table.problem("directions", f"directions = {shown(directions)} is neither 4 nor 8; give one of them")
-        return 4
-    if directions != 4 and code != TOUCH_CODE:
-        message = f"directions = {directions} of code '{code}': only '{TOUCH_CODE}' has 8"
-        table.problem("directions", f"{message}; use --code {TOUCH_CODE}, or 4 directions")
-    return directions
 
 
 def _read_symbols(table: Fields, rows: int, columns: int, directions: int) -> SymbolArray:

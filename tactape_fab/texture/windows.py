@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray, bits_of, gray_codes
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import TURNED, BoolArray, IntArray, SymbolArray
 
 WordArray = npt.NDArray[np.uint64]
 
@@ -62,7 +62,7 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
         How many directions the symbols have, or those of other windows that these are compared with.
     """
     high, wide = symbols.shape[0] - side + 1, symbols.shape[1] - side + 1
-    bits = bits_of(directions)
+    bits = DIRECTIONS[directions].bits
     word_count = -(-side * side // (WORD_BITS // bits))
     if high < 1 or wide < 1:
         empty = np.zeros((turns, 0), dtype=np.uint64)
@@ -70,7 +70,7 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
     whole = np.lib.stride_tricks.sliding_window_view(placed, (side, side)).all(axis=(2, 3))
     words = np.zeros((word_count, turns, high, wide), dtype=np.uint64)
     cells = np.arange(side * side).reshape(side, side)
-    turned, codes = symbols, gray_codes(directions).astype(np.uint64)
+    turned, codes = symbols, DIRECTIONS[directions].gray_codes.astype(np.uint64)
     for k in range(turns):
         for target, source in enumerate(np.rot90(cells, k).ravel().tolist()):
             word, place = divmod(target, WORD_BITS // bits)

@@ -15,7 +15,7 @@ from tactape_fab.kit.read.readback import CplContent, read_cpl, read_drill
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.mesh.stl import MeshError, read_stl
-from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest, read_manifest
 from tactape_fab.texture.panel_manifest import is_panel
 from tactape_fab.texture.tape import Tape
@@ -168,8 +168,7 @@ def verify_folder(
         return Verification(
             name=folder.name, checks=(Check(name="manifest", passed=False, message="; ".join(str(error).splitlines())),)
         )
-    vouched = "of the digest beside them" if tape.code == TOUCH_CODE else f"as code '{tape.code}' has them"
-    checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {vouched}")]
+    checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}")]
     files, file_checks = read_files(folder, manifest)
     expected = roles_of(tape, kind, models=form is not None, backings=tuple(film.backings) if film is not None else ())
     checks += [*file_checks, check_roles(expected, files, (REPORT, "step-solid") if kind == "embossed" else (REPORT,))]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.texture.code import TOUCH_CODE, BoolArray, get_code, limits_of, locate_windows
-from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray, SymbolArray, board_to_texture
+from tactape_fab.texture.code import get_code
+from tactape_fab.texture.frames import LETTERS, BoolArray, FloatArray, SymbolArray, board_to_texture
+from tactape_fab.texture.plane import locate_windows
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import windows_of
 
@@ -32,8 +33,8 @@ def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, Bo
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
     cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
     moved = texture_mm - cell * tape.pitch_mm
-    distance = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY[: tape.directions], axis=2)
-    most_mm = tape.displacement_mm / (2 if tape.directions == 4 else 3)
+    distance = np.linalg.norm(moved[:, None] - tape.displacement_mm * tape.points_in.xy, axis=2)
+    most_mm = tape.displacement_mm * tape.points_in.reads_within
     on_grid = ((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1) & (distance.min(axis=1) < most_mm)
     symbols = np.zeros((tape.rows, tape.columns), dtype=np.uint8)
     count = np.zeros((tape.rows, tape.columns), dtype=np.int64)
@@ -71,9 +72,9 @@ def check_symbols(tape: Tape, xy_mm: FloatArray, source: str) -> list[Check]:
 
 
 def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
-    if tape.code == TOUCH_CODE:
+    code = get_code(tape.code).plane
+    if code is None:
         return _check_matrix_windows(tape, symbols, found, source)
-    code = get_code(tape.code)
     places = locate_windows(code, symbols)
     whole = np.lib.stride_tricks.sliding_window_view(found, (code.window, code.window)).all(axis=(2, 3))
     rows, columns = places.valid.shape
@@ -106,7 +107,7 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
 
 def _check_matrix_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
     """Look every whole window up among those of the manifest's matrix, in all turns: there is nothing to decode it by."""
-    side, name = limits_of(tape.code).window, f"windows from {source}"
+    side, name = get_code(tape.code).window, f"windows from {source}"
     seen = windows_of(symbols, found, side, turns=1, directions=tape.directions)
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=4, directions=tape.directions)
     columns = tape.columns - side + 1

@@ -12,8 +12,9 @@ import numpy as np
 from tactape_fab import Tape, TapeSpec, default_origin
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Frame, Scene, draw_poses, iterate_frames
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.plane import encode
 
 SECTOR = 7
 SEED = int(os.environ.get("TACTAPE_BENCH_SEED", "2026"))
@@ -114,7 +115,7 @@ def tape_of(sector: int, origin: tuple[int, int] | None = None) -> Tape:
     """The same tape as another sector has it, at its default origin unless said."""
     like = registered_tape()
     place = default_origin(like.code, sector) if origin is None else origin
-    symbols = encode(get_code(like.code), sector, place, (like.rows, like.columns))
+    symbols = encode(get_plane(like.code), sector, place, (like.rows, like.columns))
     return replace(like, name=f"tactape-s{sector:03d}", sector=sector, origin=place, symbols=symbols, tag=None)
 
 

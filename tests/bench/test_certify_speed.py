@@ -20,7 +20,7 @@ from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.texture.certify.certificate import SIDES, certify, closest
 from tactape_fab.texture.certify.origin import choose_origin
 from tactape_fab.texture.certify.pairs import across
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import get_plane
 from tests.bench.measure import Timed, peak_memory_mb, run, show
 from tests.tapes import tape_at
 
@@ -90,7 +90,7 @@ def searched(code_name: str, sectors: range) -> tuple[list[float], Counter[int],
     seconds, before, after = [], Counter[int](), Counter[int]()
     for sector in sectors:
         start = process_time()
-        choice = choose_origin(get_code(code_name), sector, whole)
+        choice = choose_origin(get_plane(code_name), sector, whole)
         seconds.append(process_time() - start)
         assert choice.default_distance is not None
         before[choice.default_distance] += 1

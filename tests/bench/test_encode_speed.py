@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from tactape_fab.texture.code import CODE_NAMES, encode, get_code
+from tactape_fab.texture.code import CODE_NAMES, get_plane
+from tactape_fab.texture.plane import encode
 from tests.bench.measure import Timed, run, show
 
 SIDE = 3375
@@ -14,7 +15,7 @@ MOST_MS = 500.0
 
 @pytest.mark.parametrize("name", CODE_NAMES)
 def test_plane_is_encoded_in_well_under_a_second(benchmark: BenchmarkFixture, name: str) -> None:
-    code = get_code(name)
+    code = get_plane(name)
     far = code.range - SIDE
     timed = Timed(lambda: encode(code, code.sectors - 1, (far, far), (SIDE, SIDE)))
     symbols = run(benchmark, timed, rounds=5)

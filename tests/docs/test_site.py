@@ -21,7 +21,8 @@ from tactape_fab.cli import main
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm
 from tactape_fab.make.panel import PanelKit
-from tactape_fab.texture.code import get_code, locate_windows
+from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.plane import locate_windows
 from tactape_fab.texture.touch.design import ALONE, ALONE_OF_EIGHT, MOST_TOUCH_POINTS
 from tests.docs.test_docs import script_of
 from tests.surfaces import box, emboss
@@ -147,8 +148,8 @@ def test_the_smallest_contact_of_the_page_is_what_is_simulated() -> None:
 @pytest.mark.parametrize("name", ["microdots-4x4", "debruijn-4x4"])
 def test_as_many_patterns_read_as_the_page_on_codes_proves(name: str) -> None:
     patterns = np.random.default_rng(4).integers(4, size=(20_000, 16), dtype=np.uint8)
-    share = float(np.mean([locate_windows(get_code(name), p.reshape(4, 4)).valid.all() for p in patterns[:4000]]))
-    assert share == pytest.approx(script_of("make_reference").share_that_reads(get_code(name)), abs=0.03)
+    share = float(np.mean([locate_windows(get_plane(name), p.reshape(4, 4)).valid.all() for p in patterns[:4000]]))
+    assert share == pytest.approx(script_of("make_reference").share_that_reads(get_plane(name)), abs=0.03)
 
 
 # The manifest's schema

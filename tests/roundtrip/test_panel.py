@@ -24,8 +24,9 @@ from tactape_fab.base.errors import Check, DesignRuleError, SpecError, VerifyErr
 from tactape_fab.cli import main
 from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.sense import simulate
-from tactape_fab.texture.code import get_code, locate_windows
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import rows_to_symbols
+from tactape_fab.texture.plane import locate_windows
 from tactape_fab.texture.registry import read_tapes
 from tactape_fab.verify import Verification
 from tactape_fab.verify.panel import verify_panel_folder
@@ -72,7 +73,7 @@ def test_the_cpl_decodes_to_every_sector_at_its_place(panel: PanelKit) -> None:
         first = int(row["first_designator"][1:]) - 1
         own = xy[first : first + row["parts"]] - row["offset_mm"]
         symbols = symbols_at(own, kit)
-        code = get_code(kit["code"])
+        code = get_plane(kit["code"])
         places = locate_windows(code, symbols)
         assert places.valid.all()
         assert set(np.unique(places.sector)) == {kit["sector"]}

@@ -8,7 +8,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import PartProfile, load_fab, read_part
 from tactape_fab.kit.spec.tape_spec import DEFAULT_FAB, TapeSpec
-from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
+from tactape_fab.texture.code import CODE_NAMES, get_code, has_plane
 from tactape_fab.texture.tape import Tape
 
 MOST_SECTORS = 256
@@ -23,7 +23,7 @@ def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
     SpecError
         When there is no such code, or no tape of that size.
     """
-    if code == TOUCH_CODE:
+    if not has_plane(code):
         message = f"code = '{code}' has no tapes but those that were made: each is designed; name their kits"
         raise SpecError(Problem("code", message))
     fab, part = load_fab(DEFAULT_FAB), read_part("r0201")

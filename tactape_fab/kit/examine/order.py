@@ -16,7 +16,7 @@ from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_par
 from tactape_fab.kit.rules.film_rules import assembly_findings
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
 from tactape_fab.kit.spec.tape_spec import DEFAULT_FAB, TapeSpec
-from tactape_fab.texture.code import limits_of
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
 
@@ -198,7 +198,7 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
 def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> list[Problem]:
     if request.sectors is not None or request.same_sector:
         return []
-    most, last = limits_of(base.tape.code).sectors, base.tape.sector + panel.count - 1
+    most, last = get_code(base.tape.code).sectors, base.tape.sector + panel.count - 1
     if last < most:
         return []
     message = (

@@ -29,7 +29,7 @@ from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify.certificate import Certificate, certify, pair_words
 from tactape_fab.texture.certify.origin import Choice, choose_origin
-from tactape_fab.texture.code import TOUCH_CODE, get_code
+from tactape_fab.texture.code import get_code, get_plane, has_plane
 from tactape_fab.texture.cpl import part_number_problem
 from tactape_fab.texture.tape import Tape
 
@@ -97,7 +97,7 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
     fab = _loaded(load_fab, spec.fab, problems)
     part = _loaded(read_part, spec.part, problems)
     process = _loaded(load_process, spec.process, problems)
-    if avoid and spec.code != TOUCH_CODE and spec.origin != BEST:
+    if avoid and has_plane(spec.code) and spec.origin != BEST:
         problems.append(fixed_origin(spec.origin))
     problems += _other_directions(spec, avoid)
     if problems:
@@ -144,7 +144,7 @@ def _settled(spec: TapeSpec, planned: Callable[[], Tape], avoid: Sequence[Tape])
     """The spec with the best origin where it asks for that, and what was found."""
     if spec.origin != BEST:
         return spec, _Search(avoided=tuple(t.name for t in avoid))
-    choice = choose_origin(get_code(spec.code), spec.sector, planned().placed, avoid)
+    choice = choose_origin(get_plane(spec.code), spec.sector, planned().placed, avoid)
     return replace(spec, origin=choice.origin), _Search(choice=choice, avoided=tuple(t.name for t in avoid))
 
 
@@ -156,7 +156,7 @@ def _window_findings(certificate: Certificate) -> list[Finding]:
     count = f"{size.pairs} pair{'s' * (size.pairs != 1)} of 4x4 windows read{'s' * (size.pairs == 1)} the same"
     enough = certificate.distinct_side
     contact = "larger contacts" if enough is None else f"contacts of at least {enough} x {enough} parts"
-    remedy = "another --sector" if certificate.tape.code == TOUCH_CODE else "--origin best"
+    remedy = get_code(certificate.tape.code).another
     message = f"{count}, first {pair_words(certificate.tape, size, 0)}; rely on {contact}, or use {remedy}"
     return [Finding(rule="windows", level="warn", passed=False, unit="", message=message)]
 

@@ -20,7 +20,7 @@ from tactape_fab.kit.plan import plan, plan_texture
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, read_part
 from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.code import has_plane
 from tactape_fab.texture.manifest import MANIFEST_NAME
 
 MOST_JOBS = 64
@@ -41,7 +41,7 @@ class Planned:
     def texture(self) -> tuple[object, ...]:
         """Two tapes that have this in common cannot be told apart."""
         spec = self.spec
-        size_mm = spec.size_mm if spec.code == TOUCH_CODE else None  # another size, another design
+        size_mm = None if has_plane(spec.code) else spec.size_mm  # another size, another design
         return spec.code, spec.directions, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
 
 
@@ -199,7 +199,7 @@ def _root(problem: Problem) -> str:
 
 def _plan(spec: TapeSpec, first: Examined) -> None:
     """Refuse a tape that does not follow from its spec, by the profiles of another that differs in sector only."""
-    if spec.code == TOUCH_CODE:  # nothing of it follows from the sector but the design, which takes seconds
+    if not has_plane(spec.code):  # nothing of it follows from the sector but the design, which takes seconds
         return
     if first.film is not None:
         plan(spec, first.fab, first.layout.part)

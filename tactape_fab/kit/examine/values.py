@@ -13,7 +13,7 @@ from tactape_fab.kit.examine.tape import Examined, examine, fixed_origin
 from tactape_fab.kit.output_place import refuse_taken
 from tactape_fab.kit.spec.tape_spec import BEST, KEYS, TapeSpec
 from tactape_fab.texture.certify.origin import choose_sector
-from tactape_fab.texture.code import TOUCH_CODE, get_code
+from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.tape import Tape
 
 _ELEMENT = {"part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm"}
@@ -73,7 +73,7 @@ def examine_values(
     findings: Sequence[Finding] = ()
     kept = dict(values)
     set_aside: set[str] = set()
-    if avoid and kept.get("code") != TOUCH_CODE and kept.setdefault("origin", BEST) != BEST:
+    if avoid and has_plane(kept.get("code")) and kept.setdefault("origin", BEST) != BEST:
         problems.append(fixed_origin(kept["origin"]))
         raised.append(SpecError)
         kept["origin"] = BEST
@@ -116,8 +116,8 @@ def _free_sector(values: Mapping[str, Any], avoid: Sequence[Tape]) -> int:
 
     Of a touch code any sector will do that is none of theirs, and no id of their tags.
     """
-    if values.get("code") == TOUCH_CODE:
-        used = {t.sector for t in avoid if t.code == TOUCH_CODE} | {t.tag.id for t in avoid if t.tag is not None}
+    if not has_plane(values.get("code")):
+        used = {t.sector for t in avoid if t.code == values["code"]} | {t.tag.id for t in avoid if t.tag is not None}
         return min(set(range(len(used) + 1)) - used)
     tape = examine(TapeSpec.from_mapping({**values, "sector": 0, "origin": (0, 0)})).tape
-    return choose_sector(get_code(tape.code), tape.placed, avoid)
+    return choose_sector(get_plane(tape.code), tape.placed, avoid)

@@ -181,7 +181,7 @@ def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tap
     )
     modes = [_judged("spur", spur, fab, tape)]
     if rotation_deg % 90.0 == 45.0:
-        sideways_mm = displacement_mm * (1.0 if tape.directions == 4 else sqrt(2))  # as far as a diagonal web sees it
+        sideways_mm = displacement_mm * tape.points_in.reach_diagonal
         across = sqrt(2) * (2 * clear + b) + 2 * sideways_mm
         along = sqrt(2) * (clear + a / 2) + sideways_mm
         modes.append(_judged("mesh", max(across, along), fab, tape))

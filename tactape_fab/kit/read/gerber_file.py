@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import TactapeError
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2
 
 FURTHEST_MM = 1e5

@@ -13,8 +13,7 @@ from tactape_fab.solids.mesh.stl import read_stl
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.picture import png_bytes, shaded
 from tactape_fab.solids.wrap import unwrapped, world
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2
 from tactape_fab.texture.tape import Tape
 

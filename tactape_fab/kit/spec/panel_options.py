@@ -10,7 +10,7 @@ from typing import Any
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.spec.sectors import read_sectors
-from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, limits_of
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, get_code
 
 PANEL_KEYS = ("panel", "sectors", "same_sector", "tabs")
 TAB_SIDES = ("auto", "x", "y", "xy")
@@ -100,7 +100,7 @@ def _sectors(table: Fields) -> tuple[int, ...] | None:
     code = table.values.get("code", DEFAULT_CODE)
     known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     try:
-        return read_sectors(table.values["sectors"], max(limits_of(name).sectors for name in known))
+        return read_sectors(table.values["sectors"], max(get_code(name).sectors for name in known))
     except SpecError as error:
         table.problems += error.problems
         return None

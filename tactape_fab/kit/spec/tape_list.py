@@ -11,7 +11,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.kit.spec.sectors import MOST_TAPES, read_sectors
 from tactape_fab.kit.spec.tape_spec import PROFILE_KEYS, read_spec_file
-from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, limits_of
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
 
 _OF_ONE = ("sector", "sectors", "name")
 """Keys that no two tapes of a list share."""
@@ -116,7 +116,7 @@ def _of_sectors(values: Mapping[str, Any], where: str, problems: list[Problem]) 
     code = values.get("code", CODE_NAMES[0])
     known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     try:
-        sectors = read_sectors(values["sectors"], max(limits_of(name).sectors for name in known))
+        sectors = read_sectors(values["sectors"], max(get_code(name).sectors for name in known))
     except SpecError as error:
         problems += [Problem(p.key, where + p.message) for p in error.problems]
         sectors = (0,)

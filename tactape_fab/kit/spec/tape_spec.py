@@ -16,11 +16,12 @@ from tactape_fab.kit.spec.film_options import read_film_options
 from tactape_fab.kit.spec.scatter import scatter_refusal
 from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS, Part, read_solid_options
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
-from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, TOUCH_CODE, default_origin, get_code, limits_of
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tag import LEAST_CELL_MM
-from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS, read_directions
+from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 
 TAG_MODES = ("strip", "none")
 BEST: Literal["best"] = "best"
@@ -118,7 +119,7 @@ class TapeSpec:
     displacement_mm: float = None  # type: ignore[assignment]
     size_mm: tuple[float, float] = (100.0, 50.0)
     code: str = DEFAULT_CODE
-    directions: int = 4
+    directions: int = USUAL_DIRECTIONS
     origin: tuple[int, int] | Literal["best"] = None  # type: ignore[assignment]
     tag: str = None  # type: ignore[assignment]
     tag_id: int | None = None
@@ -182,7 +183,7 @@ class TapeSpec:
 
     def to_mapping(self) -> dict[str, Any]:
         """Every option as understood, for the manifest; of a profile's path only the file's name, wherever it stood."""
-        values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) != ("directions", 4)}
+        values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) != ("directions", USUAL_DIRECTIONS)}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
 
     @property
@@ -232,9 +233,9 @@ def read_spec_file(path: Path) -> dict[str, Any]:
 def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     """All values in their final form, and all problems."""
     table = Fields({key: value for key, value in raw.items() if value is not None})
-    code = limits_of(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
+    code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     if table.problems:  # an unknown code: judge the sector by the code that has most
-        code = max(map(limits_of, CODE_NAMES), key=lambda c: c.sectors)
+        code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
     sector = table.integer(
         "sector",
         low=0,
@@ -249,13 +250,13 @@ def _checked(raw: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
         "pitch_mm": pitch_mm,
         "displacement_mm": _displacement(table, pitch_mm),
         "size_mm": _size(table, pitch_mm, code.name, code.range),
-        "origin": _origin(table, code.name, sector, code.range),
+        "origin": _origin(table, code, sector),
         "tag_cell_mm": _snapped(table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=0.5)),
         "rotation_deg": table.number("rotation_deg", low=-360.0, high=360.0, unit="deg", default=45.0) % 360.0,
         "part": _profile_name(table, "part", "parts"),
     }
     part = _part(table, values["part"])
-    values["directions"] = _directions(table, part, values["displacement_mm"])
+    values["directions"] = _directions(table, code, part, values["displacement_mm"])
     values |= read_solid_options(table, part)
     values |= _of_the_film(table, isinstance(part, ElementProfile))
     values |= read_film_options(table, solid=isinstance(part, ElementProfile))
@@ -352,11 +353,10 @@ def _displacement(table: Fields, pitch_mm: float) -> float:
     )
 
 
-def _directions(table: Fields, part: Part | None, displacement_mm: float) -> int:
+def _directions(table: Fields, code: Code, part: Part | None, displacement_mm: float) -> int:
     """Eight directions are of the touch code, and of parts that do not scatter too much for it."""
-    code = TOUCH_CODE if _refused(table, "code") else table.values.get("code", DEFAULT_CODE)
-    directions = read_directions(table, code)
-    if directions == 8 and isinstance(part, PartProfile) and not _refused(table, "displacement_mm"):
+    directions = read_directions(table, None if _refused(table, "code") else code)
+    if not DIRECTIONS[directions].usual and isinstance(part, PartProfile) and not _refused(table, "displacement_mm"):
         refusal = None if _refused(table, "directions") else scatter_refusal(displacement_mm)
         if refusal is not None:
             table.problem("directions", refusal)
@@ -386,19 +386,19 @@ def _code_of_reach(points: float) -> str:
     return min(reaching, key=lambda name: get_code(name).range, default="")
 
 
-def _origin(table: Fields, code_name: str, sector: int, code_range: int) -> tuple[int, int] | Literal["best"]:
+def _origin(table: Fields, code: Code, sector: int) -> tuple[int, int] | Literal["best"]:
     if "origin" not in table.values:
-        return default_origin(code_name, sector)
-    if code_name == TOUCH_CODE:
+        return default_origin(code.name, sector)
+    if code.plane is None:
         if table.values["origin"] not in ((0, 0), [0, 0]):
             given = shown(table.values["origin"])
-            message = f"origin = {given} means nothing with code '{TOUCH_CODE}', which has no plane: its tapes are designed"
+            message = f"origin = {given} means nothing with code '{code.name}', which has no plane: its tapes are designed"
             table.problem("origin", f"{message}; leave --origin out, and use another --sector for another tape")
-        return 0, 0
+        return code.default_origin(sector)
     if table.values["origin"] == BEST:
         return BEST
-    remedy = f"give --origin COL,ROW with both from 0 to {code_range - 1}, or best, or leave it to the sector's default"
-    column, row = table.integers("origin", 2, low=0, high=code_range - 1, remedy=remedy)
+    remedy = f"give --origin COL,ROW with both from 0 to {code.range - 1}, or best, or leave it to the sector's default"
+    column, row = table.integers("origin", 2, low=0, high=code.range - 1, remedy=remedy)
     return column, row
 
 

@@ -15,8 +15,7 @@ from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.search import LEAST_DOTS, Place, rivals, strangers
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, SymbolArray, texture_to_board
+from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, SymbolArray, texture_to_board
 
 _PLACES = 1e6
 """Rivals are named where they are as sure as an answer would have to be among so many places."""

@@ -26,8 +26,9 @@ from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import LEAST_DOTS, Prior
 from tactape_fab.sense.decode.warm import rehearse, search_compiled
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.texture.code import TOUCH_CODE, encode, get_code
+from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.plane import encode
 from tactape_fab.texture.tape import Tape, TapePart
 
 World = Literal["open", "closed"]
@@ -91,7 +92,7 @@ class Localizer:
             problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
         if not tapes:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
-        if method == "paper" and any(tape.code == TOUCH_CODE for tape in tapes):
+        if method == "paper" and not all(has_plane(tape.code) for tape in tapes):
             from tactape_fab.sense.decode.paper.method import PLANELESS
 
             problems.append(Problem("method", PLANELESS))
@@ -160,7 +161,7 @@ class Localizer:
         self = cls.__new__(cls)
         self._method = "ml"
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)
-        plane = CodePlane(get_code(code), LARGEST_CONTACT)
+        plane = CodePlane(get_plane(code), LARGEST_CONTACT)
         self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
         symbols = encode(plane.code, 0, (0, 0), (8, 8))
         row, column = np.divmod(np.arange(64), 8)

@@ -30,7 +30,7 @@ from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane_sites import sites_of
 from tactape_fab.sense.decode.search.search import LEAST_DOTS
 from tactape_fab.sense.decode.search.single_place import compile_near
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import FloatArray
 
 _LONGEST_S = 60.0
@@ -104,7 +104,7 @@ def compile_search() -> None:
     """Compile what makes tables and groups of places and holds dots against them, for one dot and a tape that nobody made."""
     gc.disable()
     one = np.zeros((1, 2), dtype=np.int64)
-    sites = sites_of(get_code("microdots-4x4"), [(8, 8)], origins=one, size_of=one[:, 0], sectors=one)
+    sites = sites_of(get_plane("microdots-4x4"), [(8, 8)], origins=one, size_of=one[:, 0], sectors=one)
     tables = tables_of(one, np.full((1, 4), 0.25), sites.signs, LARGEST_CONTACT)
     groups = groups_of(tables, sites.sizes, LEAST_DOTS)
     compile_weighing(tables, sites, groups)

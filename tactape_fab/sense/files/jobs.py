@@ -15,7 +15,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.raw.colour_images import RawImage, open_raw
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
-from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, get_code
+from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.registry import read_tapes
 from tactape_fab.texture.tape import Tape
 
@@ -166,8 +166,8 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
     if kits or "code" not in bare:
         return None
     table = Fields({"w": DEFAULT_PITCH_MM, **bare}, problems=problems)
-    if bare["code"] == TOUCH_CODE:
-        tried(lambda: get_code(TOUCH_CODE), problems)
+    if not has_plane(bare["code"]):
+        tried(lambda: get_plane(bare["code"]), problems)
         return None
     name = table.text("code", choices=CODE_NAMES, default=CODE_NAMES[0])
     pitch_mm = table.number("w", above=0.0, high=100.0, default=DEFAULT_PITCH_MM)

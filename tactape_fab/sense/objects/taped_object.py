@@ -15,7 +15,6 @@ from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, sensor_on_object
 from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
-from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.registry import read_registered
 from tactape_fab.texture.tape import Tape
 
@@ -98,7 +97,7 @@ def refuse_strangers(thing: TapedObject, tapes: Sequence[Tape]) -> None:
     problems = []
     for tape in tapes:
         entry = own.get(_place(tape))
-        if entry is not None and _texture(entry.tape) != _texture(tape):
+        if entry is not None and entry.tape.texture_key != tape.texture_key:
             message = f"tape {tape.name} has name, sector and origin of {shown_path(entry.kit)}, which is on the object, but "
             problems.append(Problem("tape", f"{message}another texture; make it with another --name, or leave it out"))
     if problems:
@@ -110,17 +109,12 @@ def _place(tape: Tape) -> tuple[str, int, tuple[int, int]]:
     return tape.name, tape.sector, tape.origin
 
 
-def _texture(tape: Tape) -> tuple[Any, ...]:
-    """What a touch can tell a tape by, but for its size; a code without a plane says nothing of the symbols."""
-    return tape.code, tape.sector, tape.origin, tape.symbols.tobytes() if tape.code == TOUCH_CODE else None
-
-
 def _refuse_doubles(tapes: list[TapeOnObject], table: Fields) -> None:
     """Two tapes with the same texture cannot be told apart, wherever they are; nor can answers be that name them alike."""
     textures: dict[tuple[Any, ...], Path] = {}
     places: dict[tuple[Any, ...], Path] = {}
     for entry in tapes:
-        texture, place = _texture(entry.tape), _place(entry.tape)
+        texture, place = entry.tape.texture_key, _place(entry.tape)
         if texture in textures:
             message = f"tapes {shown_path(textures[texture])} and {shown_path(entry.kit)} have the same texture"
             table.problem("tapes", f"{message}, which no touch tells apart; use another sector for one of them")

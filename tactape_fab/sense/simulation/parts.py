@@ -18,7 +18,8 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.cpl import FORMATS, PlacementTable
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.tape import LONGEST_MM, MOST_POINTS, Tape
+from tactape_fab.texture.plane import MOST_POINTS
+from tactape_fab.texture.tape import LONGEST_MM, Tape
 
 CPL_COLUMNS = ("Designator", "Mid X", "Mid Y", "Layer", "Rotation")
 _CPL_BYTES = 64 * 1024 * 1024

@@ -11,8 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 _NEAR_Z_DEG = 10.0
 _MOST_FACE = 1_000_000

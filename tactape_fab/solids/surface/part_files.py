@@ -16,8 +16,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 MESH_FORMATS = ("stl", "3mf", "obj", "ply")

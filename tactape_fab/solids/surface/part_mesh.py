@@ -16,8 +16,7 @@ import numpy as np
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import Frames, Placement, board_x, turned, unit
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 CREASE_DEG = 30.0
 """Facets that meet at a larger angle belong to two surfaces: a texture ends there."""

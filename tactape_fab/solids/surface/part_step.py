@@ -23,8 +23,7 @@ from tactape_fab.solids.surface.fuse import Progress
 from tactape_fab.solids.surface.part_files import MOST_FACES, closed_mesh, welded
 from tactape_fab.solids.surface.part_mesh import refuse_no_point, refuse_off_surface
 from tactape_fab.solids.surface.place import LaidOut
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.tape import TapePart
 
 _CHORD_ERROR_MM = (0.002, 0.01)

@@ -6,8 +6,7 @@ import numpy as np
 
 from tactape_fab.solids.elements import element_rings_mm, reach_mm
 from tactape_fab.solids.surface.charts import Chart, Frames, nearest
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tape, TapePart
 

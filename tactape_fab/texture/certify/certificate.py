@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
-from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.touch.patches import PatchDistance, patch_distances
@@ -155,7 +155,7 @@ def certify(tape: Tape) -> Certificate:
         sizes=sizes,
         distinct_side=_smallest(tape, sizes, 1),
         correcting_side=_smallest(tape, sizes, CORRECTING),
-        patches=patch_distances(tape.symbols, tape.placed, tape.directions) if tape.code == TOUCH_CODE else (),
+        patches=patch_distances(tape.symbols, tape.placed, tape.directions) if get_code(tape.code).plane is None else (),
     )
 
 

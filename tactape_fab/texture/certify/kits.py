@@ -76,7 +76,7 @@ def entry_mapping(entry: Registered) -> dict[str, Any]:
         "size_mm": list(tape.board.size_mm),
         "pitch_mm": tape.pitch_mm,
         "displacement_mm": tape.displacement_mm,
-        **({} if tape.directions == 4 else {"directions": tape.directions}),
+        **({} if tape.points_in.usual else {"directions": tape.directions}),
         "tag": None if tape.tag is None else tape.tag.id,
         "fab": entry.fab,
     }

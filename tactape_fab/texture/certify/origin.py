@@ -14,7 +14,9 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.texture.certify.certificate import closest_windows
 from tactape_fab.texture.certify.nearest import near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import BEYOND, joined
-from tactape_fab.texture.code import BoolArray, Code, default_origin, encode
+from tactape_fab.texture.code import default_origin
+from tactape_fab.texture.frames import BoolArray
+from tactape_fab.texture.plane import PlaneCode, encode
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import Windows, windows_of
 
@@ -54,7 +56,7 @@ class Choice:
     from_others: int | None
 
 
-def choose_origin(code: Code, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
+def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
     """The origin at which a tape's 4x4 windows are farthest apart, and from those of tapes to avoid before that.
 
     Of equal ones, that of the largest distance of 5x5 windows, then of the fewest nearest pairs of 4x4, then the first
@@ -62,7 +64,7 @@ def choose_origin(code: Code, sector: int, placed: BoolArray, avoid: Sequence[Ta
 
     Parameters
     ----------
-    code : Code
+    code : PlaneCode
     sector : int
     placed : ndarray of bool, shape (rows, columns)
         Whether a grid point carries a part.
@@ -109,7 +111,7 @@ def choose_origin(code: Code, sector: int, placed: BoolArray, avoid: Sequence[Ta
     )
 
 
-def choose_sector(code: Code, placed: BoolArray, avoid: Sequence[Tape]) -> int:
+def choose_sector(code: PlaneCode, placed: BoolArray, avoid: Sequence[Tape]) -> int:
     """The sector, at its default origin, whose 4x4 windows are farthest from those of tapes to avoid.
 
     Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are looked at.
@@ -134,11 +136,11 @@ def choose_sector(code: Code, placed: BoolArray, avoid: Sequence[Tape]) -> int:
     return sectors[_farthest(cut, avoid)[0][0]]
 
 
-def _fits(origin: Origin, code: Code, shape: tuple[int, ...]) -> bool:
+def _fits(origin: Origin, code: PlaneCode, shape: tuple[int, ...]) -> bool:
     return origin[0] + shape[1] <= code.range and origin[1] + shape[0] <= code.range
 
 
-def _origins(code: Code, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
+def _origins(code: PlaneCode, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
     """Origins in the order in which they are looked at: the default one, then spread over the plane.
 
     Places where another sector's tape of that size lies by default are left out as far as possible: sectors at one place
@@ -154,7 +156,7 @@ def _origins(code: Code, sector: int, shape: tuple[int, ...], count: int) -> lis
     return ([default] if _fits(default, code, shape) else []) + origins
 
 
-def _occupied(origin: Origin, code: Code, sector: int, shape: tuple[int, ...], avoid: Sequence[Tape]) -> bool:
+def _occupied(origin: Origin, code: PlaneCode, sector: int, shape: tuple[int, ...], avoid: Sequence[Tape]) -> bool:
     """Whether a tape to avoid shows some of the same places."""
     return any(
         t.code == code.name
@@ -186,11 +188,11 @@ def _farthest(cut: Sequence[Windows], avoid: Sequence[Tape]) -> tuple[list[int],
     return [int(i) for i in left], BEYOND
 
 
-def _windows(code: Code, sector: int, origin: Origin, placed: BoolArray, side: int) -> Windows:
+def _windows(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, side: int) -> Windows:
     return windows_of(encode(code, sector, origin, placed.shape), placed, side)
 
 
-def _merit(code: Code, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
+def _merit(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
     """How good an origin is, as numbers of which larger is better; None where 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
     if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
@@ -200,5 +202,5 @@ def _merit(code: Code, sector: int, origin: Origin, placed: BoolArray, least: in
     return nearest.distance or 0, further.distance or 0, -nearest.pairs
 
 
-def _least(code: Code, sector: int, origin: Origin, placed: BoolArray) -> int:
+def _least(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray) -> int:
     return closest_windows(_windows(code, sector, origin, placed, _SIDE)).distance or 0

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from tactape_fab.texture.certify.certificate import LISTED, first_pairs
 from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
-from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import Windows, WordArray, windows_of
@@ -177,8 +177,8 @@ def _plane_conflicts(tapes: Sequence[Tape], names: Sequence[str]) -> list[Confli
     for i, tape in enumerate(tapes):
         for k in groups.setdefault((tape.code, tape.sector), []):
             other = tapes[k]
-            if tape.code == TOUCH_CODE:
-                if np.array_equal(tape.symbols, other.symbols):
+            if get_code(tape.code).plane is None:
+                if tape.texture_key == other.texture_key:
                     said = f"{names[k]} and {names[i]}: both have the symbols of one design, and cannot be told apart"
                     found.append(Conflict(kind="same-tape", tapes=(k, i), message=said))
                 continue

@@ -1,7 +1,7 @@
 """Conflicts between the patches of a grid of symbols, and their repair, symbol by symbol. Integers only: the same everywhere.
 
 A patch is a word of two bits per symbol, three of eight directions, and two patches differ in as many bits as their words do. A
-symbol stands here as its Gray code (`frames.gray_codes`): of four directions one bit is a part that points a quarter turn
+symbol stands here as its Gray code (`Directions.gray_codes`): of four directions one bit is a part that points a quarter turn
 elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135.
 A conflict is a pair of patches that differ in fewer bits than asked for: of the grid itself, one of them in one of four turns, or
 of the grid and patches that are given. To change a symbol concerns the patches that hold it, and each of them is held against all
@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.jit import inner_kernel, kernel
-from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray, bits_of, gray_codes
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray
 from tactape_fab.texture.windows import WordArray
 
 MOST_SYMBOLS = 8
@@ -93,11 +94,11 @@ def shapes_of(masks: list[npt.NDArray[np.bool_]], directions: int = 4) -> Shapes
         for turn in range(_TURNS):
             r, c = np.divmod(np.rot90(source, turn).ravel(), len(mask))
             place[k, turn, r, c] = number.ravel()
-    codes = gray_codes(directions).astype(np.int64)
+    codes = DIRECTIONS[directions].gray_codes.astype(np.int64)
     turned = [np.arange(directions)]
     for _ in range(_TURNS - 1):
         turned.append(codes[TURNED[np.argsort(codes)]][turned[-1]])
-    return Shapes(side, count, cells, place, np.stack(turned), bits_of(directions))
+    return Shapes(side, count, cells, place, np.stack(turned), DIRECTIONS[directions].bits)
 
 
 def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]:

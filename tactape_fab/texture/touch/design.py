@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactape_fab.base.errors import CapacityError, Problem
-from tactape_fab.texture.code import TOUCH_CODE
-from tactape_fab.texture.frames import SymbolArray, gray_codes
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.touch.patches import patch_shapes
 from tactape_fab.texture.windows import WordArray
 
@@ -60,6 +60,7 @@ BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
     ((3, 6, 9, 13), (2, 4, 7, 11)),
     ((3, 6, 10, 14), (2, 5, 8, 12)),
 )
+_ALONE, _BESIDE = {4: ALONE, 8: ALONE_OF_EIGHT}, {4: BESIDE, 8: BESIDE_OF_EIGHT}
 _WORK, _WORK_BESIDE = 60_000_000, 400_000_000
 """Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or a minute.
 
@@ -89,7 +90,7 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
     """
     if shape[0] * shape[1] > MOST_TOUCH_POINTS:
         message = (
-            f"size_mm gives {shape[1]} x {shape[0]} grid points, more than the {MOST_TOUCH_POINTS} that '{TOUCH_CODE}' is "
+            f"size_mm gives {shape[1]} x {shape[0]} grid points, more than the {MOST_TOUCH_POINTS} that are ever "
             "designed for; use a smaller --size or --code microdots-4x4"
         )
         raise CapacityError(Problem("size_mm", message))
@@ -102,7 +103,7 @@ def _designed(
 ) -> SymbolArray:
     from tactape_fab.texture.touch.climb import Patches, fill, new_room, repair, words_of  # loads the compiler
 
-    codes, shapes = gray_codes(directions), patch_shapes(directions)
+    codes, shapes = DIRECTIONS[directions].gray_codes, patch_shapes(directions)
     others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
     state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
     symbols, room = np.empty(shape, dtype=np.uint8), new_room()
@@ -126,9 +127,8 @@ def _designed(
 def _rungs(beside: bool, directions: int) -> tuple[tuple[Bits, Bits], ...]:
     """Least bits of the tape's own patches, and of pairs with those of others, one rung after the other."""
     if beside:
-        return BESIDE if directions == 4 else BESIDE_OF_EIGHT
-    alone = ALONE if directions == 4 else ALONE_OF_EIGHT
-    return tuple((own, (0,) * len(own)) for own in alone)
+        return _BESIDE[directions]
+    return tuple((own, (0,) * len(own)) for own in _ALONE[directions])
 
 
 def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import SymbolArray, bits_of, gray_codes
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import BoolArray, SymbolArray
 from tactape_fab.texture.windows import WORD_BITS, windows_of
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class PatchDistance:
         How many there are without a hole.
     bits : int or None
         Fewest bits in which two of them differ, in any of four turns: one bit where a part points a quarter turn elsewhere,
-        two where it points the other way; of eight directions the bits of `frames.gray_codes`. None where there is no pair.
+        two where it points the other way; of eight directions the bits of `Directions.gray_codes`. None where there is no pair.
     pairs : int
         Pairs at that distance.
     """
@@ -60,7 +60,7 @@ class PatchDistance:
 
 def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
     """Those of `PATCHES` whose bits fill no more than a word: all but 5x5 of eight directions."""
-    return [mask for mask in PATCHES.values() if bits_of(directions) * mask.sum() <= WORD_BITS]
+    return [mask for mask in PATCHES.values() if DIRECTIONS[directions].bits * mask.sum() <= WORD_BITS]
 
 
 @cache
@@ -84,7 +84,7 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4
     from tactape_fab.texture.touch.climb import nearest_of, nearest_of_long, words_of
 
     shapes = patch_shapes(directions)
-    words, _ = words_of(gray_codes(directions)[symbols], shapes)
+    words, _ = words_of(DIRECTIONS[directions].gray_codes[symbols], shapes)
     found = []
     for (name, mask), own in zip(PATCHES.items(), words, strict=False):
         whole = np.zeros(0, dtype=bool)

@@ -9,8 +9,7 @@ import numpy as np
 
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.kit.read.readback import CplContent
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.panel_manifest import PlacedTape
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM

@@ -9,8 +9,7 @@ import numpy as np
 from tactape_fab.solids.elements import block_corners_mm, sphere_radius_mm
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.wrap import unwrapped, wrap_of
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray, board_to_texture
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture
 from tactape_fab.texture.tape import Tape
 
 RAISED_SHARE = 0.6

@@ -40,12 +40,12 @@ from tactape_fab.sense.simulation.gel import FloatImage
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.sense.simulation.view import View as Seen
 from tactape_fab.sense.simulation.view import make_view
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, board_to_texture
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, board_to_texture
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.trip.visible_parts import parts_shown
 
-_AROUND = {4: DIRECTIONS_XY[[2, 3, 1, 0]], 8: DIRECTIONS_XY[[2, 6, 3, 7, 1, 5, 0, 4]]}
+_AROUND = {count: directions.xy[directions.clockwise] for count, directions in DIRECTIONS.items()}
 """E, S, W, N, or E, SE, S and on: the directions as they follow each other round a grid's axes, by how many there are."""
 MARGIN = 1.5
 """Bounds from a grid that was fitted without knowing the symbols are no larger than from one that was by more than this, in 99 of

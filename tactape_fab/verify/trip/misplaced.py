@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactape_fab.texture.code import CODE_NAMES, TOUCH_CODE, WindowPlaces, get_code, limits_of, locate_windows
+from tactape_fab.texture.code import CODE_NAMES, get_code
+from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, SymbolArray, board_to_texture
+from tactape_fab.texture.plane import WindowPlaces, locate_windows
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import windows_of
 
@@ -86,15 +88,16 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     if columns * rows > _MOST_CELLS:
         return None
     column, row = (cell - first).T
-    directions = tape.directions if name == tape.code else 4
+    directions = tape.directions if name == tape.code else USUAL_DIRECTIONS
     shown = np.linalg.norm(moved[:, None] - tape.displacement_mm * DIRECTIONS_XY[:directions], axis=2).argmin(axis=1)
     symbols, there = np.zeros((rows, columns), dtype=np.uint8), np.zeros((rows, columns), dtype=bool)
     symbols[row, column] = shown
     there[row, column] = True
-    window = limits_of(name).window
+    code = get_code(name)
+    window = code.window
     if min(columns, rows) < window:
         return None
-    places = _places_in_matrix(tape, symbols) if name == TOUCH_CODE else locate_windows(get_code(name), symbols)
+    places = _places_in_matrix(tape, symbols) if code.plane is None else locate_windows(code.plane, symbols)
     whole = np.lib.stride_tricks.sliding_window_view(there, (window, window)).all(axis=(2, 3))
     r, c = np.nonzero(places.valid & whole)
     if len(r) == 0:
@@ -118,7 +121,7 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
 
 def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
     """Where windows stand in the tape's own matrix, which is all that there is to know of its code."""
-    side = limits_of(tape.code).window
+    side = get_code(tape.code).window
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1, directions=tape.directions)
     seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1, directions=tape.directions)
     order = known.words[0][0].argsort(kind="stable")

@@ -20,7 +20,7 @@ from tactape_fab.sense.simulation.dot_errors import dots_of
 from tactape_fab.sense.simulation.draw import Frame, draw_poses, frame_at, iterate_frames
 from tactape_fab.sense.simulation.gel import FloatImage
 from tactape_fab.sense.simulation.scene import Scene
-from tactape_fab.texture.code import TOUCH_CODE, get_code, limits_of
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.trip.misplaced import explain
@@ -141,7 +141,7 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
     The touch code has no windows for it to read: its contacts are decoded with all that is in them, among the tape's places.
     """
     px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
-    side_px = ceil(sqrt(2) * (limits_of(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
+    side_px = ceil(sqrt(2) * (get_code(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
     sensor = SensorProfile(name="quick", title="", width_px=side_px, height_px=side_px, px_per_mm=(px_per_mm, px_per_mm))
     scene = Scene(contact="pad", noise=0.0, dome_mm=0.0)  # without a dome the board's edge leaves no imprint
     locate, locate_dots = _quick_methods(tape, sensor)
@@ -159,7 +159,7 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
 
 def _quick_methods(tape: Tape, sensor: SensorProfile) -> tuple[Locate, Callable[[FloatArray], Localization]]:
     """How a quick trip locates a depth map, and dots."""
-    if tape.code == TOUCH_CODE:
+    if get_code(tape.code).plane is None:
         from tactape_fab.sense.decode.localizer import Localizer
 
         localizer = Localizer([tape], sensor, world="closed")
@@ -205,7 +205,7 @@ def full_trips(
     contact = contact or read_contact()
     sensor, scene = contact.sensor, contact.scene
 
-    fewer = FEWER if tape.code != TOUCH_CODE and get_code(tape.code).sectors > MANY_SECTORS else 1
+    fewer = FEWER if (plane := get_code(tape.code).plane) is not None and plane.sectors > MANY_SECTORS else 1
     each = [(max(n // fewer // len(sources), 1), edge) for n, edge in zip(counts, (False, True), strict=True)]
     poses = [
         np.concatenate([draw_poses(tape, n, seed, sensor, scene, edge=edge) for n, edge in each]) for seed in range(len(sources))

@@ -9,8 +9,9 @@ import numpy as np
 
 from tactape_fab.kit.examine.code_tapes import default_tapes
 from tactape_fab.texture.certify.certificate import closest
-from tactape_fab.texture.code import encode, get_code, locate_windows
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import IntArray, SymbolArray
+from tactape_fab.texture.plane import encode, locate_windows
 from tests.bench.evidence.job import Job, Result, Size
 from tests.bench.localization_rows import SEED
 
@@ -33,7 +34,7 @@ def jobs(size: Size) -> list[Job]:
 
 def measure_windows(code: str) -> Result:
     """Error-free windows in all four rotations, and windows with one wrong symbol."""
-    rng, plane = np.random.default_rng(SEED), get_code(code)
+    rng, plane = np.random.default_rng(SEED), get_plane(code)
     sector = int(rng.integers(plane.sectors))
     column, row = (int(v) for v in rng.integers(0, plane.range - PATCH, 2))
     symbols = encode(plane, sector, (column, row), (PATCH, PATCH))

@@ -1,271 +1,199 @@
-"""The codes of the texture: encoding against a slow reference and foreign vectors, location of every window, the default
-origins, and what a single window can and cannot tell.
-"""
+"""Codes as objects: what each has and does whatever its family, and that nobody outside texture asks for a code by its name."""
 
 from __future__ import annotations
 
-import json
-import time
-import tracemalloc
+import ast
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import tactape_fab
 from tactape_fab import default_origin
-from tactape_fab.base.errors import CapacityError, SpecError
-from tactape_fab.texture.code import CODE_NAMES, Code, encode, get_code, locate_windows
-from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.texture.code import (
+    ALL_CODE_NAMES,
+    CODE_NAMES,
+    CODES,
+    DEFAULT_CODE,
+    Code,
+    get_code,
+    get_plane,
+    has_plane,
+    read_directions,
+)
+from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
+from tactape_fab.texture.plane import MOST_POINTS
 
-VECTORS: dict[str, dict[str, Any]] = json.loads((Path(__file__).parents[2] / "data" / "microdots_vectors.json").read_text())
-DIFFERENCES = {"microdots-4x4": (1, (1, 3)), "debruijn-4x4": (0, (1,)), "anoto-6x6": (5, (1, 3, 9, 18))}
-"""Least difference and the weight of each secondary sequence's digit."""
-RANGES = {"microdots-4x4": 3375, "debruijn-4x4": 4096, "anoto-6x6": 410_815_348}
-SECTORS = {"microdots-4x4": 256, "debruijn-4x4": 256, "anoto-6x6": 3969}
-LETTER_OF_BITS = {(0, 0): "N", (1, 0): "W", (0, 1): "E", (1, 1): "S"}
-TURNED_LETTER = {"N": "W", "W": "S", "S": "E", "E": "N"}
+PACKAGE = Path(tactape_fab.__file__).parent
+SHAPE = (9, 11)
 
-
-def difference(code: Code, k: int) -> int:
-    least, weights = DIFFERENCES[code.name]
-    return least + sum(w * int(s.digits[k % s.length]) for w, s in zip(weights, code.secondary, strict=True))
-
-
-def slow_phase(code: Code, index: int) -> int:
-    """Sum of the differences before `index`: whole periods counted, the rest one by one."""
-    total = 0
-    least, weights = DIFFERENCES[code.name]
-    for weight, sequence in zip(weights, code.secondary, strict=True):
-        whole, rest = divmod(index, sequence.length)
-        total += weight * whole * sum(sequence.digits.tolist())
-        for k in range(rest):
-            total += weight * int(sequence.digits[k])
-    return total + least * index
+every_code = pytest.mark.parametrize("code", CODES.values(), ids=CODES)
 
 
-def slow_encode(code: Code, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> list[str]:
-    """The formula of the code plane, one symbol after the other."""
-    main = code.main.digits.tolist()
-    length = len(main)
-    u, v = divmod(sector, length)
-    texts = []
-    before_row = slow_phase(code, origin[1])
-    for r in range(origin[1], origin[1] + shape[0]):
-        text = ""
-        before_column = slow_phase(code, origin[0])
-        for c in range(origin[0], origin[0] + shape[1]):
-            x = main[(r + u + before_column) % length]
-            y = main[(c + v + before_row) % length]
-            text += LETTER_OF_BITS[x, y]
-            before_column += difference(code, c)
-        texts.append(text)
-        before_row += difference(code, r)
-    return texts
+# What every code has
 
 
-def turned(symbols: SymbolArray) -> SymbolArray:
-    """A texture turned by 90 degrees counter-clockwise: places turn, and so does each letter's direction."""
-    letters = np.array([list(row) for row in symbols_to_rows(symbols)])
-    value_of = {"N": 0, "W": 1, "E": 2, "S": 3}
-    return np.array([[value_of[TURNED_LETTER[t]] for t in row] for row in np.rot90(letters).tolist()], dtype=np.uint8)
+def test_names_are_views_of_the_registry() -> None:
+    assert tuple(CODES) == ALL_CODE_NAMES == (*CODE_NAMES, "touch-1")
+    assert CODE_NAMES == ("microdots-4x4", "debruijn-4x4", "anoto-6x6") and CODE_NAMES[0] == DEFAULT_CODE
+    assert all(get_code(name) is code and code.name == name for name, code in CODES.items())
 
 
-def side_by_side(windows: SymbolArray) -> SymbolArray:
-    """Windows of shape (m, n, n) as one patch of shape (n, m n); window i begins at column n i."""
-    return np.ascontiguousarray(windows.transpose(1, 0, 2)).reshape(windows.shape[1], -1)
+@every_code
+def test_a_code_says_what_its_tapes_may_be(code: Code) -> None:
+    assert 1 <= code.window <= code.range
+    assert code.window**2 <= code.most_points <= MOST_POINTS
+    assert code.sectors >= 1
+    assert USUAL_DIRECTIONS in code.directions and set(code.directions) <= set(DIRECTIONS)
+    assert "--" in code.another
+    assert code.vouched
 
 
-@pytest.mark.parametrize("name", CODE_NAMES)
-def test_range_sectors_and_window(name: str) -> None:
-    code = get_code(name)
-    assert (code.range, code.sectors, code.window) == (RANGES[name], SECTORS[name], 6 if name == "anoto-6x6" else 4)
+@every_code
+def test_a_code_has_a_plane_or_designs_its_tapes(code: Code) -> None:
+    assert has_plane(code.name) is (code.plane is not None) is (code.name in CODE_NAMES)
+    if code.plane is None:
+        with pytest.raises(SpecError, match=f"'{code.name}' has no code plane"):
+            get_plane(code.name)
+    else:
+        assert get_plane(code.name) is code.plane and code.plane.name == code.name
 
 
-def test_vectors_cover_every_code() -> None:
-    assert {v["code"] for v in VECTORS.values()} == set(CODE_NAMES)
+@every_code
+def test_default_origins_lie_where_tapes_may_begin(code: Code) -> None:
+    for sector in {0, 1, code.sectors // 2, code.sectors - 1}:
+        origin = code.default_origin(sector)
+        assert default_origin(code.name, sector) == origin
+        assert all(0 <= place <= code.range - code.window for place in origin)
+    with pytest.raises(SpecError, match=f"sector = {code.sectors} is outside"):
+        default_origin(code.name, code.sectors)
 
 
-@pytest.mark.parametrize("key", VECTORS)
-def test_foreign_vectors_are_reproduced_exactly(key: str) -> None:
-    vector = VECTORS[key]
-    code = get_code(vector["code"])
-    u, v = vector["section"]
-    column, row = vector["origin"]
-    shape = (len(vector["rows"]), len(vector["rows"][0]))
-    symbols = encode(code, u * code.main.length + v, (column, row), shape)
-    assert symbols_to_rows(symbols) == vector["rows"]
+@every_code
+def test_symbols_are_the_same_again_and_others_in_another_sector(code: Code) -> None:
+    for directions in code.directions:
+        first = code.symbols(3, code.default_origin(3), SHAPE, (), directions)
+        again = code.symbols(3, code.default_origin(3), SHAPE, (), directions)
+        other = code.symbols(4, code.default_origin(4), SHAPE, (), directions)
+        assert first.shape == SHAPE and first.dtype == np.uint8 and first.max() < directions
+        assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
-@pytest.mark.parametrize("key", VECTORS)
-def test_foreign_vectors_are_located_at_every_window(key: str) -> None:
-    vector = VECTORS[key]
-    code = get_code(vector["code"])
-    u, v = vector["section"]
-    letters = np.array([["NWES".index(t) for t in row] for row in vector["rows"]], dtype=np.uint8)
-    places = locate_windows(code, letters)
-    rows, columns = np.indices(places.valid.shape)
-    assert places.valid.shape == (len(letters) - code.window + 1, letters.shape[1] - code.window + 1)
-    assert places.valid.all()
-    assert (places.sector == u * code.main.length + v).all()
-    assert np.array_equal(places.column, vector["origin"][0] + columns)
-    assert np.array_equal(places.row, vector["origin"][1] + rows)
+@every_code
+def test_equal_textures_have_one_key_and_others_another(code: Code) -> None:
+    origin = code.default_origin(3)
+    symbols = code.symbols(3, origin, SHAPE, (), USUAL_DIRECTIONS)
+    key = code.texture_key(3, origin, symbols)
+    assert hash(key) == hash(code.texture_key(3, origin, symbols.copy())) and key == code.texture_key(3, origin, symbols.copy())
+    assert key != code.texture_key(
+        4, code.default_origin(4), code.symbols(4, code.default_origin(4), SHAPE, (), USUAL_DIRECTIONS)
+    )
+    changed = symbols.copy()
+    changed[0, 0] ^= 1
+    assert (code.texture_key(3, origin, changed) != key) is (code.plane is None)  # a plane's symbols follow from the place
 
 
-@pytest.mark.parametrize("name", CODE_NAMES)
-def test_encode_is_the_formula_at_the_plane_start_without_any_shortcut(name: str) -> None:
-    code = get_code(name)
-    phase = 0
-    for index in range(400):
-        assert int(code.phase_before(np.array([index]))[0]) == phase % code.main.length
-        phase += difference(code, index)
+@every_code
+def test_extended_symbols_are_the_texture_s_own(code: Code) -> None:
+    origin = code.default_origin(3)
+    symbols = code.symbols(3, origin, SHAPE, (), USUAL_DIRECTIONS)
+    rows, columns = SHAPE if code.plane is None else (SHAPE[0] + 2, SHAPE[1] + 3)
+    larger = code.extended(symbols, 3, origin, (rows, columns))
+    assert larger.shape == (rows, columns) and np.array_equal(larger[: SHAPE[0], : SHAPE[1]], symbols)
 
 
-@pytest.mark.parametrize("name", CODE_NAMES)
-def test_encode_is_the_formula_everywhere(name: str) -> None:
-    code = get_code(name)
-    rng = np.random.default_rng(1)
-    for _ in range(40):
-        shape = (int(rng.integers(1, 12)), int(rng.integers(1, 12)))
-        origin = (int(rng.integers(0, code.range - shape[1] + 1)), int(rng.integers(0, code.range - shape[0] + 1)))
-        sector = int(rng.integers(code.sectors))
-        assert symbols_to_rows(encode(code, sector, origin, shape)) == slow_encode(code, sector, origin, shape)
+@every_code
+def test_a_manifest_s_symbols_are_vouched_for(code: Code) -> None:
+    origin = code.default_origin(3)
+    symbols = code.symbols(3, origin, SHAPE, (), USUAL_DIRECTIONS)
+    entry = code.digest_entry(symbols)
+    code.check_symbols(symbols, 3, origin, Fields(entry))
+    changed = symbols.copy()
+    changed[2, 5] = (changed[2, 5] + 1) % USUAL_DIRECTIONS
+    with pytest.raises(SpecError, match="symbols"):
+        code.check_symbols(changed, 3, origin, Fields(entry))
 
 
-@pytest.mark.parametrize("name", CODE_NAMES)
-def test_encode_is_the_formula_at_the_end_of_the_plane(name: str) -> None:
-    code = get_code(name)
-    origin = (code.range - 9, code.range - 8)
-    last = code.sectors - 1
-    assert symbols_to_rows(encode(code, last, origin, (8, 9))) == slow_encode(code, last, origin, (8, 9))
+@every_code
+@pytest.mark.parametrize("directions", DIRECTIONS)
+def test_directions_are_read_as_the_code_allows_them(code: Code, directions: int) -> None:
+    table = Fields({"directions": directions})
+    assert read_directions(table, code) == directions
+    assert [p.key for p in table.problems] == ([] if directions in code.directions else ["directions"])
+    assert all("only 'touch-1' has 8; use --code touch-1, or 4 directions" in p.message for p in table.problems)
 
 
-@pytest.mark.parametrize("name", CODE_NAMES)
+@pytest.mark.parametrize("value", [0, 1, 5, 16, 4.0, True, "4", None, []])
+def test_other_directions_are_refused(value: Any) -> None:
+    table = Fields({"directions": value})
+    assert read_directions(table, None) == USUAL_DIRECTIONS
+    assert ["is neither 4 nor 8" in p.message for p in table.problems] == [True]
+
+
+def test_without_a_known_code_any_known_directions_are_taken() -> None:
+    table = Fields({"directions": 8})
+    assert read_directions(table, None) == 8 and read_directions(Fields({}), None) == USUAL_DIRECTIONS and not table.problems
+
+
+@pytest.mark.parametrize("name", ["morse", "", None, 7, ["touch-1"]])
+def test_what_is_no_code_counts_as_one_with_a_plane(name: Any) -> None:
+    assert has_plane(name)
+
+
+@pytest.mark.parametrize(("get", "names"), [(get_code, ALL_CODE_NAMES), (get_plane, CODE_NAMES)])
+def test_unknown_code_names_the_known_ones(get: Any, names: tuple[str, ...]) -> None:
+    with pytest.raises(SpecError, match=rf"^code = 'morse' is none of: {', '.join(names)}$"):
+        get("morse")
+
+
+# Who asks for a code by its name
+
+
+def _named(node: ast.expr) -> str:
+    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def asked_by_name(source: str, *, directions: bool) -> Iterator[str]:
+    """Lines that name the touch code's constant, compare something with a code's name, or directions with a number."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.alias | ast.Name | ast.Attribute):
+            if (node.name if isinstance(node, ast.alias) else _named(node)) == "TOUCH_CODE":
+                yield f"{node.lineno}: TOUCH_CODE"
+        elif isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+            values = [side.value for side in sides if isinstance(side, ast.Constant)]
+            if any(value in ALL_CODE_NAMES for value in values):
+                yield f"{node.lineno}: a code's name"
+            if directions and any("directions" in _named(side) for side in sides) and any(type(v) is int for v in values):
+                yield f"{node.lineno}: directions"
+
+
 @pytest.mark.parametrize(
-    ("origin", "shape", "sector"),
+    ("source", "found"),
     [
-        ((1, 0), (4, 0), 0),
-        ((0, 1), (0, 4), 0),
-        ((-1, 0), (4, 4), 0),
-        ((0, -1), (4, 4), 0),
-        ((0, 0), (4, 4), -1),
-        ((0, 0), (4, 4), None),
+        ("from tactape_fab.texture.code import TOUCH_CODE", 1),
+        ("x = code.TOUCH_CODE", 1),
+        ("if tape.code == 'touch-1': pass", 1),
+        ("a = 4 if tape.directions == 8 else 2", 1),
+        ("a = directions != 4", 1),
+        ("code = get_code('touch-1'); a = {4: 1.0, 8: 2.0}[tape.directions]", 0),
+        ("a = tape.directions != spec.directions", 0),
     ],
 )
-def test_encode_refuses_what_lies_outside(name: str, origin: tuple[int, int], shape: tuple[int, int], sector: int | None) -> None:
-    code = get_code(name)
-    rows, columns = shape[0] or code.range, shape[1] or code.range
-    with pytest.raises(CapacityError) as caught:
-        encode(code, code.sectors if sector is None else sector, origin, (rows, columns))
-    assert caught.value.problems[0].key in ("origin", "sector")
-    assert str(code.range if sector == 0 else code.sectors - 1) in str(caught.value)
+def test_the_scan_finds_what_it_looks_for(source: str, found: int) -> None:
+    assert len(list(asked_by_name(source, directions=True))) == found
 
 
-def test_unknown_code_names_the_known_ones() -> None:
-    with pytest.raises(SpecError, match="code = 'morse' is none of: microdots-4x4, debruijn-4x4, anoto-6x6"):
-        get_code("morse")
-
-
-@pytest.mark.parametrize("name", CODE_NAMES)
-def test_a_plane_of_3375_squared_is_encoded_well_within_a_second(name: str) -> None:
-    code = get_code(name)
-    encode(code, 0, (0, 0), (4, 4))
-    tracemalloc.start()
-    begin = time.perf_counter()
-    symbols = encode(code, 7, (0, 0), (3375, 3375))
-    elapsed_s = time.perf_counter() - begin
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    print(f"{name}: 3375 x 3375 in {elapsed_s * 1e3:.0f} ms, peak {peak / 1e6:.0f} MB")
-    assert elapsed_s < 1.0
-    assert peak < 5 * symbols.size
-
-
-@pytest.mark.parametrize("origin", [0, 400_000_000, 410_815_308])
-def test_far_origins_cost_no_memory(origin: int) -> None:
-    tracemalloc.start()
-    encode(get_code("anoto-6x6"), 5, (origin, origin), (40, 40))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 1_000_000
-
-
-def test_far_origins_cost_no_time() -> None:
-    def best_s(origin: int) -> float:
-        times = []
-        for _ in range(20):
-            begin = time.perf_counter()
-            encode(get_code("anoto-6x6"), 5, (origin, origin), (40, 40))
-            times.append(time.perf_counter() - begin)
-        return min(times)
-
-    best_s(0)
-    assert best_s(400_000_000) < 2 * best_s(0) + 1e-3
-
-
-@pytest.mark.parametrize("name", ["microdots-4x4", "debruijn-4x4"])
-def test_every_4x4_window_reads_validly_in_all_four_rotations(name: str) -> None:
-    """Orientation cannot be told from one error-free 4x4 window."""
-    code = get_code(name)
-    symbols = encode(code, 100, (700, 1500), (150, 150))
-    for _ in range(4):
-        places = locate_windows(code, symbols)
-        assert places.valid.all()
-        symbols = turned(symbols)
-    assert np.array_equal(symbols, encode(code, 100, (700, 1500), (150, 150)))
-
-
-def test_a_turned_texture_does_not_read_as_one_place() -> None:
-    code = get_code("microdots-4x4")
-    symbols = encode(code, 100, (700, 1500), (30, 30))
-    upright = locate_windows(code, symbols)
-    assert (upright.column[0] == 700 + np.arange(27)).all()
-    aside = locate_windows(code, turned(symbols))
-    assert len(np.unique(np.diff(aside.column, axis=1))) > 1
-
-
-def test_one_wrong_symbol_in_a_4x4_window_mostly_goes_unnoticed() -> None:
-    """About 87 %: a 4x4 window has next to no redundancy."""
-    code = get_code("microdots-4x4")
-    rng = np.random.default_rng(2)
-    symbols = encode(code, 33, (1000, 200), (220, 220))
-    windows = np.lib.stride_tricks.sliding_window_view(symbols, (4, 4)).reshape(-1, 16)[:40_000].copy()
-    which = rng.integers(16, size=len(windows))
-    windows[np.arange(len(windows)), which] += rng.integers(1, 4, size=len(windows)).astype(np.uint8)
-    windows %= 4
-    unnoticed = float(locate_windows(code, side_by_side(windows.reshape(-1, 4, 4))).valid[0, ::4].mean())
-    print(f"one wrong symbol in a 4x4 window goes unnoticed in {unnoticed:.1%} of {len(windows)} cases")
-    assert 0.80 <= unnoticed <= 0.93
-
-
-def test_a_patch_smaller_than_a_window_has_no_windows() -> None:
-    code = get_code("anoto-6x6")
-    places = locate_windows(code, np.zeros((5, 9), dtype=np.uint8))
-    assert places.valid.shape == places.column.shape == places.row.shape == places.sector.shape == (0, 4)
-
-
-def test_default_origin_literals() -> None:
-    assert default_origin("microdots-4x4", 7) == (84, 1428)
-    assert default_origin("debruijn-4x4", 16) == (192, 192)
-    assert default_origin("anoto-6x6", 234) == (234_000, 9_000)
-    assert all(default_origin(name, 0) == (0, 0) for name in CODE_NAMES)
-
-
-@pytest.mark.parametrize("name", CODE_NAMES)
-def test_default_origins_keep_tapes_of_166_points_apart_and_in_range(name: str) -> None:
-    stride = 1000 if name == "anoto-6x6" else 12
-    origins = np.array([default_origin(name, s) for s in range(SECTORS[name])], dtype=np.int32)
-    sectors = np.arange(len(origins))
-    assert np.array_equal(origins, np.stack([stride * sectors, stride * (17 * sectors % len(sectors))], axis=1))
-    assert origins.min() >= 0
-    assert origins.max() + 166 <= RANGES[name]
-    for s in range(1, len(origins)):
-        apart = np.abs(origins[s] - origins[:s])
-        assert apart.min() >= stride
-        assert apart.max(axis=1).min() >= 166
-
-
-@pytest.mark.parametrize(("name", "sector"), [("microdots-4x4", 256), ("microdots-4x4", -1), ("anoto-6x6", 3969), ("morse", 0)])
-def test_default_origin_refuses_unknown_sectors_and_codes(name: str, sector: int) -> None:
-    with pytest.raises(SpecError, match=r"^(sector|code) = "):
-        default_origin(name, sector)
+def test_no_room_but_texture_asks_which_code_or_how_many_directions() -> None:
+    """Arithmetic that differs by the number of directions is the decoder's alone."""
+    said = [
+        f"{file.relative_to(PACKAGE)}:{line}"
+        for file in sorted(PACKAGE.rglob("*.py"))
+        if (room := file.relative_to(PACKAGE).parts)[0] != "texture"
+        for line in asked_by_name(file.read_text(encoding="utf-8"), directions=room[:2] != ("sense", "decode"))
+    ]
+    assert said == []

@@ -7,8 +7,7 @@ import numpy as np
 from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.kth import select
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 
 STRONG = 0.5
 """Dots from this weight on show where the contact is."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.dots.kth import select
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 
 FIT_STEPS = 5
 AGREE_SIGMAS = 3.5

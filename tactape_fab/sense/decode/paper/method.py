@@ -24,7 +24,7 @@ from tactape_fab.sense.decode.paper.windows_read import (
     read_windows,
 )
 from tactape_fab.sense.decode.result import Localization, status_of
-from tactape_fab.texture.code import TOUCH_CODE, get_code
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.frames import FloatArray, IntArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
@@ -174,8 +174,9 @@ def locate_paper_dots(
     return _best([_locate(dots, kind, image_size, px_per_mm, rule) for kind in _kinds(tapes)], start)
 
 
+_PLANELESS_CODES = " or ".join(f"'{name}'" for name in ALL_CODE_NAMES if name not in CODE_NAMES)
 PLANELESS = (
-    f"method 'paper' reads windows of a code's plane, which '{TOUCH_CODE}' has not; use method 'ml', or tapes of another code"
+    f"method 'paper' reads windows of a code's plane, which {_PLANELESS_CODES} has not; use method 'ml', or tapes of another code"
 )
 
 
@@ -183,7 +184,7 @@ def _check(tapes: Sequence[Tape], px_per_mm: float | None, rule: Rule) -> None:
     problems = []
     if not tapes:
         problems.append(Problem("tapes", "tapes is empty; give at least one tape to look for"))
-    if any(tape.code == TOUCH_CODE for tape in tapes):
+    if not all(has_plane(tape.code) for tape in tapes):
         problems.append(Problem("method", PLANELESS))
     if px_per_mm is not None and not _LEAST_SCALE <= px_per_mm <= _MOST_SCALE:
         problems.append(
@@ -222,7 +223,7 @@ def _locate(
 ) -> tuple[Localization, PaperTrace]:
     """The pipeline behind the dots, for tapes of one code, W and Delta."""
     tape = tapes[0]
-    code = get_code(tape.code)
+    code = get_plane(tape.code)
     trace = PaperTrace(dots_px=dots)
     if not code.window**2 <= len(dots) <= MOST_DOTS:
         return _lost(trace, "detect", tape, px_per_mm)
@@ -254,7 +255,7 @@ def _locate(
 
 
 def _lost(trace: PaperTrace, lost_at: LostAt, tape: Tape, scale: float | None) -> tuple[Localization, PaperTrace]:
-    side = get_code(tape.code).window
+    side = get_plane(tape.code).window
     n = len(trace.dots_px)
     reason = _REASONS[lost_at].format(n=n, code=tape.code, least=side**2, most=MOST_DOTS, side=side)
     fix = Localization(status=status_of(n), located=False, reason=reason, px_per_mm=scale, n_dots=n)
@@ -266,7 +267,7 @@ def _answer(
 ) -> Localization:
     """The paper's output of a decoded frame: S_ID, S, theta, C and the status (section III-B.2)."""
     assert trace.contact_dot is not None and trace.slope_rad is not None and trace.symbols is not None
-    code = get_code(tapes[0].code)
+    code = get_plane(tapes[0].code)
     theta_rad = trace.slope_rad + chosen.quarter_turns * pi / 2  # Eq. 5
     theta_rad -= 2 * pi * np.ceil((theta_rad - pi) / (2 * pi))
     fix = Localization(

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from tactape_fab.texture.code import Code, encode, locate_windows
 from tactape_fab.texture.frames import DIRECTIONS_XY, IntArray
+from tactape_fab.texture.plane import PlaneCode, encode, locate_windows
 from tactape_fab.texture.tape import Tape
 
 Rule = Literal["literal", "vote", "vote+bounds"]
@@ -51,12 +51,12 @@ def quarter_turned(symbols: IntArray, turns: int) -> IntArray:
     return patch
 
 
-def read_windows(code: Code, symbols: IntArray) -> tuple[Reading, ...]:
+def read_windows(code: PlaneCode, symbols: IntArray) -> tuple[Reading, ...]:
     """Decode every window of a patch in all four rotations.
 
     Parameters
     ----------
-    code : Code
+    code : PlaneCode
     symbols : ndarray of int64, shape (side, side)
         Symbols around the contact dot, -1 where missing; a window with a missing symbol is not tried.
 
@@ -90,7 +90,7 @@ def read_windows(code: Code, symbols: IntArray) -> tuple[Reading, ...]:
     return tuple(sorted(readings, key=lambda reading: -reading.windows))
 
 
-def first_valid(code: Code, symbols: IntArray) -> Reading | None:
+def first_valid(code: PlaneCode, symbols: IntArray) -> Reading | None:
     """The rule to the letter: window by window, the first rotation that decodes.
 
     A window's four rotations nearly always all decode, so that this is a guess of one in four.
@@ -107,7 +107,7 @@ def first_valid(code: Code, symbols: IntArray) -> Reading | None:
     return None
 
 
-def on_tape(reading: Reading, code: Code, tapes: Sequence[Tape]) -> Tape | None:
+def on_tape(reading: Reading, code: PlaneCode, tapes: Sequence[Tape]) -> Tape | None:
     """The first registered tape on which a reading's place lies (same code and sector, inside its grid)."""
     for tape in tapes:
         column, row = reading.index[0] - tape.origin[0], reading.index[1] - tape.origin[1]
@@ -125,7 +125,7 @@ def outvoting(readings: Sequence[Reading]) -> Reading | None:
 
 
 def choose(
-    code: Code, symbols: IntArray, readings: Sequence[Reading], tapes: Sequence[Tape], rule: Rule
+    code: PlaneCode, symbols: IntArray, readings: Sequence[Reading], tapes: Sequence[Tape], rule: Rule
 ) -> tuple[Reading | None, Literal["decode", "bounds"]]:
     """Choose the rotation and the place (section III-A.4), and say which step fails where none is chosen.
 
@@ -156,7 +156,7 @@ def contact_position_mm(
     return x, y
 
 
-def agreeing(code: Code, reading: Reading, symbols: IntArray) -> int:
+def agreeing(code: PlaneCode, reading: Reading, symbols: IntArray) -> int:
     """How many symbols of a patch are those that the code has at a reading's place."""
     side = len(symbols)
     patch = quarter_turned(symbols, reading.quarter_turns)

@@ -4,7 +4,7 @@ Evidence is ln E with E = product of 2 q(b) over the x and y bits of the dots: a
 to the code. Along a column of the code plane the x bits are the main sequence from some phase, along a row the y bits are;
 so the evidence of a contact at any place of any sector is one entry of a table for each of its columns and rows.
 
-A symbol of eight directions has three bits, those of `frames.gray_codes`: E is the product over all three. Of a symbol that is
+A symbol of eight directions has three bits (`Directions.gray_codes`): E is the product over all three. Of a symbol that is
 drawn from all eight alike the bits are fair coins that know nothing of each other, so the mean of E is 1 then, whatever q is.
 """
 
@@ -16,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.jit import inner_kernel, kernel
-from tactape_fab.texture.code import Code
-from tactape_fab.texture.frames import FloatArray, IntArray, gray_codes
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.plane import PlaneCode
 
 Floats = npt.NDArray[np.float32]
 
 
-_CODES_AROUND: IntArray = gray_codes(8)[[2, 6, 3, 7, 1, 5, 0, 4]].astype(np.int64)
+_CODES_AROUND: IntArray = DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise].astype(np.int64)
 
 
 class Tables(NamedTuple):
@@ -59,7 +60,7 @@ class Tables(NamedTuple):
     most: FloatArray
 
 
-def signs_of(code: Code) -> Floats:
+def signs_of(code: PlaneCode) -> Floats:
     """Bits of the main sequence as -1 and 1, three times over."""
     return np.tile(2.0 * np.array(code.main.digits, dtype=np.float32) - 1.0, 3).astype(np.float32)
 

@@ -11,8 +11,9 @@ from tactape_fab.sense.decode.search.evidence import Floats
 from tactape_fab.sense.decode.search.matrices import Matrices, matrices_of
 from tactape_fab.sense.decode.search.plane_sites import OVERHANG, Sites, sites_of
 from tactape_fab.sense.decode.search.single_place import shown_by
-from tactape_fab.texture.code import TOUCH_CODE, Code, default_origin, get_code
+from tactape_fab.texture.code import default_origin, get_code
 from tactape_fab.texture.frames import SymbolArray
+from tactape_fab.texture.plane import PlaneCode
 from tactape_fab.texture.tape import Tape
 
 LEAST_COLUMNS, LEAST_ROWS = 62, 32
@@ -59,10 +60,10 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
         order = [k for k, tape in enumerate(tapes) if tape.code == name]
         order.sort(key=lambda k: (not tapes[k].placed.all(), tapes[k].columns, tapes[k].rows))
         members = [tapes[k] for k in order]
-        if name == TOUCH_CODE:
+        code = get_code(name).plane
+        if code is None:
             found.append(_planeless(name, members, order))
             continue
-        code = get_code(name)
         holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
         largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
         sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
@@ -98,7 +99,7 @@ def _planeless(name: str, tapes: Sequence[Tape], numbers: Sequence[int]) -> Fami
     )
 
 
-def _unregistered(code: Code, sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> Sites:
+def _unregistered(code: PlaneCode, sizes: list[tuple[int, int]], tapes: Sequence[Tape]) -> Sites:
     """Every other sector at its default origin, and all but the registered ones at each origin of a registered tape.
 
     Only at the latter may dots hang over an edge: there another sector is a shift of ours, and a contact over its edge looks

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactape_fab.sense.decode.search.families import Family, families
-from tactape_fab.texture.code import TOUCH_CODE, encode, get_code
+from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
 
@@ -45,14 +45,9 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
     """Registered tapes, equal ones once: the union of their grids under the first one's name."""
     kept: dict[tuple[object, ...], Tape] = {}
     for tape in tapes:
-        key = (tape.code, tape.sector, tape.origin, tape.pitch_mm, tape.displacement_mm, tape.directions, _design(tape))
+        key = (*tape.texture_key, tape.pitch_mm, tape.displacement_mm, tape.directions)
         kept[key] = _union(kept[key], tape) if key in kept else tape
     return list(kept.values())
-
-
-def _design(tape: Tape) -> object:
-    """What tells a touch code's tapes apart: their symbols, which follow from nothing else."""
-    return (tape.symbols.shape, tape.symbols.tobytes()) if tape.code == TOUCH_CODE else None
 
 
 def _union(first: Tape, other: Tape) -> Tape:
@@ -61,10 +56,7 @@ def _union(first: Tape, other: Tape) -> Tape:
     placed = np.zeros((rows, columns), dtype=bool)
     for tape in (first, other):
         placed[: tape.rows, : tape.columns] |= tape.placed
-    if first.code == TOUCH_CODE:
-        symbols = first.symbols
-    else:
-        symbols = encode(get_code(first.code), first.sector, first.origin, (rows, columns))
+    symbols = get_code(first.code).extended(first.symbols, first.sector, first.origin, (rows, columns))
     return replace(
         first,
         columns=columns,

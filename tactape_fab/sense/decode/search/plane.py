@@ -14,8 +14,8 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search.evidence import Floats, add_lines, signs_of, tables_of
-from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.plane import PlaneCode
 
 MOST_RANGE = 100_000
 
@@ -48,7 +48,7 @@ class CodePlane:
         When the plane is too large to be searched.
     """
 
-    def __init__(self, code: Code, most_cells: int) -> None:
+    def __init__(self, code: PlaneCode, most_cells: int) -> None:
         if code.range > MOST_RANGE:
             message = f"code = '{code.name}' has {code.range} columns, too many to search without a tape; give --tape KIT"
             raise SpecError(Problem("code", message))

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.sense.decode.search.evidence import Floats, signs_of
-from tactape_fab.texture.code import Code
 from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.plane import PlaneCode
 
 START, ORIGIN, SECTOR = range(3)
 FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
@@ -60,7 +60,7 @@ class Sites(NamedTuple):
 
 
 def sites_of(
-    code: Code,
+    code: PlaneCode,
     sizes: list[tuple[int, int]],
     *,
     origins: IntArray,
@@ -112,7 +112,7 @@ def sites_of(
     )
 
 
-def _phases(code: Code, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+def _phases(code: PlaneCode, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
     """Phases of all plane indices in some intervals, and where each interval starts among them."""
     order = np.argsort(firsts, kind="stable")
     low, high = firsts[order], np.maximum.accumulate((firsts + counts)[order])

@@ -6,7 +6,7 @@ import numpy as np
 
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search.evidence import Tables
-from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray, gray_codes
+from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 from tactape_fab.texture.tape import Tape
 
 NO_PART = 8
@@ -14,8 +14,8 @@ NO_PART = 8
 
 
 def shown_by(tape: Tape) -> SymbolArray:
-    """The symbols that a tape's parts show, as `frames.gray_codes`, `NO_PART` where there is none; shape (rows, columns)."""
-    return np.where(tape.placed, gray_codes(tape.directions)[tape.symbols], NO_PART).astype(np.uint8)
+    """The symbols that a tape's parts show, as `Directions.gray_codes`, `NO_PART` where there is none; shape (rows, columns)."""
+    return np.where(tape.placed, tape.points_in.gray_codes[tape.symbols], NO_PART).astype(np.uint8)
 
 
 def evidence_at(tables: Tables, shown: SymbolArray, turn: int, x: int, y: int) -> tuple[float, int]:

@@ -11,8 +11,7 @@ from tactape_fab.sense.decode.search.bounds import NEVER
 from tactape_fab.sense.decode.search.evidence import Floats, add_lines
 from tactape_fab.sense.decode.search.groups import COLUMNS, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START
-from tactape_fab.texture.code import BoolArray
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NEGLIGIBLE = -14.5
 """ln of the share of the answer's weight below which a group of places is counted at its bound, if not said otherwise."""

@@ -23,8 +23,9 @@ from tactape_fab.texture.certify.certificate import (
 )
 from tactape_fab.texture.certify.nearest import Pairs, Search, near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import BEYOND, EXACT_TO, NO_WINDOWS, across, conflicts
-from tactape_fab.texture.code import CODE_NAMES, encode, get_code
+from tactape_fab.texture.code import CODE_NAMES, get_plane
 from tactape_fab.texture.frames import symbols_to_rows
+from tactape_fab.texture.plane import encode
 from tactape_fab.texture.windows import symbol_distance, windows_of
 from tests.tapes import tape_at
 
@@ -85,7 +86,7 @@ def listed(size: Closest) -> list[tuple[tuple[int, int], tuple[int, int], int]]:
 def small_tape(seed: int) -> Tape:
     """A tape of 4 to 9 columns and rows anywhere in one of the codes, a point here and there without a part."""
     random = np.random.default_rng(seed)
-    code = get_code(CODE_NAMES[seed % 3])
+    code = get_plane(CODE_NAMES[seed % 3])
     rows, columns = (int(v) for v in random.integers(4, 10, 2))
     origin = tuple(int(v) for v in random.integers(0, min(code.range, 5000) - 10, 2))
     tape = tape_at(int(random.integers(code.sectors)), (columns, rows), code=code.name, origin=(origin[0], origin[1]))
@@ -265,7 +266,7 @@ def test_certificate_of_a_kit_is_its_tape_s(small_kit: Kit) -> None:
 
 def test_symbols_of_the_default_tape_hold_what_its_certificate_says(default_kit: Kit) -> None:
     certificate: Certificate = certify(default_kit.tape)
-    code = get_code("microdots-4x4")
+    code = get_plane("microdots-4x4")
     symbols = encode(code, 7, default_origin("microdots-4x4", 7), (32, 62))
     assert (symbols == default_kit.tape.symbols).all()
     for size in certificate.sizes:

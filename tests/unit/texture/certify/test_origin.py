@@ -16,10 +16,10 @@ from tactape_fab.texture.certify import origin as choose
 from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.certify.origin import choose_origin, choose_sector
 from tactape_fab.texture.certify.pairs import across
-from tactape_fab.texture.code import get_code
+from tactape_fab.texture.code import get_plane
 from tests.tapes import tape_at
 
-CODE = get_code("microdots-4x4")
+CODE = get_plane("microdots-4x4")
 GRID = (20, 14)
 WHOLE = np.ones((14, 20), dtype=bool)
 

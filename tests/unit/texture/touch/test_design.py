@@ -17,10 +17,10 @@ from tactape_fab.kit.examine.values import examine_values
 from tactape_fab.kit.writer import search_record
 from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.certify.pairs import across, conflicts
-from tactape_fab.texture.code import TOUCH_CODE, get_code
+from tactape_fab.texture.code import TOUCH_CODE, get_plane
 from tactape_fab.texture.frames import LETTERS, TURNED, SymbolArray
-from tactape_fab.texture.tape import symbols_sha256
 from tactape_fab.texture.touch.design import design
+from tactape_fab.texture.touch.designed import symbols_sha256
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances
 
 SMALL = TapeSpec(sector=7, code=TOUCH_CODE, size_mm=(30.0, 20.0), models=False)
@@ -160,7 +160,7 @@ def test_an_origin_is_refused_with_the_reason(origin: Any) -> None:
 
 def test_there_is_no_plane_to_ask_for() -> None:
     with pytest.raises(SpecError, match=r"'touch-1' has no code plane.*--tape"):
-        get_code(TOUCH_CODE)
+        get_plane(TOUCH_CODE)
 
 
 def test_tapes_to_avoid_are_recorded_and_change_the_design() -> None:

@@ -30,9 +30,10 @@ from tactape_fab.sense.decode.search.tally import new_tally
 from tactape_fab.texture.certify.nearest import near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import across
 from tactape_fab.texture.code import TOUCH_CODE
-from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, TURNED, SymbolArray, bits_of, gray_codes, rows_to_symbols
-from tactape_fab.texture.tape import symbols_sha256
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, TURNED, SymbolArray, rows_to_symbols
 from tactape_fab.texture.touch.design import design
+from tactape_fab.texture.touch.designed import symbols_sha256
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances
 from tactape_fab.texture.windows import windows_of
 from tactape_fab.verify.symbols import check_symbols, symbols_of_positions
@@ -62,10 +63,10 @@ def test_a_letter_points_where_it_says(letter: str) -> None:
 
 
 def test_neighbours_differ_in_one_bit_and_four_directions_keep_theirs() -> None:
-    codes = [int(gray_codes(8)[LETTERS.index(letter)]) for letter in ROUND]
+    codes = [int(DIRECTIONS[8].gray_codes[LETTERS.index(letter)]) for letter in ROUND]
     assert sorted(codes) == list(range(8))
     assert all((a ^ b).bit_count() == 1 for a, b in zip(codes, codes[1:] + codes[:1], strict=True))
-    assert gray_codes(4).tolist() == [0, 1, 2, 3] and (bits_of(4), bits_of(8)) == (2, 3)
+    assert DIRECTIONS[4].gray_codes.tolist() == [0, 1, 2, 3] and (DIRECTIONS[4].bits, DIRECTIONS[8].bits) == (2, 3)
 
 
 def test_small_letters_are_read_where_there_are_eight_alone() -> None:
@@ -98,7 +99,7 @@ def nearest(symbols: SymbolArray, mask: np.ndarray, apart: np.ndarray) -> tuple[
     return int(least.min()), int((least == least.min()).sum())
 
 
-BITS_APART = np.bitwise_count(gray_codes(8)[:, None] ^ gray_codes(8)).astype(np.int64)
+BITS_APART = np.bitwise_count(DIRECTIONS[8].gray_codes[:, None] ^ DIRECTIONS[8].gray_codes).astype(np.int64)
 
 
 @pytest.mark.parametrize("shape", [(6, 6), (9, 15)])
@@ -291,7 +292,7 @@ def test_evidence_is_that_of_the_bits_of_the_turned_symbols() -> None:
     nodes, q = rng.integers(0, 4, (9, 2)), rng.dirichlet(np.ones(8), 9)
     tables = tables_of(nodes, q, np.empty(0, dtype=np.float32), LARGEST_CONTACT)
     around = "EeSsWwNn"  # from the texture's x axis to its y axis
-    bits = gray_codes(8)[[LETTERS.index(letter) for letter in around]][:, None] >> np.arange(3) & 1
+    bits = DIRECTIONS[8].gray_codes[[LETTERS.index(letter) for letter in around]][:, None] >> np.arange(3) & 1
     for turn, dot, place in product(range(4), range(9), range(8)):
         own = np.roll(q[dot], -2 * turn)
         expected = sum(np.log(2.0 * own[bits[:, bit] == bits[place, bit]].sum()) for bit in range(3))

@@ -33,11 +33,12 @@ from tactape_fab.sense.decode.paper.windows_read import (
     quarter_turned,
     read_windows,
 )
-from tactape_fab.texture.code import encode, get_code
+from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import rows_to_symbols
+from tactape_fab.texture.plane import encode
 from tests.unit.sense.decode.paper.test_method import CENTRE, SIZE, TAPE, TEXTURE_MM, R, draw, image_dots, poses
 
-CODE = get_code("microdots-4x4")
+CODE = get_plane("microdots-4x4")
 W, DELTA = 24.0, 4.0
 N, WEST, E, S = 0, 1, 2, 3
 

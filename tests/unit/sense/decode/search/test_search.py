@@ -15,8 +15,9 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense.decode.search.families import families
 from tactape_fab.sense.decode.search.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, rivals, search, strangers
-from tactape_fab.texture.code import BoolArray, encode, get_code
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+from tactape_fab.texture.plane import encode
 from tests.thorough import thorough
 
 GRID = np.array([24.0, 0.0, 3.0, -5.0])
@@ -41,7 +42,7 @@ def tape_of(
         origin=place,
         columns=size[0],
         rows=size[1],
-        symbols=encode(get_code(like.code), sector, place, (size[1], size[0])),
+        symbols=encode(get_plane(like.code), sector, place, (size[1], size[0])),
         omitted=np.array(holes, dtype=np.int64).reshape(-1, 2),
         tag=None,
     )
@@ -73,7 +74,7 @@ def touch_of(seed: int, size: tuple[int, int] = (62, 32), holes: tuple[tuple[int
 
 def bits_at(code: str, sector: int, columns: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """x and y bits, -1 or 1, of places in the code plane, by the definition."""
-    plane = get_code(code)
+    plane = get_plane(code)
     main, length = np.array(plane.main.digits), plane.main.length
     u, v = divmod(sector, length)
     x = main[(rows + u + plane.phase_before(columns)) % length]

@@ -1,0 +1,247 @@
+"""Codes with a plane: encode a patch of the code plane, and find a patch's place again, window by window.
+
+SPEC of the code plane, with M the main sequence (length L, order n), d(k) the difference at plane index k and
+(u, v) = divmod(sector, L):
+
+    X[r, c] = M[(r + u + sum of d(k) for k < c) mod L]        Y[r, c] = M[(c + v + sum of d(k) for k < r) mod L]
+
+The x bit of a symbol is X, the y bit is Y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from typing import ClassVar
+
+import numpy as np
+
+from tactape_fab.base.errors import CapacityError, Problem, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.texture.directions import USUAL_DIRECTIONS
+from tactape_fab.texture.frames import BoolArray, IntArray, SymbolArray, symbols_to_rows
+from tactape_fab.texture.sequences import NumberSequence
+
+MOST_POINTS = 500_000
+"""Grid points of a tape."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlaneCode:
+    """A two-dimensional position code: a tape shows a place of its plane. See `texture.code.Code` for what every code has.
+
+    Attributes
+    ----------
+    name : str
+    main : NumberSequence
+        The binary main sequence M; its order is the window's side.
+    secondary : tuple of NumberSequence
+        Sequences of order ``main.order - 1`` and pairwise coprime lengths whose digits make up the differences.
+    least_difference : int
+        The difference where all secondary digits are 0.
+    origin_stride : int
+        Step of the default origins from one sector to the next, in grid points.
+    """
+
+    name: str
+    main: NumberSequence
+    secondary: tuple[NumberSequence, ...]
+    least_difference: int
+    origin_stride: int
+    directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)  # x and y bit: the plane has no third
+    most_points: ClassVar[int] = MOST_POINTS
+    another: ClassVar[str] = "--origin best"
+
+    @property
+    def plane(self) -> PlaneCode:
+        return self
+
+    @property
+    def vouched(self) -> str:
+        return f"as code '{self.name}' has them"
+
+    @property
+    def window(self) -> int:
+        """Side of the smallest window that names its place, in grid points."""
+        return self.main.order
+
+    @property
+    def sectors(self) -> int:
+        return self.main.length**2
+
+    @property
+    def range(self) -> int:
+        """Number of columns, and of rows, of the code plane."""
+        return prod(s.length for s in self.secondary)
+
+    def default_origin(self, sector: int) -> tuple[int, int]:
+        """``(stride * s, stride * (17 * s mod sectors))``.
+
+        Any two sectors stand at least one stride apart on both axes, and tapes of up to 166 x 166 points never overlap in the
+        plane, so that sectors are not shifts of one another.
+        """
+        return self.origin_stride * sector, self.origin_stride * (17 * sector % self.sectors)
+
+    def symbols(
+        self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
+    ) -> SymbolArray:
+        """The patch of the plane at `origin`, see `encode`; where that lies keeps it away from other tapes."""
+        return encode(self, sector, origin, shape)
+
+    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+        return encode(self, sector, origin, shape)
+
+    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
+        return self.name, sector, origin
+
+    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
+        return {}
+
+    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
+        """Refuse symbols that the code does not have at a place."""
+        expected = encode(self, sector, origin, (len(symbols), len(symbols[0])))
+        wrong = np.argwhere(symbols != expected)
+        if len(wrong) == 0:
+            return
+        r, c = (int(i) for i in wrong[0])
+        shown, of_code = (symbols_to_rows(rows[r : r + 1, c : c + 1])[0] for rows in (symbols, expected))
+        message = (
+            f"symbols differ from code '{self.name}', sector {sector}, origin [{origin[0]}, {origin[1]}] at {len(wrong)} grid "
+            f"points, first at column {c}, row {r}: '{shown}' where the code has '{of_code}'"
+        )
+        raise SpecError(Problem("symbols", message))
+
+    @cached_property
+    def weights(self) -> tuple[int, ...]:
+        """Weight of each secondary digit in the difference: a mixed-radix number, so that a difference names them all."""
+        return tuple(prod(s.base for s in self.secondary[:i]) for i in range(len(self.secondary)))
+
+    @cached_property
+    def _crt_factors(self) -> tuple[int, ...]:
+        """Chinese remainder theorem: place = sum(residue * factor) mod range."""
+        return tuple(self.range // s.length * pow(self.range // s.length, -1, s.length) for s in self.secondary)
+
+    def phase_before(self, index: IntArray) -> IntArray:
+        """Sum of the differences before plane index `index`, modulo L; any shape."""
+        total = self.least_difference * index
+        for weight, sequence in zip(self.weights, self.secondary, strict=True):
+            total = total + weight * sequence.sum_before(index)
+        return total % self.main.length
+
+
+def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+    """Symbols of a patch of the code plane.
+
+    Parameters
+    ----------
+    code : PlaneCode
+    sector : int
+        0 ... code.sectors - 1.
+    origin : (int, int)
+        Column and row of the patch's first point in the code plane.
+    shape : (int, int)
+        Rows and columns of the patch. Nothing longer than the patch is ever built, wherever it lies.
+
+    Returns
+    -------
+    ndarray of uint8, shape (rows, columns)
+        Values ``x_bit + 2 * y_bit``.
+
+    Raises
+    ------
+    CapacityError
+        When the patch runs past the code's range or the sector does not exist.
+    """
+    rows, columns = shape
+    length = code.main.length
+    if not 0 <= sector < code.sectors:
+        raise CapacityError(Problem("sector", f"sector = {sector} is outside 0 to {code.sectors - 1} of '{code.name}'"))
+    for name, first, count in (("column", origin[0], columns), ("row", origin[1], rows)):
+        if first < 0 or first + count > code.range:
+            raise CapacityError(
+                Problem(
+                    "origin",
+                    f"origin {name} {first} + {count} {name}s runs past {code.range}, the range of code "
+                    f"'{code.name}'; give --origin COL,ROW nearer to 0,0 or make the tape smaller",
+                )
+            )
+    u, v = divmod(sector, length)
+    column = origin[0] + np.arange(columns, dtype=np.int64)
+    row = origin[1] + np.arange(rows, dtype=np.int64)
+    bits = code.main.digits.astype(np.uint8)
+    phases = np.arange(length)
+    x_of_phase = bits[(row[:, None] + u + phases) % length]  # (rows, L)
+    y_of_phase = bits[(column + v + phases[:, None]) % length]  # (L, columns)
+    x = x_of_phase.take(code.phase_before(column), axis=1)
+    y = y_of_phase.take(code.phase_before(row), axis=0)
+    y <<= 1
+    symbols: SymbolArray = x | y
+    return symbols
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WindowPlaces:
+    """What each window of a patch says of its place, all arrays of shape (rows - n + 1, columns - n + 1).
+
+    Attributes
+    ----------
+    valid : ndarray of bool
+        Whether the window is one that the code contains in this rotation.
+    column, row, sector : ndarray of int64
+        Place of the window's first point in the code plane, and its sector; -1 where not valid.
+    """
+
+    valid: BoolArray
+    column: IntArray
+    row: IntArray
+    sector: IntArray
+
+
+def _places_along_columns(code: PlaneCode, bits: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Plane column of each window, the phase of its first column, and validity, from the x bits of a patch."""
+    n, length = code.window, code.main.length
+    windows = np.lib.stride_tricks.sliding_window_view(bits, n, axis=0)  # (rows', columns, n)
+    phase = code.main.place_of_window[windows @ code.main.digit_weights]
+    phase_valid = phase >= 0
+    excess = (phase[:, 1:] - phase[:, :-1] - code.least_difference) % length
+    valid = np.asarray(np.lib.stride_tricks.sliding_window_view(phase_valid, n, axis=1).all(axis=-1))
+    steps_known = excess < prod(s.base for s in code.secondary)
+    valid &= np.lib.stride_tricks.sliding_window_view(steps_known, n - 1, axis=1).all(axis=-1)
+    place: IntArray = np.zeros(valid.shape, dtype=np.int64)
+    for weight, sequence, factor in zip(code.weights, code.secondary, code._crt_factors, strict=True):
+        digit = excess // weight % sequence.base
+        words = np.lib.stride_tricks.sliding_window_view(digit, n - 1, axis=1) @ sequence.digit_weights
+        residue = sequence.place_of_window[words]
+        valid &= residue >= 0
+        place += residue * factor
+    return place % code.range, phase[:, : valid.shape[1]], valid
+
+
+def locate_windows(code: PlaneCode, symbols: SymbolArray) -> WindowPlaces:
+    """Read the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
+
+    Parameters
+    ----------
+    code : PlaneCode
+    symbols : ndarray of uint8, shape (rows, columns)
+        Symbol values in the texture's own rotation; at least n x n.
+    """
+    n, length = code.window, code.main.length
+    if min(symbols.shape) < n:
+        empty = np.zeros((max(symbols.shape[0] - n + 1, 0), max(symbols.shape[1] - n + 1, 0)), dtype=np.int64)
+        return WindowPlaces(valid=empty.astype(bool), column=empty, row=empty.copy(), sector=empty.copy())
+    values = symbols.astype(np.int64)
+    column, column_phase, column_valid = _places_along_columns(code, values & 1)
+    row_t, row_phase_t, row_valid_t = _places_along_columns(code, (values >> 1).T)
+    row, row_phase = row_t.T, row_phase_t.T
+    u = (column_phase - code.phase_before(column) - row) % length
+    v = (row_phase - code.phase_before(row) - column) % length
+    valid = column_valid & row_valid_t.T
+    return WindowPlaces(
+        valid=valid,
+        column=np.where(valid, column, -1),
+        row=np.where(valid, row, -1),
+        sector=np.where(valid, u * length + v, -1),
+    )

@@ -1,0 +1,80 @@
+"""Codes without a plane: a matrix of symbols is designed for each tape, and stands in the tape's manifest."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
+from tactape_fab.texture.touch.design import design
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DesignedCode:
+    """A code whose tapes are designed one by one; see `texture.code.Code` for what every code has.
+
+    Attributes
+    ----------
+    name : str
+    window : int
+    sectors : int
+        So many designs of a size, one for each sector.
+    range : int
+    most_points : int
+    """
+
+    name: str
+    window: int
+    sectors: int
+    range: int
+    most_points: int
+    directions: ClassVar[tuple[int, ...]] = tuple(DIRECTIONS)
+    plane: ClassVar[None] = None
+    another: ClassVar[str] = "another --sector"
+    vouched: ClassVar[str] = "of the digest beside them"
+
+    def default_origin(self, sector: int) -> tuple[int, int]:
+        return 0, 0
+
+    def symbols(
+        self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
+    ) -> SymbolArray:
+        """The design of a sector and a shape, away from tapes that exist."""
+        return design(sector, shape, avoid, directions)
+
+    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+        return symbols  # equal designs have one shape
+
+    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
+        return self.name, sector, origin, symbols.shape, symbols.tobytes()
+
+    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
+        return {"symbols_sha256": symbols_sha256(symbols)}
+
+    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
+        """Refuse symbols, which nothing but their digest vouches for, that are not those that the tape was made of."""
+        remedy = f"a tape of code '{self.name}' has the digest of its symbols"
+        said = table.text("symbols_sha256", pattern=r"[0-9a-f]{64}", remedy=remedy)
+        found = symbols_sha256(symbols)
+        if said and said != found:
+            table.problem(
+                "symbols_sha256",
+                f"symbols_sha256 = {said} is not that of symbols, {found}: one of them was changed; take the manifest that was "
+                "made with the tape",
+            )
+        if origin != self.default_origin(sector):
+            table.problem(
+                "origin", f"origin = {list(origin)} of code '{self.name}' is not [0, 0]: its symbols are the tape's own"
+            )
+        if table.problems:
+            raise SpecError(table.problems)
+
+
+def symbols_sha256(symbols: SymbolArray) -> str:
+    """Digest of a matrix of symbols: SHA-256 of its rows as the manifest has them, each followed by a line feed, in ASCII."""
+    return hashlib.sha256("".join(f"{row}\n" for row in symbols_to_rows(symbols)).encode("ascii")).hexdigest()
