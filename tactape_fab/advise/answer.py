@@ -175,7 +175,7 @@ def seen_of(design: Design, question: Question, points: int) -> Seen:
 
 
 def _line(design: Design, question: Question) -> Line:
-    """What a design promises; parts and cost are those of a field without margins until they are counted."""
+    """The promise of a design; parts are those of a field without margins, without cost, until `_counted`."""
     width_mm, height_mm = question.size_mm
     parts = max(int(width_mm * height_mm / design.pitch_mm**2), 1)
     seen = seen_of(design, question, parts)

@@ -1,8 +1,8 @@
-"""What a contact shows of a design, and whether that is enough: the decoder's rule on imagined dots, no frame drawn.
+"""The smallest contact that a design locates: the decoder's rule on random dots, without a frame being drawn.
 
 A dot stands where its part does, moved by noise and by how it was placed; its height is what the contact imprints of it, over
-that of the noise. What it says of its symbol is counted as the decoder counts it (`decode.symbols.posteriors`), and so is what
-all of them must say together. Detection and the search for the grid are stood for by `Loss`, calibrated against simulated frames.
+that of the noise. What it says of its symbol, and what all of them must say together, is the decoder's own rule
+(`sense.decode.rule`). `Loss` stands for detection and the search for the grid; it is calibrated against simulated frames.
 """
 
 from __future__ import annotations
@@ -13,23 +13,36 @@ from math import ceil, erf, exp, hypot, inf, log, pi, sqrt
 
 import numpy as np
 
+from tactape_fab.sense.decode.rule import (
+    GOOD_WEIGHT,
+    GRID_SHARES,
+    LEAST_DOTS,
+    LEAST_GOOD,
+    LEAST_HEIGHT,
+    LEAST_NOISE,
+    LEAST_SIGMA,
+    MAX_P_FALSE,
+    MOST_SIGMA,
+    MOST_TURN_SHARE,
+    SMOOTHING_MM,
+    is_long,
+    posteriors,
+    squared_errors,
+    trusted,
+)
 from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray
 
-IMPRINT_SHARE = 0.12 / 0.23
-"""Share of a body's height that the gel takes on before it smooths it: that of the default scene, whose bodies are 0201."""
-ROLL_OFF_MM = 0.8
-SMOOTHING_MM = 0.125
-"""The default scene's rim, and the decoder's smoothing."""
-LEAST_SIGMA, MOST_SIGMA = 0.012, 0.06
-OUTLIER_SHARE, WRONG_SHARE = 0.01, 0.002
-LEAST_WEIGHT, RIM_ERROR = 0.25, 0.06
-LEAST_SHARE, LEAST_DOTS = 0.3, 6
-NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE, LEAST_NOISE = 1.95, 0.17, 0.6, 0.03
-MAX_P_FALSE, BEST_GRID, MOST_TURN = 1e-4, 0.9, 0.98
-"""The decoder's own figures (`decode.symbols`, `detect`, `judge`, `elongation`), which cannot be read without its compiler."""
+_SCENE = Scene()
+BODY_MM = 0.23
+"""Height of an 0201, which the default scene imprints."""
+IMPRINT_SHARE = _SCENE.texture_mm / BODY_MM
+"""Share of a body's height that the gel takes on before it smooths it."""
+ROLL_OFF_MM = _SCENE.roll_off_mm
+"""Width of a contact's rim."""
 CLEAN = 0.25
 """Dots that are off by no more than this, in displacements, always show their grid."""
 POSES = 240
@@ -42,9 +55,10 @@ _SEED = 11
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Code:
-    """What other places of a code ask for beside the tape's own, and how many points a tape of it may have.
+    """A code: how much alike its places are, and how many points a tape of it may have.
 
-    `axis` is ln of how much of a code its axes alone can be taken for: none of one that has no structure.
+    A place of the same code may have all bits of one axis in common with the answer, so that the other axis alone tells them
+    apart. `axis` is ln of how many such places there are in effect; -inf for a code whose places share nothing.
     """
 
     name: str
@@ -58,12 +72,13 @@ CODES = (
     Code(name="anoto-6x6", axis=0.7),
     Code(name="touch-1", axis=-inf, most_points=get_code("touch-1").most_points),
 )
-"""The codes that are advised on, the first that does being taken. From faultless contacts of 11 to 25 dots."""
+"""The codes that are advised on; the first that locates the contact is taken. `axis` is from faultless contacts of 11 to 25
+dots."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loss:
-    """What frames lose of the information that imagined dots have.
+    """Information that frames lose of that of the random dots.
 
     Attributes
     ----------
@@ -87,8 +102,9 @@ class Loss:
 
 
 LOSS = Loss(share=1.0, noise=0.79, tops=0.04, scatter=0.25, eight=1.09)
-"""What fits simulated contacts of 24 designs best: `python -m tests.bench.advise --fit`, which asks for `tops` and `scatter`.
-`eight` is what kept the promises of 12 designs of eight directions. Without `--fit` promises are held against other designs."""
+"""The values that fit simulated contacts of 24 designs best: `python -m tests.bench.advise --fit`, which asks for `tops` and
+`scatter`. `eight` is what kept the promises of 12 designs of eight directions. Without `--fit` promises are held against other
+designs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +144,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """How a dot stands out.
+    """Height of a dot and the noise about it.
 
     Attributes
     ----------
@@ -158,10 +174,13 @@ def signal_of(seen: Seen) -> Signal:
     high_um = 1000.0 * IMPRINT_SHARE * seen.body_mm[2]
     height_um = high_um * (peak - min(area_mm2 / seen.pitch_mm**2, 1.0))
     scale = sqrt(seen.sensor.px_per_mm[0] * seen.sensor.px_per_mm[1])
+    # a Gaussian of standard deviation s leaves white noise 1 / (2 sqrt(pi) s) of its rms, and has a kernel of sqrt(2) s in its
+    # autocorrelation; blobs are white noise smoothed by b already, so b^2 + s^2 stands for s^2
     smooth_px, blob_px = SMOOTHING_MM * scale, seen.sensor.correlated_px
     white_um = seen.sensor.white_um / (2.0 * sqrt(pi) * smooth_px)
     blob2_px2 = blob_px**2 + smooth_px**2
     blobs_um = seen.sensor.correlated_um * blob_px / sqrt(blob2_px2)
+    # noise whose autocorrelation is a Gaussian of sqrt(2) s has slopes of rms / (sqrt(2) s)
     slope_um_mm = scale * hypot(white_um / (sqrt(2.0) * smooth_px), blobs_um / sqrt(2.0 * blob2_px2))
     error_mm = slope_um_mm / max(high_um * curvature, 1e-9)
     return Signal(
@@ -242,10 +261,12 @@ def _nodes() -> FloatArray:
 
 
 def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss) -> float:
-    """Share of round contacts of a diameter, anywhere on the tape, that are located."""
+    """Share of round contacts of a diameter, anywhere on the tape, that are located: p_tape + p_place as `rule` has them."""
     gain, per_axis, dots, turn = _information(seen, contact_mm, loss)
+    # 1 / (w E): places of even weight, four turns of each, on the best grid
     ln_places = log(4.0 * seen.points * seen.tapes)
-    p_tape = np.exp(np.minimum(ln_places - log(BEST_GRID) - loss.share * gain - turn, 50.0))
+    p_tape = np.exp(np.minimum(ln_places - log(GRID_SHARES[0]) - loss.share * gain - turn, 50.0))
+    # rivals that share an axis, over the evidence of the other axis; small, so others / (1 + others) is others
     p_place = np.exp(np.minimum(code.axis - loss.share * per_axis, 50.0)).sum(axis=1)
     return float(((p_tape + p_place < MAX_P_FALSE) & (dots >= LEAST_DOTS)).mean())
 
@@ -259,21 +280,19 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
     at = _nodes()[:count] + shift * directions[:, :count] - phases
     inside = contact_mm / 2.0 - pitch * np.hypot(at[..., 0], at[..., 1])
     t = np.clip(0.5 + inside / ROLL_OFF_MM, 0.0, 1.0)
-    weight = t * t * (3.0 - 2.0 * t)
+    weight = t * t * (3.0 - 2.0 * t)  # the rim of a simulated contact
     noise = max(loss.noise * signal.noise_um / max(signal.height_um, 1e-9), LEAST_NOISE)
     top, placed = signal.error_mm / pitch, hypot(seen.placement_mm, signal.pull_mm) / pitch
-    low, rim = np.maximum(weight, LEAST_WEIGHT), RIM_ERROR * (1.0 - weight)
-    true = np.sqrt((top / low) ** 2 + placed**2 + rim**2)
+    true = np.sqrt(squared_errors(weight, top) + placed**2)
     sigma = min(max(hypot(top, placed), LEAST_SIGMA), MOST_SIGMA)
-    variance = (sigma / low) ** 2 + rim**2
-    # along the symbol's own direction, and across it
+    # errors along the symbol's own direction, and across it
     e, f = true * errors[:, :count, 0], true * errors[:, :count, 1]
-    q = posteriors(_away(e, f, shift, seen.directions), variance, _trusted(weight, noise))
-    seen_dots = weight >= LEAST_SHARE
+    q = posteriors(_away(e, f, shift, seen.directions), squared_errors(weight, sigma), trusted(weight, noise))
+    seen_dots = weight >= LEAST_HEIGHT
     first, *others = (np.where(seen_dots, said, 0.0).sum(axis=1) for said in _said(q, symbols[:, :count]))
     second = np.sum(others, axis=0)
-    good = np.count_nonzero(weight >= 0.8, axis=1)
-    turn = np.where((good >= 4) & _long(seen), log(2.0 * MOST_TURN), 0.0)
+    good = np.count_nonzero(weight >= GOOD_WEIGHT, axis=1)
+    turn = np.where((good >= LEAST_GOOD) & is_long(seen.shape, seen.body_mm), log(2.0 * MOST_TURN_SHARE), 0.0)
     lost = loss.tops * _lost_to_noise(noise, sigma, shift, seen.directions) * _field_mm2(seen.sensor) / signal.alike_mm**2
     per_axis = np.stack([first, second], axis=1) - lost / 2.0
     return first + second - lost, per_axis, seen_dots.sum(axis=1), turn
@@ -298,49 +317,24 @@ def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
     return found
 
 
-def posteriors(away: FloatArray, variance: FloatArray, trust: FloatArray) -> FloatArray:
-    """What dots say of their places, from squared distances to them in pitches; shape (4, ...), as `decode.symbols` has it.
-
-    Of eight directions (8, ...).
-    """
-    places = float(len(away))
-    part = trust * (1.0 - OUTLIER_SHARE)
-    q = np.exp(-0.5 * away / variance) / (2.0 * places * pi * variance)
-    q = (part * q + (1.0 - part) / places) / (part * q.sum(axis=0) + 1.0 - part)
-    said: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / places
-    return said
-
-
 _BITS_AROUND = np.array([DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise] >> bit & 1 for bit in range(3)])
 """Bits of the symbols as they follow each other in `_around`: E, SE, S and on; shape (3, 8)."""
-
-
-def _trusted(weight: FloatArray, noise: float) -> FloatArray:
-    """As `decode.detect.trusted`."""
-    middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
-    trust: FloatArray = 1.0 / (1.0 + np.exp(np.clip((middle - weight) / (NOISE_WIDTH * noise), -30.0, 30.0)))
-    return trust
 
 
 def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) -> float:
     """Nats that a top of the noise costs on the mean: it lies anywhere in its cell, and is trusted by its height."""
     e, f, height, symbol = _drawn(directions)[4].T
     weight = noise * height
-    variance = (sigma / np.clip(weight, LEAST_WEIGHT, 1.0)) ** 2 + (RIM_ERROR * np.maximum(1.0 - weight, 0.0)) ** 2
     away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in _around(directions).tolist()])
-    q = posteriors(away, variance, _trusted(weight, noise))
+    q = posteriors(away, squared_errors(weight, sigma), trusted(weight, noise))
     one = symbol.astype(np.int64)
     around = np.stack([np.take_along_axis(q, ((one + k) % directions)[None], axis=0)[0] for k in range(directions)])
     said = np.sum(_said(around, one), axis=0)
-    return float(np.where(weight >= LEAST_SHARE, -said, 0.0).mean())
+    return float(np.where(weight >= LEAST_HEIGHT, -said, 0.0).mean())
 
 
 def _field_mm2(sensor: SensorProfile) -> float:
     return sensor.width_px / sensor.px_per_mm[0] * sensor.height_px / sensor.px_per_mm[1]
-
-
-def _long(seen: Seen) -> bool:
-    return seen.shape == "block" and max(seen.body_mm[:2]) >= 1.25 * min(seen.body_mm[:2])
 
 
 def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: float) -> float | None:

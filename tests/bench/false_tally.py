@@ -9,7 +9,7 @@ from math import floor, log10
 from typing import Any, Literal
 
 from tactape_fab import Localization
-from tactape_fab.sense.decode.localizer import MAX_P_FALSE
+from tactape_fab.sense.decode.rule import MAX_P_FALSE
 
 Bound = Literal["p_false", "p_tape", "p_place"]
 BOUNDS: tuple[Bound, ...] = ("p_false", "p_tape", "p_place")

@@ -16,10 +16,11 @@ import numpy.typing as npt
 from tactape_fab import Localizer
 from tactape_fab.sense import Frame
 from tactape_fab.sense.decode.dots.detect import Dots, detect
-from tactape_fab.sense.decode.dots.elongation import MOST_SHARE, parity_log_ratio
+from tactape_fab.sense.decode.dots.elongation import parity_log_ratio
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
+from tactape_fab.sense.decode.rule import MOST_TURN_SHARE
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tests.bench.localization_measure import error_of, is_right
 from tests.bench.localization_rows import FELT, Row, frames_of, registered_tape
@@ -174,7 +175,7 @@ def reliability_of(row: Row, count: int) -> Reliability:
     )
 
 
-RATIOS = np.array([0.0, 0.5, 1.0, 2.0, log(MOST_SHARE / (1.0 - MOST_SHARE)), np.inf])
+RATIOS = np.array([0.0, 0.5, 1.0, 2.0, log(MOST_TURN_SHARE / (1.0 - MOST_TURN_SHARE)), np.inf])
 """ln ratios of the two pairs of turns, up to the one from which no more is believed."""
 
 
@@ -201,7 +202,7 @@ def turns_of(rows: Sequence[Row], count: int) -> Turns:
     ratio = np.array(ratios)
     which = np.digitize(np.abs(ratio), RATIOS) - 1
     frames = np.bincount(which, minlength=len(RATIOS) - 1)
-    said = np.maximum(1.0 / (1.0 + np.exp(np.abs(ratio))), 1.0 - MOST_SHARE)
+    said = np.maximum(1.0 / (1.0 + np.exp(np.abs(ratio))), 1.0 - MOST_TURN_SHARE)
     return Turns(
         frames=frames,
         wrong=np.bincount(which, ratio * np.array(rights) < 0.0, len(RATIOS) - 1) / np.maximum(frames, 1),

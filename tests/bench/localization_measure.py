@@ -14,13 +14,13 @@ import numpy as np
 from tactape_fab import Localization, Localizer, Prior, Tape
 from tactape_fab.sense import Frame
 from tactape_fab.sense.decode.accept import judge
-from tactape_fab.sense.decode.dots.detect import Dots, trusted
-from tactape_fab.sense.decode.dots.elongation import MOST_SHARE
+from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.localizer import World
 from tactape_fab.sense.decode.paper import locate_paper
 from tactape_fab.sense.decode.rank import Reading
 from tactape_fab.sense.decode.result import status_of
+from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, trusted
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.search import search
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
@@ -188,7 +188,7 @@ def ideal(localizer: Localizer, frame: Frame, tape: Tape, prior: Prior | None = 
     shift = tape.displacement_mm / tape.pitch_mm
     grid, nodes, squares, sigma, *_ = fit_grid(xy - middle, ones, dots.trust, angle, pitch_px, phases[0], phases[1], shift, False)
     q = posteriors(nodes, squares, ones, dots.trust, sigma)
-    world, bodies = localizer._world, np.array([MOST_SHARE, 1.0 - MOST_SHARE] * 2) / 2
+    world, bodies = localizer._world, np.array([MOST_TURN_SHARE, 1.0 - MOST_TURN_SHARE] * 2) / 2
     assert isinstance(world, Registry)
     place = search(world.tapes, world.families, nodes, q, bodies, grid, centre - middle, prior)
     if place is None:

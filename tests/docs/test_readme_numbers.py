@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS
-from tactape_fab.sense.decode.dots.elongation import MOST_SHARE
-from tactape_fab.sense.decode.search.search import OVERHANG_SHARE
+from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, OVERHANG_SHARE
 from tactape_fab.sense.live.replay import USUAL_HZ
 from tactape_fab.sense.live.rerun_log import BOX_UM
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM
@@ -25,7 +24,7 @@ FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 """What something measured would have for a unit; lengths in mm are options."""
 DECIDED = {
     "live.md": [f"{USUAL_HZ:g} Hz", f"{BOX_UM:g} µm"],
-    "localization.md": [f"{100 * MOST_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
+    "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": ["1 µm"],  # a tolerance of tests/readers
     "touch-code.md": [f"{100 * MOST_SYMBOL_ERRORS:g} %"],

@@ -1,4 +1,4 @@
-"""A place -> an answer, or the reason why there is none: bounds on being wrong, the pose, and what is said of both."""
+"""A place -> an answer, or the reason why there is none: p_tape, p_place and the pose, held against `rule.Limits`."""
 
 from __future__ import annotations
 
@@ -12,49 +12,23 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_of, least_agreeing, share_of_others
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
-from tactape_fab.sense.decode.search.search import LEAST_DOTS, Place, rivals, strangers
+from tactape_fab.sense.decode.search.search import Place, rivals, strangers
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, SymbolArray, texture_to_board
 
 _PLACES = 1e6
-"""Rivals are named where they are as sure as an answer would have to be among so many places."""
+"""An unregistered tape is named in a reason where E of its place exceeds this / max_p_false: it would be accepted itself, were
+there so many registered places of even weight. 256 tapes of the default size have 2e6 places in four turns."""
 _BY_CHANCE = 1e-5
-"""What p_tape may be, of all that p_false may be, where a tape that only looks like ours by chance need not be thought of."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """What an answer has to keep.
-
-    Attributes
-    ----------
-    max_p_false : float
-        Largest bound on being wrong.
-    max_p_tape : float or None
-        Largest bound on the texture being none of ours; part of `max_p_false` where None.
-    kappa : float
-        Least lead, as a factor, over any single other place.
-    """
-
-    max_p_false: float
-    max_p_tape: float | None
-    kappa: float
-
-    @property
-    def precision(self) -> float:
-        """What p_place may be too large by where that matters."""
-        return self.max_p_false / 10.0
-
-    @property
-    def on_tape(self) -> float:
-        """Largest p_tape that may do."""
-        return self.max_p_false if self.max_p_tape is None else self.max_p_tape
+"""Share of max_p_false. Where p_tape is below it, chance does not explain the dots; nor can an unregistered tape at its default
+origin by its edge, where dots beyond it may be anything."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Doubt:
-    """p_place, the lead (ln) over the next place, and the unregistered tape that fits at least as well."""
+    """p_place, ln of the lead over the next place, and the unregistered tape that fits at least as well."""
 
     p_place: float
     lead: float
@@ -64,40 +38,61 @@ class _Doubt:
 def judge(
     empty: Localization, dots: Dots, reading: Reading, view: View, world: Registry | CodePlane, limits: Limits
 ) -> tuple[Localization, bool]:
-    """The answer that a reading gives, and whether a tape that nobody registered explains the dots instead.
+    """Accept or refuse the place that a reading names.
 
     Parameters
     ----------
     empty : Localization
         What is known of the contact without it.
+    dots : Dots
+        Places in px of square pixels.
+    reading : Reading
+        From `rank.read`.
+    view : View
+    world : Registry or CodePlane
+    limits : Limits
+
+    Returns
+    -------
+    answer : Localization
+        Located, or with the reason why it is not.
+    explained : bool
+        Whether an unregistered tape explains the dots instead.
     """
     place = reading.place
     inside, symbols = _on_tape(place, world)
-    p_tape = exp(min(-reading.ln_bound, 0.0))
+    p_tape = bound_of(reading.ln_bound)
     doubt = _doubt(place, world, limits, p_tape)
+    # wrong in either of two ways: the texture is none of ours, or it is one of them and lies elsewhere; so at most the sum
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
     other = doubt.unregistered is not None
     if inside.sum() < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _stranger(doubt.unregistered)
         return replace(empty, reason=seen, **said), other
     cells = place.cells[inside]
+    # C of every dot: where its part stands in the texture frame (paper, Eqs. 9 and 10)
     nominal = cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[symbols]
+    # t of every dot, here from the image centre to the dot (paper, Eq. 11); lower and doubtful dots weigh less
     offset = dots.xy_px[inside] - view.centre_px
     weights = dots.weights[inside] * dots.trust[inside]
     pose = fit_pose(offset, nominal, weights, view.px_per_mm, fixed_scale=view.scale_tolerance == 0.0)
     if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
         return replace(empty, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(pose.agree.sum())
-    reason = _refusal(p_tape, doubt, limits, agree, int((dots.trust[inside] > 0.5).sum()))
+    reason = _refusal(p_tape, doubt, limits, agree, int((dots.trust[inside] > GOOD_TRUST).sum()))
     if reason is not None:
         return replace(empty, reason=reason, **said), other
+    # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     middle = dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px
     nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
     return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose)), False
 
 
 def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[BoolArray, SymbolArray]:
-    """Which dots lie on a part of the answer's tape (n,), and the symbols there (k,)."""
+    """Which dots lie on a grid point with a part of the answer's tape (n,), and the symbols there (k,).
+
+    In the plane of a code a place is its own tape without an edge, and its bits are x + 2 y.
+    """
     cells = place.cells
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane):
         assert isinstance(place, PlanePlace)
@@ -111,26 +106,36 @@ def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[Bo
 
 
 def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits, p_tape: float) -> _Doubt:
-    """The answer held against all other places, those of tapes that nobody registered among them.
+    """The answer held against all other places, those of unregistered tapes among them.
 
-    Where p_tape refuses the answer already, these only count if one of them is to be named.
+    With rho the weight of all unregistered tapes together, the registered ones weigh 1 - rho, and `others` are multiples of the
+    answer's weight: so `rivals` counts places of unregistered tapes rho / (1 - rho) times.
+
+    Where p_tape refuses the answer already, p_place cannot save it: unregistered tapes are then looked at only to name one of
+    them in the reason.
     """
-    registered = _Doubt(p_place=place.others / (1.0 + place.others), lead=place.lead, unregistered=None)
+    registered = _Doubt(p_place=share_of_others(place.others), lead=place.lead, unregistered=None)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
         return registered
+    # `most_said` is all that the dots could say anywhere: below `clear` there is no tape to be named
     clear, refused = log(_PLACES) - log(limits.max_p_false), p_tape > limits.on_tape
     if refused and place.most_said < clear:
         return registered
     if refused:
         found = strangers(world.families, place, world.unregistered_share, clear)
     else:
+        # a smaller precision takes longer: p_place only has to be known to a tenth of what is allowed
         chance = p_tape > _BY_CHANCE * limits.max_p_false
         found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa), beyond=chance)
+    # it is named where it would be accepted itself, and the answer does not lead over it
     sure = found.score > clear and found.lead < log(limits.kappa)
     if refused and not sure:
         return registered
-    weight = place.others + found.weight
-    return _Doubt(p_place=weight / (1.0 + weight), lead=min(place.lead, found.lead), unregistered=found.name if sure else None)
+    return _Doubt(
+        p_place=share_of_others(place.others + found.weight),
+        lead=min(place.lead, found.lead),
+        unregistered=found.name if sure else None,
+    )
 
 
 def _stranger(name: str) -> str:
@@ -138,7 +143,12 @@ def _stranger(name: str) -> str:
 
 
 def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:
-    """Why an answer cannot be trusted; None where it can. Of the good dots so many agree."""
+    """Why an answer is refused; None where it is accepted. Of so many good dots on the tape so many agree with the pose.
+
+    The bounds come first, p_place and p_false as `not p <= limit`, so that NaN is refused. Then the lead, which does not depend
+    on the weights of places: two that look the same are never told apart. Last the pose: dots may fit the symbols of a place
+    and yet not stand as a flat tape has them, where it is bent, or where two tapes lie side by side.
+    """
     p_place, p_false = doubt.p_place, min(1.0, p_tape + doubt.p_place)
     if doubt.unregistered is not None:
         return _stranger(doubt.unregistered)
@@ -151,7 +161,7 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
         return f"several places fit: p_place {p_place:.1e} exceeds {limits.max_p_false:.1e}"
     if not doubt.lead >= log(limits.kappa):
         return f"another place fits nearly as well: it leads by a factor of {exp(doubt.lead):.1f}, less than {limits.kappa:g}"
-    if agree < max(LEAST_DOTS, good // 2):
+    if agree < least_agreeing(good):
         return f"only {agree} of {good} dots agree with the place that their symbols name"
     return None
 
@@ -159,7 +169,10 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
 def _described(
     place: Place | PlanePlace, world: Registry | CodePlane, cell: IntArray, contact: FloatArray, pose: Pose
 ) -> dict[str, Any]:
-    """The answer in words of the tape; `cell` and `contact` of the dot nearest the contact's middle."""
+    """Fields of a located answer; `cell` and `contact` are of the contact dot (paper, Eq. 3).
+
+    S is the texture point under the image centre (paper, Eq. 12, fitted to all dots instead of one).
+    """
     column, row = (int(v) for v in cell)
     position_mm = (float(pose.position_mm[0]), float(pose.position_mm[1]))
     theta_deg = degrees(pose.theta_rad)

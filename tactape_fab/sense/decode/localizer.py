@@ -13,17 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
-from tactape_fab.sense.decode.accept import Limits, judge
-from tactape_fab.sense.decode.dots.detect import Dots, detect, trusted
+from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.rank import View, read
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, status_of
+from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGISTERED_SHARE, Limits, trusted
 from tactape_fab.sense.decode.search.hypotheses import Registry, register
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane import CodePlane
-from tactape_fab.sense.decode.search.search import LEAST_DOTS, Prior
+from tactape_fab.sense.decode.search.search import Prior
 from tactape_fab.sense.decode.warm import rehearse, search_compiled
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.code import get_plane, has_plane
@@ -33,10 +34,6 @@ from tactape_fab.texture.tape import Tape, TapePart
 
 World = Literal["open", "closed"]
 Method = Literal["ml", "paper"]
-
-UNREGISTERED_SHARE = 0.01
-MAX_P_FALSE = 1e-4
-KAPPA = 30.0
 
 
 def _searches_planes(world: Registry | CodePlane) -> bool:

@@ -11,31 +11,30 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import turn_weights
 from tactape_fab.sense.decode.grid.fit import Fit, fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
+from tactape_fab.sense.decode.rule import EVEN_TURNS, GRID_SHARES, LEAST_GRID_POWER
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.search import Place, Prior, search
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
 
-GRID_SHARES = (0.9, 0.05, 0.05)
-"""Weights of the grids tried, best first, in the bound: it is their sum that must not exceed 1. The best one is that with the
-most power, or the likeliest fit where the fit to that is not as it should be: known before any symbol is held against a tape."""
-LEAST_GRID_POWER = 0.12
-EVEN_TURNS = np.full(4, 0.25)
 _CLEAR = 2.0
-"""A place that is better than asked by this (ln) is not doubted: no other grid is tried."""
+"""ln by which the first grid's bound must be better than is asked for: then no other grid is tried, whose place would need 18
+times the evidence to win (`GRID_SHARES`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """What is known of every frame before it is seen. Square pixels.
+    """The design of the tapes and the sensor's view of it, in square pixels: known before a frame is seen.
 
     Attributes
     ----------
     pitch_mm, displacement_mm : float
+        W and Delta.
     part : TapePart or None
         The bodies, if all tapes have the same.
     px_per_mm : float
+        R, from the sensor's profile.
     scale_tolerance : float
         By how much, as a share, the scale may be off; 0 where it is fixed.
     centre_px : ndarray, shape (2,)
@@ -54,31 +53,36 @@ class View:
 
     @property
     def pitch_px(self) -> float:
+        """Grid width w = W R (paper, Eq. 13)."""
         return self.pitch_mm * self.px_per_mm
 
     @property
     def shift(self) -> float:
-        """Displacement as a share of the pitch."""
+        """Displacement as a share of the pitch, delta / w: 1/6 in the paper's design."""
         return self.displacement_mm / self.pitch_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reading:
-    """The best place of all grids tried, and ln of its grid's weight."""
+    """The best place of all grids tried, and ln of its grid's weight.
+
+    A hypothesis is a grid together with a place, a tape and a turn; its weight is that of the grid times that of the rest, and
+    all of them add up to 1. This holds as no weight of a grid depends on a tape: the order of the grids comes from the dots.
+    """
 
     place: Place | PlanePlace
     grid_weight: float
 
     @property
     def ln_bound(self) -> float:
-        """Ln of 1 / p_tape."""
+        """Ln of w E, which is 1 / p_tape (`rule.bound_of`)."""
         return self.place.score + self.place.weight + self.grid_weight
 
 
 def read(
     dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | None, max_p_tape: float, precision: float
 ) -> Reading | None:
-    """Find the place that some dots name, if there is any.
+    """Find the place that some dots name.
 
     Parameters
     ----------
@@ -86,23 +90,33 @@ def read(
         At least one of them trusted.
     max_p_tape : float
         Other grids are tried unless the first one's place is clearly better than this asks for.
+    prior : Prior or None
+        Where the contact is believed to be.
     precision : float
         What the weight of other places may be too large by.
+
+    Returns
+    -------
+    Reading or None
+        None where there is no grid, or no place with enough dots on a tape.
     """
+    # the contact's centre (paper, Eq. 2), each dot by its trust: about it, turn and phases of a grid depend least on each other
     middle = dots.trust @ dots.xy_px / dots.trust.sum()
     xy = dots.xy_px - middle
+    # the grid from all dots at once, where the paper goes line by line (Eqs. 4 to 8)
     fits = _fits(dots, xy, view, 1)
-    if fits and not fits[0].expected:
+    if fits and not fits[0].expected:  # likelihoods of several grids then say which one comes first
         fits = sorted(_fits(dots, xy, view, len(GRID_SHARES)), key=lambda fit: -fit.value)
     best: Reading | None = None
     for rank in range(len(GRID_SHARES)):
-        if rank == 1 and len(fits) < 2:  # the best grid is nearly always the one
+        if rank == 1 and len(fits) < 2:  # only now: the first grid is nearly always the right one
             fits = _fits(dots, xy, view, len(GRID_SHARES))
         if rank >= len(fits):
             break
         place = _place(dots, fits[rank], view, world, view.centre_px - middle, prior, precision)
         if place is None or not isfinite(place.score):
             continue
+        # each grid has its own weight, so that the best of several is still within the bound
         reading = Reading(place=place, grid_weight=log(GRID_SHARES[rank]))
         if best is None or reading.ln_bound > best.ln_bound:
             best = reading
@@ -112,7 +126,8 @@ def read(
 
 
 def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
-    """The likeliest lattices of dots about their middle, best first, each with its grid; those that hardly are any left out."""
+    """The grids of most power for dots about their middle, best first, each fitted; those of hardly any power are left out."""
+    # a dot that may be noise, or is low and so badly placed, says less of the grid
     strength = dots.trust * np.minimum(dots.weights, 1.0)
     lattices = find_lattices(xy, strength, view.pitch_px, view.scale_tolerance, most)
     free = view.scale_tolerance > 0.0
@@ -133,6 +148,7 @@ def _place(
     prior: Prior | None,
     precision: float,
 ) -> Place | PlanePlace | None:
+    # all that the symbols say is fixed here, before a tape is looked at: the bound rests on it
     q = posteriors(fit.nodes, fit.squares, dots.weights, dots.trust, fit.sigma)
     if isinstance(world, CodePlane):
         return world.search(fit.nodes, q)

@@ -23,12 +23,12 @@ from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
 from tactape_fab.sense.decode.grid.pose import fit_pose
 from tactape_fab.sense.decode.rank import View
+from tactape_fab.sense.decode.rule import LEAST_DOTS
 from tactape_fab.sense.decode.search.all_places import compile_weighing
 from tactape_fab.sense.decode.search.evidence import tables_of, turned
 from tactape_fab.sense.decode.search.groups import count_places, groups_of
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane_sites import sites_of
-from tactape_fab.sense.decode.search.search import LEAST_DOTS
 from tactape_fab.sense.decode.search.single_place import compile_near
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import FloatArray

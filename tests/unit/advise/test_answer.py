@@ -22,13 +22,9 @@ from tactape_fab.advise.question import read_question
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.profiles import load_fab, load_process
+from tactape_fab.kit.profiles import load_fab, load_process, read_part
 from tactape_fab.sense import Scene, load_sensor
-from tactape_fab.sense.decode import rank as reading
-from tactape_fab.sense.decode.dots import detect, elongation
-from tactape_fab.sense.decode.grid import fit as symbols
-from tactape_fab.sense.decode.localizer import MAX_P_FALSE
-from tactape_fab.sense.decode.search import search
+from tactape_fab.sense.decode.rule import posteriors
 from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.simulation.gel import press
 from tactape_fab.texture.code import ALL_CODE_NAMES, TOUCH_CODE
@@ -63,31 +59,9 @@ def asked(args: str) -> dict[str, Any]:
 # The model
 
 
-def test_the_model_has_the_decoder_s_and_the_scene_s_figures() -> None:
-    assert (model.LEAST_SIGMA, model.MOST_SIGMA) == (symbols.LEAST_SIGMA, symbols.MOST_SIGMA)
-    assert (model.OUTLIER_SHARE, model.WRONG_SHARE) == (symbols.OUTLIER_SHARE, symbols.WRONG_SHARE)
-    assert (model.LEAST_WEIGHT, model.RIM_ERROR) == (symbols.LEAST_WEIGHT, symbols.RIM_ERROR)
-    assert (model.LEAST_SHARE, model.SMOOTHING_MM) == (detect.LEAST_SHARE, detect.SMOOTHING_MM)
-    assert (model.NOISE_MIDDLE, model.NOISE_WIDTH) == (detect.NOISE_MIDDLE, detect.NOISE_WIDTH)
-    assert (model.MOST_MIDDLE, model.LEAST_NOISE) == (detect.MOST_MIDDLE, detect.LEAST_NOISE)
-    assert (model.LEAST_DOTS, model.MAX_P_FALSE) == (search.LEAST_DOTS, MAX_P_FALSE)
-    assert (reading.GRID_SHARES[0], elongation.MOST_SHARE) == (model.BEST_GRID, model.MOST_TURN)
-    assert Scene().texture_mm / 0.23 == pytest.approx(model.IMPRINT_SHARE)
-    assert (Scene().roll_off_mm, Scene().elastomer_mm) == (model.ROLL_OFF_MM, 0.15)
+def test_every_code_is_advised_on_and_bodies_are_those_of_0201() -> None:
     assert tuple(code.name for code in CODES) == ALL_CODE_NAMES
-
-
-def test_dots_say_in_the_model_what_they_say_to_the_decoder() -> None:
-    rng = np.random.default_rng(2)
-    n, shift, sigma = 200, 1 / 6, 0.02
-    weights, trust = rng.uniform(0.3, 1.0, n), rng.uniform(0.05, 1.0, n)
-    nodes = np.column_stack([np.arange(n), np.zeros(n, dtype=np.int64)])
-    at = rng.normal(0.0, 0.1, (n, 2))
-    squares = np.stack([((at - shift * np.array(place)) ** 2).sum(axis=1) for place in ((1, 0), (0, 1), (-1, 0), (0, -1))])
-    variance = np.array([symbols.squared_error.py_func(weight, sigma) for weight in weights.tolist()])
-    expected = symbols.posteriors(nodes, squares.T.copy(), weights, trust, sigma)
-    np.testing.assert_allclose(model.posteriors(squares, variance, trust).T, expected, rtol=1e-9)
-    np.testing.assert_allclose(model._trusted(weights, 0.2), detect.trusted(weights, 0.2), rtol=1e-12)
+    assert read_part("r0201").body_mm[2] == model.BODY_MM
 
 
 def test_noise_and_height_are_those_of_a_smoothed_frame() -> None:
@@ -187,7 +161,7 @@ def test_dots_of_eight_directions_say_in_the_model_what_they_say_to_the_decoder(
     rng, n, shift = np.random.default_rng(3), 60, 1 / 6
     own, at = rng.integers(0, 8, n), rng.normal(0.0, 0.05, (n, 2))  # off their places, along and across each direction
     trust, variance = rng.uniform(0.3, 1.0, n), np.full(n, 0.02**2)
-    q = model.posteriors(model._away(at[:, 0], at[:, 1], shift, 8), variance, trust)
+    q = posteriors(model._away(at[:, 0], at[:, 1], shift, 8), variance, trust)
     around = np.stack([np.roll(q[:, i], own[i]) for i in range(n)])  # by place, as the decoder has them
     tables = tables_of(np.zeros((n, 2), dtype=np.int64), around, np.empty(0, dtype=np.float32), 24)
     bits = 2.0 * model._BITS_AROUND.T[own] - 1.0

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.sense.decode.dots.filters import STEP_TROUGH, Image, banded, gaussian_taps, tops
+from tactape_fab.sense.decode.rule import LEAST_HEIGHT, LEAST_NOISE, SMOOTHING_MM, trusted
 from tactape_fab.texture.frames import FloatArray, IntArray
 
-SMOOTHING_MM = 0.125
 BACKGROUND_MM = 1.5625
 NEIGHBOURHOOD_MM = 0.3125
 STRONGEST = 8
-LEAST_SHARE = 0.3
-"""A dot is at least this high compared with the median of the strongest ones."""
 MOST_DOTS = 400
 RIDGE_ALONG_MM, RIDGE_ACROSS_MM = 0.375, 0.6
 """How far from a top it is looked whether it is of a ridge: farther than parts reach, and where a step's trough is deepest."""
@@ -27,9 +25,6 @@ tops. Then no top of a ridge is a dot, if the trough beside it has the first dep
 """
 COARSE_PX_PER_MM = 7.0
 """Finer images are averaged down to no less than this."""
-USUAL_NOISE, LEAST_NOISE = 0.15, 0.03
-"""Median weight of the bumps of noise: as it is in the default scene, and the least that is believed."""
-NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE = 1.95, 0.17, 0.6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,17 +48,6 @@ class Dots:
     weights: FloatArray
     trust: FloatArray
     elongation: FloatArray | None = None
-
-
-def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:
-    """How likely dots of some weights are parts, where bumps of the noise have the median weight `noise`.
-
-    A logistic curve whose middle and width were fitted to simulated frames of the default scene, of twice its noise, and
-    of an elastomer of 0.25 mm.
-    """
-    middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
-    trust: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(np.maximum((middle - weights) / (NOISE_WIDTH * noise), -30.0), 30.0)))
-    return trust
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
@@ -98,7 +82,7 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
         return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
     falling = height[order]
     scale = _middle(falling[:STRONGEST])
-    kept = order[: min(int(np.searchsorted(-falling, -LEAST_SHARE * scale, side="right")), MOST_DOTS)]
+    kept = order[: min(int(np.searchsorted(-falling, -LEAST_HEIGHT * scale, side="right")), MOST_DOTS)]
     weights = height[kept] / scale
     noise = max(_middle(falling) / scale, LEAST_NOISE)
     return Dots(xy_px=xy[kept], weights=weights, trust=trusted(weights, noise), elongation=elongation[kept])

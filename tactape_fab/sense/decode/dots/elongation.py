@@ -10,20 +10,14 @@ from math import erfc, log, radians, sqrt
 import numpy as np
 
 from tactape_fab.base.jit import kernel
+from tactape_fab.sense.decode.rule import GOOD_TRUST, GOOD_WEIGHT, LEAST_GOOD, is_long, turn_shares
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
 
-LEAST_ASPECT = 1.25
-"""Bodies that are less long over their width count as round."""
-GOOD_WEIGHT, GOOD_TRUST = 0.8, 0.5
-"""Lower dots stand at the rim, whose slope draws them along it."""
-LEAST_GOOD = 4
-USUAL_SCATTER, USUAL_COUNT = 0.1, 4.0
+USUAL_SCATTER, USUAL_DOTS = 0.1, 4.0
 """Scatter of one dot's elongation that is believed before a frame is seen, and how many dots this belief counts as."""
 COMMON_ERROR = 0.04
 """What all dots of a frame may share: a sensor whose pixels are 2 % more oblong than its profile says gives half of it."""
-MOST_SHARE = 0.98
-"""No pair of turns gets more: bodies may be soldered askew, and an answer must remain where they are."""
 
 
 def square_pixels(elongation: FloatArray | None, aspect: float) -> FloatArray | None:
@@ -59,9 +53,7 @@ def turn_weights(
     part : TapePart
         Of the tape in question; a round one gives even weights.
     """
-    ratio = parity_log_ratio(elongation, weights, trust, grid, part)
-    even = min(max(1.0 / (1.0 + float(np.exp(-ratio))), 1.0 - MOST_SHARE), MOST_SHARE)
-    return np.array([even, 1.0 - even, even, 1.0 - even]) / 2.0
+    return turn_shares(parity_log_ratio(elongation, weights, trust, grid, part))
 
 
 def parity_log_ratio(
@@ -73,7 +65,7 @@ def parity_log_ratio(
     What its sign is worth is that of a normal variable of flat prior, ln Phi(z) - ln Phi(-z).
     """
     length_mm, width_mm = part.body_mm[:2]
-    if elongation is None or part.shape != "block" or max(length_mm, width_mm) < LEAST_ASPECT * min(length_mm, width_mm):
+    if elongation is None or not is_long(part.shape, part.body_mm):
         return 0.0
     # a texture direction psi (from x towards y, down) is seen at theta + psi, and theta is the grid's angle in turn 0
     psi = radians(-part.rotation_deg + (0.0 if length_mm >= width_mm else 90.0))
@@ -96,5 +88,5 @@ def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArra
     if count < LEAST_GOOD:
         return 0.0
     scatter = squares / 2.0 - (along * along + across * across) / (2.0 * count)
-    variance = (scatter + USUAL_COUNT * USUAL_SCATTER**2) / (count - 1.0 + USUAL_COUNT)
+    variance = (scatter + USUAL_DOTS * USUAL_SCATTER**2) / (count - 1.0 + USUAL_DOTS)
     return float(along / count / np.sqrt(variance / count + COMMON_ERROR**2))

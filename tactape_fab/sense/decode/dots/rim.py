@@ -7,6 +7,7 @@ import numpy as np
 from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.kth import select
+from tactape_fab.sense.decode.rule import LEAST_TRUST
 from tactape_fab.texture.frames import BoolArray, FloatArray
 
 STRONG = 0.5
@@ -32,8 +33,6 @@ LOW_SCATTERS, LOW_STEP = 6.0, 0.04
 """Scatters below the whole height from which no part amid others is; width of the step, in weight."""
 NEAREST = 0.9
 """Share of the least distance of two parts below which the lower dot is none."""
-LEAST_TRUST = 0.02
-"""Dots below it say nothing."""
 _SAME = 1e-9
 
 

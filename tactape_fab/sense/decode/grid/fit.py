@@ -8,6 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.jit import inlined_kernel, kernel
+from tactape_fab.sense.decode.rule import (
+    GOOD_WEIGHT,
+    LEAST_SIGMA,
+    LEAST_WEIGHT,
+    MOST_SIGMA,
+    OUTLIER_SHARE,
+    RIM_ERROR,
+    USUAL_COUNT,
+    USUAL_SIGMA,
+    WRONG_SHARE,
+)
 from tactape_fab.texture.frames import FloatArray
 
 Ints = npt.NDArray[np.int64]
@@ -15,17 +26,6 @@ Grid = tuple[float, float, float, float]
 """(a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l)."""
 
 FIT_STEPS = 6
-LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
-"""Bounds of a good dot's error as a share of the pitch, 18 to 90 um at 1.5 mm, and what is believed before a frame is seen."""
-USUAL_COUNT = 4.0
-"""Errors that this belief counts as."""
-OUTLIER_SHARE = 0.01
-"""Share of good dots whose position says nothing of a symbol all the same."""
-WRONG_SHARE = 0.002
-"""Share of dots that stand in another symbol's very place: a grid that is off, parts that were placed so."""
-GOOD_WEIGHT, LEAST_WEIGHT, RIM_ERROR = 0.8, 0.25, 0.06
-"""Dots from the first weight on show the error; that of noise grows as 1/weight, down to the second; what the rim adds to it
-per unit of missing weight, in pitches."""
 FEW_DOTS = 40.0
 """So few dots, displaced at random, can show a grid that is off by half a displacement: the fit starts from others as well."""
 STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0) for x in (-1.0, 1.0)]) * (
@@ -186,7 +186,7 @@ def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
 
 @inlined_kernel()
 def squared_error(weight: float, sigma: float) -> float:
-    """Squared error of a dot along one axis: noise moves low dots farther; so does the rim, not as `rim` has it."""
+    """`rule.squared_errors` of one dot."""
     noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
     rim = RIM_ERROR * max(1.0 - weight, 0.0)
     return noise * noise + rim * rim

@@ -9,15 +9,13 @@ import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.dots.kth import select
+from tactape_fab.sense.decode.rule import AGREE_SIGMAS, SCALE_SIGMAS
 from tactape_fab.texture.frames import BoolArray, FloatArray
 
 FIT_STEPS = 5
-AGREE_SIGMAS = 3.5
 LEAST_SIGMA_MM = 0.004
 LEAST_WEIGHT = 0.15
 """Lighter dots are more likely noise than parts: they take no part in the fit."""
-SCALE_SIGMAS = 2.5
-"""The profile's scale is kept where the frame's own estimate lies within so many standard deviations of it."""
 ONE_PLACE = 1e-9
 """Share of their squared distances from the image centre that dots in one place have from their own middle."""
 

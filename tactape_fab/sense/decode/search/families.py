@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactape_fab.sense.decode.rule import LEAST_COLUMNS, LEAST_ROWS
 from tactape_fab.sense.decode.search.evidence import Floats
 from tactape_fab.sense.decode.search.matrices import Matrices, matrices_of
 from tactape_fab.sense.decode.search.plane_sites import OVERHANG, Sites, sites_of
@@ -15,9 +16,6 @@ from tactape_fab.texture.code import default_origin, get_code
 from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.plane import PlaneCode
 from tactape_fab.texture.tape import Tape
-
-LEAST_COLUMNS, LEAST_ROWS = 62, 32
-"""Size of an unregistered tape, if no registered one is larger."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,6 +9,7 @@ from math import degrees, exp, inf, isfinite, log
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.sense.decode.rule import LEAST_DOTS, PRIOR_SHARE, place_weights
 from tactape_fab.sense.decode.search.all_places import weigh_sites
 from tactape_fab.sense.decode.search.evidence import Tables, tables_of
 from tactape_fab.sense.decode.search.families import Family
@@ -20,9 +21,6 @@ from tactape_fab.sense.decode.search.tally import NEGLIGIBLE, Tally, new_tally
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
-LEAST_DOTS = 6
-OVERHANG_SHARE = 0.1
-"""Weight of all places where dots lie beyond a tape's edge, together."""
 MOST_RADIUS_MM = 50.0
 _PLENTY = 0.05
 """Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
@@ -31,8 +29,6 @@ _ROUNDING = 0.1
 _RIVALS_NEGLIGIBLE = -14.5
 """As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
 PRECISION = 1e-5
-PRIOR_SHARE = 0.5
-"""Weight of the places near a prior; the rest is spread over all places, so that a wrong prior cannot deceive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,7 +172,7 @@ def search(
     groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
     counts = sum(count_places(*g, family.registered.classes) for g, family in zip(groups, families, strict=True))
     near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
-    base = _weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
+    base = place_weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
     cue = np.log(turn_weights)
     negligible = NEGLIGIBLE
     for last in (False, True):
@@ -298,9 +294,9 @@ def _unregistered(families: Sequence[Family], place: Place, *, beyond: bool) -> 
 
 
 def _unregistered_weights(others: _Others, place: Place, share: float) -> FloatArray:
-    """`_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
+    """`place_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
     counts = sum(count_places(*g, sites.classes) for _, g, sites, _ in others)
-    return _weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
+    return place_weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
 
 
 def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:
@@ -323,18 +319,6 @@ def _enough(precision: float, ln_bound: float) -> float:
 def _strict(groups: Sequence[tuple[IntArray, IntArray, FloatArray]], precision: float) -> float:
     """What is negligible (ln) so that all groups together add no more than a share of `precision`."""
     return log(precision) - log(10.0 * sum(len(of_family) for of_family, _, _ in groups) + 1.0)
-
-
-def _weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1.0) -> FloatArray:
-    """Ln of the weight of one place by turn, all dots on the tape or not; shape (4, 2). All of them have a share together."""
-    out = np.full((4, 2), -inf)
-    for turn, (inside, over) in enumerate(counts.tolist()):
-        both = inside > 0.0 and over > 0.0
-        if inside > 0.0:
-            out[turn, 0] = log(share * float(turn_weights[turn]) * (1.0 - OVERHANG_SHARE if both else 1.0) / inside)
-        if over > 0.0:
-            out[turn, 1] = log(share * float(turn_weights[turn]) * (OVERHANG_SHARE if both else 1.0) / over)
-    return out
 
 
 def _next_best(tallies: Sequence[Tally], answer: tuple[int, ...]) -> float:

@@ -12,7 +12,8 @@ from tactape_fab import Tape, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import detect
-from tactape_fab.sense.decode.dots.elongation import MOST_SHARE, flipped_u, parity_log_ratio, square_pixels, turn_weights
+from tactape_fab.sense.decode.dots.elongation import flipped_u, parity_log_ratio, square_pixels, turn_weights
+from tactape_fab.sense.decode.rule import MOST_TURN_SHARE
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
 
@@ -39,7 +40,7 @@ def test_the_turns_that_bodies_lie_along_get_the_weight(turn: int, rotation_deg:
     theta_deg = 33.0 + 90.0 * turn
     weights = turn_weights(long_at(theta_deg - rotation_deg), ones, ones, grid_at(33.0), part)
     assert weights.sum() == pytest.approx(1.0)
-    assert weights[turn] == pytest.approx(MOST_SHARE / 2)
+    assert weights[turn] == pytest.approx(MOST_TURN_SHARE / 2)
     assert weights[(turn + 2) % 4] == weights[turn]
 
 

@@ -11,10 +11,11 @@ from scipy.stats import norm
 from tactape_fab import Tape, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Scene, iterate_frames
-from tactape_fab.sense.decode.dots.detect import detect, trusted
+from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
+from tactape_fab.sense.decode.rule import trusted
 from tactape_fab.sense.decode.search.evidence import turned
 from tactape_fab.texture.frames import FloatArray, IntArray
 

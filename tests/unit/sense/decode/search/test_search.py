@@ -13,8 +13,9 @@ import pytest
 from tactape_fab import Prior, Tape, TapeSpec, default_origin
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense.decode.rule import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE
 from tactape_fab.sense.decode.search.families import families
-from tactape_fab.sense.decode.search.search import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE, Place, rivals, search, strangers
+from tactape_fab.sense.decode.search.search import Place, rivals, search, strangers
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.plane import encode

@@ -1,0 +1,271 @@
+"""The decision rule: what decides whether a contact is located, as constants and formulas in plain Python and numpy.
+
+The decoder's kernels are compiled with these constants; `advise` and `verify` read the same ones, without the compiler.
+
+The rule in short. Before any tape is looked at, each dot gets a probability for each of its 4 (or 8) symbols, `posteriors`,
+and from these q_i(0) + q_i(1) = 1 for each bit i of its symbol. A hypothesis h (tape, place on it, quarter turn) names all
+bits b_i, and has the evidence
+
+    E(h) = product over i of 2 q_i(b_i).
+
+To a texture that knows nothing of the code the named bits are fair coins, so each factor has the mean
+(2 q_i(0) + 2 q_i(1)) / 2 = 1, whatever q is, and so has E(h). Hence, by Markov's inequality, P(E(h) >= t) <= 1/t. With weights
+w(h) that were fixed before any symbol was read and add up to 1 at most, the chance that any h has w(h) E(h) >= 1/p is at most
+the sum of p w(h), which is p: the answer's 1 / (w E) is `p_tape`. All dots count, also those that disagree with the answer.
+
+Other places of the same code are no coins: they hold the same sequences, shifted. Of these `p_place` is the posterior
+probability, and the answer must lead over each of them by `KAPPA` as well.
+
+numba looks only at the age of a kernel's own file: after a change here, remove the compiled functions
+(`rm tactape_fab/sense/decode/*/__pycache__/*.nb?`). A test compares them with this file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, inf, log, sqrt
+
+import numpy as np
+
+from tactape_fab.texture.frames import FloatArray
+
+# What an answer has to keep
+
+MAX_P_FALSE = 1e-4
+"""Largest accepted p_false, a probability. Chosen: of 10,000 textures of any kind one may be located wrongly."""
+KAPPA = 30.0
+"""Least lead over any single other place, a likelihood ratio. Chosen: p_place depends on prior weights of places, this does
+not."""
+LEAST_DOTS = 6
+"""Fewest dots on the answer's tape, and fewest of them that agree with the pose. The evidence of 6 dots of four directions is at
+most 4^6 = 4,096, less than 1 / `MAX_P_FALSE`: fewer are not worth a search."""
+GOOD_TRUST = 0.5
+"""A dot of more trust is more likely a part than noise; of those on the tape half must agree with the pose (chosen)."""
+AGREE_SIGMAS = 3.5
+"""A dot agrees within so many standard deviations of one axis: of two normal components 0.2 % of the right ones do not."""
+SCALE_SIGMAS = 2.5
+"""The frame's own scale replaces the profile's beyond so many standard deviations: of one normal variable 1.2 % by chance."""
+
+# Prior weights of hypotheses, fixed before any symbol is read
+
+UNREGISTERED_SHARE = 0.01
+"""Weight of all unregistered tapes of the code together, a probability. Chosen; with as much for them as for the
+registered ones a prototype located 17 % of contacts of 7x7 mm instead of 87 % (48 simulated contacts)."""
+LEAST_COLUMNS, LEAST_ROWS = 62, 32
+"""Grid points of an unregistered tape, if no registered one is larger: those of the default tape, 100 x 50 mm at W = 1.5 mm."""
+GRID_SHARES = (0.9, 0.05, 0.05)
+"""Weights of the grids tried, best first; they add up to 1. The best grid is the one of most power, or the likeliest fit where
+the fit to that one is not as it should be: either is known before any symbol is held against a tape."""
+LEAST_GRID_POWER = 0.12
+"""Least power of a grid, as a share of a perfect one's. Displaced by W/6 dots keep ((1 + cos(pi/3)) / 2)^2 = 0.56 of it; n dots
+that stand anywhere have 1/n on the mean."""
+OVERHANG_SHARE = 0.1
+"""Weight of all places where dots lie beyond a tape's edge, together. Chosen: most contacts have all their dots on the tape."""
+PRIOR_SHARE = 0.5
+"""Weight of the places near a `Prior`, together. All places share the rest: a wrong prior costs ln 2, and the bound still
+holds."""
+EVEN_TURNS: FloatArray = np.full(4, 0.25)
+"""Weights of the four quarter turns where the shape of the dots tells nothing."""
+MOST_TURN_SHARE = 0.98
+"""Most that either pair of turns gets: bodies may be soldered askew, and an answer must remain possible where they are."""
+LEAST_ASPECT = 1.25
+"""Length over width from which on the direction of bodies is looked for. Chosen; that of chip resistors is 2."""
+GOOD_WEIGHT = 0.8
+"""A dot at least this high, over a whole one, is imprinted well: it shows the error of dots, and its body's direction. Chosen."""
+LEAST_GOOD = 4
+"""Good dots from which on the direction of bodies is believed. Chosen; `elongation` weighs it by its scatter besides."""
+
+# What a dot is, and how far it is trusted; set on simulated frames
+
+SMOOTHING_MM = 0.125
+"""Standard deviation of the Gaussian that a depth map is smoothed with: 2 px at 16 px/mm."""
+LEAST_HEIGHT = 0.3
+"""Least height of a dot over the median of the strongest ones. Bumps of noise are mostly lower."""
+USUAL_NOISE, LEAST_NOISE = 0.15, 0.03
+"""Median height of the bumps of noise over a whole dot's: in the default scene, and the least that is believed."""
+NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE = 1.95, 0.17, 0.6
+"""Middle and width of `trusted`, in medians of the noise, and the largest middle, a height over a whole dot's. Fitted to
+simulated frames of the default scene, of twice its noise, and of an elastomer of 0.25 mm."""
+LEAST_TRUST = 0.02
+"""Dots of less trust are left out: they would say nothing, and cost time."""
+
+# How far a dot is from its place: errors along one axis, in pitches; set on simulated frames
+
+LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
+"""Standard deviation of a good dot: the least and the most, 18 and 90 um at W = 1.5 mm, and what is believed before a frame is
+seen."""
+USUAL_COUNT = 4.0
+"""Errors that this belief counts as: those of two dots along two axes."""
+LEAST_WEIGHT = 0.25
+"""The error by noise grows as 1/height, down to this height over a whole dot's."""
+RIM_ERROR = 0.06
+"""Error that a contact's rim adds per unit of missing height."""
+OUTLIER_SHARE = 0.01
+"""Share of parts whose place says nothing of their symbol."""
+WRONG_SHARE = 0.002
+"""Share of dots that stand in another symbol's very place: the grid is off, or the part was placed so. No bit says more than ln
+500 against a hypothesis then. In a prototype 2 % instead of 0.5 % lost 20 of 100 contacts of 7x7 mm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Limits that an answer has to keep.
+
+    Attributes
+    ----------
+    max_p_false : float
+        Largest bound on being wrong.
+    max_p_tape : float or None
+        Largest bound on the texture being none of ours; part of `max_p_false` where None.
+    kappa : float
+        Least lead, as a factor, over any single other place.
+    """
+
+    max_p_false: float = MAX_P_FALSE
+    max_p_tape: float | None = None
+    kappa: float = KAPPA
+
+    @property
+    def precision(self) -> float:
+        """Largest error of p_place, a probability, where it decides: a tenth of what is allowed."""
+        return self.max_p_false / 10.0
+
+    @property
+    def on_tape(self) -> float:
+        """Largest p_tape that can be accepted."""
+        return self.max_p_false if self.max_p_tape is None else self.max_p_tape
+
+
+def bound_of(ln_evidence: float) -> float:
+    """p_tape from ln of the answer's w E: 1 / (w E), a bound by Markov's inequality, at most 1."""
+    return exp(min(-ln_evidence, 0.0))
+
+
+def share_of_others(others: float) -> float:
+    """p_place from the weighted likelihood w L of all other places, as a multiple of the answer's.
+
+    Bayes' rule: the answer has 1 / (1 + others) of the posterior probability. L is E times what else speaks for a turn; it is a
+    likelihood ratio, and p_place a probability, as far as the posteriors of the symbols are calibrated.
+    """
+    return others / (1.0 + others)
+
+
+def least_agreeing(good: int) -> int:
+    """Fewest dots that must agree with the pose, of so many good ones on the tape."""
+    return max(LEAST_DOTS, good // 2)
+
+
+def place_weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1.0) -> FloatArray:
+    """Weight w of one place, by its quarter turn and by whether all dots lie on the tape.
+
+    Places of a kind weigh the same, so w = share x turn x kind / count. A kind that has no place leaves its share to the other.
+
+    Parameters
+    ----------
+    counts : ndarray, shape (4, 2)
+        Places by turn: with all dots on the tape, and with some beyond its edge.
+    turn_weights : ndarray, shape (4,)
+        They add up to 1.
+    share : float
+        What all places weigh together.
+
+    Returns
+    -------
+    ndarray, shape (4, 2)
+        ln w; -inf where there is no place.
+    """
+    out = np.full((4, 2), -inf)
+    # E has the mean 1 at a place over the edge, too: a dot beyond it has the factor 1, as one at a grid point without a part
+    for turn, (inside, over) in enumerate(counts.tolist()):
+        both = inside > 0.0 and over > 0.0
+        if inside > 0.0:
+            out[turn, 0] = log(share * float(turn_weights[turn]) * (1.0 - OVERHANG_SHARE if both else 1.0) / inside)
+        if over > 0.0:
+            out[turn, 1] = log(share * float(turn_weights[turn]) * (OVERHANG_SHARE if both else 1.0) / over)
+    return out
+
+
+def turn_shares(ln_ratio: float) -> FloatArray:
+    """Weights of the four quarter turns, shape (4,), from ln of how much likelier turns 0 and 2 are than 1 and 3.
+
+    A logistic curve is the posterior of two alternatives of even prior. Bodies look alike after half a turn.
+    """
+    even = min(max(1.0 / (1.0 + float(np.exp(-ln_ratio))), 1.0 - MOST_TURN_SHARE), MOST_TURN_SHARE)
+    return np.array([even, 1.0 - even, even, 1.0 - even]) / 2.0
+
+
+def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
+    """Whether bodies (length, width, height) are so long that the dots show how they lie."""
+    return shape == "block" and max(body_mm[:2]) >= LEAST_ASPECT * min(body_mm[:2])
+
+
+def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:
+    """Probability that dots are parts and not bumps of noise: a logistic curve over their heights.
+
+    Parameters
+    ----------
+    weights : ndarray
+        Heights over that of a whole dot.
+    noise : float
+        Median height of the bumps of noise, over the same.
+    """
+    # a part is at most 1 high: however loud the noise, a dot of MOST_MIDDLE is as likely a part as a bump
+    middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
+    trust: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(np.maximum((middle - weights) / (NOISE_WIDTH * noise), -30.0), 30.0)))
+    return trust
+
+
+def squared_errors(weights: FloatArray, sigma: float) -> FloatArray:
+    """Variance of dots along one axis, pitches squared; `sigma` is the standard deviation of a good dot.
+
+    A top moves by the noise's slope over the dot's own curvature, and that is as the dot's height: so by noise the error is
+    sigma / height. What `rim` corrects of the rim's pull is right to `RIM_ERROR` times the missing height.
+    """
+    # a dot higher than a whole one is no better placed than that
+    noise = sigma / np.minimum(np.maximum(weights, LEAST_WEIGHT), 1.0)
+    rim = RIM_ERROR * np.maximum(1.0 - weights, 0.0)
+    variance: FloatArray = noise * noise + rim * rim
+    return variance
+
+
+def sigma_of(squares: float, dots: float) -> float:
+    """Standard deviation of a good dot, in pitches, from the sum of squared distances of so many dots to their places.
+
+    The belief before the frame is a sample of `USUAL_COUNT` errors of `USUAL_SIGMA`; each dot adds two, one for each axis.
+    """
+    # the posterior mean of the variance, for an inverse gamma prior of the mean USUAL_SIGMA^2
+    sigma = sqrt((USUAL_COUNT * USUAL_SIGMA**2 + squares) / (USUAL_COUNT + 2.0 * dots))
+    return min(max(sigma, LEAST_SIGMA), MOST_SIGMA)
+
+
+def posteriors(squares: FloatArray, variance: FloatArray, trust: FloatArray) -> FloatArray:
+    """Probability of each symbol of some dots, before any tape is looked at.
+
+    With k places round a grid point, alike before the dot is seen, a part's dot has the density
+    N_j = exp(-d_j^2 / 2 s^2) / (2 pi s^2) if its symbol is j. With probability 1 - t it is no part, or one whose place says
+    nothing: it lies anywhere in its cell of area 1, and its symbol is any. By Bayes' rule
+
+        q_j = (t N_j / k + (1 - t) / k) / (t sum_j N_j / k + 1 - t),   t = trust (1 - OUTLIER_SHARE),
+
+    and `WRONG_SHARE` of it is spread over all symbols.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (k, ...)
+        Squared distances d_j^2 of the dots from the k places of their grid points, in pitches squared.
+    variance : ndarray, shape (...)
+        From `squared_errors`.
+    trust : ndarray, shape (...)
+        From `trusted`.
+
+    Returns
+    -------
+    ndarray, shape (k, ...)
+        They add up to 1 over the first axis.
+    """
+    places = float(len(squares))
+    part = trust * (1.0 - OUTLIER_SHARE)  # t
+    q = np.exp(-0.5 * squares / variance) / (2.0 * places * np.pi * variance)  # N_j / k
+    q = (part * q + (1.0 - part) / places) / (part * q.sum(axis=0) + 1.0 - part)
+    said: FloatArray = (1.0 - WRONG_SHARE) * q + WRONG_SHARE / places
+    return said
