@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.base.templates import read_toml
 from tactape_fab.cli import main
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm
@@ -30,7 +30,7 @@ from tests.thorough import only_thorough
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("*.md"))]
+PAGES = [*(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")), *sorted(DOCS.glob("*.md"))]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 
@@ -65,19 +65,23 @@ def test_no_link_is_dead() -> None:
 
 
 def test_every_page_can_be_reached() -> None:
-    navigation = (DOCS / "site" / "mkdocs.yml").read_text(encoding="utf-8")
-    assert [page.name for page in DOCS.glob("*.md") if f": {page.name}\n" not in navigation] == []
+    config = read_toml(DOCS / "site" / "zensical.toml", "site")
+    start, *kinds = config["project"]["nav"]
+    assert start == {"What it is": "index.md"}
+    assert [kind for section in kinds for kind in section] == ["Tutorial", "How to", "Explanation", "Reference"]
+    pages = [path for section in kinds for entries in section.values() for entry in entries for path in entry.values()]
+    assert sorted(pages) == sorted([*(page.name for page in DOCS.glob("*.md")), "changelog.md", "contributing.md"])
 
 
-@pytest.mark.skipif(find_spec("mkdocs") is None or find_spec("material") is None, reason="mkdocs is missing; pip install .[docs]")
+@pytest.mark.skipif(find_spec("zensical") is None, reason="zensical is missing; pip install .[docs], with Python 3.11 or newer")
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-f", "docs/site/mkdocs.yml", "-d", str(tmp_path)]
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    command = [sys.executable, str(DOCS / "site" / "build.py"), str(tmp_path)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
     page = (tmp_path / "api" / "index.html").read_text(encoding="utf-8")
-    assert "tactape_fab.sense.decode.localizer.Localizer.locate" in page and "array_like" in page
-    assert "fonts.googleapis" not in page
+    assert 'id="tactape_fab.Localizer.locate"' in page and "array_like" in page
+    loaded = re.findall(r'<(?:script|img|link)[^>]*(?:src|href)="(https?:[^"]+)"', page)
+    assert loaded == []
     assert (tmp_path / "manifest.schema.json").is_file() and not list(tmp_path.rglob("*.py"))
 
 

@@ -150,8 +150,8 @@ def read_stencil(profile: Fields) -> StencilRules:
 
 
 def read_bend(profile: Fields) -> BendRules | None:
-    """None for a rigid board, whose profile has no such table."""
-    if "bend" not in profile.values:
+    """None for a rigid board, whose profile has no such table, or ``bend = "none"`` in place of an inherited one."""
+    if profile.values.get("bend", "none") == "none":
         return None
     table = profile.table("bend", ("least_thicknesses", *ORIGIN_KEYS))
     return BendRules(

@@ -8,7 +8,7 @@ from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Level
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.base.templates import refuse_problems
 from tactape_fab.kit.profiles.fab_tables import (
     ORIGIN_KEYS,
     AnchorRules,
@@ -28,6 +28,7 @@ from tactape_fab.kit.profiles.fab_tables import (
     read_parts_limit,
     read_stencil,
 )
+from tactape_fab.kit.profiles.inherited import fab_table
 from tactape_fab.kit.profiles.limits import SOURCE_KEYS, Limit, read_level, read_limit
 from tactape_fab.kit.profiles.ordering import Ordering, read_ordering
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
@@ -180,14 +181,14 @@ class FabProfile:
 
 
 def load_fab(name: str) -> FabProfile:
-    """A fab profile by name, or by the path of a TOML file.
+    """A fab profile by name, or by the path of a TOML file, with what it inherits by ``extends``.
 
     Raises
     ------
     SpecError
         Every problem found in it.
     """
-    table = profile_table("fabs", "fab", name)
+    table = fab_table(name)
     table.refuse_unknown(_TABLES)
     material = table.table("material", ("base", "thickness_mm", "copper_um", "layers", "finish"))
     colours = table.table("colours", ("coverlay", "legend"))

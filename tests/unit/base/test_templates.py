@@ -18,7 +18,7 @@ from tactape_fab.base.templates import profile_names, templates_folder
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
 FOLDERS = ("tactape_fab", "templates", "tests", "docs")
-SOURCES = (*FOLDERS, "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
+SOURCES = (*FOLDERS, "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md")
 PROBE = """
 import json
 import tactape_fab

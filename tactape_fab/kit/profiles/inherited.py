@@ -1,0 +1,76 @@
+"""Fab profiles that name another with ``extends`` and take from it every key that they do not give themselves."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.templates import profile_names, profile_table, read_toml, templates_folder
+
+MOST_ANCESTORS = 8
+"""How many profiles may stand one behind the other."""
+_TABLES_DEEP = 2
+"""A value stands at most two tables deep: ``limits.pad-pad.value_mm``."""
+
+
+def fab_table(name: str) -> Fields:
+    """The table of a fab profile, by name or by the path of a TOML file, with what it inherits.
+
+    Tables are merged key by key; any other value, a list too, replaces the inherited one. The name is not inherited: a profile
+    that extends another and gives none is called as its file.
+
+    Raises
+    ------
+    SpecError
+        A file that cannot be read, an unknown profile, a cycle, or more than `MOST_ANCESTORS` of them.
+    """
+    table = profile_table("fabs", "fab", name)
+    path = Path(name) if name.endswith(".toml") else _built_in(name)
+    if "extends" not in table.values:
+        return table
+    values, seen = {"name": path.stem, **table.values}, [path.resolve()]
+    while "extends" in values:
+        path = _parent(path, values.pop("extends"), table.where)
+        inherited = read_toml(path, f"{table.where}extends")
+        if path.resolve() in seen:
+            hint = "extend a profile of the package, such as 'generic-fpc'"
+            raise _refusal(table.where, f"leads back to {path.name}; {hint}")
+        if len(seen) > MOST_ANCESTORS:
+            hint = "extend one that is nearer to the last"
+            raise _refusal(table.where, f"passes through more than {MOST_ANCESTORS} profiles; {hint}")
+        seen.append(path.resolve())
+        values = _merged(values, inherited, _TABLES_DEEP)
+    return Fields(values, table.where)
+
+
+def _built_in(name: str) -> Path:
+    return templates_folder() / "fabs" / f"{name}.toml"
+
+
+def _parent(child: Path, name: object, where: str) -> Path:
+    """File of the profile that `child` extends: one of the package by name, or a file by its path from the child's folder."""
+    known = profile_names("fabs")
+    if isinstance(name, str) and name in known:
+        return _built_in(name)
+    if isinstance(name, str) and name.endswith(".toml"):
+        return child.parent / name
+    near = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) else []
+    hint = f"did you mean '{near[0]}'?" if near else "give one of them"
+    raise _refusal(where, f"= {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file; {hint}")
+
+
+def _refusal(where: str, message: str) -> SpecError:
+    return SpecError(Problem(f"{where}extends", f"{where}extends {message}"))
+
+
+def _merged(own: Mapping[str, Any], inherited: Mapping[str, Any], deep: int) -> dict[str, Any]:
+    """`inherited` with what `own` gives in its place."""
+    merged = {**inherited, **own}
+    for key in own.keys() & inherited.keys():
+        if deep > 0 and isinstance(own[key], dict) and isinstance(inherited[key], dict):
+            merged[key] = _merged(own[key], inherited[key], deep - 1)
+    return merged
