@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from tactape_fab.sense.track.tracker import Tracker as Tracker
     from tactape_fab.texture.code import default_origin as default_origin
     from tactape_fab.texture.tape import Tape as Tape
-    from tactape_fab.verify.kit import Verification as Verification
-    from tactape_fab.verify.kit import verify_kit as verify_kit
+    from tactape_fab.verify import Verification as Verification
+    from tactape_fab.verify import verify_kit as verify_kit
 
 _TAG_VIEW = "tactape_fab.sense.objects.tag_view"
 _HOMES = {
@@ -47,7 +47,7 @@ _HOMES = {
     "TapedObject": "tactape_fab.sense.objects.taped_object",
     "Track": "tactape_fab.sense.track.tracker",
     "Tracker": "tactape_fab.sense.track.tracker",
-    "Verification": "tactape_fab.verify.kit",
+    "Verification": "tactape_fab.verify.verification",
     "default_origin": "tactape_fab.texture.code",
     "make_kit": "tactape_fab.make.kit",
     "pixels_to_texture": _TAG_VIEW,
@@ -56,7 +56,7 @@ _HOMES = {
     "tag_side_mm": _TAG_VIEW,
     "tag_to_texture": _TAG_VIEW,
     "texture_to_pixels": _TAG_VIEW,
-    "verify_kit": "tactape_fab.verify.kit",
+    "verify_kit": "tactape_fab.verify.file",
 }
 __all__ = [
     "Kit",

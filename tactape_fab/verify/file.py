@@ -1,15 +1,64 @@
-"""verify as the command line has it: the contacts that a user asks for, and the map beside the checks."""
+"""verify: a kit or a panel by its path, and as the command line has it, with contacts that a user asks for and the map."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
+from tactape_fab.texture.panel_manifest import is_panel
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify import Verification, read_contact, verify_kit
+from tactape_fab.verify.kit import verify_folder
+from tactape_fab.verify.panel import verify_panel_folder
+from tactape_fab.verify.trip.round_trip import Contact, Progress, read_contact
+from tactape_fab.verify.verification import Verification
 
-if TYPE_CHECKING:
-    from tactape_fab.verify.trip.round_trip import Progress
+
+def verify_kit(
+    path: str | Path,
+    *,
+    quick: bool = False,
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+) -> Verification:
+    """Verify a kit, or a panel with every kit on it, by its folder or its manifest.json.
+
+    Parameters
+    ----------
+    path : str or Path
+    quick : bool
+        Leave out what needs a CAD kernel, another program or an extra: OCCT, FreeCAD, PrusaSlicer, the second tag detector.
+        The round trip is a few contacts then.
+    contact : Contact, optional
+        Sensor and size of the contacts of the round trip that is not quick.
+    progress : callable
+        Told what is being done, how much of it is done, and of how much.
+
+    Returns
+    -------
+    Verification
+        Every line, also when some failed; an unreadable manifest is a failed line.
+
+    Raises
+    ------
+    SpecError
+        When there is no kit at `path`.
+    """
+    file = find_manifest(path)
+    if file.name != MANIFEST_NAME:
+        raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
+    if is_panel(_format_of(file)):
+        return verify_panel_folder(file, quick=quick, contact=contact, progress=progress)
+    return verify_folder(file, quick=quick, contact=contact, progress=progress)
+
+
+def _format_of(file: Path) -> dict[str, Any]:
+    """Content of a manifest; nothing where it cannot be read, which is said where it is read as a kit's."""
+    try:
+        return read_any_manifest(file)
+    except SpecError:
+        return {}
 
 
 def verify_file(

@@ -30,6 +30,9 @@ PICTURES = ("preview-svg", "preview-png")
 CERTIFICATE = "certificate"
 EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
+REPORT = "report"
+"""Role of the report: the one file that is made after the others are verified, so that it may be missing."""
+_DATA = re.compile(rb'<script type="application/json" id="data">(.*?)</script>', re.DOTALL)
 
 Kind = Literal["film", "texture", "embossed"]
 
@@ -119,13 +122,51 @@ def read_inside(root: Path, place: Path) -> bytes:
     return place.read_bytes()
 
 
-def check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]], allowed: Sequence[str] = ()) -> Check:
+def check_listed(
+    manifest: Mapping[str, Any],
+    files: Mapping[str, list[WrittenFile]],
+    expected: Sequence[str],
+    *,
+    allowed: Sequence[str] = (),
+    what: str = "tape",
+) -> tuple[dict[str, WrittenFile], list[str], list[Check]]:
+    """The first file of each role, the expected roles that have none, and a line each for the roles and the report."""
+    single = {role: rows[0] for role, rows in files.items() if rows}
+    checks = [_check_roles(expected, files, (REPORT, *allowed))]
+    if REPORT in single:
+        checks.append(_check_report(single[REPORT], manifest, what))
+    return single, [role for role in expected if role not in single], checks
+
+
+def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]], allowed: Sequence[str]) -> Check:
     """Every expected role once, and no other but the allowed ones, these once at most."""
     wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
     wrong += [f"{role} {len(files[role])} times" for role in allowed if len(files.get(role, [])) > 1]
     wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed)]
     message = f"the kit holds {named(wrong)}" if wrong else f"{len(expected)} roles, one file each"
     return Check(name="roles", passed=not wrong, message=message)
+
+
+def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> Check:
+    """The page shows this tape, or panel, and lists every other file of the kit as the manifest does."""
+    problem, count = None, 0
+    try:
+        (text,) = _DATA.findall(file.data)
+        content = json.loads(text)
+        told = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
+        listed = {
+            str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in manifest["files"] if row["role"] != REPORT
+        }
+        count = len(listed)
+        differing = [path for path in sorted(told.keys() | listed.keys()) if told.get(path) != listed.get(path)]
+        if content["name"] != manifest["name"]:
+            problem = f"it is that of another {what}"
+        elif differing:
+            problem = f"it does not show as they are: {named(differing)}"
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        problem = f"its data cannot be read: {type(error).__name__}"
+    message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
+    return Check(name=REPORT, passed=problem is None, message=message)
 
 
 def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Check:

@@ -15,8 +15,8 @@ from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
-from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
-from tactape_fab.kit.read.readback import CplContent, read_cpl, read_drill
+from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.kit.read.readback import CplContent, read_cpl
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
@@ -26,24 +26,31 @@ from tactape_fab.verify.files import (
     PICTURES,
     WrittenFile,
     check_job,
+    check_listed,
     check_picture,
-    check_roles,
     check_zip,
     named,
     read_files,
     read_inside,
 )
-from tactape_fab.verify.kit import GERBER_ROLES, Verification, check_attributes, check_layers_with_cpl, read_role, verify_folder
-from tactape_fab.verify.layers.board import check_drill
-from tactape_fab.verify.layers.cpl_rows import Ordered, RecordedAssembly, check_bom, check_cpl, check_order_notes, read_assembly
-from tactape_fab.verify.layers.film_layers import FilmRecord, check_anchors, check_backing, pardoned, read_film_record
+from tactape_fab.verify.film import (
+    FilmLayers,
+    FilmManifest,
+    check_attributes,
+    check_tape,
+    pair_all_lands,
+    read_film_manifest,
+    read_layers,
+    read_role,
+)
+from tactape_fab.verify.kit import verify_folder
+from tactape_fab.verify.layers.cpl_rows import Ordered, check_bom, check_cpl, check_order_notes
+from tactape_fab.verify.layers.film_layers import pardoned
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
-from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, Recorded, pair_lands, read_recorded
-from tactape_fab.verify.layers.legend import check_tag
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
-from tactape_fab.verify.symbols import check_symbols
 from tactape_fab.verify.trip.round_trip import Contact, Progress
-from tactape_fab.verify.verification import REPORT, check_report
+from tactape_fab.verify.verification import Verification, unreadable
 
 _DIAMETER_TOLERANCE_MM = 0.005
 
@@ -55,11 +62,7 @@ class _PanelRecord:
     name: str
     panel: Panel
     placed: tuple[PlacedTape, ...]
-    recorded: Recorded
-    assembly: RecordedAssembly
-    film: FilmRecord
-    x2: object
-    legend_is_light: bool
+    film: FilmManifest
 
 
 def verify_panel_folder(
@@ -85,23 +88,17 @@ def verify_panel_folder(
         if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
             raise SpecError("a kit on it is no film with parts")
     except SpecError as error:
-        message = "; ".join(str(error).splitlines())
-        return Verification(name=folder.name, checks=(Check(name="manifest", passed=False, message=message),))
+        return unreadable(folder.name, error)
     checks = [_check_arrangement(record, tapes)]
     folders = [str(PurePosixPath(p.manifest).parent) + "/" for p in record.placed]
-    files, file_checks = read_files(folder, manifest, folders)
-    checks += [*file_checks, _check_kits_listed(folder, record.placed)]
-    expected = _roles(record, tapes)
-    checks.append(check_roles(expected, files, (REPORT,)))
-    single = {role: rows[0] for role, rows in files.items() if rows}
-    if REPORT in single:
-        checks.append(check_report(single[REPORT], manifest, "panel"))
-    missing = [role for role in expected if role not in single]
+    listed, file_checks = read_files(folder, manifest, folders)
+    files, missing, role_checks = check_listed(manifest, listed, _roles(record, tapes), what="panel")
+    checks += [*file_checks, _check_kits_listed(folder, record.placed), *role_checks]
     if missing or not checks[0].passed:
         message = f"nothing further can be checked without {named(missing) or 'an arrangement that holds together'}"
         checks.append(Check(name="content", passed=False, message=message))
     else:
-        checks += pardoned(_check_content(record, tapes, single, quick=quick), record.film)
+        checks += pardoned(_check_content(record, tapes, files, quick=quick), record.film.film)
     if kits:
         for place in folders:
             checks += _check_kit(folder / place, quick=quick, contact=contact, progress=progress)
@@ -110,17 +107,12 @@ def verify_panel_folder(
 
 def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
     table = Fields(manifest)
-    spec = table.table("spec")
     table.table("tool")
     record = _PanelRecord(
         name=table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'"),
         panel=read_panel_record(table.table("panel")),
         placed=read_placed(table),
-        recorded=read_recorded(table),
-        assembly=read_assembly(table),
-        film=read_film_record(table),
-        x2=spec.values.get("x2"),
-        legend_is_light=table.table("fab").values.get("legend_colour") != "black",
+        film=read_film_manifest(table),
     )
     if table.problems:
         raise SpecError(table.problems)
@@ -167,7 +159,7 @@ def _roles(record: _PanelRecord, tapes: Sequence[OnPanel]) -> tuple[str, ...]:
     legend = ("legend-top",) if any(on.tape.tag is not None for on in tapes) else ()
     holes = record.panel.tooling_holes_mm or any(on.tape.board.holes for on in tapes)
     drill = ("drill-npth",) if holes else ()
-    return (*ALWAYS, *legend, *drill, *record.film.backings, *PICTURES, "fab-zip")
+    return (*ALWAYS, *legend, *drill, *record.film.film.backings, *PICTURES, "fab-zip")
 
 
 # Files of the panel
@@ -175,28 +167,27 @@ def _roles(record: _PanelRecord, tapes: Sequence[OnPanel]) -> tuple[str, ...]:
 
 def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
     checks: list[Check] = []
-    layers: dict[str, GerberContent] = {}
-    for role in (*GERBER_ROLES, *record.film.backings):
-        if role in files and (content := read_role(role, read_gerber, files, checks)) is not None:
-            layers[role] = content
-    holes = read_role("drill-npth", read_drill, files, checks) if "drill-npth" in files else np.empty((0, 3))
+    panel, film = record.panel, record.film
     cpl = read_role("cpl", read_cpl, files, checks)
-    checks.append(check_attributes(layers, files, record.x2, record.film))
-    if "profile" in layers:
-        checks.append(_check_cut(layers["profile"], record.panel))
+    layers = read_layers(files, cpl, film.film, checks)
+    if "drill-npth" not in files:
+        layers = replace(layers, holes=np.empty((0, 3)))
+    checks.append(check_attributes(layers.gerbers, files, film))
+    if "profile" in layers.gerbers:
+        checks.append(_check_cut(layers.gerbers["profile"], panel))
     count = sum(on.tape.part_count for on in tapes)
     names = [f"R{n}" for n in range(1, count + 1)]
     if cpl is not None:
         checks.append(_check_rows(cpl, names))
-    checks.append(check_bom(files["bom"].data, names, record.assembly))
-    ordered = Ordered(name=record.name, size_mm=record.panel.size_mm, part_count=count, on_panel=True)
+    checks.append(check_bom(files["bom"].data, names, film.assembly))
+    ordered = Ordered(name=record.name, size_mm=panel.size_mm, part_count=count, on_panel=True)
     checks.append(check_order_notes(files, tapes[0].tape, ordered))
-    checks += _check_rails(layers, holes, record.panel, tapes)
+    checks += _check_rails(layers, panel, tapes)
     for on in tapes:
-        lines = pardoned(_check_tape(record, on, layers, holes, cpl, files, quick=quick), record.film)
+        lines = pardoned(_check_tape(record, on, layers, files, quick=quick), film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(record.panel, tapes), record.recorded)
-    checks += [check_job(record.panel.size_mm, files), check_zip(files, with_job=record.film.job_in_zip)]
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(panel, tapes), film.lands)
+    checks += [check_job(panel.size_mm, files), check_zip(files, with_job=film.film.job_in_zip)]
     return [*checks, check_picture(files)]
 
 
@@ -274,55 +265,29 @@ def _shown(panel: Panel, tapes: Sequence[OnPanel]) -> Shown:
 
 
 def _check_tape(
-    record: _PanelRecord,
-    on: OnPanel,
-    layers: Mapping[str, GerberContent],
-    holes: FloatArray | None,
-    cpl: CplContent | None,
-    files: Mapping[str, WrittenFile],
-    *,
-    quick: bool,
+    record: _PanelRecord, on: OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFile], *, quick: bool
 ) -> list[Check]:
     """Everything that the panel's files have where this tape lies is the tape's."""
-    checks: list[Check] = []
-    tape, recorded, film = on.tape, record.recorded, record.film
-    own = {role: of_tape(content, on) for role, content in layers.items() if role != "profile"}
-    if holes is not None:
-        drilled = holes[inside(holes[:, :2], on)] - (*on.offset, 0.0)
-        checks.append(check_drill(drilled, tape))
-    for role, backing in film.backings.items():
-        if role in own:
-            checks.append(check_backing(role, own[role], files[role].path, backing, record.panel.tape_outline_mm))
-    lands = {"copper-top": recorded.pads, "paste-top": recorded.paste}
-    pairs = {
-        role: pair_lands(own[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
-        for role, land in lands.items()
-        if role in own
-    }
-    rows = None if cpl is None else rows_of_tape(cpl, on)
-    if rows is not None:
-        checks += check_cpl(rows, tape, record.assembly, recorded.pads)
-        checks += check_layers_with_cpl(own, pairs, recorded, film, tape, rows)
-        checks += check_symbols(tape, rows.xy_mm, "CPL")
-    if film.anchor is not None and "copper-top" in own and "coverlay-top" in own:
-        checks += check_anchors(own["copper-top"], own["coverlay-top"], film.anchor, recorded.pads, tape)
-    if "copper-top" in pairs:
-        checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
-    if "legend-top" in own:
-        checks += check_tag(own["legend-top"], tape, legend_is_light=record.legend_is_light, with_pupil=not quick)
-    return checks
+    tape, film = on.tape, record.film
+    own = FilmLayers(
+        gerbers={role: of_tape(content, on) for role, content in layers.gerbers.items() if role != "profile"},
+        holes=None if layers.holes is None else layers.holes[inside(layers.holes[:, :2], on)] - (*on.offset, 0.0),
+        cpl=None if layers.cpl is None else rows_of_tape(layers.cpl, on),
+    )
+    rows = [] if own.cpl is None else check_cpl(own.cpl, tape, film.assembly, film.lands.pads)
+    pairs = pair_all_lands(own, film.lands, tape)
+    outline_mm = record.panel.tape_outline_mm
+    return [*rows, *check_tape(own, pairs, tape, film, files, outline_mm, with_pupil=not quick)]
 
 
 # Beside the tapes
 
 
-def _check_rails(
-    layers: Mapping[str, GerberContent], holes: FloatArray | None, panel: Panel, tapes: Sequence[OnPanel]
-) -> list[Check]:
+def _check_rails(layers: FilmLayers, panel: Panel, tapes: Sequence[OnPanel]) -> list[Check]:
     """Beside the tapes there are the fiducials and the tooling holes, and nothing else."""
-    checks = []
+    checks, holes = [], layers.holes
     marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}
-    for role, content in layers.items():
+    for role, content in layers.gerbers.items():
         if role == "profile":
             continue
         on_tape = np.zeros(len(content.flash_xy_mm), dtype=bool)

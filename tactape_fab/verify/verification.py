@@ -1,38 +1,35 @@
-"""The report of a kit is the one of the files that stand beside it."""
+"""What a verification found."""
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from tactape_fab.base.errors import Check
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.base.errors import Check, SpecError, VerifyError
 
-REPORT = "report"
-"""Role of the report: the one file that is made after the others are verified, so that it may be missing."""
-
-_DATA = re.compile(rb'<script type="application/json" id="data">(.*?)</script>', re.DOTALL)
+if TYPE_CHECKING:
+    from tactape_fab.verify.trip.round_trip import Trip
 
 
-def check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str = "tape") -> Check:
-    """The page shows this tape, or panel, and lists every other file of the kit as the manifest does."""
-    problem, count = None, 0
-    try:
-        (text,) = _DATA.findall(file.data)
-        content = json.loads(text)
-        shown = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
-        listed = {
-            str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in manifest["files"] if row["role"] != REPORT
-        }
-        count = len(listed)
-        differing = [path for path in sorted(shown.keys() | listed.keys()) if shown.get(path) != listed.get(path)]
-        if content["name"] != manifest["name"]:
-            problem = f"it is that of another {what}"
-        elif differing:
-            problem = f"it does not show as they are: {named(differing)}"
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        problem = f"its data cannot be read: {type(error).__name__}"
-    message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
-    return Check(name=REPORT, passed=problem is None, message=message)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verification:
+    """All lines of a verification, and the contacts of its round trip, by source; none in a quick one."""
+
+    name: str
+    checks: tuple[Check, ...]
+    trips: tuple[Trip, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        return all(c.passed or c.warning for c in self.checks)
+
+    def raise_if_failed(self) -> None:
+        """Raise VerifyError with every line where one failed."""
+        if not self.passed:
+            raise VerifyError(self.checks)
+
+
+def unreadable(name: str, error: SpecError) -> Verification:
+    """The one failed line of a folder whose manifest cannot be read."""
+    message = "; ".join(str(error).splitlines())
+    return Verification(name=name, checks=(Check(name="manifest", passed=False, message=message),))

@@ -18,7 +18,7 @@ from tactape_fab import verify
 from tactape_fab.kit import writer
 from tactape_fab.kit.render import preview
 from tactape_fab.make import kit as make
-from tactape_fab.verify import kit as verify_kit
+from tactape_fab.verify import film
 from tactape_fab.verify.layers import lands
 from tests.bench.measure import Timed, command, large_spec, peak_memory_mb, run, show
 
@@ -107,7 +107,7 @@ def test_large_kit_is_made_and_verified_within_a_minute(
     watch(preview, "read_gerber", "    gerbonara reads for them")
     watch(make, "write_kit", "write")
     watch(verify, "verify_folder", "verify --quick")
-    watch(verify_kit, "read_gerber", "  gerbonara reads")
+    watch(film, "read_gerber", "  gerbonara reads")
     watch(lands, "nearest", "  nearest-neighbour search")
     whole = Timed(lambda: make.make_kit(large_spec(PARTS), tmp_path / "kit"))
 

@@ -30,7 +30,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.writer import write_kit
 from tactape_fab.make import kit as make
 from tactape_fab.make import publish as folders
-from tactape_fab.verify import kit as verify_kit_module
+from tactape_fab.verify import Verification
 from tests.thorough import thorough
 
 SMALL = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
@@ -330,11 +330,9 @@ def test_folders_of_a_kit_have_the_permissions_of_any_other(tmp_path: Path) -> N
     assert {p.stat().st_mode for p in (kit.path, *kit.path.iterdir()) if p.is_dir()} == {usual.stat().st_mode}
 
 
-def failing(manifest_file: Path, *, quick: bool) -> verify_kit_module.Verification:
+def failing(manifest_file: Path, *, quick: bool) -> Verification:
     assert manifest_file.is_file()
-    return verify_kit_module.Verification(
-        name="kit", checks=(Check(name="copper-top", passed=False, message="a pad is off by 0.02 mm"),)
-    )
+    return Verification(name="kit", checks=(Check(name="copper-top", passed=False, message="a pad is off by 0.02 mm"),))
 
 
 @pytest.mark.parametrize("place", ["kit", "new/deep/kit"])

@@ -1,0 +1,202 @@
+"""A film's fabrication files, of a kit or of a panel: read into arrays, and what they hold where one tape lies."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
+from tactape_fab.kit.read.readback import CplContent, read_drill
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile, check_signature, named
+from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear
+from tactape_fab.verify.layers.cpl_rows import RecordedAssembly, read_assembly
+from tactape_fab.verify.layers.film_layers import (
+    FilmRecord,
+    check_anchors,
+    check_backing,
+    check_window,
+    file_function,
+    read_film_record,
+)
+from tactape_fab.verify.layers.lands import (
+    LandPairs,
+    Recorded,
+    check_lands,
+    check_openings,
+    opening_outline,
+    pair_lands,
+    point_tree,
+    read_recorded,
+)
+from tactape_fab.verify.layers.legend import check_tag
+from tactape_fab.verify.symbols import check_symbols
+
+FILE_FUNCTIONS = {
+    "copper-top": ("Copper,L1,Top", "Positive"),
+    "coverlay-top": ("Soldermask,Top", "Negative"),
+    "paste-top": ("Paste,Top", "Positive"),
+    "legend-top": ("Legend,Top", "Positive"),
+    "profile": ("Profile,NP", "Positive"),
+    "components-top": ("Component,L1,Top", "Positive"),
+}
+"""Function and polarity that a Gerber file of each role gives itself in its attributes."""
+
+REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmManifest:
+    """What a manifest, of a kit or a panel, records of a film and its assembly."""
+
+    lands: Recorded
+    assembly: RecordedAssembly
+    film: FilmRecord
+    x2: object
+    legend_is_light: bool
+
+
+def read_film_manifest(table: Fields) -> FilmManifest:
+    """Read it; problems are collected in `table`."""
+    return FilmManifest(
+        lands=read_recorded(table),
+        assembly=read_assembly(table),
+        film=read_film_record(table),
+        x2=table.table("spec").values.get("x2"),
+        legend_is_light=table.table("fab").values.get("legend_colour") != "black",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilmLayers:
+    """What the files of a film hold: Gerber layers by role, holes (x, y, diameter) mm, and the rows of the CPL.
+
+    ``holes`` and ``cpl`` are None where there is no such file, or it cannot be read.
+    """
+
+    gerbers: Mapping[str, GerberContent]
+    holes: FloatArray | None
+    cpl: CplContent | None
+
+
+def read_role(role: str, read: Callable[[bytes], T], files: Mapping[str, WrittenFile], checks: list[Check]) -> T | None:
+    """A file's content, or None and a failed line in `checks`."""
+    try:
+        return read(files[role].data)
+    except ReadbackError as error:
+        checks.append(Check(name=role, passed=False, message=f"{files[role].path}: {error}"))
+        return None
+
+
+def read_layers(files: Mapping[str, WrittenFile], cpl: CplContent | None, film: FilmRecord, checks: list[Check]) -> FilmLayers:
+    """Read every Gerber and drill file that is there; a failed line in `checks` for each that cannot be read."""
+    gerbers = {
+        role: content
+        for role in (*FILE_FUNCTIONS, *film.backings)
+        if role in files and (content := read_role(role, read_gerber, files, checks)) is not None
+    }
+    holes = read_role("drill-npth", read_drill, files, checks) if "drill-npth" in files else None
+    return FilmLayers(gerbers=gerbers, holes=holes, cpl=cpl)
+
+
+def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str, LandPairs]:
+    """Pairs of pads and of stencil apertures, by role."""
+    return {
+        role: pair_lands(layers.gerbers[role].flash_xy_mm, land.offset_mm, tape.part.rotation_deg)
+        for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste))
+        if role in layers.gerbers
+    }
+
+
+def check_tape(
+    layers: FilmLayers,
+    pairs: Mapping[str, LandPairs],
+    tape: Tape,
+    record: FilmManifest,
+    files: Mapping[str, WrittenFile],
+    outline_mm: FloatArray | None,
+    *,
+    with_pupil: bool,
+) -> list[Check]:
+    """Holes, backings, lands, anchors, symbols and tag of one tape, all in its own frame.
+
+    ``pairs`` are `pair_all_lands` of these layers, ``outline_mm`` is what a backing must cover, None where that is not known.
+    """
+    checks: list[Check] = []
+    gerbers, cpl, anchor = layers.gerbers, layers.cpl, record.film.anchor
+    if layers.holes is not None:
+        checks.append(check_drill(layers.holes, tape))
+    for role, backing in record.film.backings.items():
+        if role in gerbers and (outline_mm is not None or "profile" in gerbers):
+            checks.append(check_backing(role, gerbers[role], files[role].path, backing, outline_mm))
+    if cpl is not None:
+        checks += _check_with_cpl(gerbers, pairs, record, tape, cpl)
+    if anchor is not None and "copper-top" in gerbers and "coverlay-top" in gerbers:
+        checks += check_anchors(gerbers["copper-top"], gerbers["coverlay-top"], anchor, record.lands.pads, tape)
+    if cpl is not None:
+        checks += check_symbols(tape, cpl.xy_mm, "CPL")
+    if "copper-top" in pairs:
+        checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
+    if "legend-top" in gerbers:
+        checks += check_tag(gerbers["legend-top"], tape, legend_is_light=record.legend_is_light, with_pupil=with_pupil)
+    return checks
+
+
+def _check_with_cpl(
+    gerbers: Mapping[str, GerberContent], pairs: Mapping[str, LandPairs], record: FilmManifest, tape: Tape, cpl: CplContent
+) -> list[Check]:
+    """Every layer has what belongs to a part where the CPL places it, and keeps its distances."""
+    checks: list[Check] = []
+    lands, rows = record.lands, point_tree(cpl.xy_mm)
+    for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste)):
+        if role in gerbers:
+            lines = role == "copper-top" and record.film.anchor is not None
+            checks += check_lands(role, gerbers[role], pairs[role], land, tape, cpl, rows, lines=lines)
+    if "coverlay-top" in gerbers and record.film.mode == "gang":
+        checks += check_window(gerbers["coverlay-top"], opening_outline(lands, tape), record.film, tape, cpl)
+    elif "coverlay-top" in gerbers:
+        checks += check_openings(gerbers["coverlay-top"], lands, tape, cpl, rows)
+    if "components-top" in gerbers:
+        checks.append(check_components(gerbers["components-top"], tape, cpl))
+    if "copper-top" in gerbers:
+        checks += check_edges(gerbers, lands, tape, cpl)
+    if "legend-top" in gerbers and "coverlay-top" in gerbers:
+        checks.append(check_legend_clear(gerbers["legend-top"], gerbers["coverlay-top"], lands))
+    return checks
+
+
+def check_attributes(gerbers: Mapping[str, GerberContent], files: Mapping[str, WrittenFile], record: FilmManifest) -> Check:
+    """Attributes are there as the manifest's ``spec.x2`` says; functions are the roles', one origin, signatures fit."""
+    problems = [problem for role in gerbers if (problem := check_signature(role, files[role].data)) is not None]
+    backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
+    functions, origins = {**FILE_FUNCTIONS, **backings}, set()
+    for role, content in gerbers.items():
+        mode = "full" if role == "components-top" else record.x2
+        start = {"full": b"%TF.", "comments": b"G04 #@! TF."}.get(str(mode))
+        if start is not None:
+            missing = [n for n in REQUIRED_ATTRIBUTES if start + n.encode() not in files[role].data]
+            problems += [f"{role} has no .{name}" for name in missing]
+            origins.add(re.search(rb"TF\.SameCoordinates,([^*]*)\*", files[role].data))
+        if mode == "full" and role == "copper-top" and not all(_parts_of_pads(content)):
+            problems.append("copper-top has pads without .P")
+        for attribute, expected in zip(("FileFunction", "FilePolarity"), functions[role], strict=True):
+            found = content.file_attributes.get(attribute)
+            if found is not None and ",".join(found) != expected:
+                problems.append(f"{role} has .{attribute} {','.join(found)}, not {expected}")
+    if len({match[1] for match in origins if match is not None}) > 1:
+        problems.append("the layers have different .SameCoordinates")
+    message = named(problems) if problems else "file functions as the roles, MD5 signatures right"
+    return Check(name="attributes", passed=not problems, message=message)
+
+
+def _parts_of_pads(content: GerberContent) -> list[str]:
+    """The part that each flash names; fiducials belong to none."""
+    mark = [function.startswith("FiducialPad") for function in content.aperture_functions]
+    return [part for part, i in zip(content.flash_component, content.flash_aperture, strict=True) if not mark[i]]
