@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
-from tactape_fab.kit.read.readback import CplContent, read_drill
+from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.kit.render.colours import (
     BACKING_COLOURS,
     BASE_FILM,
@@ -22,6 +22,7 @@ from tactape_fab.kit.render.colours import (
 )
 from tactape_fab.kit.render.preview import body_outline, stamps, terminals_of
 from tactape_fab.report.arrays import packed, packed_paths
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import placed_outline, rotate, rounded_rectangle
 from tactape_fab.texture.tape import Tape

@@ -1,23 +1,30 @@
-"""What each assembly house wants of the pick-and-place list (CPL) and the bill of materials (BOM).
+"""The pick-and-place list (CPL): what each assembly house wants of it, and the one reader of it.
 
-The one place that names their columns, units, words and conventions. A column is a pair: its header, and what stands in it.
+A column is a pair: its header, and what stands in it.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from tactape_fab.base.fields import Fields, shown
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import LONGEST_MM
 
 Style = Literal["csv", "tab", "kicad"]
 Columns = tuple[tuple[str, str], ...]
 
-PART_NUMBER_PATTERN = r"[A-Za-z0-9](?:[A-Za-z0-9 ._()/#+-]{0,78}[A-Za-z0-9.)#+-])?"
-PART_NUMBER_REMEDY = "use 1 to 80 letters, digits, spaces and ._()/#+-, the first a letter or digit; it is one cell of a table"
 MM_PER_MIL = 0.0254
+MOST_CPL_BYTES = 64 * 1024 * 1024
+MOST_PROBLEMS = 20
+_MOST_DEG = 360.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,168 +76,214 @@ class PlacementTable:
         return turned - 360.0 if self.half_turns and turned > 180.0 else turned
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BomTable:
-    """A bill of materials: one row for a group of designators.
-
-    In a column may stand ``item`` (the row's number), ``designator``, ``quantity``, ``value``, ``footprint``,
-    ``description``, ``value_description``, ``part_number``, or a key of ``fixed``.
-    """
-
-    columns: Columns
-    fixed: Columns = ()
-
-    @property
-    def headers(self) -> tuple[str, ...]:
-        return tuple(header for header, _ in self.columns)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssemblyFormat:
-    """Both lists of a house, and what its part numbers look like: a pattern and the words for it."""
-
-    placements: PlacementTable
-    bom: BomTable
-    number_pattern: str = PART_NUMBER_PATTERN
-    number_words: str = PART_NUMBER_REMEDY
-
-
 _COMMON = PlacementTable(
     columns=(("Designator", "designator"), ("Mid X", "x"), ("Mid Y", "y"), ("Layer", "side"), ("Rotation", "rotation"))
 )
-_GENERIC_BOM = BomTable(
-    columns=(
-        ("Designator", "designator"),
-        ("Quantity", "quantity"),
-        ("Value", "value"),
-        ("Footprint", "footprint"),
-        ("Description", "description"),
-        ("Part Number", "part_number"),
-    )
-)
 
-FORMATS: Mapping[str, AssemblyFormat] = {
-    "generic": AssemblyFormat(placements=_COMMON, bom=_GENERIC_BOM),
+PLACEMENTS: Mapping[str, PlacementTable] = {
+    "generic": _COMMON,
     # JLCPCB help pages 46 (CPL) and "advice for BOM and CPL files" (2026-01-19); KiKit writes the same.
-    "jlcpcb": AssemblyFormat(
-        placements=_COMMON,
-        bom=BomTable(
-            columns=(
-                ("Comment", "value"),
-                ("Designator", "designator"),
-                ("Footprint", "footprint"),
-                ("JLCPCB Part #", "part_number"),
-            )
-        ),
-        number_pattern=r"C[0-9]{1,10}",
-        number_words="JLCPCB takes its own (LCSC) numbers, a C and up to 10 digits; look the part up in its library",
-    ),
-    # KiKit (kikit/fab/pcbway.py); quantities are those of one board.
-    "pcbway": AssemblyFormat(
-        placements=_COMMON,
-        bom=BomTable(
-            columns=(
-                ("Item #", "item"),
-                ("Designator", "designator"),
-                ("Qty", "quantity"),
-                ("Manufacturer", "manufacturer"),
-                ("Mfg Part #", "part_number"),
-                ("Description / Value", "value_description"),
-                ("Footprint", "footprint"),
-                ("Type", "type"),
-                ("Your Instructions / Notes", "notes"),
-            ),
-            fixed=(("manufacturer", ""), ("type", "SMD"), ("notes", "")),
-        ),
-    ),
+    "jlcpcb": _COMMON,
+    # KiKit (kikit/fab/pcbway.py).
+    "pcbway": _COMMON,
     # Eurocircuits' upload pages: the first row names the columns, which are free; these are its own words for them.
-    "eurocircuits": AssemblyFormat(
-        placements=PlacementTable(
-            columns=(
-                ("Reference designator", "designator"),
-                ("X (mm)", "x"),
-                ("Y (mm)", "y"),
-                ("Rotation", "rotation"),
-                ("Side", "side"),
-            )
-        ),
-        bom=BomTable(
-            columns=(
-                ("Reference designator", "designator"),
-                ("Quantity", "quantity"),
-                ("MPN", "part_number"),
-                ("Value", "value"),
-                ("Package", "footprint"),
-                ("Description", "description"),
-            )
-        ),
+    "eurocircuits": PlacementTable(
+        columns=(
+            ("Reference designator", "designator"),
+            ("X (mm)", "x"),
+            ("Y (mm)", "y"),
+            ("Rotation", "rotation"),
+            ("Side", "side"),
+        )
     ),
     # MacroFab's help ("Managing Your PCB Bill of Materials") for columns, mils and the comment mark; its API pages ("Upload XYRS
     # File") for the origin and for clockwise rotation. The part's size is that of its lands, unturned.
-    "macrofab": AssemblyFormat(
-        placements=PlacementTable(
-            columns=(
-                ("Designator", "designator"),
-                ("X-Loc", "x"),
-                ("Y-Loc", "y"),
-                ("Rotation", "rotation"),
-                ("Side", "side"),
-                ("Type", "type"),
-                ("X-Size", "length"),
-                ("Y-Size", "width"),
-                ("Value", "value"),
-                ("Footprint", "footprint"),
-                ("Populate", "populate"),
-                ("MPN", "part_number"),
-            ),
-            ending=".xyrs",
-            style="tab",
-            unit="mil",
-            side="1",
-            clockwise=True,
-            fixed=(("type", "1"), ("populate", "1")),
+    "macrofab": PlacementTable(
+        columns=(
+            ("Designator", "designator"),
+            ("X-Loc", "x"),
+            ("Y-Loc", "y"),
+            ("Rotation", "rotation"),
+            ("Side", "side"),
+            ("Type", "type"),
+            ("X-Size", "length"),
+            ("Y-Size", "width"),
+            ("Value", "value"),
+            ("Footprint", "footprint"),
+            ("Populate", "populate"),
+            ("MPN", "part_number"),
         ),
-        bom=_GENERIC_BOM,
+        ending=".xyrs",
+        style="tab",
+        unit="mil",
+        side="1",
+        clockwise=True,
+        fixed=(("type", "1"), ("populate", "1")),
     ),
     # Written line by line as pcbnew 6.0.11 does (PLACE_FILE_EXPORTER, text, mm, top side).
-    "kicad": AssemblyFormat(
-        placements=PlacementTable(
-            columns=(
-                ("Ref", "designator"),
-                ("Val", "value"),
-                ("Package", "footprint"),
-                ("PosX", "x"),
-                ("PosY", "y"),
-                ("Rot", "rotation"),
-                ("Side", "side"),
-            ),
-            ending="-top.pos",
-            style="kicad",
-            side="top",
-            half_turns=True,
+    "kicad": PlacementTable(
+        columns=(
+            ("Ref", "designator"),
+            ("Val", "value"),
+            ("Package", "footprint"),
+            ("PosX", "x"),
+            ("PosY", "y"),
+            ("Rot", "rotation"),
+            ("Side", "side"),
         ),
-        bom=_GENERIC_BOM,
+        ending="-top.pos",
+        style="kicad",
+        side="top",
+        half_turns=True,
     ),
 }
 
-ASSEMBLY_FORMATS = tuple(FORMATS)
+ASSEMBLY_FORMATS = tuple(PLACEMENTS)
 
 
-def part_number_problem(number: str, format_name: str) -> str | None:
-    """Why a house cannot take a part number, with the remedy; None where it can."""
-    house = FORMATS[format_name]
-    if re.fullmatch(house.number_pattern, number):
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CplContent:
+    """Rows of a pick-and-place file, in the board frame whatever the house's conventions are.
+
+    Attributes
+    ----------
+    table : PlacementTable
+        The known list that the file's header fits best.
+    headers : tuple of str
+        The file's own columns, in its order.
+    lines : tuple of int
+        Where each row stands in the file, counted from 1.
+    designators : tuple of str
+    xy_mm : ndarray, shape (n, 2)
+    sides : tuple of str
+        ``Top``, or the file's word where it is not the house's for the top.
+    rotation_deg : ndarray, shape (n,)
+        Counter-clockwise.
+    texts : dict of str to tuple of str
+        Cells of the table's other columns, by what stands in them.
+    """
+
+    table: PlacementTable
+    headers: tuple[str, ...]
+    lines: tuple[int, ...]
+    designators: tuple[str, ...]
+    xy_mm: FloatArray
+    sides: tuple[str, ...]
+    rotation_deg: FloatArray
+    texts: dict[str, tuple[str, ...]]
+
+
+def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
+    """Read a pick-and-place file of any known house, which its header tells; other columns are passed over.
+
+    Returns
+    -------
+    CplContent or None
+        None where there is no table; NaN stands for a number that cannot be read.
+
+    ``problems`` gets what is wrong with it, at most twenty: no text, no such table, rows that are not whole, and
+    coordinates (10 m) or rotations (a turn) that are not finite or too large.
+    """
+    try:
+        style, ((_, header), *rows) = _rows(data)
+        table = _table_of(style, header)
+    except SpecError as error:
+        problems.extend(error.problems)
         return None
-    return f"part_number = {shown(number)} is none of assembly format '{format_name}'; {house.number_words}"
+    wrong = [
+        (line, f"it has {len(cells)} cells where the header has {len(header)}")
+        for line, cells in rows
+        if len(cells) != len(header)
+    ]
+    rows = [row for row in rows if len(row[1]) == len(header)]
+    lines, place = tuple(line for line, _ in rows), {name: i for i, name in enumerate(header)}
+    cells = {content: tuple(row[place[name]] for _, row in rows) for name, content in table.columns}
+    numbers = []
+    for content, most, unit in (
+        ("x", LONGEST_MM / table.unit_mm, table.unit),
+        ("y", LONGEST_MM / table.unit_mm, table.unit),
+        ("rotation", _MOST_DEG, "deg"),
+    ):
+        numbers.append(_numbers(cells[content]))
+        name = next(name for name, of in table.columns if of == content)
+        wrong += [
+            (lines[i], f"{name} = {shown(cells[content][i])} is no number from {-most:g} to {most:g} {unit}")
+            for i in np.flatnonzero(~(np.abs(numbers[-1]) <= most)).tolist()
+        ]
+    problems += [Problem("cpl", f"cpl line {line}: {what}; correct it") for line, what in sorted(wrong)[:MOST_PROBLEMS]]
+    x, y, rotation = numbers
+    return CplContent(
+        table=table,
+        headers=tuple(header),
+        lines=lines,
+        designators=cells["designator"],
+        xy_mm=np.stack([x, y], axis=1) * table.unit_mm,
+        sides=tuple("Top" if side == table.side else side for side in cells["side"]),
+        rotation_deg=-rotation if table.clockwise else rotation,
+        texts={c: cells[c] for _, c in table.columns if c not in ("designator", "x", "y", "side", "rotation")},
+    )
 
 
-def read_part_numbers(table: Fields) -> dict[str, str]:
-    """A part profile's ``[part_numbers]``: a number for each assembly format that has one; problems are collected."""
-    if "part_numbers" not in table.values:
-        return {}
-    numbers = table.table("part_numbers", ASSEMBLY_FORMATS)
-    return {
-        name: numbers.text(name, pattern=FORMATS[name].number_pattern, remedy=FORMATS[name].number_words)
-        for name in ASSEMBLY_FORMATS
-        if name in numbers.values
-    }
+def _rows(data: bytes) -> tuple[Style, list[tuple[int, list[str]]]]:
+    """Style, and header and rows, each with the number of its line; blank lines are passed over."""
+    if len(data) > MOST_CPL_BYTES:
+        raise _refused(f"is larger than {MOST_CPL_BYTES} bytes; it is no pick-and-place file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise _refused(f"is not UTF-8: {error.reason} at byte {error.start}; write it again") from error
+    # KiCad begins with comments, a table with tabs has its header as its first comment.
+    style: Style = "kicad" if text.startswith("##") else "tab" if text.startswith("#") else "csv"
+    rows = list(_kicad_rows(text) if style == "kicad" else _csv_rows(text.removeprefix("#"), "\t" if style == "tab" else ","))
+    if not rows:
+        raise _refused("is empty; write it again")
+    return style, rows
+
+
+def _refused(why: str) -> SpecError:
+    return SpecError(Problem("cpl", f"cpl {why}"))
+
+
+def _csv_rows(text: str, separator: str) -> Iterable[tuple[int, list[str]]]:
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator)
+    try:
+        yield from ((reader.line_num, cells) for cells in reader if cells)
+    except csv.Error as error:
+        raise _refused(f"line {reader.line_num} is no CSV: {error}; write it again") from error
+
+
+def _kicad_rows(text: str) -> Iterable[tuple[int, list[str]]]:
+    """The aligned text of KiCad: comments, of which one gives the unit, one the header, and the last is the end."""
+    lines = text.splitlines()
+    header = next((i for i, line in enumerate(lines) if line.startswith("# ")), None)
+    if header is None or lines[-1] != "## End":
+        raise _refused("has no header '# Ref ...' or no last line '## End'; export it again")
+    if "## Unit = mm, Angle = deg." not in lines:
+        raise _refused("is not in millimetres and degrees; export it again in them")
+    yield header + 1, lines[header].removeprefix("# ").split()
+    for number, line in enumerate(lines[header + 1 :], start=header + 2):
+        if line.strip() and not line.startswith("#"):
+            yield number, line.split()
+
+
+def _table_of(style: Style, header: Sequence[str]) -> PlacementTable:
+    """The known list of the file's style with most columns in common."""
+    table = max((t for t in PLACEMENTS.values() if t.style == style), key=lambda t: len(set(t.headers) & set(header)))
+    if lacking := [name for name in table.headers if name not in header]:
+        raise _refused(f"has no column {', '.join(lacking)}; write it with the columns {', '.join(table.headers)}")
+    return table
+
+
+def _numbers(cells: Sequence[str]) -> FloatArray:
+    """Cells as numbers, with or without 'mm' after them; NaN where one is none."""
+    try:
+        return np.array(cells, dtype=np.float64)
+    except ValueError:
+        return np.array([_number(cell) for cell in cells], dtype=np.float64)
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell.removesuffix("mm"))
+    except ValueError:
+        return np.nan

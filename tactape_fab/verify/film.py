@@ -10,7 +10,8 @@ from typing import TypeVar
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
-from tactape_fab.kit.read.readback import CplContent, read_drill
+from tactape_fab.kit.read.readback import read_drill
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, check_signature, named

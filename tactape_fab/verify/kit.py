@@ -7,11 +7,12 @@ from typing import Any
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.kit.read.readback import CplContent, read_cpl
+from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.mesh.stl import MeshError, read_stl
 from tactape_fab.texture.code import get_code
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.certificate import check_certificate

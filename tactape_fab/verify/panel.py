@@ -16,7 +16,8 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.gerber_file import GerberContent
-from tactape_fab.kit.read.readback import CplContent, read_cpl
+from tactape_fab.kit.read.readback import read_cpl
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed

@@ -11,10 +11,11 @@ import pytest
 from tactape_fab import Kit
 from tactape_fab.cli import certify, check, make, profiles, registry, verify
 from tactape_fab.kit.profiles import BACKING_ROLES
+from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS
 from tactape_fab.kit.spec.tape_spec import KEYS
 from tactape_fab.report.solid_view import MOST_TRIANGLES
-from tactape_fab.texture.cpl import FORMATS
+from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.verify.files import roles_of
 from tactape_fab.verify.trip.round_trip import EDGE, INSIDE, QUICK
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM, SWALLOWED_MM
@@ -72,7 +73,7 @@ def test_ordering_names_the_columns_of_every_format() -> None:
     page = (ROOT / "docs" / "ordering.md").read_text(encoding="utf-8")
     for name, house in FORMATS.items():
         assert f"| `{name}` |" in page
-        for table in (house.placements, house.bom):
+        for table in (PLACEMENTS[name], house.bom):
             assert f"`{','.join(table.headers)}`" in page, name
 
 

@@ -21,6 +21,7 @@ from tactape_fab.kit.profiles import (
     load_process,
     read_part,
 )
+from tactape_fab.kit.profiles.assembly import part_number_problem
 from tactape_fab.kit.rules.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
 from tactape_fab.kit.rules.spacing import check
@@ -30,7 +31,6 @@ from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify.certificate import Certificate, certify, pair_words
 from tactape_fab.texture.certify.origin import Choice, choose_origin
 from tactape_fab.texture.code import get_code, get_plane, has_plane
-from tactape_fab.texture.cpl import part_number_problem
 from tactape_fab.texture.tape import Tape
 
 T = TypeVar("T")

@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 from tactape_fab.base.templates import profile_names, read_toml, templates_folder
+from tactape_fab.kit.profiles.assembly import (
+    FORMATS,
+    PART_NUMBER_PATTERN,
+    PART_NUMBER_REMEDY,
+    BomTable,
+    part_number_problem,
+)
 from tactape_fab.kit.profiles.explain import explain_fab
 from tactape_fab.kit.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, Origin, material_words
 from tactape_fab.kit.profiles.fabs import (
@@ -30,15 +37,7 @@ from tactape_fab.kit.profiles.parts import (
     read_part,
 )
 from tactape_fab.kit.profiles.processes import PROCESS_LIMIT_IDS, ProcessProfile, load_process
-from tactape_fab.texture.cpl import (
-    ASSEMBLY_FORMATS,
-    FORMATS,
-    PART_NUMBER_PATTERN,
-    PART_NUMBER_REMEDY,
-    BomTable,
-    PlacementTable,
-    part_number_problem,
-)
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 
 __all__ = [
     "ASSEMBLY_FORMATS",
@@ -65,7 +64,6 @@ __all__ = [
     "Ordering",
     "Origin",
     "PartProfile",
-    "PlacementTable",
     "ProcessProfile",
     "SizeLimit",
     "X2Mode",

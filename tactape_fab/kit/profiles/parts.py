@@ -9,8 +9,8 @@ from math import isfinite, pi
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.kit.profiles.assembly import read_part_numbers
 from tactape_fab.kit.profiles.chips import chip_code_problem
-from tactape_fab.texture.cpl import read_part_numbers
 from tactape_fab.texture.tape import PART_SHAPES
 
 LARGEST_BODY_MM = 20.0

@@ -12,7 +12,8 @@ from tactape_fab.base.build_date import build_date
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.profiles import FabProfile, PartProfile
-from tactape_fab.texture.cpl import FORMATS, PlacementTable
+from tactape_fab.kit.profiles.assembly import FORMATS
+from tactape_fab.texture.cpl import PLACEMENTS, PlacementTable
 
 DESIGNATORS_PER_ROW = 200
 """JLCPCB's limit for one BOM row; nobody is known to take fewer."""
@@ -34,7 +35,7 @@ def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 
     Four decimals of the house's unit: 0.1 um, or 2.5 nm where that is the mil.
     """
-    house = FORMATS[fab.assembly].placements
+    house = PLACEMENTS[fab.assembly]
     cells = _placement_cells(drawing, fab, house)
     rows = zip(*(cells[content] for _, content in house.columns), strict=False)
     if house.style == "kicad":

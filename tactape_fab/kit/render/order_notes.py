@@ -10,7 +10,7 @@ from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.order_facts import OrderFacts
 from tactape_fab.kit.profiles import COSTS
-from tactape_fab.texture.cpl import FORMATS
+from tactape_fab.texture.cpl import PLACEMENTS
 
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
 
@@ -35,7 +35,7 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
         fab=facts.fab,
         material=facts.fab.material,
         part=facts.part,
-        house=FORMATS[facts.fab.assembly],
+        placements=PLACEMENTS[facts.fab.assembly],
         files=facts.files,
         copper=COPPER_OZ.get(facts.fab.material.copper_um, f"{facts.fab.material.copper_um:g} um"),
         cost_words=COSTS,

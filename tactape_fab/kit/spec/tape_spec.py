@@ -12,12 +12,13 @@ from tactape_fab.base.errors import CapacityError, Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, unknown_key
 from tactape_fab.base.templates import profile_names, read_toml
 from tactape_fab.kit.profiles import X2_MODES, ElementProfile, PartProfile, read_part
+from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
 from tactape_fab.kit.spec.film_options import read_film_options
 from tactape_fab.kit.spec.scatter import scatter_refusal
 from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS, Part, read_solid_options
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
-from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tag import LEAST_CELL_MM

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,14 +12,10 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.sense.simulation.scene import Scene
-from tactape_fab.texture.cpl import FORMATS, PlacementTable
+from tactape_fab.texture.cpl import MOST_CPL_BYTES, MOST_PROBLEMS, read_cpl
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.tape import LONGEST_MM, Tape
-
-CPL_COLUMNS = ("Designator", "Mid X", "Mid Y", "Layer", "Rotation")
-_CPL_BYTES = 64 * 1024 * 1024
-_MOST_NAMED = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,100 +86,35 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     Raises
     ------
     SpecError
-        When it cannot be read, or a row is not whole; the first twenty rows that are not are named.
+        When it cannot be read, or a row is not whole; twenty problems are named.
     """
-    text = _as_common(_cpl_text(source))
-    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     problems: list[Problem] = []
-    rows: list[tuple[float, float, float]] = []
+    cpl = read_cpl(_cpl_bytes(source), problems)
+    if cpl is None:
+        raise SpecError(problems)
     seen: set[str] = set()
-    try:
-        lacking = [name for name in CPL_COLUMNS if name not in (reader.fieldnames or ())]
-        if lacking:
-            message = f"cpl has no column {', '.join(lacking)}; write it with the columns {', '.join(CPL_COLUMNS)}"
-            raise SpecError(Problem("cpl", message))
-        for row in reader:
-            if len(rows) >= MOST_POINTS or len(problems) >= _MOST_NAMED:
-                break
-            rows.append(_cpl_row(row, reader.line_num, seen, problems))
-    except csv.Error as error:
-        raise SpecError(Problem("cpl", f"cpl line {reader.line_num} is no CSV: {error}; write it again")) from error
-    if not rows:
+    for line, name, side in zip(cpl.lines, cpl.designators, cpl.sides, strict=True):
+        if not name or name in seen:
+            message = f"cpl line {line}: designator {shown(name)} is empty or stands twice; correct it"
+            problems.append(Problem("cpl", message))
+        elif side.strip().lower() not in ("top", "t"):
+            problems.append(Problem("cpl", f"cpl line {line}: {shown(name)} is on layer {shown(side)}; parts stand on Top"))
+        seen.add(name)
+    if not seen and not problems:
         problems.append(Problem("cpl", "cpl names no part; write it again"))
-    if len(rows) >= MOST_POINTS:
+    if len(cpl.lines) >= MOST_POINTS:
         problems.append(Problem("cpl", f"cpl has {MOST_POINTS} rows or more; a tape has fewer parts"))
     if problems:
-        raise SpecError(problems)
-    table = np.array(rows)
-    return Parts(xy_mm=table[:, :2].copy(), rotation_deg=table[:, 2].copy())
+        raise SpecError(problems[:MOST_PROBLEMS])
+    return Parts(xy_mm=cpl.xy_mm, rotation_deg=cpl.rotation_deg)
 
 
-def _cpl_text(source: str | Path | bytes) -> str:
+def _cpl_bytes(source: str | Path | bytes) -> bytes:
+    if isinstance(source, bytes):
+        return source
     try:
-        if isinstance(source, bytes):
-            data = source
-        else:
-            with Path(source).open("rb") as stream:
-                data = stream.read(_CPL_BYTES + 1)
-        if len(data) > _CPL_BYTES:
-            raise SpecError(Problem("cpl", f"cpl is larger than {_CPL_BYTES} bytes; it is no pick-and-place file"))
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise SpecError(Problem("cpl", f"cpl is not UTF-8: {error.reason} at byte {error.start}; write it again")) from error
+        with Path(source).open("rb") as stream:
+            return stream.read(MOST_CPL_BYTES + 1)
     except (OSError, ValueError) as error:
-        if isinstance(error, SpecError):
-            raise
         reason = getattr(error, "strerror", None) or error
         raise SpecError(Problem("cpl", f"cpl {shown_path(source)} cannot be opened: {reason}; give a CSV file")) from error
-
-
-def _as_common(text: str) -> str:
-    """A list of another known format as the CSV that is read here, line by line; any other text as it is."""
-    lines = text.splitlines()
-    for table in (f.placements for f in FORMATS.values() if f.placements.headers != CPL_COLUMNS):
-        separator = {"csv": ",", "tab": "\t", "kicad": None}[table.style]
-        head = next((i for i, line in enumerate(lines[:9]) if tuple(line.lstrip("# ").split(separator)) == table.headers), None)
-        if head is not None:
-            rows = [",".join(_common_cells(line.split(separator), table)) for line in lines[head + 1 :] if line[:1] != "#"]
-            return "\n".join([",".join(CPL_COLUMNS), *[""] * head, *rows, ""])
-    return text
-
-
-def _common_cells(cells: Sequence[str], table: PlacementTable) -> list[str]:
-    """Designator, x and y in mm, side and counter-clockwise rotation; what is no number stays as it is."""
-    row = dict(zip((content for _, content in table.columns), cells, strict=False))
-
-    def scaled(content: str, factor: float) -> str:
-        try:
-            return repr(float(row.get(content, "")) * factor)
-        except ValueError:
-            return row.get(content, "")
-
-    side = "Top" if row.get("side") == table.side else row.get("side", "")
-    turn = scaled("rotation", -1.0 if table.clockwise else 1.0)
-    return [row.get("designator", ""), scaled("x", table.unit_mm), scaled("y", table.unit_mm), side, turn]
-
-
-def _cpl_row(
-    row: dict[str | None, str | Sequence[str] | None], line: int, seen: set[str], problems: list[Problem]
-) -> tuple[float, float, float]:
-    """x, y and rotation of one row; what is wrong with it is added to `problems`."""
-    name, side = row["Designator"], row["Layer"]
-    if not isinstance(name, str) or not name or name in seen:
-        problems.append(Problem("cpl", f"cpl line {line}: designator {shown(name)} is empty or stands twice; correct it"))
-    elif not isinstance(side, str) or side.strip().lower() not in ("top", "t"):
-        problems.append(Problem("cpl", f"cpl line {line}: {shown(name)} is on layer {shown(side)}; parts stand on Top"))
-    seen.add(str(name))
-    values = []
-    for column, most, unit in (("Mid X", LONGEST_MM, "mm"), ("Mid Y", LONGEST_MM, "mm"), ("Rotation", 360.0, "deg")):
-        try:
-            value = float(str(row[column]).removesuffix("mm"))
-        except ValueError:
-            value = math.nan
-        if not abs(value) <= most:
-            message = (
-                f"cpl line {line}: {column} = {shown(row[column])} is no number from {-most:g} to {most:g} {unit}; correct it"
-            )
-            problems.append(Problem("cpl", message))
-        values.append(value)
-    return values[0], values[1], values[2]

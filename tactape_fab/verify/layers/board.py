@@ -11,7 +11,7 @@ import shapely
 from tactape_fab.base.errors import Check
 from tactape_fab.kit.film.gaps import gaps_mm, pen_strokes, polygons
 from tactape_fab.kit.read.gerber_file import GerberContent
-from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape

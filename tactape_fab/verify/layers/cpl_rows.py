@@ -12,9 +12,10 @@ import numpy as np
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.profiles import LandPattern
+from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.kit.read.gerber_file import ReadbackError
-from tactape_fab.kit.read.readback import CplContent, read_bom
-from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, FORMATS
+from tactape_fab.kit.read.readback import read_bom
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, PLACEMENTS, CplContent
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
@@ -58,7 +59,7 @@ def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: Lan
     """One row per part in order, each at its place on the grid, all on top, turned and named as the manifest says."""
     expected = tape.designators()
     problems = []
-    house = FORMATS[recorded.format].placements
+    house = PLACEMENTS[recorded.format]
     if cpl.table != house:
         problems.append(f"it is no list of format '{recorded.format}': its columns are {','.join(cpl.table.headers)}")
     if list(cpl.designators) != expected:

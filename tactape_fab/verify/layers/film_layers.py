@@ -15,7 +15,7 @@ from tactape_fab.kit.film.anchors import AnchorPlan, Anchors, build_anchors, nea
 from tactape_fab.kit.film.coverlay import gang_window
 from tactape_fab.kit.profiles import COVERLAY_MODES, LandPattern, material_words
 from tactape_fab.kit.read.gerber_file import GerberContent
-from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape

@@ -12,7 +12,7 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.profiles import LandPattern, read_land
 from tactape_fab.kit.read.gerber_file import GerberContent
-from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2, axis_angle_deg, placed_outline, rotate
 from tactape_fab.texture.tape import Tape

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactape_fab.kit.read.gerber_file import GerberContent
-from tactape_fab.kit.read.readback import CplContent
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.panel_manifest import PlacedTape
 from tactape_fab.texture.tape import Tape
@@ -73,6 +73,7 @@ def rows_of_tape(cpl: CplContent, on: OnPanel) -> CplContent:
     rows = slice(on.first, on.first + on.tape.part_count)
     return replace(
         cpl,
+        lines=cpl.lines[rows],
         designators=tuple(_renumbered(name, on) for name in cpl.designators[rows]),
         xy_mm=cpl.xy_mm[rows] - on.offset,
         sides=cpl.sides[rows],

@@ -16,10 +16,10 @@ import numpy as np
 from tactape_fab.base import launch
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown_path
-from tactape_fab.kit.read.readback import CplContent
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.lands import nearest, point_tree

@@ -17,13 +17,13 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown_path
-from tactape_fab.kit.read.readback import CplContent
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.stl import MeshError, mesh_problems, read_stl
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.rise import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named

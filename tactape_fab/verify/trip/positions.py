@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactape_fab.kit.read.readback import CplContent
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.wrap import unwrapped
+from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.lands import LandPairs, pair_lands

@@ -326,8 +326,8 @@ def test_a_list_of_another_house_is_named(house: str) -> None:
     [
         (b"## Unit = mm", b"## Unit = inches", "not in millimetres"),
         (b"## End\n", b"", "## End"),
-        (b"# Ref ", b"# Rex ", "'Ref'"),
-        (b"R4 ", b"", "row 5 has 6 cells"),
+        (b"# Ref ", b"# Rex ", "no column Ref;"),
+        (b"R4 ", b"", "line 9: it has 6 cells"),
     ],
 )
 def test_a_damaged_kicad_list_is_refused(old: bytes, new: bytes, says: str) -> None:
@@ -336,7 +336,7 @@ def test_a_damaged_kicad_list_is_refused(old: bytes, new: bytes, says: str) -> N
 
 
 def test_simulated_parts_of_another_list_name_its_line() -> None:
-    with pytest.raises(ValueError, match="line 8: Mid X = 'x'"):
+    with pytest.raises(ValueError, match="line 8: PosX = 'x'"):
         parts_from_cpl(re.sub(rb"(?m)^(R3 +\S+ +\S+ +)\S+", rb"\1x", cpl_of("kicad")))
     with pytest.raises(ValueError, match="line 3: 'R2' is on layer '2'"):
         parts_from_cpl(re.sub(rb"(?m)^(R2\t\S+\t\S+\t\S+\t)1", rb"\g<1>2", cpl_of("macrofab")))

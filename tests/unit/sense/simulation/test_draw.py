@@ -158,10 +158,11 @@ HEADER = b"Designator,Mid X,Mid Y,Layer,Rotation\r\n"
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"", "no column Designator, Mid X, Mid Y, Layer, Rotation"),
+        (b"", "cpl is empty"),
+        (b"R1\r\n", "no column Designator, Mid X, Mid Y, Layer, Rotation"),
         (HEADER, "names no part"),
         (b"Designator,Mid X,Layer\r\nR1,1,Top\r\n", "no column Mid Y, Rotation"),
-        (HEADER + b"R1,1,2,Top\r\n", "line 2: Rotation = None"),
+        (HEADER + b"R1,1,2,Top\r\n", "line 2: it has 4 cells where the header has 5"),
         (HEADER + b"R1,1,x,Top,45\r\n", "line 2: Mid Y = 'x' is no number"),
         (HEADER + b"R1,nan,2,Top,45\r\n", "Mid X = 'nan'"),
         (HEADER + b"R1,1e9,2,Top,45\r\n", "from -10000 to 10000 mm"),

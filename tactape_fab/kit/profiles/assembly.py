@@ -1,0 +1,122 @@
+"""Assembly houses: the columns of their bills of materials (BOM), and what their part numbers look like.
+
+Their pick-and-place lists are described in `texture.cpl`: the robot's half reads them, too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, Columns
+
+PART_NUMBER_PATTERN = r"[A-Za-z0-9](?:[A-Za-z0-9 ._()/#+-]{0,78}[A-Za-z0-9.)#+-])?"
+PART_NUMBER_REMEDY = "use 1 to 80 letters, digits, spaces and ._()/#+-, the first a letter or digit; it is one cell of a table"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BomTable:
+    """A bill of materials: one row for a group of designators.
+
+    In a column may stand ``item`` (the row's number), ``designator``, ``quantity``, ``value``, ``footprint``,
+    ``description``, ``value_description``, ``part_number``, or a key of ``fixed``.
+    """
+
+    columns: Columns
+    fixed: Columns = ()
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        return tuple(header for header, _ in self.columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssemblyFormat:
+    """A house's bill of materials, and what its part numbers look like: a pattern and the words for it."""
+
+    bom: BomTable
+    number_pattern: str = PART_NUMBER_PATTERN
+    number_words: str = PART_NUMBER_REMEDY
+
+
+_GENERIC_BOM = BomTable(
+    columns=(
+        ("Designator", "designator"),
+        ("Quantity", "quantity"),
+        ("Value", "value"),
+        ("Footprint", "footprint"),
+        ("Description", "description"),
+        ("Part Number", "part_number"),
+    )
+)
+
+FORMATS: Mapping[str, AssemblyFormat] = {
+    "generic": AssemblyFormat(bom=_GENERIC_BOM),
+    # JLCPCB help page "advice for BOM and CPL files" (2026-01-19); KiKit writes the same.
+    "jlcpcb": AssemblyFormat(
+        bom=BomTable(
+            columns=(
+                ("Comment", "value"),
+                ("Designator", "designator"),
+                ("Footprint", "footprint"),
+                ("JLCPCB Part #", "part_number"),
+            )
+        ),
+        number_pattern=r"C[0-9]{1,10}",
+        number_words="JLCPCB takes its own (LCSC) numbers, a C and up to 10 digits; look the part up in its library",
+    ),
+    # KiKit (kikit/fab/pcbway.py); quantities are those of one board.
+    "pcbway": AssemblyFormat(
+        bom=BomTable(
+            columns=(
+                ("Item #", "item"),
+                ("Designator", "designator"),
+                ("Qty", "quantity"),
+                ("Manufacturer", "manufacturer"),
+                ("Mfg Part #", "part_number"),
+                ("Description / Value", "value_description"),
+                ("Footprint", "footprint"),
+                ("Type", "type"),
+                ("Your Instructions / Notes", "notes"),
+            ),
+            fixed=(("manufacturer", ""), ("type", "SMD"), ("notes", "")),
+        ),
+    ),
+    # Eurocircuits' upload pages: the first row names the columns, which are free; these are its own words for them.
+    "eurocircuits": AssemblyFormat(
+        bom=BomTable(
+            columns=(
+                ("Reference designator", "designator"),
+                ("Quantity", "quantity"),
+                ("MPN", "part_number"),
+                ("Value", "value"),
+                ("Package", "footprint"),
+                ("Description", "description"),
+            )
+        ),
+    ),
+    "macrofab": AssemblyFormat(bom=_GENERIC_BOM),
+    "kicad": AssemblyFormat(bom=_GENERIC_BOM),
+}
+
+
+def part_number_problem(number: str, format_name: str) -> str | None:
+    """Why a house cannot take a part number, with the remedy; None where it can."""
+    house = FORMATS[format_name]
+    if re.fullmatch(house.number_pattern, number):
+        return None
+    return f"part_number = {shown(number)} is none of assembly format '{format_name}'; {house.number_words}"
+
+
+def read_part_numbers(table: Fields) -> dict[str, str]:
+    """A part profile's ``[part_numbers]``: a number for each assembly format that has one; problems are collected."""
+    if "part_numbers" not in table.values:
+        return {}
+    numbers = table.table("part_numbers", ASSEMBLY_FORMATS)
+    return {
+        name: numbers.text(name, pattern=FORMATS[name].number_pattern, remedy=FORMATS[name].number_words)
+        for name in ASSEMBLY_FORMATS
+        if name in numbers.values
+    }
