@@ -7,8 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
+from tactape_fab.kit.film.anchors import build_anchors
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
 from tactape_fab.kit.read.readback import read_drill
 from tactape_fab.texture.cpl import CplContent
@@ -114,6 +117,12 @@ def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str,
         for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste))
         if role in layers.gerbers
     }
+
+
+def anchor_lines(record: FilmManifest, tape: Tape) -> tuple[FloatArray, float]:
+    """Ends of the lines that hold the pads, shape (k, 2, 2), and their width, mm; none without anchors."""
+    plan = record.film.anchor
+    return (np.empty((0, 2, 2)), 0.0) if plan is None else (build_anchors(plan, tape, record.lands.pads).lines_mm, plan.web_mm)
 
 
 def check_tape(

@@ -30,6 +30,7 @@ from tactape_fab.verify.files import (
 )
 from tactape_fab.verify.film import (
     FilmManifest,
+    anchor_lines,
     check_attributes,
     check_tape,
     pair_all_lands,
@@ -167,5 +168,6 @@ def _check_film(
     if "copper-top" in pairs:
         flashes_mm, offset_mm = layers.gerbers["copper-top"].flash_xy_mm, film.lands.pads.offset_mm
         sources.append(copper_source(flashes_mm, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown_tape(tape), film.lands)
+    shown = shown_tape(tape, *anchor_lines(film, tape))
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands)
     return [*checks, check_job(tape.board.size_mm, files), check_zip(files, with_job=film.film.job_in_zip)]

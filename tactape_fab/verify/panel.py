@@ -37,6 +37,7 @@ from tactape_fab.verify.files import (
 from tactape_fab.verify.film import (
     FilmLayers,
     FilmManifest,
+    anchor_lines,
     check_attributes,
     check_tape,
     pair_all_lands,
@@ -187,7 +188,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[s
     for on in tapes:
         lines = pardoned(_check_tape(record, on, layers, files, quick=quick), film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(panel, tapes), film.lands)
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(record, tapes), film.lands)
     checks += [check_job(panel.size_mm, files), check_zip(files, with_job=film.film.job_in_zip)]
     return [*checks, check_picture(files)]
 
@@ -250,7 +251,8 @@ def _cuts(slots: Any, tape: Any) -> bool:
     return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
 
 
-def _shown(panel: Panel, tapes: Sequence[OnPanel]) -> Shown:
+def _shown(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Shown:
+    panel, anchors = record.panel, [anchor_lines(record.film, on.tape) for on in tapes]
     holes = [(x + on.place.offset_mm[0], y + on.place.offset_mm[1], d) for on in tapes for x, y, d in on.tape.board.holes]
     return Shown(
         parts_xy_mm=np.concatenate([on.tape.part_xy_mm() + on.offset for on in tapes]),
@@ -259,6 +261,8 @@ def _shown(panel: Panel, tapes: Sequence[OnPanel]) -> Shown:
         holes=[*holes, *panel.tooling_holes_mm],
         edge_lines=sides_of(CORNER_RADIUS_MM) + sum(len(slot) for slot in slots_mm(panel)),
         fiducials_mm=panel.fiducials_mm,
+        tracks_mm=np.concatenate([lines_mm + on.offset for on, (lines_mm, _) in zip(tapes, anchors, strict=True)]),
+        track_width_mm=anchors[0][1],
     )
 
 

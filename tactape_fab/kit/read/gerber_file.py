@@ -89,7 +89,7 @@ def read_gerber(data: bytes) -> GerberContent:
         When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
     """
     try:
-        with _collection_paused(), warnings.catch_warnings():
+        with collection_paused(), warnings.catch_warnings():
             warnings.simplefilter("error")
             text = data.decode("ascii")
             _refuse_statements(text)
@@ -107,8 +107,8 @@ def read_gerber(data: bytes) -> GerberContent:
 
 
 @contextmanager
-def _collection_paused() -> Iterator[None]:
-    """Parsing makes hundreds of thousands of objects and no cycles; the collector would look at them over and over."""
+def collection_paused() -> Iterator[None]:
+    """Reading makes hundreds of thousands of objects and no cycles; the collector would look at them over and over."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -94,7 +94,7 @@ def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPl
     expected = build_anchors(plan, tape, pads)
     found = _segments(copper)
     problems = []
-    missing, strange = _unmatched(expected.lines_mm, found), _unmatched(found, expected.lines_mm)
+    missing, strange = without_counterpart(expected.lines_mm, found), without_counterpart(found, expected.lines_mm)
     for what, lines in (("missing", missing), ("not an anchor of any part", strange)):
         if len(lines):
             (x, y), _ = lines[0]
@@ -115,8 +115,8 @@ def _segments(content: GerberContent) -> FloatArray:
     return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))
 
 
-def _unmatched(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArray:
-    """Lines that have no counterpart, either way round."""
+def without_counterpart(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArray:
+    """Lines that have no counterpart among others, either way round; all of shape (n, 2, 2)."""
     if len(lines_mm) == 0 or len(others_mm) == 0:
         return lines_mm
     both = np.concatenate([others_mm, others_mm[:, ::-1]])

@@ -1,42 +1,59 @@
-"""The KiCad board against the manifest: footprints, their lands, outline and holes, read out of its text."""
+"""The KiCad board against the manifest: footprints, their lands, outline, holes and tracks, and that it draws nothing else."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown as quoted
 from tactape_fab.kit.profiles import LandPattern
+from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
+from tactape_fab.kit.read.s_expression import Tree, read_s_expression
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
+from tactape_fab.verify.layers.film_layers import without_counterpart
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
 
-_NUMBER = r"(-?\d+(?:\.\d+)?)"
-_FOOTPRINT = re.compile(
-    rf'\n  \(footprint "tactape:[^"\n]*" \(layer "F\.Cu"\)[^\n]*\n    \(at {_NUMBER} {_NUMBER}(?: {_NUMBER})?\)\n'
-    r'[^\n]*\n    \(fp_text reference "([A-Z]+\d+)"',
-    re.MULTILINE,
-)
-_PAD = re.compile(
-    rf'"([12]?)" smd (?:roundrect|rect) \(at {_NUMBER} 0 {_NUMBER}\) \(size {_NUMBER} {_NUMBER}\)'
-    rf' \(layers "([\w.]+)"\)(?: \(roundrect_rratio {_NUMBER}\))?'
-)
-_ANY_PAD = re.compile(r"\n    \(pad ([^\n]*) \(tstamp [0-9a-f-]+\)\)$", re.MULTILINE)
-_DRILL = re.compile(rf"\(drill {_NUMBER}\)")
-_ORIGIN = re.compile(rf"\(aux_axis_origin {_NUMBER} {_NUMBER}\)")
-_POINT = re.compile(rf"\((?:start|mid|end) {_NUMBER} {_NUMBER}\)")
+_IDENTIFIERS = ("tstamp", "uuid")
+_SETTINGS = ("version", "generator", "general", "paper", "title_block", "layers", "setup", "net")
+_DRAWN_ON = {
+    "gr_line": ("Edge.Cuts", "F.SilkS"),
+    "gr_arc": ("Edge.Cuts",),
+    "gr_poly": ("F.SilkS", "F.Mask"),
+    "gr_text": ("Cmts.User",),
+    "fp_text": ("F.Fab",),
+    "fp_rect": ("F.Fab", "F.CrtYd", "F.Mask"),
+}
+"""Layers on which something of each kind may be drawn."""
+_OF_A_FOOTPRINT = ("layer", "at", "descr", "attr", "fp_text", "fp_rect", "pad")
+_OF_A_LAND = ("at", "size", "layers", "roundrect_rratio")
+
+At = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shown:
-    """What a board should show: parts R1 ... Rn, outline and holes, the lines of the outline and of what is cut out of it,
-    and fiducials, as in the board frame.
+    """What a board should show, in the board frame.
+
+    Attributes
+    ----------
+    parts_xy_mm : ndarray, shape (n, 2)
+        Parts R1 ... Rn.
+    rotation_deg : float
+    size_mm : (float, float)
+    holes : sequence of (x, y, diameter)
+    edge_lines : int
+        Lines and arcs of the outline and of what is cut out of it.
+    fiducials_mm : sequence of (x, y)
+    tracks_mm : ndarray, shape (k, 2, 2)
+        Ends of the anchors' lines, all as wide as ``track_width_mm``.
     """
 
     parts_xy_mm: FloatArray
@@ -44,10 +61,22 @@ class Shown:
     size_mm: tuple[float, float]
     holes: Sequence[tuple[float, float, float]]
     edge_lines: int
+    tracks_mm: FloatArray
+    track_width_mm: float
     fiducials_mm: Sequence[tuple[float, float]] = ()
 
     def designators(self) -> list[str]:
         return [f"R{n}" for n in range(1, len(self.parts_xy_mm) + 1)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Board:
+    """The lists of a board by kind, where its lower-left corner lies on the sheet, and where its footprints stand."""
+
+    lists: dict[str, list[Tree]]
+    origin_mm: tuple[float, float]
+    at: dict[str, At]
+    pads: dict[str, list[Tree]]
 
 
 def sides_of(corner_radius_mm: float) -> int:
@@ -55,7 +84,7 @@ def sides_of(corner_radius_mm: float) -> int:
     return 8 if corner_radius_mm > 0 else 4
 
 
-def shown_tape(tape: Tape) -> Shown:
+def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Shown:
     """What the board of a tape alone should show."""
     return Shown(
         parts_xy_mm=tape.part_xy_mm(),
@@ -63,38 +92,92 @@ def shown_tape(tape: Tape) -> Shown:
         size_mm=tape.board.size_mm,
         holes=tape.board.holes,
         edge_lines=sides_of(tape.board.corner_radius_mm),
+        tracks_mm=tracks_mm,
+        track_width_mm=track_width_mm,
     )
 
 
 def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded) -> list[Check]:
-    """The board shows what the manifest says, and its project is JSON with design rules."""
-    text = board.decode("utf-8", errors="replace")
-    origin = _ORIGIN.search(text)
-    if origin is None or text.count("(") != text.count(")"):
-        return [Check(name="kicad board", passed=False, message="it is no board of KiCad with an origin, or it was cut off")]
-    x0_mm, y0_mm = float(origin[1]), float(origin[2])
-    found = {m[4]: (float(m[1]) - x0_mm, y0_mm - float(m[2]), float(m[3] or 0.0)) for m in _FOOTPRINT.finditer(text)}
-    others = {name: at for name, at in found.items() if name[0] in "HF"}
-    problems = [
-        *_places(found, text.count('\n  (footprint "'), shown),
-        *_lands(text, shown, lands),
-        *_outline(text, (x0_mm, y0_mm), shown),
-        *_holes(others, text, shown),
-        *_fiducials(others, shown),
-        *_rules(project),
-    ]
+    """The board shows what the manifest says and nothing else, and its project is JSON with design rules."""
+    try:
+        with collection_paused():
+            found = _read_board(read_s_expression(board, _IDENTIFIERS))
+        problems = [
+            *_places(found, shown),
+            *_lands(found, shown, lands),
+            *_outline(found, shown),
+            *_holes(found, shown),
+            *_fiducials(found, shown),
+            *_tracks(found, shown),
+            *_strangers(found),
+            *_rules(project),
+        ]
+    except (ReadbackError, ValueError, TypeError, IndexError) as error:
+        message = f"it is no board of KiCad with an origin, or it was cut off: {error}"
+        return [Check(name="kicad board", passed=False, message=message)]
     right = f"{len(shown.parts_xy_mm)} footprints with their lands, outline and holes as the manifest has them"
     message = named(problems) if problems else right
     return [Check(name="kicad board", passed=not problems, message=message)]
 
 
-def _places(found: dict[str, tuple[float, float, float]], count: int, shown: Shown) -> list[str]:
-    expected = shown.designators()
-    parts = [name for name in found if name[0] not in "HF"]
+# Reading
+
+
+def _read_board(tree: Tree) -> _Board:
+    if tree[:1] != ("kicad_pcb",):
+        raise ReadbackError("it does not begin with kicad_pcb")
+    lists: dict[str, list[Tree]] = {}
+    for item in tree[1:]:
+        if isinstance(item, str):
+            raise ReadbackError(f"{quoted(item)} stands in no list")
+        lists.setdefault(str(item[0]), []).append(item)
+    (setup,) = lists.get("setup", [()])
+    x0_mm, y0_mm = _values(setup, "aux_axis_origin")
+    at: dict[str, At] = {}
+    pads: dict[str, list[Tree]] = {}
+    for footprint in lists.get("footprint", []):
+        children = [child for child in footprint if isinstance(child, tuple)]
+        (name,) = (str(child[2]) for child in children if child[:2] == ("fp_text", "reference"))
+        x_mm, y_mm, *turn_deg = _values(children, "at")
+        at[name] = (x_mm - x0_mm, y0_mm - y_mm, turn_deg[0] if turn_deg else 0.0)
+        pads[name] = [child for child in children if child[0] == "pad"]
+    return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, pads=pads)
+
+
+def _child(tree: Sequence[str | Tree], name: str) -> Tree:
+    """The one list of this name in a list."""
+    found = [child for child in tree if child and child[0] == name and isinstance(child, tuple)]
+    if len(found) != 1:
+        raise ReadbackError(f"a {quoted(tree[0] if tree else '')} has {len(found)} times {name}")
+    return found[0]
+
+
+def _values(tree: Sequence[str | Tree], name: str) -> list[float]:
+    """The finite numbers of the one list of this name in a list."""
+    values = [float(word) for word in _child(tree, name)[1:] if isinstance(word, str)]
+    if not all(map(isfinite, values)):
+        raise ReadbackError(f"{name} is not finite")
+    return values
+
+
+def _layer(tree: Tree) -> str:
+    return str(_child(tree, "layer")[1])
+
+
+# Comparing
+
+
+def _is_part(name: str) -> bool:
+    return name[:1] not in ("H", "F")
+
+
+def _places(found: _Board, shown: Shown) -> list[str]:
+    expected, count = shown.designators(), len(found.lists.get("footprint", []))
+    parts = [name for name in found.at if _is_part(name)]
     if parts != expected or count != len(expected) + len(shown.holes) + len(shown.fiducials_mm):
         wrong = sorted(set(parts) ^ set(expected))
         return [f"its {count} footprints are not R1 to R{len(expected)} in order" + (f": {named(wrong)}" if wrong else "")]
-    rows = np.array([found[name] for name in expected])
+    rows = np.array([found.at[name] for name in expected]).reshape(-1, 3)
     error_mm = np.hypot(*(rows[:, :2] - shown.parts_xy_mm).T)
     turn_deg = np.abs((rows[:, 2] - shown.rotation_deg + 180.0) % 360.0 - 180.0)
     far, turned = np.flatnonzero(error_mm > PLACE_TOLERANCE_MM), np.flatnonzero(turn_deg > ROTATION_TOLERANCE_DEG)
@@ -106,76 +189,124 @@ def _places(found: dict[str, tuple[float, float, float]], count: int, shown: Sho
     return said
 
 
-def _lands(text: str, shown: Shown, lands: Recorded) -> list[str]:
-    """Every pad is one of the four that the manifest's land pattern gives, each as often as there are parts."""
-    parts = len(shown.parts_xy_mm)
-    pads = ((_PAD.fullmatch(words), count) for words, count in Counter(_ANY_PAD.findall(text)).items())
-    counts = {pad.groups(default=""): count for pad, count in pads if pad is not None}
+def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:
+    """Every part has the four lands of the manifest's land pattern, and no other pad."""
+    alike: dict[tuple[int, ...], list[str]] = {}  # lists that read alike are one object: by identity they are told apart at once
+    for name, pads in found.pads.items():
+        if _is_part(name):
+            alike.setdefault(tuple(map(id, pads)), []).append(name)
+    wrong: dict[str, list[str]] = {}
+    for names in alike.values():
+        for problem in _pads_problems(found.pads[names[0]], lands, shown.rotation_deg):
+            wrong.setdefault(problem, []).extend(names)
+    every = len(shown.parts_xy_mm)
+    return [f"{what} ({'every part' if len(names) == every else named(names)})" for what, names in wrong.items()]
+
+
+def _pads_problems(pads: Sequence[Tree], lands: Recorded, rotation_deg: float) -> list[str]:
     expected = [
-        *(("12"[k], "F.Cu", lands.pads, k) for k in range(2)),
-        *(("", "F.Paste", lands.paste, k) for k in range(2)),
+        *((f"pad {k + 1}", "12"[k], "F.Cu", lands.pads, k) for k in range(2)),
+        *((f"stencil aperture {k + 1}", "", "F.Paste", lands.paste, k) for k in range(2)),
     ]
     problems = []
-    for number, layer, land, k in expected:
-        alike = [row for row in counts if row[0] == number and row[5] == layer and (float(row[1] or 0) > 0) == (k == 1)]
-        what = f"pad {number}" if number else f"stencil aperture {k + 1}"
-        if [counts[row] for row in alike] != [parts]:
-            problems.append(f"{what} is there {sum(counts[row] for row in alike)} times in {len(alike)} forms")
-        elif not _is_land(alike[0], land, k, shown.rotation_deg):
+    for what, number, layer, land, k in expected:
+        same = [pad for pad in pads if pad[1] == number and _child(pad, "layers")[1:] == (layer,)]
+        here = [pad for pad in same if (_values(pad, "at")[0] > 0) == (k == 1)]
+        if len(here) != 1:
+            problems.append(f"{what} is there {len(here)} times")
+        elif not _is_land(here[0], land, k, rotation_deg):
             problems.append(f"{what} is not the land pattern's")
-    if (total := sum(counts.values())) != 4 * parts:
-        problems.append(f"it has {total} lands, not {4 * parts}")
-    return problems
+    return problems if len(pads) == len(expected) else [*problems, f"it has {len(pads)} lands, not {len(expected)}"]
 
 
-def _is_land(row: tuple[str, ...], land: LandPattern, k: int, rotation_deg: float) -> bool:
-    at_mm, turn_deg, length_mm, width_mm = (float(v or "nan") for v in row[1:5])
-    radius_mm = float(row[6] or 0.0) * min(length_mm, width_mm)
-    wanted = (land.offset_mm if k else -land.offset_mm, *land.size_mm, land.corner_radius_mm)
-    turned = abs((turn_deg - rotation_deg + 180.0) % 360.0 - 180.0)
+def _is_land(pad: Tree, land: LandPattern, k: int, rotation_deg: float) -> bool:
+    kinds = [child[0] for child in pad[4:] if isinstance(child, tuple)]
+    (x_mm, y_mm, *turn_deg), (length_mm, width_mm) = _values(pad, "at"), _values(pad, "size")
+    ratio = _values(pad, "roundrect_rratio")[0] if "roundrect_rratio" in kinds else 0.0
+    radius_mm = ratio * min(length_mm, width_mm)
+    wanted = (land.offset_mm if k else -land.offset_mm, 0.0, *land.size_mm, land.corner_radius_mm)
+    turned = abs(((turn_deg[0] if turn_deg else 0.0) - rotation_deg + 180.0) % 360.0 - 180.0)
     return bool(
-        np.allclose((at_mm, length_mm, width_mm, radius_mm), wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM)
+        pad[2:4] in (("smd", "roundrect"), ("smd", "rect"))
+        and len(kinds) == len(pad) - 4
+        and set(kinds) <= set(_OF_A_LAND)
+        and np.allclose((x_mm, y_mm, length_mm, width_mm, radius_mm), wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM)
         and turned <= ROTATION_TOLERANCE_DEG
     )
 
 
-def _outline(text: str, origin_mm: tuple[float, float], shown: Shown) -> list[str]:
-    lines = _lines_with(text, '(layer "Edge.Cuts")')
-    points = np.array([(float(x), float(y)) for line in lines for x, y in _POINT.findall(line)]).reshape(-1, 2)
+def _outline(found: _Board, shown: Shown) -> list[str]:
+    lines = [item for kind in ("gr_line", "gr_arc") for item in found.lists.get(kind, []) if _layer(item) == "Edge.Cuts"]
     if len(lines) != shown.edge_lines:
         return [f"its outline has {len(lines)} sides and corners, not {shown.edge_lines}"]
-    box_mm = np.concatenate([points.min(axis=0), points.max(axis=0)]) - np.tile(origin_mm, 2)
+    ends = ("start", "mid", "end")
+    points = np.array([_values(item, end) for item in lines for end in ends if end != "mid" or item[0] == "gr_arc"])
+    box_mm = np.concatenate([points.min(axis=0), points.max(axis=0)]) - np.tile(found.origin_mm, 2)
     width_mm, height_mm = shown.size_mm
     wrong = np.abs(box_mm - (0.0, -height_mm, width_mm, 0.0)).max() > PLACE_TOLERANCE_MM
     return [f"its outline is {box_mm[2] - box_mm[0]:g} x {box_mm[3] - box_mm[1]:g} mm about another place"] if wrong else []
 
 
-def _lines_with(text: str, words: str) -> list[str]:
-    """Lines of a long text with words that stand in few of them."""
-    lines, at = [], text.find(words)
-    while at >= 0:
-        end = (text.find("\n", at) + 1 or len(text) + 1) - 1
-        lines.append(text[text.rfind("\n", 0, at) + 1 : end])
-        at = text.find(words, end)
-    return lines
-
-
-def _holes(found: dict[str, tuple[float, float, float]], text: str, shown: Shown) -> list[str]:
-    holes = [xy[:2] for name, xy in found.items() if name.startswith("H")]
-    drills = [float(d) for d in _DRILL.findall(text)]
-    rows = np.array([(*xy, d) for xy, d in zip(holes, drills, strict=False)]).reshape(-1, 3)
+def _holes(found: _Board, shown: Shown) -> list[str]:
+    holes = {name: xy[:2] for name, xy in found.at.items() if name.startswith("H")}
+    drills = [(*holes[name], *_values(pad, "drill")) for name in holes for pad in found.pads[name] if pad[2] == "np_thru_hole"]
+    pads = sum(len(found.pads[name]) for name in holes)
     wanted = np.array(shown.holes).reshape(-1, 3)
-    if len(holes) == len(drills) == len(wanted) and np.allclose(rows, wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM):
+    if len(holes) == pads == len(drills) == len(wanted) and np.allclose(
+        np.array(drills).reshape(-1, 3), wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM
+    ):
         return []
     return [f"its {len(drills)} holes are not the manifest's {len(wanted)}"]
 
 
-def _fiducials(found: dict[str, tuple[float, float, float]], shown: Shown) -> list[str]:
-    marks = np.array([xy[:2] for name, xy in found.items() if name.startswith("FID")]).reshape(-1, 2)
+def _fiducials(found: _Board, shown: Shown) -> list[str]:
+    marks = [name for name in found.at if name.startswith("FID")]
+    at_mm = np.array([found.at[name][:2] for name in marks]).reshape(-1, 2)
     wanted = np.array(shown.fiducials_mm).reshape(-1, 2)
-    if len(marks) == len(wanted) and np.allclose(marks, wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM):
+    single = all(len(found.pads[name]) == 1 for name in marks)
+    if single and len(marks) == len(wanted) and np.allclose(at_mm, wanted, rtol=0.0, atol=PLACE_TOLERANCE_MM):
         return []
     return [f"its {len(marks)} fiducials are not the manifest's {len(wanted)}"]
+
+
+def _tracks(found: _Board, shown: Shown) -> list[str]:
+    """Copper beside the pads: the anchors' lines, each once."""
+    tracks = found.lists.get("segment", [])
+    ends = np.array([(_values(track, "start"), _values(track, "end")) for track in tracks]).reshape(-1, 2, 2)
+    lines_mm = (ends - found.origin_mm) * (1.0, -1.0)
+    width_mm = np.array([_values(track, "width")[0] for track in tracks])
+    alone = len(without_counterpart(lines_mm, shown.tracks_mm)) + len(without_counterpart(shown.tracks_mm, lines_mm))
+    wrong = np.abs(width_mm - shown.track_width_mm) > PLACE_TOLERANCE_MM
+    if alone or wrong.any() or len(tracks) != len(shown.tracks_mm) or any(_layer(track) != "F.Cu" for track in tracks):
+        return [f"its {len(tracks)} tracks are not the {len(shown.tracks_mm)} lines of the anchors"]
+    return []
+
+
+def _strangers(found: _Board) -> list[str]:
+    """What no board of this tool holds: zones, vias, lines on copper, footprints on the underside."""
+    strange: Counter[str] = Counter()
+    for kind, items in found.lists.items():
+        if kind in _DRAWN_ON:
+            strange.update(f"{kind} on {layer}" for layer in map(_layer, items) if layer not in _DRAWN_ON[kind])
+        elif kind not in (*_SETTINGS, "footprint", "segment"):
+            strange[kind] += len(items)
+    known: dict[int, str | None] = {}
+    for footprint in found.lists.get("footprint", []):
+        for child in footprint[2:]:
+            if id(child) not in known:
+                known[id(child)] = _strange_child(child)
+            if (what := known[id(child)]) is not None:
+                strange[f"footprint with {what}"] += 1
+    return [f"it has {count} {what}" for what, count in strange.items()]
+
+
+def _strange_child(child: str | Tree) -> str | None:
+    """What a footprint should not hold, in words."""
+    if isinstance(child, str) or child[0] not in _OF_A_FOOTPRINT:
+        return str(child if isinstance(child, str) else child[0])
+    layer = _layer(child) if child[0] in _DRAWN_ON else str(child[1]) if child[0] == "layer" else None
+    allowed = _DRAWN_ON.get(str(child[0]), ("F.Cu",))
+    return f"{child[0]} on {layer}" if layer is not None and layer not in allowed else None
 
 
 def _rules(project: bytes) -> list[str]:
