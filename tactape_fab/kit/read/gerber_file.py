@@ -121,7 +121,9 @@ def collection_paused() -> Iterator[None]:
 def _drawn(text: str) -> tuple[_Drawn, Mapping[str, Sequence[str]]]:
     """What gerbonara draws, and the file's attributes.
 
-    Its parser tries one kind of statement after the other: here the most frequent ones come first.
+    Its parser tries one kind of statement after the other: here the most frequent ones come first. That order is no public
+    setting of gerbonara, and by `GerberFile.from_string` alone the default kit's layers take 0.18 s instead of 0.15 s: so
+    pyproject.toml names the last version that this has been tried with, and a test fails when it moves.
     """
     from gerbonara.rs274x import GerberFile, GerberParser
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
+from pathlib import Path
+
 import numpy as np
 import pytest
 from gerbonara.graphic_objects import Flash, Line, Region
-from gerbonara.rs274x import GerberFile
+from gerbonara.rs274x import GerberFile, GerberParser
 
 from tactape_fab import Kit
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
@@ -20,6 +23,19 @@ def drawn(*lines: str, head: str = HEAD) -> GerberContent:
 
 def points(*xy: tuple[float, float]) -> list[list[float]]:
     return [list(point) for point in xy]
+
+
+def test_gerbonara_is_a_version_that_its_parser_s_order_has_been_tried_with() -> None:
+    """Read `gerber_file._drawn` against a new version of gerbonara, then name it here and in pyproject.toml.
+
+    1.5.0 is the last for Python 3.10 and 3.11; in the parser 1.6.3 changes polygon apertures, %SR and attributes without a value.
+    """
+    assert version("gerbonara") in ("1.5.0", "1.6.3")
+    assert '"gerbonara>=1.5,<=1.6.3"' in (Path(__file__).parents[4] / "pyproject.toml").read_text(encoding="utf-8")
+    kinds = GerberParser.STATEMENT_REGEXES
+    assert {"coord", "attribute", "aperture"} <= kinds.keys()
+    parser = GerberParser(GerberFile())
+    assert all(callable(getattr(parser, f"_parse_{kind}")) for kind in kinds)
 
 
 @pytest.mark.parametrize("role", GERBERS)
