@@ -12,11 +12,9 @@ from tactape_fab.advise.designs import Design, film_designs, judged, rules_of, s
 from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, accuracy, least_contact_mm, signal_of
 from tactape_fab.advise.question import DEFAULT_FAB, Question
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.examine.tape import examine, profiles_of
 from tactape_fab.kit.order_facts import estimate
-from tactape_fab.kit.plan import plan, plan_texture
-from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, read_part
-from tactape_fab.kit.rules.film_rules import fab_for
+from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
@@ -248,15 +246,12 @@ def _first(line: Line, question: Question) -> list[Line]:
 
 def _counted(line: Line, question: Question) -> Line:
     """The line with the parts of a tape of the size asked for, and what they cost."""
-    design, making = line.design, question.making
-    spec, part = design.spec(question.size_mm), read_part(design.part)
-    if isinstance(making, FabProfile):
-        assert isinstance(part, PartProfile)
-        parts = plan(spec, fab_for(spec, making, part), part).part_count
-        costs = estimate(parts, making)
-        return replace(line, parts=parts, once=costs.once, each=costs.each)
-    assert isinstance(part, ElementProfile)
-    return replace(line, parts=plan_texture(spec, making, replace(part, body_mm=design.body_mm, top_mm=None)).part_count)
+    spec, making = line.design.spec(question.size_mm), question.making
+    parts = profiles_of(spec).plan(spec).part_count
+    if not isinstance(making, FabProfile):
+        return replace(line, parts=parts)
+    costs = estimate(parts, making)
+    return replace(line, parts=parts, once=costs.once, each=costs.each)
 
 
 def tape_of(line: Line, question: Question, sector: int) -> Tape:

@@ -17,7 +17,8 @@ from tactape_fab.kit.film.coverlay import least_pitch_mm, worst_box_gap_mm
 from tactape_fab.kit.outlines import opening_size_mm
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, load_process, read_part
 from tactape_fab.kit.rules.spacing import finding
-from tactape_fab.kit.spec.tape_spec import DEFAULT_PITCH_MM, TapeSpec
+from tactape_fab.kit.spec.grid_options import DEFAULT_PITCH_MM
+from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions

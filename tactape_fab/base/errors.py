@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, TypeVar
@@ -85,10 +86,29 @@ def _plain_numbers(line: Finding | Check, *names: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One refused value: the key it belongs to and the sentence for the user."""
+    """One refused value: the key it belongs to and the sentence for the user.
+
+    ``needs`` are the other keys that it was judged by: where one of them is refused itself, there is nothing to say.
+    """
 
     key: str
     message: str
+    needs: tuple[str, ...] = ()
+
+    @property
+    def root(self) -> str:
+        """The option that the key belongs to: ``size_mm`` of ``size_mm[0]``, ``fab`` of a key of the fab's profile."""
+        return re.split(r"[ .\[:]", self.key)[0]
+
+
+class ReachProblem(Problem):
+    """A problem of capacity: legal numbers that ask for more than the code has."""
+
+
+def sound(found: Iterable[Problem], known: Sequence[Problem]) -> list[Problem]:
+    """Those of the found problems that do not rest on a value which is refused already."""
+    refused = {problem.root for problem in known} - {""}
+    return [problem for problem in found if refused.isdisjoint((problem.root, *problem.needs))]
 
 
 class TactapeError(Exception):
@@ -118,6 +138,12 @@ class SpecError(TactapeError, ValueError):
 
 class CapacityError(SpecError):
     """The tape asks for more of the code plane than the code has."""
+
+
+def refusal(problems: Sequence[Problem], findings: Sequence[Finding] = ()) -> SpecError:
+    """The error that says them: a CapacityError where the code's reach is all that is lacking."""
+    reach_only = all(isinstance(problem, ReachProblem) for problem in problems)
+    return (CapacityError if reach_only else SpecError)(problems, findings)
 
 
 class DesignRuleError(TactapeError):

@@ -69,6 +69,10 @@ class Fields:
     def problem(self, key: str, message: str) -> None:
         self.problems.append(Problem(self.where + key, self.where + message))
 
+    def refused(self, key: str) -> bool:
+        """Whether a value was refused before: what rests on it cannot be judged."""
+        return any(problem.root == key for problem in self.problems)
+
     def refuse_unknown(self, known: Sequence[str]) -> None:
         for key in self.values:
             if key not in known:

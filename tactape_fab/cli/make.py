@@ -62,7 +62,7 @@ def _examined(
 ) -> Examined | ExaminedPanel:
     """One tape or panel examined; options that only a list of tapes has are refused with all the rest."""
     from tactape_fab.kit.examine.order import examine_order
-    from tactape_fab.kit.examine.values import examine_values
+    from tactape_fab.kit.examine.tape import examine
     from tactape_fab.kit.spec.panel_options import PANEL_KEYS
     from tactape_fab.texture.registry import read_tapes
 
@@ -81,7 +81,7 @@ def _examined(
     try:
         if problems:  # say what else is refused, too
             of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
-            examine_values({"sector": 0, **of_one}, output=output, overwrite=overwrite)
+            examine({"sector": 0, **of_one}, output=output, overwrite=overwrite)
         else:
             examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes)
     except SpecError as error:

@@ -11,7 +11,7 @@ from math import ceil, floor
 
 import numpy as np
 
-from tactape_fab.base.errors import CapacityError, Problem, SpecError
+from tactape_fab.base.errors import Problem, ReachProblem, SpecError, refusal
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
@@ -30,6 +30,10 @@ ORIGIN_STEP_MM = 0.1
 TOLERANCE_MM = 0.0005
 """A threshold is met when value >= limit - 0.5 um."""
 _STEP_SLACK = 1e-6
+ELEMENT_KEYS = ("part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm")
+"""Keys of a spec that decide its elements and how far apart they stand."""
+_FILM_KEYS = (*ELEMENT_KEYS, "fab", "coverlay", "anchor", "tag", "tag_cell_mm")
+_TEXTURE_KEYS = (*ELEMENT_KEYS, "process")
 
 
 def strip_width_mm(spec: TapeSpec) -> float:
@@ -45,12 +49,14 @@ Rule = tuple[FloatArray, float]
 class Claim:
     """The room that a part claims: what each of its outlines keeps from the board's outline and from holes.
 
-    ``widest`` is the outline that reaches furthest; it also keeps clear of the strip.
+    ``widest`` is the outline that reaches furthest; it also keeps clear of the strip. ``needs`` are the keys of a spec that
+    decide all this.
     """
 
     edge: tuple[Rule, ...]
     hole: tuple[Rule, ...]
     widest: FloatArray
+    needs: tuple[str, ...]
     ink_edge_mm: float = 0.0
 
     @property
@@ -76,6 +82,7 @@ def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, ancho
             (outlines.opening, limit["hole-copper"]),
         ),
         widest=outlines.opening,
+        needs=_FILM_KEYS,
         ink_edge_mm=fab.legend.edge_mm,
     )
 
@@ -84,7 +91,10 @@ def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: f
     """Space around a solid element's foot that the rules of its process ask for."""
     foot = element_outline(part.shape, part.body_mm, rotation_deg)
     return Claim(
-        edge=((foot, process.limits["body-edge"].value_mm),), hole=((foot, process.limits["hole-part"].value_mm),), widest=foot
+        edge=((foot, process.limits["body-edge"].value_mm),),
+        hole=((foot, process.limits["hole-part"].value_mm),),
+        widest=foot,
+        needs=_TEXTURE_KEYS,
     )
 
 
@@ -161,9 +171,9 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
     code = get_code(spec.code)
     grid = _grid(spec.size_mm, spec, claim)
     problems = list(_size_problems(spec, code, grid, claim)) or list(_tag_problems(spec, claim.ink_edge_mm))
-    beyond = list(_reach_problems(spec, code, grid))
-    if problems or beyond:
-        raise (SpecError if problems else CapacityError)([*problems, *beyond])
+    problems += _reach_problems(spec, code, grid, claim)
+    if problems:
+        raise refusal(problems)
     symbols = _symbols(spec, spec.place, grid, avoid)
     board = Board(
         size_mm=spec.size_mm,
@@ -179,6 +189,7 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
                 "holes_mm",
                 f"holes and corners leave no whole {code.window}x{code.window} window of code '{code.name}' on the tape; "
                 "use fewer holes, a smaller --corner-radius or a larger tape",
+                needs=(*claim.needs, "code", "size_mm", "corner_radius_mm"),
             )
         )
     return Tape(
@@ -218,6 +229,7 @@ def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Ite
         f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
         f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
         + (", or --tag none" if spec.tag == "strip" else ""),
+        needs=(*claim.needs, "code", "corner_radius_mm"),
     )
 
 
@@ -250,20 +262,22 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
         tenths += 1
 
 
-def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid) -> Iterator[Problem]:
+def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Iterator[Problem]:
     if grid.columns * grid.rows > code.most_points:
         other = f", or --code {DEFAULT_CODE}" if code.most_points < MOST_POINTS else ""
-        yield Problem(
+        yield ReachProblem(
             "size_mm",
             f"size_mm gives {grid.columns} x {grid.rows} grid points, more than the {code.most_points} of a tape of code "
             f"'{code.name}'; use a smaller --size{other}",
+            needs=(*claim.needs, "code"),
         )
     for name, first, count in (("column", spec.place[0], grid.columns), ("row", spec.place[1], grid.rows)):
         if first + count > code.range:
-            yield Problem(
+            yield ReachProblem(
                 "origin",
                 f"origin {name} {first} + {count} {name}s of the tape exceed {code.range}, the range of code "
                 f"'{code.name}'; give --origin COL,ROW with {name} at most {max(code.range - count, 0)}, or a smaller --size",
+                needs=(*claim.needs, "code", "sector", "size_mm"),
             )
 
 
@@ -281,6 +295,7 @@ def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
             "corner_radius_mm",
             f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {ink_edge_mm:g} "
             "mm inside the outline; use a smaller --corner-radius or --tag none",
+            needs=("fab", "size_mm", "tag", "tag_cell_mm"),
         )
 
 

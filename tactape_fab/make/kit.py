@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.examine.tape import Examined, _cell_finding, examine
+from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
 from tactape_fab.kit.output_place import refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
@@ -139,7 +139,7 @@ def make_examined(
 
 def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     """Every file of a kit, and the content of its manifest."""
-    spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.process
+    spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.profiles.process
     artifacts = [] if film is None else render_all(examined.drawing, film.fab)
     if film is not None:
         artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
@@ -164,18 +164,11 @@ def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *,
         refuse_taken(target, overwrite=overwrite)
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
-    never = _undrawable(drawn) if force else []
+    form = drawn.spec.form
+    never = undrawable(form_problems(drawn.tape, form)) if force and form is not None and drawn.film is not None else []
     if blocking and (never or not force):
         raise DesignRuleError(never or findings)
     return blocking
-
-
-def _undrawable(examined: Examined) -> list[Finding]:
-    """Rules without which the models cannot be drawn at all, whatever is forced."""
-    form = examined.spec.form
-    if form is None or examined.film is None:
-        return []
-    return [_cell_finding(problem) for problem in form_problems(examined.tape, form) if problem.key == "part"]
 
 
 def forced(finding: Finding) -> dict[str, Any]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.kit.plan import plan
-from tactape_fab.kit.profiles import PartProfile, load_fab, read_part
-from tactape_fab.kit.spec.tape_spec import DEFAULT_FAB, TapeSpec
+from tactape_fab.kit.examine.tape import profiles_of
+from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import CODE_NAMES, get_code, has_plane
 from tactape_fab.texture.tape import Tape
 
@@ -26,7 +25,7 @@ def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
     if not has_plane(code):
         message = f"code = '{code}' has no tapes but those that were made: each is designed; name their kits"
         raise SpecError(Problem("code", message))
-    fab, part = load_fab(DEFAULT_FAB), read_part("r0201")
-    assert isinstance(part, PartProfile)
     sectors = min(get_code(code).sectors, MOST_SECTORS) if code in CODE_NAMES else 1
-    return [plan(TapeSpec(sector=s, code=code, size_mm=size_mm), fab, part) for s in range(sectors)]
+    specs = [TapeSpec(sector=s, code=code, size_mm=size_mm) for s in range(sectors)]
+    profiles = profiles_of(specs[0])
+    return [profiles.plan(spec) for spec in specs]

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tactape_fab.base.errors import Finding, Problem, SpecError
+from tactape_fab.base.errors import Finding, Problem, SpecError, tried
 from tactape_fab.kit.examine.tape import Examined, examine
-from tactape_fab.kit.examine.values import examine_values
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.panel.arrange import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
 from tactape_fab.kit.panel.panel_drawing import panel_drawing
-from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
+from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.kit.rules.film_rules import assembly_findings
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
-from tactape_fab.kit.spec.tape_spec import DEFAULT_FAB, TapeSpec
+from tactape_fab.kit.spec.tape_spec import read_spec
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
@@ -84,16 +83,17 @@ def examine_order(
     """
     request, problems = read_panel_request(values)
     tape_values = {key: value for key, value in values.items() if key not in PANEL_KEYS}
-    fab, is_film = _film_of(tape_values)
-    if request.wished and not is_film:
-        message = f"panel = '{values['panel']}' is of films with parts, but part = '{tape_values['part']}' is printed or milled; "
+    spec, _ = read_spec({"sector": 0, **tape_values})
+    fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
+    if request.wished and spec.fab is None:
+        message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
         problems.append(Problem("panel", message + "leave out --panel"))
-    by_profile = request.mode is None and is_film and request.sectors is None and fab is not None and fab.panel.make == "auto"
+    by_profile = request.mode is None and request.sectors is None and fab is not None and fab.panel.make == "auto"
     if not (request.wished or by_profile):
         problems += _without_panel(request, values) if request.mode is None else []
         if request.sectors:
             tape_values = {"sector": request.sectors[0], **tape_values}
-        return _with(problems, lambda: examine_values(tape_values, output=output, overwrite=overwrite, avoid=avoid)), ()
+        return examine(tape_values, output=output, overwrite=overwrite, avoid=avoid, known=problems), ()
     if avoid:
         message = f"avoid = {len(avoid)} tapes cannot be used with a panel; leave --avoid out, or use --panel none"
         problems.append(Problem("avoid", message))
@@ -102,27 +102,14 @@ def examine_order(
     if request.sectors is None and "sectors" in values and "sector" not in tape_values:
         first = 0  # what is wrong with the sectors is among the problems
     place = output if output is not None or not isinstance(first, int) else values_of.panel_name(first)
-    base = _with(problems, lambda: examine_values(values_of.of(first), output=place, overwrite=overwrite))
-    if base.film is None:
-        return base, ()
+    base_values = {**tape_values, **({} if first is None else {"sector": first})}
+    base = examine(base_values, output=place, overwrite=overwrite, known=problems)
     size_mm = base.tape.board.size_mm
     if by_profile and not arrangements(size_mm, base.fab):
         remark = f"no panel: tapes of {size_mm[0]:g} x {size_mm[1]:g} mm fit on none that assembly at {base.fab.name} takes"
-        return examine_values(tape_values, output=output, overwrite=overwrite, avoid=avoid), (remark,)
+        return examine(tape_values, output=output, overwrite=overwrite, avoid=avoid), (remark,)
     examined = _examine_panel(base, request, values_of, by_profile=by_profile)
     return examined, examined.remarks
-
-
-def _film_of(values: Mapping[str, Any]) -> tuple[FabProfile | None, bool]:
-    """The fab profile that would be taken, None where it cannot be read, and whether the part has lands."""
-    try:
-        is_film = isinstance(read_part(values.get("part", "r0201")), PartProfile)
-    except (SpecError, TypeError, AttributeError):
-        is_film = True
-    try:
-        return load_fab(values.get("fab", DEFAULT_FAB)), is_film
-    except (SpecError, TypeError, AttributeError):
-        return None, is_film
 
 
 def _without_panel(request: PanelRequest, values: Mapping[str, Any]) -> list[Problem]:
@@ -132,19 +119,6 @@ def _without_panel(request: PanelRequest, values: Mapping[str, Any]) -> list[Pro
         for key in PANEL_KEYS[1:]
         if values.get(key) not in (None, False)
     ]
-
-
-def _with(problems: Sequence[Problem], examination: Callable[[], Examined]) -> Examined:
-    """What an examination gives; its problems are listed after those that are known."""
-    try:
-        examined = examination()
-    except SpecError as error:
-        if not problems:
-            raise
-        raise SpecError([*problems, *error.problems], error.findings) from None
-    if problems:
-        raise SpecError(problems, [f for f in examined.findings if f.blocks])
-    return examined
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,12 +131,10 @@ class _Naming:
     def panel_name(self, first: int) -> str:
         return str(self.name) if self.name is not None else f"tactape-panel-s{first:03d}"
 
-    def of(self, sector: Any, copy: int | None = None) -> dict[str, Any]:
-        named = {}
-        if isinstance(sector, int) and (self.name is not None or copy is not None):
-            stem = self.name if self.name is not None else "tactape"
-            named["name"] = f"{stem}-s{sector:03d}" + (f"-{copy}" if copy is not None else "")
-        return {**self.values, **({} if sector is None else {"sector": sector}), **named}
+    def of(self, sector: int, copy: int | None) -> dict[str, Any]:
+        stem = "tactape" if self.name is None else self.name
+        name = f"{stem}-s{sector:03d}" + ("" if copy is None else f"-{copy}")
+        return {**self.values, "sector": sector, "name": name}
 
 
 def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *, by_profile: bool) -> ExaminedPanel:
@@ -183,9 +155,7 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
         raise SpecError(problems)
     sectors = request.sectors or tuple(first if request.same_sector else first + i for i in range(panel.count))
     copies = request.same_sector and panel.count > 1
-    tapes = tuple(
-        examine(TapeSpec.from_mapping(values_of.of(sector, i if copies else None))) for i, sector in enumerate(sectors, start=1)
-    )
+    tapes = tuple(examine(values_of.of(sector, i if copies else None)) for i, sector in enumerate(sectors, start=1))
     return ExaminedPanel(
         name=values_of.panel_name(first),
         tapes=tapes,

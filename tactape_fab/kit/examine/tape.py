@@ -1,16 +1,18 @@
-"""A spec examined: planned, drawn, measured and certified before anything is written."""
+"""The one place that decides whether a tape can be made, and measures every rule, before anything is written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar, cast
+from pathlib import Path
+from typing import Any, TypeVar, cast
 
-from tactape_fab.base.errors import Finding, Problem, SpecError
+from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.kit.film.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film.layout import Layout, build_layout
-from tactape_fab.kit.plan import plan, plan_texture
+from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.plan import ELEMENT_KEYS, plan, plan_texture
 from tactape_fab.kit.profiles import (
     ElementProfile,
     FabProfile,
@@ -25,15 +27,39 @@ from tactape_fab.kit.profiles.assembly import part_number_problem
 from tactape_fab.kit.rules.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
 from tactape_fab.kit.rules.spacing import check
-from tactape_fab.kit.spec.tape_spec import BEST, TapeSpec
+from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_SIZE_MM
+from tactape_fab.kit.spec.options import DEFAULT_FAB
+from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS
+from tactape_fab.kit.spec.tape_spec import DEFAULTS, TapeSpec, read_spec
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify.certificate import Certificate, certify, pair_words
-from tactape_fab.texture.certify.origin import Choice, choose_origin
-from tactape_fab.texture.code import get_code, get_plane, has_plane
+from tactape_fab.texture.certify.origin import Choice, choose_origin, choose_sector
+from tactape_fab.texture.code import DEFAULT_CODE, get_code, get_plane, has_plane
+from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.tape import Tape
 
 T = TypeVar("T")
+
+_FORM_KEYS = (*ELEMENT_KEYS, "size_mm", "process", "base_mm", "around", "shell")
+"""Keys that decide whether the solid models can be built."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profiles:
+    """The profiles that a spec names, as it asks for them; ``fab`` is None for solid elements, ``process`` without models."""
+
+    fab: FabProfile | None
+    part: PartProfile | ElementProfile
+    process: ProcessProfile | None
+
+    def plan(self, spec: TapeSpec, avoid: Sequence[Tape] = ()) -> Tape:
+        """The tape of a spec that names these profiles; see `tactape_fab.kit.plan`."""
+        if isinstance(self.part, PartProfile):
+            assert self.fab is not None
+            return plan(spec, self.fab, self.part, avoid)
+        assert self.process is not None
+        return plan_texture(spec, self.process, self.part, avoid)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +80,7 @@ class Examined:
     spec: TapeSpec
     tape: Tape
     film: Film | None
-    process: ProcessProfile | None
+    profiles: Profiles
     findings: tuple[Finding, ...]
     certificate: Certificate
     search: Choice | None = None
@@ -78,74 +104,222 @@ class Examined:
         return self.film.fab
 
 
-def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
-    """Plan, draw, measure and certify a tape; nothing is written and no broken rule raises.
+def examine(
+    asked: TapeSpec | Mapping[str, Any],
+    *,
+    avoid: Sequence[Tape] = (),
+    output: str | None = None,
+    overwrite: bool = False,
+    known: Sequence[Problem] = (),
+) -> Examined:
+    """Decide whether a tape can be made, and measure every rule; nothing is written and no broken rule raises.
 
     Parameters
     ----------
-    spec : TapeSpec
+    asked : TapeSpec or mapping
+        A spec, or untrusted values of one.
     avoid : sequence of Tape
-        Tapes that exist: the origin is then chosen away from them, and the spec's must be ``"best"``; a touch code is
-        designed away from them.
+        Tapes that exist: the origin is then chosen away from them, and must be ``"best"`` where it is given, and the sector
+        is chosen where values name none; a touch code is designed away from them.
+    output : str, optional
+        The place that the kit is to take.
+    overwrite : bool
+        Whether an older kit there may be replaced.
+    known : sequence of Problem
+        What is refused already of the order that the tape is part of; it is refused with all the rest.
 
     Raises
     ------
     SpecError
-        When a profile cannot be read, or no tape follows from the spec.
+        With everything that is refused, and in `findings` the rules that are broken where the values that they measure were
+        not refused. CapacityError where the code's reach is all that is lacking.
+    """
+    problems = list(known)
+    if output is not None:
+        tried(lambda: refuse_taken(Path(output), overwrite=overwrite), problems)
+    spec = asked if isinstance(asked, TapeSpec) else _read(asked, avoid, problems)
+    problems += sound(_avoid_problems(spec, avoid), problems)
+    spec, profiles = _profiles(spec, problems)
+    if profiles is None:
+        raise refusal(problems)
+    if not isinstance(asked, TapeSpec) and avoid and "sector" not in asked and not problems:
+        sector = tried(lambda: _free_sector(spec, profiles, avoid), problems)
+        if sector is not None:
+            return examine({**asked, "sector": sector}, avoid=avoid, output=output, overwrite=overwrite)
+    spec, tape, search = _planned(spec, profiles, avoid, problems)
+    if tape is None:
+        raise refusal(problems)
+    measurable = {problem.root for problem in problems}.isdisjoint(ELEMENT_KEYS)
+    film, findings = _measured(spec, tape, profiles, problems)
+    if problems:
+        raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
+    certificate = certify(tape)
+    return Examined(
+        spec=spec,
+        tape=tape,
+        film=film,
+        profiles=profiles,
+        findings=(*findings, *_window_findings(certificate)),
+        certificate=certificate,
+        search=search,
+        avoided=tuple(t.name for t in avoid),
+    )
+
+
+# What was asked for
+
+
+def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Problem]) -> TapeSpec:
+    """The spec of untrusted values; beside tapes to avoid origin and sector need not be given."""
+    if avoid:
+        values = {"sector": 0, **({"origin": BEST} if has_plane(values.get("code")) else {}), **values}
+    spec, refused = read_spec(values)
+    problems += refused
+    return spec
+
+
+def profiles_of(spec: TapeSpec) -> Profiles:
+    """The profiles that a spec names, as it asks for them.
+
+    Raises
+    ------
+    SpecError
+        When one cannot be read, or does not offer what the spec asks for.
     """
     problems: list[Problem] = []
-    fab = _loaded(load_fab, spec.fab, problems)
-    part = _loaded(read_part, spec.part, problems)
-    process = _loaded(load_process, spec.process, problems)
-    if avoid and has_plane(spec.code) and spec.origin != BEST:
-        problems.append(fixed_origin(spec.origin))
-    problems += _other_directions(spec, avoid)
-    if problems:
-        raise SpecError(problems)
+    _, profiles = _profiles(spec, problems)
+    if profiles is None or problems:
+        raise refusal(problems)
+    return profiles
+
+
+def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profiles | None]:
+    """The profiles of a spec, and the spec without what they do not offer, which is a problem.
+
+    The default profile stands in for one that cannot be read. There are none where the part is refused: all rests on it.
+    """
+
+    def loaded(load: Callable[[str], T], name: str | None, usual: str) -> T | None:
+        profile = None if name is None else tried(lambda: load(name), problems)
+        return load(usual) if profile is None and name is not None else profile
+
+    fab = loaded(load_fab, spec.fab, DEFAULT_FAB)
+    process = loaded(load_process, spec.process, DEFAULT_PROCESS)
+    part = None if any(p.root == "part" for p in problems) else tried(lambda: read_part(spec.part), problems)
     if isinstance(part, PartProfile) and fab is not None:
+        found = film_problems(spec, fab)
+        problems += sound([replace(problem, needs=("fab",)) for problem in found], problems)
+        spec = spec.but(**{problem.root: DEFAULTS[problem.root] for problem in found})
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
-        if refused := film_problems(spec, fab):
-            raise SpecError(refused)
-        part = _with_number(part, spec.part_number, fab.assembly)
-        fab = fab_for(spec, fab, part)
-        spec, search = _settled(spec, lambda: plan(spec, fab, part), avoid)
-        return _examine_film(spec, plan(spec, fab, part, avoid), (fab, part, process), search)
-    if isinstance(part, ElementProfile) and process is not None:
-        spec, search = _settled(spec, lambda: _plan_texture(spec, process, part), avoid)
-        return _examine_texture(spec, _plan_texture(spec, process, part, avoid), process, search)
-    raise SpecError(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
+        if spec.part_number is not None:
+            problems += sound(_number_problems(spec.part_number, fab.assembly), problems)
+            part = replace(part, part_numbers={**part.part_numbers, fab.assembly: spec.part_number})
+        return spec, Profiles(fab=fab_for(spec, fab, part), part=part, process=process)
+    if isinstance(part, ElementProfile) and spec.body_mm is not None:
+        part = replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm)
+        return spec, Profiles(fab=None, part=part, process=process)
+    if part is not None:
+        problems.append(Problem("part", f"part = {shown(spec.part)} has changed since the spec was read; run the command again"))
+    return spec, None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Search:
-    """What was searched for; `choice` is None where nothing was."""
-
-    choice: Choice | None = None
-    avoided: tuple[str, ...] = ()
+def _number_problems(number: str, house: str) -> list[Problem]:
+    message = part_number_problem(number, house)
+    return [] if message is None else [Problem("part_number", message, needs=("assembly", "fab"))]
 
 
-def fixed_origin(origin: object) -> Problem:
-    """An origin that is given where one is to be chosen."""
-    message = f"origin = {shown(origin)} contradicts avoid, which chooses the origin; give --origin best, or leave --origin out"
-    return Problem("origin", message)
+def _avoid_problems(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:
+    """An origin that is given where one is to be chosen, and tapes that no decoder knows together with the one asked for."""
+    found = []
+    if avoid and has_plane(spec.code) and spec.origin != BEST:
+        message = f"origin = {list(spec.origin)} contradicts avoid, which chooses the origin; "
+        found.append(Problem("origin", f"{message}give --origin best, or leave --origin out", needs=("code",)))
+    if other := [tape for tape in avoid if tape.directions != spec.directions]:
+        message = f"avoid: the parts of {other[0].name} point in {other[0].directions} directions, those of this tape in "
+        message += f"{spec.directions}: no decoder knows both together, and there is nothing to avoid; leave it out"
+        found.append(Problem("avoid", message, needs=("directions",)))
+    return found
 
 
-def _other_directions(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:
-    """Tapes to avoid that no decoder knows together with the one that is asked for."""
-    other = [tape for tape in avoid if tape.directions != spec.directions]
-    if not other:
+# What follows from it
+
+
+def _free_sector(spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape]) -> int:
+    """The sector farthest from tapes to avoid, for a tape of this spec; its grid is the same in every sector.
+
+    Of a code without a plane any sector will do that is none of theirs, and no id of their tags.
+    """
+    if not has_plane(spec.code):
+        used = {t.sector for t in avoid if t.code == spec.code} | {t.tag.id for t in avoid if t.tag is not None}
+        return min(set(range(len(used) + 1)) - used)
+    return choose_sector(get_plane(spec.code), profiles.plan(spec).placed, avoid)
+
+
+def _planned(
+    spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape], problems: list[Problem]
+) -> tuple[TapeSpec, Tape | None, Choice | None]:
+    """The tape, at the best origin where that is asked for, and what was found in the search for it.
+
+    Where no tape follows, one of the same elements stands in, of the default code and on a board that has room for them, so
+    that the rules can be measured.
+    """
+    try:
+        tape = profiles.plan(spec, () if problems else avoid)
+        if spec.origin != BEST or problems:
+            return spec, tape, None
+        choice = choose_origin(get_plane(spec.code), spec.sector, tape.placed, avoid)
+        spec = spec.but(origin=choice.origin)
+        return spec, profiles.plan(spec), choice
+    except SpecError as error:
+        problems += sound(error.problems, problems)
+        refused = {problem.root for problem in error.problems}
+    board = {"holes_mm": (), "corner_radius_mm": 0.0, "size_mm": DEFAULT_SIZE_MM}
+    board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
+    spec = spec.but(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
+    return spec, tried(lambda: profiles.plan(spec), []), None
+
+
+def _measured(spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Problem]) -> tuple[Film | None, list[Finding]]:
+    """The film's layers, and every rule; what keeps the solid models from being built is a problem."""
+    fab, part, process, form = profiles.fab, profiles.part, profiles.process, spec.form
+    of_form = [] if form is None else form_problems(tape, form)
+    film = None
+    if isinstance(part, PartProfile):
+        assert fab is not None
+        film = Film(fab=fab, layout=build_layout(tape, spec, fab, part))
+        findings = check(film.layout, fab) + film_findings(film.layout, spec, fab)
+        findings += [] if _broken(findings, "body-body") else undrawable(of_form)
+        findings += _corner_findings(tape, form)
+        findings += check_models(tape, form, process) if form is not None and process is not None else []
+        of_form = [problem for problem in of_form if problem.key != "part"]
+    else:
+        assert form is not None
+        assert process is not None
+        findings = check_texture(tape, form, process)
+    needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
+    problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], problems)
+    return film, findings
+
+
+def _broken(findings: Sequence[Finding], rule: str) -> bool:
+    return any(f.rule == rule and f.blocks for f in findings)
+
+
+def undrawable(problems: Sequence[Problem]) -> list[Finding]:
+    """Of what keeps the models from being built: a fab can place parts that are too large for the cells that the models need."""
+    return [
+        Finding(rule="models", level="block", passed=False, unit="", message=f"{problem.message}, or --no-3d")
+        for problem in problems
+        if problem.key == "part"
+    ]
+
+
+def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:
+    radius_mm = tape.board.corner_radius_mm
+    if form is None or form.cylinder is None or radius_mm == 0.0:
         return []
-    message = f"avoid: the parts of {other[0].name} point in {other[0].directions} directions, those of this tape in "
-    message += f"{spec.directions}: no decoder knows both together, and there is nothing to avoid; leave it out"
-    return [Problem("avoid", message)]
-
-
-def _settled(spec: TapeSpec, planned: Callable[[], Tape], avoid: Sequence[Tape]) -> tuple[TapeSpec, _Search]:
-    """The spec with the best origin where it asks for that, and what was found."""
-    if spec.origin != BEST:
-        return spec, _Search(avoided=tuple(t.name for t in avoid))
-    choice = choose_origin(get_plane(spec.code), spec.sector, planned().placed, avoid)
-    return replace(spec, origin=choice.origin), _Search(choice=choice, avoided=tuple(t.name for t in avoid))
+    message = f"the film's corners have a radius of {radius_mm:g} mm, those of the wrapped models are square"
+    return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
 
 
 def _window_findings(certificate: Certificate) -> list[Finding]:
@@ -159,84 +333,3 @@ def _window_findings(certificate: Certificate) -> list[Finding]:
     remedy = get_code(certificate.tape.code).another
     message = f"{count}, first {pair_words(certificate.tape, size, 0)}; rely on {contact}, or use {remedy}"
     return [Finding(rule="windows", level="warn", passed=False, unit="", message=message)]
-
-
-def _loaded(load: Callable[[str], T], name: str | None, problems: list[Problem]) -> T | None:
-    """A profile by its name; None where there is no name, or where its problems are added."""
-    try:
-        return None if name is None else load(name)
-    except SpecError as error:
-        problems += error.problems
-        return None
-
-
-def _with_number(part: PartProfile, number: str | None, house: str) -> PartProfile:
-    """The part with the number that was asked for, as its assembly house takes it."""
-    if number is None:
-        return part
-    if (problem := part_number_problem(number, house)) is not None:
-        raise SpecError(Problem("part_number", problem))
-    return replace(part, part_numbers={**part.part_numbers, house: number})
-
-
-def _examine_film(
-    spec: TapeSpec, planned: Tape, profiles: tuple[FabProfile, PartProfile, ProcessProfile | None], search: _Search
-) -> Examined:
-    fab, part, process = profiles
-    layout = build_layout(planned, spec, fab, part)
-    tape, form = layout.tape, spec.form
-    findings = check(layout, fab) + film_findings(layout, spec, fab)
-    if form is not None:
-        problems = form_problems(tape, form)
-        findings += [_cell_finding(p) for p in problems if p.key == "part" and not _broken(findings, "body-body")]
-        findings += _corner_findings(tape, form)
-        findings += [] if process is None else check_models(tape, form, process)
-        if others := [p for p in problems if p.key != "part"]:
-            raise SpecError(others, [f for f in findings if f.blocks])
-    return _examined(spec, tape, Film(fab=fab, layout=layout), process, findings, search)
-
-
-def _examined(
-    spec: TapeSpec, tape: Tape, film: Film | None, process: ProcessProfile | None, findings: Sequence[Finding], search: _Search
-) -> Examined:
-    certificate = certify(tape)
-    return Examined(
-        spec=spec,
-        tape=tape,
-        film=film,
-        process=process,
-        findings=(*findings, *_window_findings(certificate)),
-        certificate=certificate,
-        search=search.choice,
-        avoided=search.avoided,
-    )
-
-
-def _broken(findings: Sequence[Finding], rule: str) -> bool:
-    return any(f.rule == rule and f.blocks for f in findings)
-
-
-def _cell_finding(problem: Problem) -> Finding:
-    """Parts that a fab can place may yet be too large for the models, which need each of them in its own cell."""
-    return Finding(rule="models", level="block", passed=False, unit="", message=f"{problem.message}, or --no-3d")
-
-
-def _corner_findings(tape: Tape, form: SolidForm) -> list[Finding]:
-    radius_mm = tape.board.corner_radius_mm
-    if form.cylinder is None or radius_mm == 0.0:
-        return []
-    message = f"the film's corners have a radius of {radius_mm:g} mm, those of the wrapped models are square"
-    return [Finding(rule="model-corner", level="info", passed=False, value=0.0, limit=radius_mm, message=message)]
-
-
-def _plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
-    assert spec.body_mm is not None
-    return plan_texture(spec, process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm), avoid)
-
-
-def _examine_texture(spec: TapeSpec, tape: Tape, process: ProcessProfile, search: _Search) -> Examined:
-    assert spec.form is not None
-    findings = check_texture(tape, spec.form, process)
-    if problems := form_problems(tape, spec.form):
-        raise SpecError(problems, [f for f in findings if f.blocks])
-    return _examined(spec, tape, None, process, findings, search)

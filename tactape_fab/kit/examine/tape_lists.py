@@ -1,9 +1,8 @@
-"""The door for lists of tapes: everything that is asked for is checked before anything is written."""
+"""Lists of tapes: everything that is asked for is examined before anything is written."""
 
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -12,12 +11,10 @@ from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError
 from tactape_fab.base.fields import Fields, shown_path
-from tactape_fab.kit.examine.tape import Examined
-from tactape_fab.kit.examine.values import examine_values
+from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.output_place import refuse_taken
 from tactape_fab.kit.panel.packing import misfit
-from tactape_fab.kit.plan import plan, plan_texture
-from tactape_fab.kit.profiles import ElementProfile, FabProfile, read_part
+from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import has_plane
@@ -32,7 +29,7 @@ _OF_THE_TAPE = ("sector", "origin", "name", "tag_id")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """One tape of a list that passed the door; `fab` is that of its film, None for solid elements."""
+    """One tape of a list that can be made; `fab` is that of its film, None for solid elements."""
 
     spec: TapeSpec
     fab: FabProfile | None
@@ -97,20 +94,20 @@ def list_tapes(
     table = Fields({"jobs": usual_jobs() if jobs is None else jobs})
     count = table.integer("jobs", low=1, high=MOST_JOBS, remedy=f"--jobs is the number of processes, 1 to {MOST_JOBS}")
     entries, of_list = read_list(values, options)
-    door = _Door(packed=packed)
+    tally = _Tally(packed=packed)
     for entry in entries:
-        door.take(entry)
+        tally.take(entry)
     of_folder = _folder_problems(folder)
-    problems = [*table.problems, *of_folder, *of_list, *door.problems()]
+    problems = [*table.problems, *of_folder, *of_list, *tally.problems()]
     if not of_list:  # otherwise some of the tapes are stand-ins
-        problems += _shared_names(door.tapes)
-        problems += [] if of_folder else _taken(door.tapes, folder, overwrite=overwrite)
-    broken = [finding for finding in door.findings if finding.blocks]
+        problems += _shared_names(tally.tapes)
+        problems += [] if of_folder else _taken(tally.tapes, folder, overwrite=overwrite)
+    broken = [finding for finding in tally.findings if finding.blocks]
     if problems:
         raise SpecError(problems, [replace(finding, at_mm=None) for finding in broken])
     if broken and not force:
         raise DesignRuleError(broken)
-    return Listed(tapes=tuple(door.tapes), findings=(*door.findings, *_copies(door.tapes)), jobs=count)
+    return Listed(tapes=tuple(tally.tapes), findings=(*tally.findings, *_copies(tally.tapes)), jobs=count)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -126,7 +123,7 @@ class _Kind:
     tables: set[str] = field(default_factory=set)
 
 
-class _Door:
+class _Tally:
     """Takes tape by tape and keeps every problem."""
 
     def __init__(self, *, packed: bool) -> None:
@@ -151,10 +148,10 @@ class _Door:
 
     def _first(self, entry: TapeEntry, kind: _Kind) -> None:
         try:
-            kind.examined = examine_values(entry.values)
+            kind.examined = examine(entry.values)
         except SpecError as error:
             kind.findings = error.findings
-            kind.refusal = [problem for problem in error.problems if _root(problem) not in _OF_THE_TAPE]
+            kind.refusal = [problem for problem in error.problems if problem.root not in _OF_THE_TAPE]
             self._refuse(entry, error.problems)
             return
         kind.findings = kind.examined.findings
@@ -165,7 +162,8 @@ class _Door:
         try:
             spec = TapeSpec.from_mapping(entry.values)
             if kind.examined is not None:
-                _plan(spec, kind.examined)
+                if has_plane(spec.code):  # nothing of it follows from the sector but the design, which takes seconds
+                    kind.examined.profiles.plan(spec)
                 self._pass(spec, kind.examined)
         except SpecError as error:
             self._refuse(entry, [problem for problem in error.problems if problem not in kind.refusal])
@@ -175,9 +173,9 @@ class _Door:
 
     def _refuse(self, entry: TapeEntry, problems: Sequence[Problem]) -> None:
         for problem in problems:
-            own = entry.of_sector if _root(problem) in _OF_THE_TAPE else ""
+            own = entry.of_sector if problem.root in _OF_THE_TAPE else ""
             message = entry.where + own + problem.message
-            kept = self._problems.setdefault((entry.where, _root(problem) if own else message), {})
+            kept = self._problems.setdefault((entry.where, problem.root if own else message), {})
             kept[message] = Problem(problem.key, message)
 
     def problems(self) -> list[Problem]:
@@ -190,25 +188,6 @@ class _Door:
                 message = f"{where}{len(several) - _NAMED} more sectors are refused for their {key}; give fewer of them"
                 told.append(Problem(key, message))
         return told
-
-
-def _root(problem: Problem) -> str:
-    """The key of the spec that a problem belongs to."""
-    return re.split(r"[ .\[:]", problem.key)[0]
-
-
-def _plan(spec: TapeSpec, first: Examined) -> None:
-    """Refuse a tape that does not follow from its spec, by the profiles of another that differs in sector only."""
-    if not has_plane(spec.code):  # nothing of it follows from the sector but the design, which takes seconds
-        return
-    if first.film is not None:
-        plan(spec, first.fab, first.layout.part)
-        return
-    part = read_part(spec.part)
-    assert isinstance(part, ElementProfile)
-    assert first.process is not None
-    assert spec.body_mm is not None
-    plan_texture(spec, first.process, replace(part, body_mm=spec.body_mm, top_mm=spec.dome_top_mm))
 
 
 def _unpackable(examined: Examined) -> list[Problem]:

@@ -42,6 +42,7 @@ def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
     if values["anchor"] != "none" and values["coverlay"] == "gang":
         said = f"anchor = '{values['anchor']}' contradicts coverlay = 'gang', which leaves no coverlay to hold an anchor"
         table.problem("anchor", f"{said}; give one of them")
+        values["anchor"] = "none"
     return values
 
 

@@ -45,7 +45,7 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
     part : PartProfile, ElementProfile or None
         The spec's part; None where it cannot be read, and nothing is held against it then.
     """
-    models = table.flag("models")
+    models = table.flag("models", default=True)
     negative = table.flag("negative")
     element = part if isinstance(part, ElementProfile) else None
     if element is not None:
@@ -104,7 +104,7 @@ def _body(table: Fields, part: Part | None) -> tuple[tuple[float, ...] | None, f
         problem = element_problem(part.shape, size_mm, top_mm, size_key="body_mm", top_key="dome_top_mm")
         if problem is not None:
             table.problem(*problem)
-    return size_mm, top_mm
+    return (size_mm, top_mm) if len(table.problems) == problems else (part.body_mm, part.top_mm)
 
 
 def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:

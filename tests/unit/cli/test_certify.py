@@ -15,7 +15,7 @@ from tactape_fab import Kit
 from tactape_fab.cli import main
 from tactape_fab.cli.certify_lines import certified_lines, registry_lines
 from tactape_fab.kit.examine.code_tapes import default_tapes
-from tactape_fab.kit.examine.values import examine_values
+from tactape_fab.kit.examine.tape import examine
 from tactape_fab.report.certify_picture import draw_certified
 from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.certify.kits import certified, registry
@@ -84,7 +84,7 @@ def test_large_registries_are_printed_by_their_nearest_tapes() -> None:
 
 def test_registry_of_many_kits_stays_short(tmp_path: Path) -> None:
     for sector in range(14):
-        examined = examine_values({"sector": sector, "size_mm": (12.0, 12.0), "tag": "none", "models": False})
+        examined = examine({"sector": sector, "size_mm": (12.0, 12.0), "tag": "none", "models": False})
         folder = tmp_path / f"{sector:02d}"
         folder.mkdir()
         manifest = {"format": "tactape-manifest/1", **examined.tape.to_mapping(), "fab": {"name": "x" * 500}}
@@ -164,7 +164,7 @@ def test_make_away_from_kits_chooses_the_sector(shelf: Path) -> None:
 
 def test_make_warns_of_windows_that_read_the_same(shelf: Path) -> None:
     args = "make --sector 4 --origin 0,0 --no-3d --no-verify -o same"
-    twins = certify(examine_values({"sector": 4, "origin": [0, 0], "models": False}).tape)
+    twins = certify(examine({"sector": 4, "origin": [0, 0], "models": False}).tape)
     assert twins.of_side(4).distance == 0
     result = run(args)
     assert result.exit_code == 0

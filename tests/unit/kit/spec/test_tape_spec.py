@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from tactape_fab import TapeSpec
 from tactape_fab.base.errors import CapacityError, SpecError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.examine.values import examine_values
 from tactape_fab.kit.spec.tape_spec import KEYS, read_spec_file
 from tests.unit.base.test_fields import JSON
 
@@ -169,7 +168,7 @@ def test_only_a_lack_of_reach_is_a_capacity_error() -> None:
 
 def test_broken_design_rules_are_listed_beside_refused_values() -> None:
     with pytest.raises(SpecError) as caught:
-        examine_values({"sector": 7, "displacement_mm": 0.5, "coverlay": "per-part", "tag": "both"})
+        examine({"sector": 7, "displacement_mm": 0.5, "coverlay": "per-part", "tag": "both"})
     assert [p.key for p in caught.value.problems] == ["tag"]
     assert "opening-bridge" in {f.rule for f in caught.value.findings}
     assert all(f.blocks for f in caught.value.findings)

@@ -11,7 +11,6 @@ import pytest
 from tactape_fab import Kit, Tape, TapeSpec, default_origin, make_kit, verify_kit
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.examine.values import examine_values
 from tactape_fab.texture.certify import origin as choose
 from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.certify.origin import choose_origin, choose_sector
@@ -109,12 +108,12 @@ def test_kits_without_a_search_record_none(small_kit: Kit) -> None:
 def test_avoided_tapes_decide_sector_and_origin(small_kit: Kit) -> None:
     tape: Tape = small_kit.tape
     values = {"size_mm": (20.0, 20.0), "models": False}
-    examined = examine_values(values, avoid=[tape])
+    examined = examine(values, avoid=[tape])
     assert examined.spec.sector != tape.sector
     assert examined.spec.name == f"tactape-s{examined.spec.sector:03d}"
     assert examined.tape.tag is not None and examined.tape.tag.id == examined.spec.sector
     assert examined.avoided == (tape.name,)
-    given = examine_values({**values, "sector": tape.sector}, avoid=[tape])
+    given = examine({**values, "sector": tape.sector}, avoid=[tape])
     assert given.tape.sector == tape.sector
     assert given.tape.origin != tape.origin
     with pytest.raises(SpecError, match="contradicts avoid"):
@@ -123,4 +122,4 @@ def test_avoided_tapes_decide_sector_and_origin(small_kit: Kit) -> None:
 
 def test_no_sector_is_chosen_without_tapes_to_avoid() -> None:
     with pytest.raises(SpecError, match="sector is missing"):
-        examine_values({"origin": "best"})
+        examine({"origin": "best"})

@@ -13,7 +13,6 @@ import pytest
 from tactape_fab import Tape, TapeSpec, default_origin
 from tactape_fab.base.errors import CapacityError, SpecError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.examine.values import examine_values
 from tactape_fab.kit.writer import search_record
 from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.certify.pairs import across, conflicts
@@ -165,11 +164,11 @@ def test_there_is_no_plane_to_ask_for() -> None:
 
 def test_tapes_to_avoid_are_recorded_and_change_the_design() -> None:
     values = {"code": TOUCH_CODE, "size_mm": (30.0, 20.0), "models": False}
-    plain = examine_values({**values, "sector": 8}).tape
-    beside = examine_values(values, avoid=[small_tape()])
+    plain = examine({**values, "sector": 8}).tape
+    beside = examine(values, avoid=[small_tape()])
     assert beside.tape.sector != 7 and beside.spec.origin == (0, 0)
     assert search_record(beside.search, beside.avoided) == {"avoided": ["tactape-s007"]}
-    assert not np.array_equal(examine_values({**values, "sector": 8}, avoid=[small_tape()]).tape.symbols, plain.symbols)
+    assert not np.array_equal(examine({**values, "sector": 8}, avoid=[small_tape()]).tape.symbols, plain.symbols)
 
 
 def test_the_certificate_says_what_the_design_reached() -> None:

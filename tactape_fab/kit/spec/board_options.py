@@ -1,0 +1,82 @@
+"""The options of a spec that decide what is on the board beside the texture: AprilTag, corners, holes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.texture.frames import snap_mm
+from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
+
+DEFAULT_CORNER_RADIUS_MM = 1.0
+
+
+def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool) -> dict[str, Any]:
+    """The values of these options in their final form; usable ones where they are refused.
+
+    Parameters
+    ----------
+    table : Fields
+        All values given; problems are collected in it.
+    values : mapping
+        Those that are in their final form already.
+    solid : bool
+        Whether the part is a solid element.
+    """
+    return {
+        "tag_id": _tag_id(table, values["tag"], values["sector"]),
+        "corner_radius_mm": _corner_radius(table, values["size_mm"], square=solid and values["cylinder_mm"] is not None),
+        "holes_mm": _holes(table, values["size_mm"]),
+    }
+
+
+def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
+    if tag == "none":
+        if "tag_id" in table.values and not table.refused("tag_id"):
+            table.problem("tag_id", f"tag_id = {shown(table.values['tag_id'])} contradicts tag = 'none'; give one of them")
+        return None
+    if "tag_id" in table.values:
+        return table.integer("tag_id", low=0, high=TAG_IDS - 1, remedy=f"family {TAG_FAMILY} has {TAG_IDS} ids")
+    if sector >= TAG_IDS:
+        table.problem(
+            "tag_id",
+            f"sector = {sector} exceeds {TAG_IDS - 1}, the last id of {TAG_FAMILY}; choose an id with --tag-id or use --tag none",
+        )
+        return 0
+    return sector
+
+
+def _corner_radius(table: Fields, size_mm: tuple[float, float], *, square: bool) -> float:
+    usual_mm = 0.0 if square else DEFAULT_CORNER_RADIUS_MM
+    radius_mm = Fields({"corner_radius_mm": usual_mm, **table.values}, "", table.problems).number(
+        "corner_radius_mm",
+        low=0.0,
+        high=LONGEST_MM if table.refused("size_mm") else min(size_mm) / 2,
+        remedy="half the shorter side at most",
+        default=0.0,
+    )
+    if square and radius_mm > 0.0:
+        table.problem(
+            "corner_radius_mm",
+            f"corner_radius_mm = {radius_mm:g} mm contradicts cylinder_mm: a wrapped texture has square corners, 0 mm; "
+            "leave out --corner-radius",
+        )
+    return usual_mm if table.refused("size_mm") else float(snap_mm(radius_mm))
+
+
+def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, float, float], ...]:
+    holes = []
+    for i, hole in enumerate(table.rows("holes_mm", longest=MOST_HOLES)):
+        key = f"holes_mm[{i}]"
+        x, y, d = Fields({key: hole}, "", table.problems).numbers(
+            key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm"
+        )
+        if table.refused("size_mm"):
+            pass
+        elif x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
+            table.problem(
+                key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm; move it"
+            )
+        holes.append((round(x, 4), round(y, 4), round(d, 4)))  # as many decimals as the drill file has
+    return () if table.refused("holes_mm") or table.refused("size_mm") else tuple(holes)

@@ -1,0 +1,124 @@
+"""The options of a spec that decide the texture: code, sector, grid, outline, place in the code plane, directions."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, Literal
+
+from tactape_fab.base.errors import ReachProblem
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.kit.profiles import PartProfile
+from tactape_fab.kit.spec.scatter import scatter_refusal
+from tactape_fab.kit.spec.solid_options import Part
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import snap_mm
+from tactape_fab.texture.tape import LONGEST_MM
+
+BEST: Literal["best"] = "best"
+"""In place of an origin: search for it."""
+LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
+LEAST_DISPLACEMENT_MM = 0.02
+DEFAULT_PITCH_MM = 1.5
+DEFAULT_SIZE_MM = (100.0, 50.0)
+PITCH_PER_DISPLACEMENT = 6.0
+
+
+def read_grid_options(table: Fields) -> dict[str, Any]:
+    """The values of these options in their final form, but for directions; usable ones where they are refused.
+
+    Parameters
+    ----------
+    table : Fields
+        All values given; problems are collected in it.
+    """
+    code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
+    if table.refused("code"):  # judge the others by the code that has most
+        code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
+    sector = table.integer(
+        "sector",
+        low=0,
+        high=code.sectors - 1,
+        remedy=f"code '{code.name}' has {code.sectors} sectors; "
+        + ("'anoto-6x6' has 3969" if code.sectors < 3969 else "take one of them"),
+    )
+    pitch_mm = _pitch(table)
+    return {
+        "code": code.name,
+        "sector": sector,
+        "pitch_mm": pitch_mm,
+        "displacement_mm": _displacement(table, pitch_mm),
+        "size_mm": _size(table, pitch_mm, code.name, code.range),
+        "origin": _origin(table, code, sector),
+    }
+
+
+def read_direction_option(table: Fields, part: Part | None, displacement_mm: float) -> int:
+    """Eight directions are of the touch code, and of parts that do not scatter too much for it."""
+    code = None if table.refused("code") else get_code(table.values.get("code", DEFAULT_CODE))
+    directions = read_directions(table, code)
+    if not DIRECTIONS[directions].usual and isinstance(part, PartProfile) and not table.refused("displacement_mm"):
+        message = None if table.refused("directions") else scatter_refusal(displacement_mm)
+        if message is not None:
+            table.problem("directions", message)
+    return directions
+
+
+def _pitch(table: Fields) -> float:
+    remedy = f"--w is the grid pitch in millimetres, {LEAST_PITCH_MM} to {MOST_PITCH_MM:g}, usually {DEFAULT_PITCH_MM}"
+    return float(
+        snap_mm(table.number("pitch_mm", low=LEAST_PITCH_MM, high=MOST_PITCH_MM, remedy=remedy, default=DEFAULT_PITCH_MM))
+    )
+
+
+def _displacement(table: Fields, pitch_mm: float) -> float:
+    usual = pitch_mm / PITCH_PER_DISPLACEMENT
+    if "displacement_mm" not in table.values:
+        return float(snap_mm(usual))
+    remedy = f"--delta is the displacement in millimetres, {LEAST_DISPLACEMENT_MM} to less than half the pitch {pitch_mm:g}"
+    displacement_mm = table.number(
+        "displacement_mm",
+        low=LEAST_DISPLACEMENT_MM,
+        below=inf if table.refused("pitch_mm") else pitch_mm / 2,
+        remedy=f"{remedy}, usually {usual:g}",
+        default=usual,
+    )
+    return float(snap_mm(usual if table.refused("pitch_mm") else displacement_mm))
+
+
+def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tuple[float, float]:
+    remedy = "give WIDTHxHEIGHT in millimetres, such as 100x50"
+    width, height = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, remedy=remedy, default=DEFAULT_SIZE_MM)
+    reach_mm = inf if table.refused("pitch_mm") else code_range * pitch_mm
+    code = _code_of_reach(max(width, height) / pitch_mm)
+    larger = f"use --code {code} or a smaller tape" if code else "use a smaller tape"
+    for i, side_mm in enumerate((width, height)):
+        if side_mm > reach_mm:
+            message = (
+                f"size_mm[{i}] = {side_mm} mm exceeds {reach_mm} mm, the reach of code '{code_name}' at pitch "
+                f"{pitch_mm} mm; {larger}"
+            )
+            table.problems.append(ReachProblem("size_mm", message))
+    return DEFAULT_SIZE_MM if table.refused("size_mm") else (float(snap_mm(width)), float(snap_mm(height)))
+
+
+def _code_of_reach(points: float) -> str:
+    """The code of least range that has so many points along an axis, '' where none has."""
+    reaching = [name for name in CODE_NAMES if get_code(name).range >= points]
+    return min(reaching, key=lambda name: get_code(name).range, default="")
+
+
+def _origin(table: Fields, code: Code, sector: int) -> tuple[int, int] | Literal["best"]:
+    if "origin" not in table.values:
+        return default_origin(code.name, sector)
+    if code.plane is None:
+        if table.values["origin"] not in ((0, 0), [0, 0]):
+            given = shown(table.values["origin"])
+            message = f"origin = {given} means nothing with code '{code.name}', which has no plane: its tapes are designed"
+            table.problem("origin", f"{message}; leave --origin out, and use another --sector for another tape")
+        return code.default_origin(sector)
+    if table.values["origin"] == BEST:
+        return BEST
+    remedy = f"give --origin COL,ROW with both from 0 to {code.range - 1}, or best, or leave it to the sector's default"
+    column, row = table.integers("origin", 2, low=0, high=code.range - 1, remedy=remedy)
+    return column, row

@@ -1,0 +1,87 @@
+"""Every option of a tape, read out of untrusted values in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tactape_fab.base.errors import Problem, tried
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.templates import profile_names
+from tactape_fab.kit.profiles import X2_MODES, ElementProfile, read_part
+from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
+from tactape_fab.kit.spec.board_options import read_board_options
+from tactape_fab.kit.spec.film_options import read_film_options
+from tactape_fab.kit.spec.grid_options import read_direction_option, read_grid_options
+from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS, read_solid_options
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
+from tactape_fab.texture.frames import snap_mm
+from tactape_fab.texture.tag import LEAST_CELL_MM
+
+TAG_MODES = ("strip", "none")
+DEFAULT_FAB = "generic-fpc"
+DEFAULT_PART = "r0201"
+DEFAULT_TAG_CELL_MM = 0.5
+DEFAULT_ROTATION_DEG = 45.0
+_NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+
+
+def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+    """Read the values of every option.
+
+    Parameters
+    ----------
+    given : mapping
+        Untrusted; None stands for what is not given.
+
+    Returns
+    -------
+    dict of str to value
+        Every option in its final form; where it was refused, or rests on one that was, a usable value in its place.
+    list of Problem
+        Everything that is refused.
+    """
+    table = Fields({key: value for key, value in given.items() if value is not None})
+    values = read_grid_options(table)
+    cell_mm = table.number("tag_cell_mm", low=LEAST_CELL_MM, high=5.0, default=DEFAULT_TAG_CELL_MM)
+    rotation_deg = table.number("rotation_deg", low=-360.0, high=360.0, unit="deg", default=DEFAULT_ROTATION_DEG)
+    values |= {"tag_cell_mm": float(snap_mm(cell_mm)), "rotation_deg": rotation_deg % 360.0}
+    values["part"] = _profile_name(table, "part", "parts", DEFAULT_PART)
+    part = None if table.refused("part") else tried(lambda: read_part(values["part"]), table.problems)
+    solid = isinstance(part, ElementProfile)
+    values["directions"] = read_direction_option(table, part, values["displacement_mm"])
+    values |= read_solid_options(table, part)
+    values |= {"tag": "none", "fab": None} if solid else _tag_and_fab(table)
+    values |= read_film_options(table, solid=solid)
+    values["process"] = _process(table, DEFAULT_PROCESS if solid else None)
+    values |= read_board_options(table, values, solid=solid)
+    for key, choices in (("assembly", ASSEMBLY_FORMATS), ("x2", X2_MODES)):
+        values[key] = table.text(key, choices=choices) or None if key in table.values else None
+    values["part_number"] = _text(table, "part_number", PART_NUMBER_PATTERN, PART_NUMBER_REMEDY, None)
+    usual = f"tactape-s{values['sector']:03d}"
+    values["name"] = _text(table, "name", _NAME_PATTERN, "use 1 to 64 letters, digits, '.', '_', '-'", usual)
+    return values, table.problems
+
+
+def _text(table: Fields, key: str, pattern: str, remedy: str, usual: str | None) -> str | None:
+    return table.text(key, pattern=pattern, remedy=remedy) or usual if key in table.values else usual
+
+
+def _tag_and_fab(table: Fields) -> dict[str, Any]:
+    """A film has both unless told otherwise, solid elements have neither."""
+    return {
+        "tag": table.text("tag", choices=TAG_MODES, default=TAG_MODES[0]) if "tag" in table.values else TAG_MODES[0],
+        "fab": _profile_name(table, "fab", "fabs", DEFAULT_FAB) if "fab" in table.values else DEFAULT_FAB,
+    }
+
+
+def _process(table: Fields, usual: str | None) -> str | None:
+    return _profile_name(table, "process", "processes", usual) if "process" in table.values else usual
+
+
+def _profile_name(table: Fields, key: str, kind: str, usual: str | None) -> str | None:
+    """A profile's name or path; whether that of a fab or process can be read is found when it is loaded."""
+    name = table.text(key, longest=4096)
+    if name and not name.endswith(".toml") and name not in (known := profile_names(kind)):
+        table.problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file")
+    return usual if table.refused(key) else name

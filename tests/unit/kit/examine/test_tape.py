@@ -1,0 +1,207 @@
+"""Whether a tape can be made is decided in one place, in one pass: whoever asks hears the same."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactape_fab.advise.designs import rules_of, usual_design
+from tactape_fab.base.errors import CapacityError, Problem, ReachProblem, SpecError, refusal
+from tactape_fab.cli import main
+from tactape_fab.kit.examine.order import examine_order
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.profiles import load_fab
+from tests.thorough import some
+
+FITTING: dict[str, Any] = {"sector": 7, "size_mm": [100.0, 80.0], "models": False}
+"""A tape that fits on a panel of its own."""
+
+
+def refusal_of(values: dict[str, Any], **how: Any) -> SpecError:
+    with pytest.raises(SpecError) as caught:
+        examine(values, **how)
+    return caught.value
+
+
+# Whoever asks hears the same
+
+
+def toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"'{value}'" if isinstance(value, str) else str(value)
+
+
+COMMANDS = ("make one.toml", "check one.toml", "make list.toml", "make one.toml --panel 1x1", "check one.toml --panel 1x1")
+REFUSED: list[dict[str, Any]] = [
+    {"sector": 300},
+    {"pitch_mm": math.nan, "tag": "round", "holes_mm": [[200.0, 10.0, 1.0]]},
+    {"displacement_mm": 0.7},
+    {"displacement_mm": 0.7, "name": "a/b", "coverlay": "lpi"},
+    {"fab": "nowhere.toml", "displacement_mm": 0.5, "coverlay": "per-part"},
+    {"corner_radius_mm": 3.0, "part_number": "C1", "assembly": "jlcpcb", "colour": "red"},
+    {"origin": [3370, 0], "anchor": "mesh", "rotation_deg": 0.0},
+    {"models": True, "cylinder_mm": 1.0, "stiffener": "FR4:0.33"},
+    {"code": "qr", "directions": 8, "tag_id": 600},
+    {"holes_mm": [[50.0, 0.7, 1.0]], "bend_axis": "x"},
+]
+
+
+@pytest.mark.parametrize("values", REFUSED, ids=str)
+def test_make_check_lists_and_panels_refuse_the_same_in_the_same_words(
+    values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = "".join(f"{key} = {toml(value)}\n" for key, value in {**FITTING, **values}.items())
+    (tmp_path / "one.toml").write_text(lines)
+    (tmp_path / "list.toml").write_text("[[tapes]]\n" + lines)
+    said = {}
+    for command in COMMANDS:
+        result = CliRunner().invoke(main, command.split())
+        assert result.exit_code in (2, 3), result.output
+        errors = (line for line in result.stderr.splitlines() if line.startswith("error: "))
+        said[command] = result.exit_code, sorted(line.replace("tapes[0]: ", "") for line in errors)
+    assert said["check one.toml"][1]
+    assert {command: answer for command, answer in said.items() if answer != said["check one.toml"]} == {}
+
+
+def test_a_panel_of_one_is_examined_as_its_tape_is() -> None:
+    panel, _ = examine_order({**FITTING, "fab": "jlcpcb-fpc", "panel": "1x1"})
+    alone = examine({**FITTING, "fab": "jlcpcb-fpc"})
+    assert not isinstance(panel, Examined)
+    (tape,) = panel.tapes
+    assert (tape.spec, tape.findings) == (alone.spec, alone.findings)
+
+
+@pytest.mark.parametrize(("size_mm", "pitch_mm"), [((30.0, 20.0), 1.5), ((30.0, 20.0), 1.0), ((5.0, 5.0), 1.5)])
+def test_advise_hears_what_make_hears(size_mm: tuple[float, float], pitch_mm: float) -> None:
+    design = usual_design(load_fab("generic-fpc"))
+    object.__setattr__(design, "pitch_mm", pitch_mm)
+    values = {"sector": 7, "size_mm": size_mm, "tag": "none", "pitch_mm": pitch_mm, "displacement_mm": design.displacement_mm}
+    values |= {"fab": design.fab, "coverlay": design.coverlay}
+    broken = rules_of(design, size_mm)
+    if broken is None:
+        assert refusal_of(values).problems
+    else:
+        found = {f.rule: f.value for f in examine(values).findings if f.blocks}
+        assert {f.rule: f.value for f in broken if f.blocks} == found
+
+
+# Everything in one pass, and nothing that rests on what is refused
+
+
+@pytest.mark.parametrize(
+    ("values", "roots"),
+    [
+        ({"pitch_mm": math.nan, "displacement_mm": 0.9, "size_mm": [9000, 50]}, {"pitch_mm"}),
+        ({"code": "qr", "sector": 300}, {"code"}),
+        ({"code": "qr", "sector": 9999, "origin": [3400, 0]}, {"code", "sector"}),
+        ({"sector": 300, "size_mm": [5000, 40]}, {"sector"}),
+        ({"sector": 300, "size_mm": [5, 5]}, {"sector", "size_mm"}),
+        ({"size_mm": [0, 50], "holes_mm": [[200, 10, 1]], "corner_radius_mm": 30}, {"size_mm"}),
+        ({"size_mm": [20, 20], "tag_cell_mm": 9}, {"tag_cell_mm"}),
+        ({"size_mm": [20, 20], "corner_radius_mm": 3, "pitch_mm": 0}, {"pitch_mm", "corner_radius_mm"}),
+        ({"tag": "round", "tag_id": 3}, {"tag"}),
+        ({"fab": "nowhere.toml", "coverlay": "lpi", "stiffener": "FR4:0.33"}, {"fab"}),
+        ({"fab": "nowhere.toml", "part": "nowhere.toml", "process": "nowhere.toml"}, {"fab", "part", "process"}),
+        ({"assembly": "acme", "part_number": "R1"}, {"assembly"}),
+        ({"models": 3, "base_mm": 1.0, "process": "sla"}, {"models"}),
+        ({"anchor": "mesh", "rotation_deg": 400}, {"rotation_deg"}),
+        ({"part": "dome", "size_mm": [0, 50], "cylinder_mm": 15}, {"size_mm"}),
+        ({"part": "dome", "base_mm": 0, "cylinder_mm": 15}, {"base_mm"}),
+        ({"part": "dome", "base_mm": 0, "cylinder_mm": 15, "holes_mm": [[20, 20, 1]]}, {"base_mm", "holes_mm"}),
+        ({"part": "block", "base_mm": 0, "body_mm": [2, 2, 0.2]}, {"base_mm", "part"}),
+        ({"part": "r9", "body_mm": [math.nan, 1, 1], "coverlay": "lpi"}, {"part"}),
+    ],
+    ids=str,
+)
+def test_what_rests_on_a_refused_value_is_not_judged(values: dict[str, Any], roots: set[str]) -> None:
+    problems = refusal_of({"sector": 7, **values}).problems
+    assert {problem.root for problem in problems} == roots
+    assert len({problem.message for problem in problems}) == len(problems)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"sector": 300}, {"size_mm": [5, 5]}, {"origin": [3370, 0]}, {"tag": "round"}, {"fab": "nowhere.toml"}, {"name": "a/b"}],
+    ids=str,
+)
+def test_rules_are_measured_beside_what_is_refused(values: dict[str, Any]) -> None:
+    error = refusal_of({"sector": 7, "displacement_mm": 0.7, "models": False, **values})
+    assert {"pad-pad", "body-body"} <= {finding.rule for finding in error.findings}
+    assert all(finding.blocks and finding.at_mm is None for finding in error.findings)
+
+
+def test_no_rule_is_measured_of_elements_that_are_refused() -> None:
+    assert refusal_of({"sector": 7, "displacement_mm": 0.7, "pitch_mm": 0}).findings == ()
+    assert refusal_of({"sector": 7, "displacement_mm": 0.7, "rotation_deg": 400}).findings == ()
+
+
+def test_the_place_is_refused_with_all_the_rest(tmp_path: Path) -> None:
+    place = str(tmp_path)
+    assert "exists already" in str(refusal_of({"sector": 7}, output=place))
+    both = refusal_of({"sector": 7, "pitch_mm": 0, "displacement_mm": 0.9}, output=place)
+    assert [problem.root for problem in both.problems] == ["", "pitch_mm"]
+
+
+def test_what_is_known_of_an_order_is_refused_with_its_tape() -> None:
+    known = [Problem("tabs", "tabs = 'q'")]
+    assert [p.root for p in refusal_of({"sector": 300}, known=known).problems] == ["tabs", "sector"]
+    assert [p.root for p in refusal_of({"sector": 3}, known=known).problems] == ["tabs"]
+
+
+def test_a_lack_of_reach_alone_is_a_capacity_error() -> None:
+    assert isinstance(refusal_of({"sector": 7, "size_mm": [5000, 30]}), CapacityError)
+    assert not isinstance(refusal_of({"sector": 7, "size_mm": [5000, 30], "name": "a/b"}), CapacityError)
+    error = refusal([ReachProblem("size_mm", "too large")])
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is CapacityError
+    assert again.problems == error.problems
+
+
+BAD: dict[str, list[Any]] = {
+    "sector": [300, "x", None],
+    "code": ["qr", "anoto-6x6", 3],
+    "pitch_mm": [math.nan, 25, 0.2, 20],
+    "displacement_mm": [1e300, 0.7, "x"],
+    "size_mm": [[5, 5], [1e7, 50], [9000, 9000], [5000, 40], "x"],
+    "origin": [[3370, 0], [-1, 0], "best", {}],
+    "tag": ["round", "none"],
+    "tag_cell_mm": [math.inf, 5],
+    "part": ["dome", "r9999", "block", 4],
+    "body_mm": [[0.6, 0.6, 0.4], [20, 20, 0.1], [math.nan, 1, 1], 3],
+    "rotation_deg": [math.nan, 0.1],
+    "fab": ["acme", "jlcpcb-fr4", "jlcpcb-fpc"],
+    "corner_radius_mm": [30, 3, math.nan],
+    "holes_mm": [3, [[200, 10, 1]], [[12, 10, 19]], [[math.nan, 1, 1]]],
+    "models": [False, 3],
+    "cylinder_mm": [1e9, 0.5, 15],
+    "around": ["z", "y"],
+    "process": ["laser", "fdm"],
+    "coverlay": ["lpi", "gang", 3],
+    "anchor": ["mesh", "spur", "rope"],
+}
+
+
+@st.composite
+def bad_values(draw: st.DrawFn) -> dict[str, Any]:
+    keys = draw(st.lists(st.sampled_from(sorted(BAD)), min_size=2, max_size=7, unique=True))
+    return {"sector": 7, "size_mm": [60, 40], **{key: draw(st.sampled_from(BAD[key])) for key in keys}}
+
+
+@settings(deadline=None, derandomize=True, max_examples=some(60))
+@given(values=bad_values())
+def test_any_values_are_examined_or_refused_once_each(values: dict[str, Any]) -> None:
+    try:
+        assert examine(values).spec.pitch_mm > 0.0
+    except SpecError as error:
+        messages = [problem.message for problem in error.problems]
+        assert messages
+        assert len(set(messages)) == len(messages)
