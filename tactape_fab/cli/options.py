@@ -1,18 +1,27 @@
-"""Options of a tape, and option texts to values."""
+"""Options that several commands share, and how their texts become values."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.cli.printing import echo_lines_err
+
+if TYPE_CHECKING:
+    from tactape_fab.kit.examine.order import ExaminedPanel
+    from tactape_fab.kit.examine.tape import Examined
+    from tactape_fab.sense.objects.taped_object import TapedObject
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 SENSOR_HELP = "Sensor profile, or a .toml file.  [default: gelsight-mini]"
 
 
-# Option texts to values. What cannot be understood is passed on as it is: the one checker names it with all the rest.
+# Texts to values. A text that cannot be read is passed on as it is: whoever checks the values names it with all others.
 
 
 def number(text: str) -> Any:
@@ -37,6 +46,12 @@ def lengths(text: str, separator: str) -> Any:
 
 def size(text: str) -> Any:
     return lengths(text.replace("×", "x").replace("X", "x"), "x")
+
+
+def contact_size(text: str) -> Any:
+    """Both axes, or the name; a text that has not two parts is passed on as it is."""
+    axes = size(text)
+    return axes if len(axes) == 2 else text
 
 
 def pair(text: str) -> Any:
@@ -191,12 +206,6 @@ def tape_options(command: F) -> F:
     return command
 
 
-def contact_size(text: str) -> Any:
-    """Both axes, or the name; what has not two parts is passed on as it is."""
-    axes = size(text)
-    return axes if len(axes) == 2 else text
-
-
 def given_values(options: dict[str, Any]) -> dict[str, Any]:
     """The values of the options that were given."""
     return {
@@ -204,3 +213,131 @@ def given_values(options: dict[str, Any]) -> dict[str, Any]:
         for o in (*TAPE_OPTIONS, *PANEL_OPTIONS)
         if o.name is not None and options[o.name] not in (None, (), False)
     }
+
+
+def spec_values(spec_file: str | None) -> dict[str, Any]:
+    """The values of SPEC.toml; none without one."""
+    from tactape_fab.kit.spec.tape_list import read_list_file
+
+    return read_list_file(Path(spec_file)) if spec_file is not None else {}
+
+
+def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = ()) -> bool:
+    """Whether several tapes are asked for, each with a kit of its own; the tapes of a panel are one order."""
+    from tactape_fab.kit.spec.tape_list import is_list as lists_tapes
+
+    if {**values, **given}.get("panel", "none") != "none" or not lists_tapes(values, given):
+        return False
+    if avoid:
+        raise SpecError(Problem("avoid", "avoid cannot be used with a list of tapes; make them one by one, or leave --avoid out"))
+    for of in (values, given):
+        of.pop("panel", None)
+    return True
+
+
+def examined_order(
+    values: dict[str, Any],
+    given: dict[str, Any],
+    avoid: Sequence[str] = (),
+    of_lists: Mapping[str, object] | None = None,
+    *,
+    output: str | None = None,
+    overwrite: bool = False,
+) -> Examined | ExaminedPanel:
+    """One tape or panel examined; options that are for lists only (`of_lists`) are refused together with all other problems."""
+    from tactape_fab.kit.examine.order import examine_order
+    from tactape_fab.kit.examine.values import examine_values
+    from tactape_fab.kit.spec.panel_options import PANEL_KEYS
+    from tactape_fab.texture.registry import read_tapes
+
+    problems = [
+        Problem(name, f"--{name} is for lists of tapes; give --sectors or [[tapes]], or leave it out")
+        for name, value in (of_lists or {}).items()
+        if value
+    ]
+    single = {**values, **given}
+    if "sector" in given and "sectors" not in given:
+        single.pop("sectors", None)
+    try:
+        tapes = read_tapes(avoid)
+    except SpecError as refused:
+        problems += refused.problems
+    try:
+        if problems:  # say what else is refused, too
+            of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
+            examine_values({"sector": 0, **of_one}, output=output, overwrite=overwrite)
+        else:
+            examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes)
+    except SpecError as error:
+        raise SpecError([*problems, *error.problems], error.findings) from None
+    if problems:
+        raise SpecError(problems)
+    echo_lines_err(remarks)
+    return examined
+
+
+avoid_option = click.option(
+    "--avoid",
+    metavar="KITS",
+    multiple=True,
+    help="Choose the origin, and the sector if none is given, far from these kits; may be repeated.",
+)
+
+
+# Options of commands that locate
+
+
+_LOCATING_OPTIONS = (
+    click.option("--tape", "kits", multiple=True, metavar="KIT...", help="Kits that can be touched, or a folder of kits."),
+    click.option("--code", metavar="CODE", help="Without --tape: the code alone; it asks for many more dots."),
+    click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]"),
+    click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]"),
+    click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP),
+    click.option("--method", metavar="ml|paper", default="ml", help="How frames are located.  [default: ml]"),
+    click.option("--world", metavar="open|closed", help="Whether tapes that are not named may be touched, too.  [default: open]"),
+    click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]"),
+    click.option("--max-p-tape", metavar="P", help="Largest chance that it is no tape of ours.  [default: within --max-p-false]"),
+    click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame."),
+    click.option("--object", "object_file", metavar="FILE.toml", help="The tapes of an object; answers in its frame, too."),
+)
+_LOCATING_TEXTS: dict[str, Callable[[str], Any]] = {
+    "w": length,
+    "delta": length,
+    "max_p_false": number,
+    "max_p_tape": number,
+}
+
+
+def locating_options(command: F) -> F:
+    """Add the options of a command that locates: registry, sensor, method and limits."""
+    for option in reversed(_LOCATING_OPTIONS):
+        command = option(command)
+    return command
+
+
+def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of a job (`sense.files.jobs.prepare`) from option texts; None where an option is not given."""
+    names = ("code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale")
+    return {n: given[n] if given[n] is None else _LOCATING_TEXTS.get(n, _same)(given[n]) for n in names}
+
+
+def named_object(file: str | None, settings: Mapping[str, Any]) -> TapedObject | None:
+    """The object that --object names; how well measured corners of its tags fit is printed.
+
+    An object's kits say code, W and Δ: those options beside it are refused.
+    """
+    if file is None:
+        return None
+    from tactape_fab.sense.objects.taped_object import read_object
+
+    bare = [f"--{name}" for name in ("code", "w", "delta") if settings.get(name) is not None]
+    if bare:
+        message = f"{', '.join(bare)} and --object are given, but an object's kits say all of it; give either"
+        raise SpecError(Problem("object", message))
+    thing = read_object(file)
+    echo_lines_err(
+        f"{entry.tape.name} on {thing.name}: the tag's corners fit within {entry.misfit_mm:.3f} mm (rms)"
+        for entry in thing.tapes
+        if entry.misfit_mm is not None
+    )
+    return thing
