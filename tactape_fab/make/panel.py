@@ -86,7 +86,20 @@ def make_panel(
 ) -> PanelKit:
     """Make a panel: its files, and the whole kit of every tape on it, verified from what was written.
 
-    Parameters are those of `tactape_fab.make.kit.make_examined`.
+    Parameters
+    ----------
+    examined : ExaminedPanel
+        From `examine_order`.
+    path : str or Path, optional
+        Folder of the panel; its name in the current folder where none is given.
+    overwrite, verify, force : bool
+        As for `make_kit`.
+    progress : callable
+        Told in words what is being done.
+
+    Returns
+    -------
+    PanelKit
 
     Raises
     ------

@@ -88,6 +88,11 @@ def examine(spec: TapeSpec, *, avoid: Sequence[Tape] = ()) -> Examined:
         Tapes that exist: the origin is then chosen away from them, and the spec's must be ``"best"``; a touch code is
         designed away from them.
 
+    Returns
+    -------
+    Examined
+        With ``tape``, ``findings`` (every design rule, measured) and ``certificate``.
+
     Raises
     ------
     SpecError
