@@ -49,7 +49,7 @@ def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture:
 
 
 def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[list[Tape], tuple[str, ...]]:
-    """Tapes of kits, or of a code's sectors as `make` plans them, and what each is called.
+    """Tapes of kits, or of a code's sectors as `make` plans them, and a label for each.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[l
     Raises
     ------
     SpecError
-        What is wrong with any of them.
+        Every problem of any of them.
     """
     if kits and options:
         raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))

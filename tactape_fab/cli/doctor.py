@@ -26,7 +26,7 @@ EXTRAS = {
     "docs": "mkdocs builds this documentation",
     "dev": "the tests and everything that checks the sources",
 }
-"""What each extra of pyproject.toml adds."""
+"""Extras of pyproject.toml, and what each adds."""
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:\[(?P<extras>[\w,\s-]*)\])?")
 _IN_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
 _PATIENCE_S = 20.0
@@ -46,7 +46,7 @@ def doctor(as_json: bool) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """An outside program: its path, or None where it is not installed; what it adds, and what brings it."""
+    """An outside program: its path, or None where it is not installed; what it adds, and the package to install."""
 
     name: str
     path: str | None
@@ -78,7 +78,7 @@ class Decoder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """All of it; ``libraries`` are the versions of what the package itself needs, None where one is missing."""
+    """All that `doctor` reports; ``libraries`` are the versions of the package's dependencies, None where one is missing."""
 
     version: str
     python: str
@@ -158,7 +158,7 @@ def _templates() -> str | None:
 
 
 def _decoder() -> Decoder:
-    """What numba has on the disk; a library that does not load is said, for that is what a doctor is asked about."""
+    """The decoder's compiled functions on the disk; a library that cannot be loaded is reported instead of raised."""
     try:
         from tactape_fab.sense.decode.warm import cache_folder, compiled
     except Exception as error:
@@ -196,7 +196,7 @@ def _node_module(name: str) -> str | None:
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
-    """What an installation can do, and what would add to it."""
+    """The report as lines: installation, libraries, programs, extras, and the line that installs each missing one."""
     libraries = ", ".join(f"{name} {version or 'MISSING'}" for name, version in found.libraries.items())
     programs = [(p.name, p.path or "no", p.adds if p.path else f"{p.adds}; install {p.remedy}") for p in found.programs]
     extras = []

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
 from tactape_fab.cli.exits import answer, answers
-from tactape_fab.cli.options import avoid_option, examined_order, given_values, is_list, number, spec_values, tape_options
+from tactape_fab.cli.options import number
 from tactape_fab.cli.printing import (
     clear_step,
     counted,
@@ -251,7 +252,7 @@ def _summary(made: int, count: int, folder: Path, seconds: float) -> str:
 
 
 def _packed_lines(films: Sequence[PackedFilm]) -> list[str]:
-    """Sheets of each film, their yield, and what lies on them."""
+    """Sheets of each film, their yield, and the tapes on them."""
     lines = []
     for film in films:
         packing, panel = film.packing, film.fab.panel

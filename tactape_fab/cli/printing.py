@@ -20,7 +20,7 @@ PURPOSES = (
     ("for printing", ("stl", "3mf")),
     ("to look at", ("report",)),
 )
-"""What a user does with which files, in the order in which make names them."""
+"""Purposes of files and their roles, in the order in which make prints them."""
 
 
 def rule_lines(findings: Sequence[Finding]) -> list[str]:
@@ -39,7 +39,7 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
 
 
 def remark_lines(findings: Sequence[Finding]) -> list[str]:
-    """What is worth knowing of rules of level info: what is in use, and what would be possible from where on."""
+    """Remarks of rules of level info: the coverlay, anchor and bend in use, and limits that are not met."""
     said = [f for f in findings if f.level == "info" and (not f.passed or f.rule.startswith(("coverlay", "anchor", "bend")))]
     return [f"{f.rule}: {f.message}" for f in said]
 
@@ -67,7 +67,7 @@ def check_lines(checks: Sequence[Check]) -> list[str]:
 
 
 def purpose_lines(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """The files of a result by what a user does with them; `files` is role to path, relative to the folder."""
+    """The files of a result by purpose; `files` is role to path, relative to the folder."""
     lines = []
     for purpose, roles in PURPOSES:
         paths = [str(folder / files[role]) for role in roles if role in files]
@@ -102,7 +102,7 @@ def warn(findings: Sequence[Finding]) -> None:
 
 
 def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
-    """Warnings, and what is made in spite of the rules."""
+    """Print warnings and, with force, the broken rules that do not stop it."""
     warn(findings)
     if force:
         echo_lines_err(f"forced: {line}" for line in rule_lines(findings))

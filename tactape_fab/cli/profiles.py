@@ -47,7 +47,7 @@ def profiles_lines(fabs: Sequence[FabProfile]) -> list[str]:
 
 
 def profile_lines(profile: Mapping[str, Any]) -> list[str]:
-    """One fab profile explained, from what `explain_fab` gives."""
+    """One fab profile explained, from the mapping of `explain_fab`."""
     material, files = profile["material"], profile["files"]
     head = [
         f"{profile['name']}: {profile['title']}",

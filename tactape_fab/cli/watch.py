@@ -87,7 +87,7 @@ def _print(thing: TapedObject | None, located: Located) -> bool:
 
 
 def _opened(source: str, kits: Sequence[str], sensor: str, given: Mapping[str, Any]) -> tuple[int | None, Watch]:
-    """Number of answers to end after, and what is watched."""
+    """Number of answers to end after, None for no end, and the opened source with its job."""
     from tactape_fab.base.errors import SpecError
     from tactape_fab.base.fields import Fields
     from tactape_fab.sense.live.extras import missing_extra
@@ -117,7 +117,7 @@ def _opened(source: str, kits: Sequence[str], sensor: str, given: Mapping[str, A
 def _outputs(
     stack: ExitStack, watched: Watch, thing: TapedObject | None, given: dict[str, Any]
 ) -> list[Callable[[Located], bool]]:
-    """What writes or shows an answer; False where it cannot for want of a timestamp."""
+    """Functions that write or show an answer; each returns False where an answer has no timestamp that it needs."""
     outputs: list[Callable[[Located], bool]] = []
     if given["mcap"] is not None:
         from tactape_fab.sense.live.mcap_log import McapLog
