@@ -9,7 +9,8 @@ from tactape_fab import TapeSpec, make_kit
 from tactape_fab.sense.files.jobs import localize, prepare
 from tactape_fab.sense.files.simulated import simulate_file
 from tactape_fab.sense.overlay import draw_overlay
-from tactape_fab.verify.file import verify_file
+from tactape_fab.verify import read_contact, verify_kit
+from tactape_fab.verify.trip.map import map_kit
 
 FIGURES = Path(__file__).parent / "figures"
 
@@ -32,7 +33,8 @@ def coverage() -> None:
     """The map of the main job for contacts that are hardly large enough."""
     with tempfile.TemporaryDirectory() as name:
         kit = make_kit(TapeSpec(sector=7, models=False), Path(name) / "tactape-s007")
-        verify_file(str(kit.path), size=(7.5, 6.0), map_file=str(FIGURES / "verify-map.png"))
+        contact = read_contact(size=(7.5, 6.0))
+        map_kit(kit.path, FIGURES / "verify-map.png", contact, verify_kit(kit.path, contact=contact).trips)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from tactape_fab.cli import main
+from tactape_fab.cli import COMMANDS, command
 from tactape_fab.texture.code import CODE_NAMES, get_plane
 from tactape_fab.texture.plane import PlaneCode
 
@@ -32,8 +32,8 @@ def command_page() -> str:
         ),
         *("", "Made by `python docs/make_reference.py` from the commands themselves.", ""),
     ]
-    for name in sorted(main.commands):
-        lines += command_lines(name, main.commands[name])
+    for name in COMMANDS:
+        lines += command_lines(name, command(name))
     return "\n".join(lines)
 
 

@@ -1,7 +1,6 @@
 """tactape-fab: make tactile fiducial tapes that a PCB fab can build, prove them from the written files, locate contacts on them.
 
-What specialists use is in `tactape_fab.sense` (sensors, simulation, live sources) and `tactape_fab.solids` (CAD); anything deeper
-is private.
+Specialists find sensors, simulation and messages in `tactape_fab.sense`, CAD in `tactape_fab.solids`; deeper modules are private.
 """
 
 from __future__ import annotations
@@ -14,9 +13,25 @@ from tactape_fab.base.lazy import lazy_names
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from tactape_fab.base.errors import CapacityError as CapacityError
+    from tactape_fab.base.errors import Check as Check
+    from tactape_fab.base.errors import DesignRuleError as DesignRuleError
+    from tactape_fab.base.errors import Finding as Finding
+    from tactape_fab.base.errors import FrameError as FrameError
+    from tactape_fab.base.errors import RenderError as RenderError
+    from tactape_fab.base.errors import SpecError as SpecError
+    from tactape_fab.base.errors import TactapeError as TactapeError
+    from tactape_fab.base.errors import VerifyError as VerifyError
+    from tactape_fab.base.templates import templates_folder as templates_folder
+    from tactape_fab.kit.examine.order import examine_order as examine_order
+    from tactape_fab.kit.examine.tape import examine as examine
+    from tactape_fab.kit.examine.tape_lists import list_tapes as list_tapes
     from tactape_fab.kit.spec.tape_spec import TapeSpec as TapeSpec
     from tactape_fab.make.kit import Kit as Kit
     from tactape_fab.make.kit import make_kit as make_kit
+    from tactape_fab.make.many import make_kits as make_kits
+    from tactape_fab.make.panel import PanelKit as PanelKit
+    from tactape_fab.make.panel import make_panel as make_panel
     from tactape_fab.sense.decode.localizer import Localizer as Localizer
     from tactape_fab.sense.decode.result import Localization as Localization
     from tactape_fab.sense.decode.search.search import Prior as Prior
@@ -30,56 +45,45 @@ if TYPE_CHECKING:
     from tactape_fab.sense.track.motion import Motion as Motion
     from tactape_fab.sense.track.tracker import Track as Track
     from tactape_fab.sense.track.tracker import Tracker as Tracker
+    from tactape_fab.texture.certify.certificate import certify as certify
+    from tactape_fab.texture.certify.pairs import across as across
     from tactape_fab.texture.code import default_origin as default_origin
+    from tactape_fab.texture.frames import board_to_texture as board_to_texture
+    from tactape_fab.texture.frames import texture_to_board as texture_to_board
+    from tactape_fab.texture.registry import read_tapes as read_tapes
     from tactape_fab.texture.tape import Tape as Tape
-    from tactape_fab.verify import Verification as Verification
-    from tactape_fab.verify import verify_kit as verify_kit
+    from tactape_fab.verify.file import verify_kit as verify_kit
+    from tactape_fab.verify.verification import Verification as Verification
 
-_TAG_VIEW = "tactape_fab.sense.objects.tag_view"
-_HOMES = {
-    "Kit": "tactape_fab.make.kit",
-    "Localization": "tactape_fab.sense.decode.result",
-    "Localizer": "tactape_fab.sense.decode.localizer",
-    "Motion": "tactape_fab.sense.track.motion",
-    "Prior": "tactape_fab.sense.decode.search.search",
-    "Tape": "tactape_fab.texture.tape",
-    "TapeSpec": "tactape_fab.kit.spec.tape_spec",
-    "TapedObject": "tactape_fab.sense.objects.taped_object",
-    "Track": "tactape_fab.sense.track.tracker",
-    "Tracker": "tactape_fab.sense.track.tracker",
-    "Verification": "tactape_fab.verify.verification",
-    "default_origin": "tactape_fab.texture.code",
-    "make_kit": "tactape_fab.make.kit",
-    "pixels_to_texture": _TAG_VIEW,
-    "read_object": "tactape_fab.sense.objects.taped_object",
-    "refine_tag_pose": "tactape_fab.sense.objects.tag_pose",
-    "tag_side_mm": _TAG_VIEW,
-    "tag_to_texture": _TAG_VIEW,
-    "texture_to_pixels": _TAG_VIEW,
-    "verify_kit": "tactape_fab.verify.file",
-}
-__all__ = [
-    "Kit",
-    "Localization",
-    "Localizer",
-    "Motion",
-    "Prior",
-    "Tape",
-    "TapeSpec",
-    "TapedObject",
-    "Track",
-    "Tracker",
-    "Verification",
-    "__version__",
-    "default_origin",
-    "make_kit",
-    "pixels_to_texture",
-    "read_object",
-    "refine_tag_pose",
-    "tag_side_mm",
-    "tag_to_texture",
-    "texture_to_pixels",
-    "verify_kit",
-]
-__getattr__, __dir__ = lazy_names(__name__, _HOMES)
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "base.errors": "CapacityError Check DesignRuleError Finding FrameError RenderError SpecError TactapeError VerifyError",
+        "base.templates": "templates_folder",
+        "kit.examine.order": "examine_order",
+        "kit.examine.tape": "examine",
+        "kit.examine.tape_lists": "list_tapes",
+        "kit.spec.tape_spec": "TapeSpec",
+        "make.kit": "Kit make_kit",
+        "make.many": "make_kits",
+        "make.panel": "PanelKit make_panel",
+        "sense.decode.localizer": "Localizer",
+        "sense.decode.result": "Localization",
+        "sense.decode.search.search": "Prior",
+        "sense.objects.tag_pose": "refine_tag_pose",
+        "sense.objects.tag_view": "pixels_to_texture tag_side_mm tag_to_texture texture_to_pixels",
+        "sense.objects.taped_object": "TapedObject read_object",
+        "sense.track.motion": "Motion",
+        "sense.track.tracker": "Track Tracker",
+        "texture.certify.certificate": "certify",
+        "texture.certify.pairs": "across",
+        "texture.code": "default_origin",
+        "texture.frames": "board_to_texture texture_to_board",
+        "texture.registry": "read_tapes",
+        "texture.tape": "Tape",
+        "verify.file": "verify_kit",
+        "verify.verification": "Verification",
+    },
+)
+__all__ += ["__version__"]
 __path__.append(str(_Path(__file__).parent / "base" / "old_paths"))

@@ -12,10 +12,8 @@ from __future__ import annotations
 import numpy as np
 from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
 
-from tactape_fab import Localizer
-from tactape_fab.sense import Scene, simulate
-from tactape_fab.sense.objects.mount import Mount, sensor_on_object
-from tactape_fab.texture.tape import Tape
+from tactape_fab import Localizer, Tape
+from tactape_fab.sense import Mount, Scene, sensor_on_object, simulate
 
 SEED = 6
 RADIUS_MM = 30.0

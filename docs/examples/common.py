@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from tactape_fab import TapeSpec
-from tactape_fab.kit.examine.tape import examine
-from tactape_fab.texture.tape import Tape
+from tactape_fab import Tape, TapeSpec, examine
+
+FloatArray = npt.NDArray[np.float64]
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE, FIGURES, PICTURES = DOCS / "applications.md", DOCS / "applications.json", DOCS / "figures"

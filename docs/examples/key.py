@@ -10,12 +10,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
+from common import BARE, TAPE, TRIALS, FloatArray, axes, keep, save, tape_of, way
 
-from tactape_fab import Localizer
+from tactape_fab import Localizer, Tape, texture_to_board
 from tactape_fab.sense import Scene, simulate
-from tactape_fab.texture.frames import FloatArray, texture_to_board
-from tactape_fab.texture.tape import Tape
 
 SEED = 4
 BOW_MM = (32.0, 24.0)

@@ -9,14 +9,10 @@ paper's baseline), but not where along it the grip is.
 from __future__ import annotations
 
 import numpy as np
-from common import BARE, TAPE, TRIALS, axes, keep, save, tape_of, way
+from common import BARE, TAPE, TRIALS, FloatArray, axes, keep, save, tape_of, way
 
-from tactape_fab import Localizer
-from tactape_fab.sense import Scene, simulate
-from tactape_fab.sense.objects.mount import Mount, sensor_on_object
-from tactape_fab.sense.objects.rigid import from_quaternion
-from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import Tape
+from tactape_fab import Localizer, Tape
+from tactape_fab.sense import Mount, Scene, sensor_on_object, simulate
 
 SEED = 5
 RADIUS_MM = 8.0
@@ -36,9 +32,9 @@ def mount_of(tape: Tape) -> Mount:
 
 def tip_by_pose(mount: Mount, tape: Tape, position_mm: FloatArray, theta_deg: float) -> FloatArray:
     """The tip in the sensor's frame (mm along u and v), from a pose on the tape: the stick's frame has it on its axis."""
-    pose = sensor_on_object("stick", mount, tape, position_mm, theta_deg)
+    pose = sensor_on_object("stick", mount, tape, position_mm, theta_deg).transform()
     tip = np.array([0.0, 0.0, -(tape.board.size_mm[0] + TIP_MM)])
-    in_sensor: FloatArray = from_quaternion(pose.rotation).T @ (tip - np.array(pose.position_mm))
+    in_sensor: FloatArray = pose[:3, :3].T @ (tip - pose[:3, 3])
     return in_sensor[:2]
 
 

@@ -54,6 +54,7 @@ class Finding:
 
     @property
     def blocks(self) -> bool:
+        """Whether the rule is broken and of level ``"block"``."""
         return self.level == "block" and not self.passed
 
 
@@ -61,7 +62,20 @@ class Finding:
 class Check:
     """One line of a verification: what was compared, the figure, and whether it holds.
 
-    ``warning`` marks a line that is worth reading but does not fail the kit.
+    Attributes
+    ----------
+    name : str
+        Stable name of the comparison.
+    passed : bool
+        Whether it holds.
+    message : str
+        What was compared and found, in words.
+    figure : float or None
+        The worst measured value, in `unit`.
+    unit : str
+        ``"mm"``, another unit, or ``""``.
+    warning : bool
+        Whether a line that does not hold is only worth reading, and does not fail the kit.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Public names of a package that are imported on first use, so that nothing is loaded that is not used (PEP 562)."""
+"""Public names of a package, imported on first use, so that a script loads only what it uses (PEP 562)."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ from importlib import import_module
 from typing import Any
 
 
-def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """``__getattr__`` and ``__dir__`` of a package.
+def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """``__getattr__``, ``__dir__`` and ``__all__`` of a package.
 
     Parameters
     ----------
     package : str
         Its ``__name__``.
     homes : mapping
-        Public name to the module that defines it.
+        Module, relative to `tactape_fab`, to the public names that it defines, with blanks between them.
     """
+    module_of = {name: f"tactape_fab.{module}" for module, names in homes.items() for name in names.split()}
 
     def attribute(name: str) -> Any:
-        if name not in homes:
+        if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(homes[name]), name)
+        value = getattr(import_module(module_of[name]), name)
         setattr(sys.modules[package], name, value)
         return value
 
-    return attribute, lambda: sorted({*vars(sys.modules[package]), *homes})
+    return attribute, lambda: sorted({*vars(sys.modules[package]), *module_of}), sorted(module_of)

@@ -13,7 +13,18 @@ _PROFILE_BYTES = 1024 * 1024
 
 
 def templates_folder() -> Path:
-    """Folder of the data files: inside the package in a wheel, beside it in a checkout or an editable install."""
+    """Folder of the data files: inside the package in a wheel, beside it in a checkout or an editable install.
+
+    Returns
+    -------
+    Path
+        With one folder of TOML files for each kind of profile: ``fabs``, ``parts``, ``processes``, ``sensors``.
+
+    Raises
+    ------
+    FileNotFoundError
+        When the installation has lost it.
+    """
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "templates", package.parent / "templates"):
         if folder.is_dir():

@@ -1,34 +1,8 @@
-"""Command line: parse, call one function, print. The only modules that know click."""
+"""Command line: one file per command, named as the command. Only this room knows click.
 
-from tactape_fab.cli.advise import advise
-from tactape_fab.cli.completion_values import complete_values
-from tactape_fab.cli.decode import decode, simulate
-from tactape_fab.cli.doctor import completion, doctor
-from tactape_fab.cli.exits import FAILED, RULES, USAGE, VERIFICATION
-from tactape_fab.cli.group import main
-from tactape_fab.cli.make import check, emboss, make, profiles
-from tactape_fab.cli.verify import certify, registry, verify
-from tactape_fab.cli.watch import watch
+A command's module is imported when it is used (`group.Commands`), so that `decode` reads no option of `make`.
+"""
 
-complete_values(main)
+from tactape_fab.cli.group import COMMANDS, command, main
 
-__all__ = [
-    "FAILED",
-    "RULES",
-    "USAGE",
-    "VERIFICATION",
-    "advise",
-    "certify",
-    "check",
-    "completion",
-    "decode",
-    "doctor",
-    "emboss",
-    "main",
-    "make",
-    "profiles",
-    "registry",
-    "simulate",
-    "verify",
-    "watch",
-]
+__all__ = ["COMMANDS", "command", "main"]

@@ -1,15 +1,23 @@
-"""advise."""
+"""advise: which design locates a contact of some size."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 import click
 
-from tactape_fab.cli.exits import answers, echo_json, echo_lines, echo_lines_err, step_shown
-from tactape_fab.cli.group import main
+from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, length, number, size
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_shown, table_lines
+
+if TYPE_CHECKING:
+    from tactape_fab.advise.answer import Advice, Line
+
+_HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "error", "angle", "parts", "cost", "warnings")
 
 
-@main.command()
+@click.command()
 @click.option("--contact", metavar="MM", help="Diameter of the smallest contact that is to be located. Required.")
 @click.option("--sensor", metavar="NAME", help=SENSOR_HELP)
 @click.option("--process", metavar="fpc|sla|fdm|cnc", help="How it is made: ordered, printed or milled.  [default: fpc]")
@@ -47,14 +55,90 @@ def advise(
     with answers():
         from tactape_fab.advise import advise as ask
         from tactape_fab.advise import checked, read_question
-        from tactape_fab.cli.advise_lines import advice_lines, explained, verdict
 
         advice = ask(read_question(given))
         if simulate_too:
             advice = checked(advice, step_shown())
         if as_json:
-            echo_json({**advice.to_mapping(), **({"explained": list(explained(advice))} if explain else {})})
+            echo_json({**advice.to_mapping(), **({"explained": list(_explained(advice))} if explain else {})})
         else:
-            echo_lines(advice_lines(advice))
-            echo_lines([f"  {line}" for line in explained(advice)] if explain else [])
-        echo_lines_err([verdict(advice)])
+            echo_lines(_advice_lines(advice))
+            echo_lines([f"  {line}" for line in _explained(advice)] if explain else [])
+        echo_lines_err([_verdict(advice)])
+
+
+def _advice_lines(advice: Advice) -> list[str]:
+    """The recommended command first, then all lines as a table; lengths in mm, errors in µm and degrees."""
+    first = advice.lines[0]
+    header = [*_HEADER, *(["simulated"] if any(line.simulated for line in advice.lines) else [])]
+    rows = [_row(line, advice) for line in advice.lines]
+    return [first.command, "", *table_lines(header, [row[: len(header)] for row in rows])]
+
+
+def _verdict(advice: Advice) -> str:
+    """Whether the contact asked for is reached, in one line."""
+    from tactape_fab.advise.answer import LOCATED
+
+    asked, first = advice.question, advice.lines[0]
+    what = f"contacts of {asked.contact_mm:g} mm under {asked.sensor.name}"
+    if advice.reached:
+        return f"{what}: the first line locates {LOCATED:.0%} of those from {first.least_mm:g} mm on"
+    if first.least_mm is None:
+        return f"{what}: nothing that {asked.making.name} makes is located at all; use a sensor with less noise, or --process sla"
+    return f"{what}: no line does; the nearest locates {LOCATED:.0%} from {first.least_mm:g} mm on"
+
+
+def _row(line: Line, advice: Advice) -> tuple[str, ...]:
+    design, sim = line.design, line.simulated
+    body = "" if design.fab is not None else " " + "x".join(f"{side:g}" for side in design.body_mm)
+    return (
+        f"{design.pitch_mm:.2f}",
+        f"{design.displacement_mm:.2f}",
+        design.part + body,
+        line.code.name,
+        str(design.directions),
+        design.coverlay or "-",
+        "-" if line.least_mm is None else f"{line.least_mm:.1f}",
+        f"{line.error_um:.0f}",
+        f"{line.angle_deg:.2f}",
+        str(line.parts),
+        "-" if line.once is None else f"{line.once:.0f} + {line.each:.2f} {advice.currency}",
+        " ".join(design.warnings) or "-",
+        "-" if sim is None else f"{sim.located} of {sim.frames}",
+    )
+
+
+def _explained(advice: Advice) -> Iterator[str]:
+    """The columns and the assumptions behind the figures, line by line."""
+    from tactape_fab.advise.answer import LOCATED
+    from tactape_fab.advise.model import IMPRINT_SHARE, LOSS, ROLL_OFF_MM
+    from tactape_fab.kit.profiles import FabProfile
+
+    asked = advice.question
+    width_mm, height_mm = asked.size_mm
+    yield f"contact: smallest round contact, mm, of which {LOCATED:.0%} are located anywhere on a tape, at the usual trust"
+    yield f"error, angle: medians, µm and degrees, of contacts of {asked.contact_mm:g} mm, or of the smallest where that is more"
+    yield f"parts: of a tape of {width_mm:g}x{height_mm:g} mm; cost: estimate of assembly, order + each tape, without the board"
+    if any(not line.design.points_in.usual for line in advice.lines):
+        yield "directions: eight say three bits a part, for printed and milled elements with touch-1; no decoder knows both kinds"
+    yield "warnings: rules that check warns of; what a rule refuses is not listed, nor what another line beats in all"
+    yield (
+        f"assumed: {asked.tapes} registered {'tape' if asked.tapes == 1 else 'tapes'}, gel blur {asked.blur_mm:g} mm, parts off "
+        f"by {asked.placement_mm:g} mm (--tapes, --blur, --placement), {IMPRINT_SHARE:.0%} of a part's height imprinted, rims of "
+        f"{ROLL_OFF_MM:g} mm"
+    )
+    yield (
+        f"noise of {asked.sensor.name}: {asked.sensor.white_um:g} µm white, {asked.sensor.correlated_um:g} µm in blobs of "
+        f"{asked.sensor.correlated_px:g} px; a part must stand out of it"
+    )
+    for line in advice.lines:
+        yield (
+            f"W {line.design.pitch_mm:.2f} {line.design.part}: a dot stands {line.height_um:.0f} µm over its background, "
+            f"the noise is {line.noise_um:.0f} µm"
+        )
+    kind = "fab" if isinstance(asked.making, FabProfile) else "process"
+    yield f"rules: {kind} {asked.making.name}; tactape-fab check with the options of a command says all of them"
+    yield (
+        f"model: the decoder's rule on imagined dots; what frames lose (tops of noise {LOSS.tops:g}, grids missed "
+        f"{LOSS.scatter:g}) is borne out by python -m tests.bench.advise; --simulate asks simulated depth maps"
+    )

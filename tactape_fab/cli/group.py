@@ -1,18 +1,61 @@
-"""The command itself."""
+"""The command `tactape-fab`: a group that imports a command's module when the command is used."""
 
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from io import TextIOWrapper
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from tactape_fab import __version__
 
+COMMANDS = (
+    "advise",
+    "certify",
+    "check",
+    "completion",
+    "decode",
+    "doctor",
+    "emboss",
+    "make",
+    "profiles",
+    "registry",
+    "simulate",
+    "verify",
+    "watch",
+)
+"""Names of the commands; each is a function in the module of the same name beside this one."""
+
+
+class _Text(click.types.StringParamType):
+    """Text as it was typed; what a shell offers for it follows from the parameter's metavar."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from tactape_fab.cli.completion import offered
+
+        return offered(param, incomplete)
+
+
+def command(name: str) -> click.Command:
+    """A command by its name in `COMMANDS`, imported now; its texts can be completed by a shell."""
+    found: click.Command = getattr(import_module(f"tactape_fab.cli.{name}"), name)
+    for parameter in found.params:
+        if parameter.type is click.STRING:
+            parameter.type = _Text()
+    return found
+
 
 class _Group(click.Group):
-    """The group of commands; names of files may hold what an ASCII terminal cannot show."""
+    """Commands, imported on use. File names may hold characters that an ASCII terminal cannot show: they are escaped."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return command(cmd_name) if cmd_name in COMMANDS else None
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         for stream in (sys.stdout, sys.stderr):
@@ -29,7 +72,7 @@ class _Group(click.Group):
 
 
 def _cannot_print(error: OSError) -> bool:
-    """Whether it was raised where click prints; all that the package itself cannot write it reports in its own words."""
+    """Whether click's printing raised it. Files that the package itself cannot write it reports as errors of its own."""
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next

@@ -1,4 +1,4 @@
-"""make, check, profiles, emboss."""
+"""make: the kit of a tape, of a panel, or of each tape of a list."""
 
 from __future__ import annotations
 
@@ -6,103 +6,44 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.base.errors import DesignRuleError, Problem, SpecError
-from tactape_fab.cli.exits import answer, answers, clear_step, echo_json, echo_lines, echo_lines_err, say_rules, step_shown, warn
-from tactape_fab.cli.group import main
-from tactape_fab.cli.options import (
-    given_values,
-    number,
-    pair,
-    tape_options,
-)
+from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
+from tactape_fab.cli.exits import answer, answers
+from tactape_fab.cli.options import number
 from tactape_fab.cli.printing import (
-    embossed_json,
-    embossed_lines,
-    finding_lines,
-    kit_json,
-    kit_lines,
-    panel_json,
-    panel_lines,
-    profile_lines,
-    profiles_lines,
-    remark_lines,
+    clear_step,
+    counted,
+    echo_json,
+    echo_lines,
+    echo_lines_err,
+    purpose_lines,
+    say_rules,
+    step_shown,
+    table_lines,
 )
 
 if TYPE_CHECKING:
-    from tactape_fab.kit.examine.order import ExaminedPanel
-    from tactape_fab.kit.examine.tape import Examined
-
+    from tactape_fab.kit.examine.tape_lists import Planned
+    from tactape_fab.make.kit import Kit
+    from tactape_fab.make.many import FailedKit, MadeKit, PackedFilm
+    from tactape_fab.make.panel import PanelKit
+    from tactape_fab.texture.certify.origin import Choice
 
 _OBJECTS_A_COLLECTION = 50_000
-"""Loading modules makes many objects and hardly any rings of them: the collector would look at all of them over and over."""
-
-
-def _values(spec_file: str | None) -> dict[str, Any]:
-    from tactape_fab.kit.spec.tape_list import read_list_file
-
-    return read_list_file(Path(spec_file)) if spec_file is not None else {}
-
-
-def _examined(
-    values: dict[str, Any],
-    given: dict[str, Any],
-    avoid: Sequence[str] = (),
-    of_lists: Mapping[str, object] | None = None,
-    *,
-    output: str | None = None,
-    overwrite: bool = False,
-) -> Examined | ExaminedPanel:
-    """One tape or panel examined; options that only a list of tapes has are refused with all the rest."""
-    from tactape_fab.kit.examine.order import examine_order
-    from tactape_fab.kit.examine.tape import examine
-    from tactape_fab.kit.spec.panel_options import PANEL_KEYS
-    from tactape_fab.texture.registry import read_tapes
-
-    problems = [
-        Problem(name, f"--{name} is for lists of tapes; give --sectors or [[tapes]], or leave it out")
-        for name, value in (of_lists or {}).items()
-        if value
-    ]
-    single = {**values, **given}
-    if "sector" in given and "sectors" not in given:
-        single.pop("sectors", None)
-    try:
-        tapes = read_tapes(avoid)
-    except SpecError as refused:
-        problems += refused.problems
-    try:
-        if problems:  # say what else is refused, too
-            of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
-            examine({"sector": 0, **of_one}, output=output, overwrite=overwrite)
-        else:
-            examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes)
-    except SpecError as error:
-        raise SpecError([*problems, *error.problems], error.findings) from None
-    if problems:
-        raise SpecError(problems)
-    echo_lines_err(remarks)
-    return examined
-
-
-_avoid_option = click.option(
-    "--avoid",
-    metavar="KITS",
-    multiple=True,
-    help="Choose the origin, and the sector if none is given, far from these kits; may be repeated.",
-)
+"""Loading modules makes many objects and few cycles: the garbage collector would search all of them again and again."""
+_NAMED = 3
+"""Up to so many tapes of a packed sheet are named."""
 
 
 @tape_options
-@main.command()
-@_avoid_option
+@click.command()
+@avoid_option
 @click.option("--pack", is_flag=True, help="Lay the tapes of a list out on the fab's largest panels, and say how full they are.")
 @click.option("--jobs", metavar="N", help="Processes that make the kits of a list.  [default: one per processor]")
 @click.option(
@@ -144,12 +85,12 @@ def make(
         from tactape_fab.make.kit import make_examined
         from tactape_fab.make.panel import make_panel
 
-        values, given = _values(spec_file), given_values(options)
-        if _is_list(values, given, avoid):
+        values, given = spec_values(spec_file), given_values(options)
+        if is_list(values, given, avoid):
             settings = {"overwrite": overwrite, "verify": not no_verify, "force": force}
             _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
             return
-        examined = _examined(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=overwrite)
+        examined = examined_order(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=overwrite)
         say_rules(examined.findings, force=force)
         how: dict[str, Any] = {
             "overwrite": overwrite,
@@ -161,23 +102,10 @@ def make(
         }
         if isinstance(examined, Examined):
             kit = make_examined(examined, output, **how)
-            echo_json(kit_json(kit)) if as_json else echo_lines(kit_lines(kit))
+            echo_json(kit.to_mapping()) if as_json else echo_lines(_kit_lines(kit))
         else:
             panel = make_panel(examined, output, **how)
-            echo_json(panel_json(panel)) if as_json else echo_lines(panel_lines(panel))
-
-
-def _is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = ()) -> bool:
-    """Whether several tapes are asked for, each with a kit of its own; a panel is one thing, whatever stands on it."""
-    from tactape_fab.kit.spec.tape_list import is_list
-
-    if {**values, **given}.get("panel", "none") != "none" or not is_list(values, given):
-        return False
-    if avoid:
-        raise SpecError(Problem("avoid", "avoid cannot be used with a list of tapes; make them one by one, or leave --avoid out"))
-    for of in (values, given):
-        of.pop("panel", None)
-    return True
+            echo_json(panel.to_mapping()) if as_json else echo_lines(_panel_lines(panel))
 
 
 def _make_list(
@@ -191,7 +119,6 @@ def _make_list(
     as_json: bool,
 ) -> None:
     """Make the kits of a list: a row for each, errors of one beside it; the exit status is the highest of all."""
-    from tactape_fab.cli.many_lines import KitTable, failed_json, made_json, many_summary, packed_json, packed_lines
     from tactape_fab.kit.examine.tape_lists import list_tapes
     from tactape_fab.make.many import DEFAULT_FOLDER, FailedKit, make_kits, pack_tapes
 
@@ -201,7 +128,7 @@ def _make_list(
     listed = list_tapes(values, given, folder, jobs=count, overwrite=overwrite, force=force, packed=pack)
     say_rules(listed.findings, force=force)
     packed = pack_tapes(listed.tapes) if pack else []
-    table, begin = KitTable(listed.tapes), time.monotonic()
+    table, begin = _KitTable(listed.tapes), time.monotonic()
     rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
     show = (lambda *_: None) if rows_shown else step_shown()  # rows are progress enough
     made, failed, statuses = [], [], [0]
@@ -212,86 +139,134 @@ def _make_list(
                 if isinstance(kit, FailedKit):
                     status, lines = answer(kit.error)
                     statuses.append(status)
-                    failed.append(failed_json(kit, status, lines))
+                    failed.append(_failed_mapping(kit, status, lines))
                     clear_step()
                     echo_lines_err(f"error: {kit.name}: {line}" for line in lines)
                 else:
-                    made.append(made_json(kit))
+                    made.append(kit.to_mapping())
                 echo_lines([] if as_json else [table.row(kit, tape)])
                 show("kits", done, len(listed.tapes))
     except (KeyboardInterrupt, SystemExit):
         click.echo(f"stopped; the kits that stand in {folder} are whole", err=True)
         raise
     if as_json:
-        echo_json({"folder": str(folder), "kits": made, "failed": failed, **({"packed": packed_json(packed)} if pack else {})})
+        echo_json(
+            {
+                "folder": str(folder),
+                "kits": made,
+                "failed": failed,
+                **({"packed": [film.to_mapping() for film in packed]} if pack else {}),
+            }
+        )
     else:
-        echo_lines(packed_lines(packed))
-    click.echo(many_summary(len(made), len(listed.tapes), folder, time.monotonic() - begin), err=True)
+        echo_lines(_packed_lines(packed))
+    click.echo(_summary(len(made), len(listed.tapes), folder, time.monotonic() - begin), err=True)
     sys.exit(max(statuses))
 
 
-@tape_options
-@main.command()
-@_avoid_option
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def check(spec_file: str | None, avoid: Sequence[str], as_json: bool, **options: Any) -> None:
-    """Measure a tape against the design rules of its fab or process; nothing is written."""
-    with answers():
-        values, given = _values(spec_file), given_values(options)
-        if _is_list(values, given):
-            what = "sectors names" if spec_file is None else f"{spec_file} is"
-            raise SpecError(f"{what} a list of tapes; check takes one, make checks them all before it writes any")
-        findings = _examined(values, given, avoid).findings
-        if as_json:
-            echo_json([asdict(f) for f in findings])
-        else:
-            echo_lines(finding_lines(findings))
-            echo_lines_err(f"note: {line}" for line in remark_lines(findings))
-            warn(findings)
-        if any(f.blocks for f in findings):
-            raise DesignRuleError(findings)
+# A kit and a panel
 
 
-@main.command()
-@click.argument("name", required=False, metavar="[NAME]")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def profiles(name: str | None, as_json: bool) -> None:
-    """List the fab profiles, or explain one: its thresholds, and where each comes from. NAME may be a .toml file of yours."""
-    with answers():
-        from tactape_fab.base.templates import profile_names
-        from tactape_fab.kit.profiles import explain_fab, load_fab
-
-        fabs = [load_fab(known) for known in (profile_names("fabs") if name is None else [name])]
-        if as_json:
-            echo_json([explain_fab(fab) for fab in fabs] if name is None else explain_fab(fabs[0]))
-        else:
-            echo_lines(profiles_lines(fabs) if name is None else profile_lines(explain_fab(fabs[0])))
+def _kit_lines(kit: Kit) -> list[str]:
+    tape = kit.tape
+    width, height = tape.board.size_mm
+    return [
+        f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm",
+        f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
+        f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm{tape.in_directions}",
+        *_search_lines(kit.search),
+        f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified",
+        *(f"{f.rule}: {f.message}" for f in kit.findings if f.rule == "coverlay" and f.level == "info"),
+        *purpose_lines(kit.path, kit.files),
+    ]
 
 
-@main.command()
-@click.argument("kit")
-@click.argument("surface")
-@click.option("--at", metavar="X,Y,Z", help="Point of the surface under the middle of the texture, mm.")
-@click.option("--up", metavar="X,Y,Z", help="Direction of board +y there.  [default: +z, or +y on a level surface]")
-@click.option("--face", metavar="N", help="Face of a STEP solid, from 0.  [default: the one at the point, or the largest]")
-@click.option("--unit", metavar="mm|cm|m|inch", default="mm", help="Unit of an STL, OBJ or PLY file.  [default: mm]")
-@click.option("-o", "--output", metavar="DIR", help="Folder of the result.  [default: beside the part]")
-@click.option("--overwrite", is_flag=True, help="Replace an older result of this tool.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: bool, as_json: bool, **place: str | None) -> None:
-    """Put a kit's texture on a part of yours: SURFACE is an STL, 3MF, OBJ, PLY or STEP file.
+def _search_lines(search: Choice | None) -> list[str]:
+    if search is None:
+        return []
+    before = "" if search.default_distance is None else f" (at the default origin {search.default_distance})"
+    lines = [f"best of {search.candidates} origins: 4x4 windows differ by at least {search.distance} symbols{before}"]
+    if search.from_others is not None:
+        lines.append(f"and by at least {search.from_others} from those of the tapes to avoid")
+    return lines
 
-    \b
-    Example: tactape-fab emboss tactape-s007 handle.stl --at 0,0,25
-    """
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    with answers():
-        from tactape_fab.make.emboss import emboss_kit
-        from tactape_fab.solids.surface.charts import read_placement
 
-        given = {"at_mm": place["at"], "up": place["up"], "face": place["face"]}
-        placement = read_placement(
-            {key: number(text) if key == "face" else pair(text) for key, text in given.items() if text is not None}
+def _panel_lines(made: PanelKit) -> list[str]:
+    panel, first = made.panel, made.tapes[0]
+    width, height = panel.size_mm
+    parts = sum(tape.part_count for tape in made.tapes)
+    rows = [
+        (tape.name, str(tape.sector), f"{tape.origin[0]},{tape.origin[1]}", f"{x:g}, {y:g}", kit)
+        for tape, (x, y), kit in zip(made.tapes, panel.offsets_mm, made.kits, strict=True)
+    ]
+    return [
+        f"{made.path}: {panel.columns} x {panel.rows} tapes of {panel.tape_mm[0]:g} x {panel.tape_mm[1]:g} mm, "
+        f"panel {width:g} x {height:g} mm, {parts} parts",
+        f"{first.code}; pitch {first.pitch_mm:g} mm, displacement {first.displacement_mm:g} mm{first.in_directions}",
+        *table_lines(("tape", "sector", "origin", "at x, y mm", "kit"), rows),
+        f"verified: {len(made.checks)} checks of the written files" if made.checks else "not verified",
+        *(f"{f.rule}: {f.message}" for f in made.findings if f.rule == "coverlay" and f.level == "info"),
+        *purpose_lines(made.path, made.files),
+    ]
+
+
+# A list of kits
+
+
+class _KitTable:
+    """Kits as rows of a table, one by one: widths come from the list."""
+
+    def __init__(self, tapes: Sequence[Planned]) -> None:
+        self._name_width = max(len("kit"), *(len(tape.spec.name) for tape in tapes))
+        self._size_width = max(len("size mm"), *(len(_size(tape.spec.size_mm)) for tape in tapes))
+
+    def header(self) -> str:
+        return self._row("kit", "sector", "size mm", "grid", "parts", "result")
+
+    def row(self, kit: MadeKit | FailedKit, tape: Planned) -> str:
+        from tactape_fab.make.many import FailedKit
+
+        if isinstance(kit, FailedKit):
+            return self._row(kit.name, str(kit.sector), _size(tape.spec.size_mm), "", "", "failed")
+        verified = f"{kit.checks} checks" if kit.checks else "not verified"
+        grid = f"{kit.columns}x{kit.rows}"
+        return self._row(kit.name, str(kit.sector), _size(kit.size_mm), grid, str(kit.parts), verified)
+
+    def _row(self, name: str, sector: str, size: str, grid: str, parts: str, result: str) -> str:
+        name, size = name.ljust(self._name_width), size.ljust(self._size_width)
+        return f"{name}  {sector:>6}  {size}  {grid:>9}  {parts:>6}  {result}"
+
+
+def _size(size_mm: Sequence[float]) -> str:
+    return f"{size_mm[0]:g}x{size_mm[1]:g}"
+
+
+def _failed_mapping(kit: FailedKit, status: int, lines: Sequence[str]) -> dict[str, Any]:
+    return {"path": str(kit.path), "name": kit.name, "sector": kit.sector, "status": status, "errors": list(lines)}
+
+
+def _summary(made: int, count: int, folder: Path, seconds: float) -> str:
+    """How many kits of a list were made, and how fast."""
+    rate = f", {made / seconds:.2g} kits/s" if made and seconds > 0.0 else ""
+    return f"made {made} of {counted(count, 'kit')} in {folder}; {seconds:.1f} s{rate}"
+
+
+def _packed_lines(films: Sequence[PackedFilm]) -> list[str]:
+    """Sheets of each film, their yield, and the tapes on them."""
+    lines = []
+    for film in films:
+        packing, panel = film.packing, film.fab.panel
+        shares = film.shares
+        lines.append(
+            f"packed {counted(len(film.tapes), 'tape')} into {counted(packing.sheets, 'panel')} "
+            f"of {_size(panel.largest_mm)} mm ({film.fab.name}, rails {panel.rail_mm:g} mm, gaps {panel.gap_mm:g} mm): "
+            f"{sum(shares) / len(shares):.1%} of the area is tape"
         )
-        made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=step_shown())
-        echo_json(embossed_json(made)) if as_json else echo_lines(embossed_lines(made))
+        for sheet, share in enumerate(shares):
+            names = [film.tapes[i].spec.name for i in (packing.sheet == sheet).nonzero()[0]]
+            turned = int(packing.turned[packing.sheet == sheet].sum())
+            said = ", ".join(names) if len(names) <= _NAMED else f"{names[0]} ... {names[-1]}"
+            lines.append(
+                f"  panel {sheet + 1}: {counted(len(names), 'tape')}{f', {turned} turned' * (turned > 0)}, {share:.1%}: {said}"
+            )
+    return lines

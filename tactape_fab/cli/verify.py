@@ -1,29 +1,22 @@
-"""verify, certify, registry."""
+"""verify: a written kit read back."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.cli.exits import answers, echo_json, echo_lines, step_shown
-from tactape_fab.cli.group import main
-from tactape_fab.cli.options import (
-    SENSOR_HELP,
-    contact_size,
-    size,
-)
-from tactape_fab.cli.printing import check_lines
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import SENSOR_HELP, contact_size
+from tactape_fab.cli.printing import check_lines, echo_json, echo_lines, step_shown
 
 if TYPE_CHECKING:
-    from tactape_fab.texture.tape import Tape
+    from tactape_fab.verify import Verification
 
 
-@main.command()
+@click.command()
 @click.argument("kit")
 @click.option("--quick", is_flag=True, help="Leave out CAD kernels, other programs, the second tag detector; few contacts.")
 @click.option(
@@ -39,10 +32,7 @@ def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_f
     Example: tactape-fab verify tactape-s007 --contact 6x6 --map map.png
     """
     with answers():
-        from tactape_fab.verify.file import verify_file
-
-        size = None if contact is None else contact_size(contact)
-        verification = verify_file(kit, quick=quick, size=size, sensor=sensor, map_file=map_file, progress=step_shown())
+        verification = _verified(kit, contact, sensor, map_file, quick=quick)
         if as_json:
             echo_json(
                 {"name": verification.name, "passed": verification.passed, "checks": [asdict(c) for c in verification.checks]}
@@ -53,77 +43,27 @@ def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_f
         click.echo(f"verified: {len(verification.checks)} checks of the written files", err=True)
 
 
-# What windows can tell apart
+def _verified(kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, quick: bool) -> Verification:
+    """The verification of a kit, its map drawn where one is asked for. Values that cannot be used are refused together."""
+    from tactape_fab.verify import read_contact, verify_kit
 
+    problems: list[Problem] = []
+    given = {"--contact": contact, "--sensor": sensor, "--map": map_file}
+    asked = ", ".join(option for option, value in given.items() if value is not None)
+    if quick and asked:
+        problems.append(Problem("quick", f"--quick has its own few contacts and draws no map; leave out --quick, or {asked}"))
+    size = None if contact is None else contact_size(contact)
+    touched = tried(lambda: read_contact(sensor or "gelsight-mini", size), problems)
+    path = None
+    if map_file is not None:
+        from tactape_fab.verify.trip.map import refuse_map
 
-@main.command()
-@click.argument("kits", nargs=-1, metavar="KITS...")
-@click.option("--code", metavar="CODE", help="Without kits: the tapes of this code's sectors, as make would make them.")
-@click.option("--size", "size_mm", metavar="WxH", help="Outline of the tapes of --code, mm.  [default: 100x50]")
-@click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
-@click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")
-def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture: str | None, as_json: bool) -> None:
-    """Say what every 4x4, 5x5 and 6x6 window of these tapes can tell apart: kits, manifests, or folders of kits.
+        path = tried(lambda: refuse_map(kit, map_file), problems)
+    if problems:
+        raise SpecError(problems)
+    verification = verify_kit(kit, quick=quick, contact=touched, progress=step_shown())
+    if path is not None and touched is not None and verification.checks[0].passed:  # its manifest can be read
+        from tactape_fab.verify.trip.map import map_kit
 
-    \b
-    Example: tactape-fab certify tactape-s007 --picture windows.png
-    """
-    with answers():
-        from tactape_fab.cli.certify_lines import certified_lines
-        from tactape_fab.texture.certify.kits import certified
-
-        given = {"code": code, "size_mm": None if size_mm is None else size(size_mm)}
-        options = {key: value for key, value in given.items() if value is not None}
-        result = certified(*tapes_to_certify(kits, options), step_shown())
-        echo_json(result.to_mapping()) if as_json else echo_lines(certified_lines(result))
-        if picture is not None:
-            from tactape_fab.report.certify_picture import draw_certified, write_picture
-
-            write_picture(Path(picture), draw_certified(result))
-
-
-@main.command()
-@click.argument("kits", nargs=-1, required=True, metavar="KITS...")
-@click.option("--json", "as_json", is_flag=True, help="Print the registry as JSON.")
-def registry(kits: Sequence[str], as_json: bool) -> None:
-    """List tapes, their conflicts, and how far every two of them are apart: kits, manifests, or folders of kits.
-
-    \b
-    Example: tactape-fab registry tapes
-    """
-    with answers():
-        from tactape_fab.cli.certify_lines import registry_lines
-        from tactape_fab.texture.certify.kits import registry as read_registry
-
-        result = read_registry(kits, step_shown())
-        echo_json(result.to_mapping()) if as_json else echo_lines(registry_lines(result))
-
-
-def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[list[Tape], tuple[str, ...]]:
-    """Tapes of kits, or of a code's sectors as `make` plans them, and what each is called.
-
-    Parameters
-    ----------
-    kits : sequence of path
-    options : mapping
-        ``code`` and ``size_mm``, where they are given.
-
-    Raises
-    ------
-    SpecError
-        What is wrong with any of them.
-    """
-    if kits and options:
-        raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))
-    from tactape_fab.texture.registry import labels, read_registered
-
-    if kits:
-        entries = read_registered(kits)
-        return [e.tape for e in entries], labels(entries)
-    if "code" not in options:
-        said = "--size says nothing without --code" if options else "nothing to certify is given"
-        raise SpecError(Problem("code", f"{said}; name kits, or a code with --code"))
-    from tactape_fab.kit.examine.code_tapes import default_tapes
-
-    tapes = default_tapes(**options)
-    return tapes, tuple(t.name for t in tapes)
+        map_kit(kit, path, touched, verification.trips, step_shown())
+    return verification

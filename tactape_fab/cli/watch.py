@@ -1,4 +1,4 @@
-"""watch."""
+"""watch: frames located as they come."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.cli.decode import refuse_code
-from tactape_fab.cli.exits import FAILED, answers, clear_step, echo_lines_err
-from tactape_fab.cli.group import main
-from tactape_fab.cli.options import SENSOR_HELP, length, number, pair
-from tactape_fab.cli.printing import object_lines
+from tactape_fab.cli.exits import FAILED, answers
+from tactape_fab.cli.options import locating_options, locating_values, named_object, number, pair
+from tactape_fab.cli.printing import clear_step, echo_lines_err
 
 if TYPE_CHECKING:
     from tactape_fab.sense.files.jobs import Located
@@ -30,14 +28,10 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 """Time between two status lines of a terminal, where they are written over, and of a file."""
 
 
-@main.command()
+@click.command()
 @click.argument("source")
 @click.argument("more", nargs=-1, metavar="")
-@click.option("--tape", "kits", multiple=True, metavar="KIT...", help="Kits that can be touched, or a folder of kits.")
-@click.option("--code", metavar="CODE", help="Without --tape: the code alone; it asks for many more dots.")
-@click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]")
-@click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]")
-@click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
+@locating_options
 @click.option("--rate", metavar="HZ|max", help="Rate of a file of frames.  [default: its timestamps', or 25]")
 @click.option("--idle", metavar="S", help="End when a folder has had no new file for so long.  [default: never]")
 @click.option("--count", metavar="N", help="End after so many answers.  [default: never]")
@@ -46,17 +40,11 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 @click.option("--background", metavar="IMAGE", help="With --raw: the gel while it touches nothing.")
 @click.option("--weights", metavar="FILE.pth", help="With --raw: the network that turns the sensor's colours into slopes.")
 @click.option("--crop", metavar="U,V,W,H", help="With --raw: part of a camera's image that is scaled to the sensor's frame, px.")
-@click.option("--method", metavar="ml|paper", default="ml", help="How frames are located.  [default: ml]")
-@click.option("--world", metavar="open|closed", help="Whether tapes that are not named may be touched, too.  [default: open]")
-@click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]")
-@click.option("--max-p-tape", metavar="P", help="Largest chance that it is no tape of ours.  [default: within --max-p-false]")
-@click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame.")
 @click.option("--mcap", metavar="FILE.mcap", help="Write poses, depth images and answers as ROS 2 messages.")
 @click.option("--frame-id", metavar="NAME", help="Frame that poses are given in.  [default: the tape's name]")
 @click.option("--sensor-frame", metavar="NAME", help="Frame of the depth images.  [default: the sensor's name]")
 @click.option("--rerun", is_flag=True, help="Show it in the Rerun viewer.")
 @click.option("--save", metavar="FILE.rrd", help="Write what the Rerun viewer shows.")
-@click.option("--object", "object_file", metavar="FILE.toml", help="The tapes of an object; answers in its frame, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame, as decode does.")
 def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as_json: bool, **given: Any) -> None:
     """Locate frames as they come, and never be late: while one is located, only the latest of those that come is kept.
@@ -73,7 +61,7 @@ def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as
         from tactape_fab.sense.live.counts import Tally
         from tactape_fab.sense.objects.taped_object import refuse_strangers
 
-        thing = _read_object(given)
+        thing = named_object(given["object_file"], given)
         own = [] if thing is None else [str(entry.kit) for entry in thing.tapes]
         count, watched = _opened(source, [*own, *kits, *more], sensor, given)
         if thing is not None:
@@ -91,18 +79,6 @@ def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as
         sys.exit(FAILED)
 
 
-def _read_object(given: Mapping[str, Any]) -> TapedObject | None:
-    """The object whose tapes are watched, if one is named."""
-    if given["object_file"] is None:
-        return None
-    from tactape_fab.sense.objects.taped_object import read_object
-
-    refuse_code(given)
-    thing = read_object(given["object_file"])
-    echo_lines_err(object_lines(thing))
-    return thing
-
-
 def _print(thing: TapedObject | None, located: Located) -> bool:
     from tactape_fab.sense.live.messages import text_message
 
@@ -110,16 +86,13 @@ def _print(thing: TapedObject | None, located: Located) -> bool:
     return True
 
 
-def _opened(source: str, kits: Sequence[str], sensor: str, given: dict[str, Any]) -> tuple[int | None, Watch]:
-    """Number of answers to end after, and what is watched."""
+def _opened(source: str, kits: Sequence[str], sensor: str, given: Mapping[str, Any]) -> tuple[int | None, Watch]:
+    """Number of answers to end after, None for no end, and the opened source with its job."""
     from tactape_fab.base.errors import SpecError
     from tactape_fab.base.fields import Fields
     from tactape_fab.sense.live.extras import missing_extra
     from tactape_fab.sense.live.opening import Wishes, open_watch
 
-    reads: dict[str, Callable[[str], Any]] = {"w": length, "delta": length, "max_p_false": number, "max_p_tape": number}
-    names = ("code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale")
-    options = {name: reads[name](given[name]) if name in reads and given[name] is not None else given[name] for name in names}
     wishes = Wishes(
         rate=None if given["rate"] is None else number(given["rate"]),
         idle=None if given["idle"] is None else number(given["idle"].removesuffix("s")),
@@ -133,7 +106,7 @@ def _opened(source: str, kits: Sequence[str], sensor: str, given: dict[str, Any]
     problems = [*table.problems, *missing_extra([name for name in ("mcap", "rerun", "save") if given[name]])]
     written = (("mcap", ".mcap", given["mcap"]), ("save", ".rrd", given["save"]))
     try:
-        watched = open_watch(source, kits, sensor, wishes, written, **options)
+        watched = open_watch(source, kits, sensor, wishes, written, **locating_values(given))
     except SpecError as error:
         raise SpecError([*problems, *error.problems]) from None
     if problems:
@@ -144,7 +117,7 @@ def _opened(source: str, kits: Sequence[str], sensor: str, given: dict[str, Any]
 def _outputs(
     stack: ExitStack, watched: Watch, thing: TapedObject | None, given: dict[str, Any]
 ) -> list[Callable[[Located], bool]]:
-    """What writes or shows an answer; False where it cannot for want of a timestamp."""
+    """Functions that write or show an answer; each returns False where an answer has no timestamp that it needs."""
     outputs: list[Callable[[Located], bool]] = []
     if given["mcap"] is not None:
         from tactape_fab.sense.live.mcap_log import McapLog

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,16 @@ class Embossed:
     surface: Mapping[str, Any]
     checks: tuple[Check, ...]
     files: Mapping[str, str]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The part as the JSON object that `tactape-fab emboss --json` prints."""
+        return {
+            "path": str(self.path),
+            "name": self.tape.name,
+            "surface": dict(self.surface),
+            "files": dict(self.files),
+            "checks": [asdict(c) for c in self.checks],
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

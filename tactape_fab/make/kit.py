@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,6 +51,23 @@ class Kit:
     checks: tuple[Check, ...]
     files: Mapping[str, str]
     search: Choice | None = None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The kit as the JSON object that `tactape-fab make --json` prints."""
+        tape = self.tape
+        return {
+            "path": str(self.path),
+            "name": tape.name,
+            "sector": tape.sector,
+            "code": tape.code,
+            "origin": list(tape.origin),
+            "columns": tape.columns,
+            "rows": tape.rows,
+            "parts": tape.part_count,
+            "files": dict(self.files),
+            "findings": [asdict(f) for f in self.findings],
+            "checks": [asdict(c) for c in self.checks],
+        }
 
 
 def make_kit(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.pool import LostProcessError, ProcessPool
@@ -33,8 +34,12 @@ class MadeKit:
     rows: int
     parts: int
     size_mm: tuple[float, float]
-    checks: int
     files: Mapping[str, str]
+    checks: int
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The kit as one entry of ``kits`` in the JSON object that `tactape-fab make --json` prints for a list."""
+        return {**asdict(self), "path": str(self.path), "origin": list(self.origin), "size_mm": list(self.size_mm)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +59,33 @@ class PackedFilm:
     fab: FabProfile
     tapes: tuple[Planned, ...]
     packing: Packing
+
+    @property
+    def shares(self) -> list[float]:
+        """Share of each sheet's area that is tape."""
+        width_mm, height_mm = self.fab.panel.largest_mm
+        return [float(area) / (width_mm * height_mm) for area in self.packing.tape_area_mm2()]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Sheets with the places of their tapes, in the frame of the panel: its lower left corner, rails included."""
+        packing, panel = self.packing, self.fab.panel
+        offsets_mm = packing.offset_mm + panel.rail_mm + panel.gap_mm
+        sheets = [
+            {
+                "share": round(share, 6),
+                "tapes": [
+                    {
+                        "name": self.tapes[i].spec.name,
+                        "offset_mm": [round(float(v), 6) for v in offsets_mm[i]],
+                        "rotation_deg": 90.0 if packing.turned[i] else 0.0,
+                    }
+                    for i in (packing.sheet == sheet).nonzero()[0].tolist()
+                ],
+            }
+            for sheet, share in enumerate(self.shares)
+        ]
+        share = sum(self.shares) / len(sheets)
+        return {"fab": self.fab.name, "panel_mm": list(panel.largest_mm), "share": round(share, 6), "panels": sheets}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +51,28 @@ class PanelKit:
     files: Mapping[str, str]
     kits: tuple[str, ...]
 
-
-# The door
-
-
-# Making
+    def to_mapping(self) -> dict[str, Any]:
+        """The panel as the JSON object that `tactape-fab make --json` prints."""
+        return {
+            "path": str(self.path),
+            "name": self.name,
+            "panel": self.panel.to_mapping(),
+            "tapes": [
+                {
+                    "kit": kit,
+                    "name": tape.name,
+                    "sector": tape.sector,
+                    "code": tape.code,
+                    "origin": list(tape.origin),
+                    "parts": tape.part_count,
+                    "offset_mm": list(offset_mm),
+                }
+                for kit, tape, offset_mm in zip(self.kits, self.tapes, self.panel.offsets_mm, strict=True)
+            ],
+            "files": dict(self.files),
+            "findings": [asdict(f) for f in self.findings],
+            "checks": [asdict(c) for c in self.checks],
+        }
 
 
 def make_panel(
@@ -69,7 +86,20 @@ def make_panel(
 ) -> PanelKit:
     """Make a panel: its files, and the whole kit of every tape on it, verified from what was written.
 
-    Parameters are those of `tactape_fab.make.kit.make_examined`.
+    Parameters
+    ----------
+    examined : ExaminedPanel
+        From `examine_order`.
+    path : str or Path, optional
+        Folder of the panel; its name in the current folder where none is given.
+    overwrite, verify, force : bool
+        As for `make_kit`.
+    progress : callable
+        Told in words what is being done.
+
+    Returns
+    -------
+    PanelKit
 
     Raises
     ------

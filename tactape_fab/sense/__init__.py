@@ -1,4 +1,4 @@
-"""The robot's half: sensors, frames in and answers out, simulated contacts, tracking, live sources.
+"""The robot's half: sensors, simulated contacts, colour images, ROS 2 messages, and what a tracker reports.
 
 `Localizer`, `Tracker` and `read_object` are in `tactape_fab` itself.
 """
@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
     from tactape_fab.sense.live.messages import text_message as text_message
+    from tactape_fab.sense.objects.mount import Mount as Mount
+    from tactape_fab.sense.objects.mount import ObjectPose as ObjectPose
+    from tactape_fab.sense.objects.mount import sensor_on_object as sensor_on_object
+    from tactape_fab.sense.objects.tag_pose import TagPose as TagPose
+    from tactape_fab.sense.raw.reconstruct import Network as Network
     from tactape_fab.sense.raw.reconstruct import Reconstruction as Reconstruction
     from tactape_fab.sense.raw.reconstruct import load_network as load_network
     from tactape_fab.sense.raw.reconstruct import make_reconstruction as make_reconstruction
@@ -30,48 +35,17 @@ if TYPE_CHECKING:
     from tactape_fab.sense.track.motion import Event as Event
     from tactape_fab.sense.track.motion import Slip as Slip
 
-_MESSAGES, _RAW = "tactape_fab.sense.live.messages", "tactape_fab.sense.raw.reconstruct"
-_DRAW = "tactape_fab.sense.simulation.draw"
-_HOMES = {
-    "Event": "tactape_fab.sense.track.motion",
-    "Frame": _DRAW,
-    "Frames": _DRAW,
-    "Parts": "tactape_fab.sense.simulation.parts",
-    "Reconstruction": _RAW,
-    "Scene": "tactape_fab.sense.simulation.scene",
-    "SensorProfile": "tactape_fab.sense.sensors",
-    "Slip": "tactape_fab.sense.track.motion",
-    "draw_poses": _DRAW,
-    "image_message": _MESSAGES,
-    "iterate_frames": _DRAW,
-    "load_network": _RAW,
-    "load_sensor": "tactape_fab.sense.sensors",
-    "make_reconstruction": _RAW,
-    "parts_from_cpl": "tactape_fab.sense.simulation.parts",
-    "pose_message": _MESSAGES,
-    "simulate": _DRAW,
-    "simulate_frames": _DRAW,
-    "text_message": _MESSAGES,
-}
-__all__ = [
-    "Event",
-    "Frame",
-    "Frames",
-    "Parts",
-    "Reconstruction",
-    "Scene",
-    "SensorProfile",
-    "Slip",
-    "draw_poses",
-    "image_message",
-    "iterate_frames",
-    "load_network",
-    "load_sensor",
-    "make_reconstruction",
-    "parts_from_cpl",
-    "pose_message",
-    "simulate",
-    "simulate_frames",
-    "text_message",
-]
-__getattr__, __dir__ = lazy_names(__name__, _HOMES)
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "sense.live.messages": "image_message pose_message text_message",
+        "sense.objects.mount": "Mount ObjectPose sensor_on_object",
+        "sense.objects.tag_pose": "TagPose",
+        "sense.raw.reconstruct": "Network Reconstruction load_network make_reconstruction",
+        "sense.sensors": "SensorProfile load_sensor",
+        "sense.simulation.draw": "Frame Frames draw_poses iterate_frames simulate simulate_frames",
+        "sense.simulation.parts": "Parts parts_from_cpl",
+        "sense.simulation.scene": "Scene",
+        "sense.track.motion": "Event Slip",
+    },
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,29 +22,38 @@ _VALID_GREY = 128
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorProfile:
-    """What the frames of a sensor are, and what simulate gives them.
+    """A tactile sensor: how its frames become the canonical image, the scale of that image, and its noise.
 
     The canonical image shows the tape seen from above its components, u right and v down, a larger value where the
-    texture pushes further into the elastomer. A frame becomes it by `canonical`.
+    texture pushes further into the elastomer. A frame becomes it by `canonical`. Profiles that come with the package are read by
+    name with `load_sensor`; yours is a TOML file, or this class.
 
     Attributes
     ----------
+    name : str
+        Short name, such as ``"gelsight-mini"``; messages and files of frames name the sensor by it.
+    title : str
+        Its name in full, for people.
     width_px, height_px : int
-        Size of the canonical image.
+        Size of the canonical image, px.
     px_per_mm : (float, float)
-        Along u and v of the canonical image.
+        Scale along u and along v of the canonical image, px/mm.
     sign : int
-        1 where a larger value means pushed further in, -1 where a smaller one does.
+        1 where a larger value of a frame means pushed further in, -1 where a smaller one does.
     mirror : bool
         Whether frames are mirrored left-right.
     rotate90 : int
         Quarter turns, counter-clockwise, that turn a frame upright after the mirror; 0 to 3.
     depth_unit_mm : float or None
         Millimetres in one unit of a frame; None where depth is not calibrated.
-    white_um, correlated_um, correlated_px : float
-        Noise that simulate adds: rms of the white and of the correlated share, and the size of the latter's blobs.
+    white_um : float
+        Noise that `simulate` adds to every pixel on its own: root mean square, micrometres.
+    correlated_um : float
+        Smooth noise that `simulate` adds: root mean square, micrometres.
+    correlated_px : float
+        Standard deviation of the Gaussian that makes the smooth noise smooth, px.
     scale_tolerance : float
-        How far `px_per_mm` may be off, as a share.
+        How far the true scale may be from `px_per_mm`, as a share: 0.1 is 10 %.
     mask : ndarray of bool, shape (height_px, width_px), or None
         Read-only; True where the canonical image carries depth. None: everywhere.
     """
@@ -74,13 +84,33 @@ class SensorProfile:
         return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
 
     def canonical(self, frame: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """A frame as the canonical image, in the frame's own unit: times sign, flipped, then turned; a view if it can be."""
+        """A frame as the canonical image, in the frame's own unit: times sign, mirrored, then turned.
+
+        Parameters
+        ----------
+        frame : ndarray of float32, shape `frame_shape`
+            As the sensor delivers it.
+
+        Returns
+        -------
+        ndarray of float32, shape (height_px, width_px)
+            A view of the frame where `sign` is 1.
+        """
         signed = frame if self.sign > 0 else -frame
         return np.rot90(signed[:, ::-1] if self.mirror else signed, self.rotate90)
 
 
 def load_sensor(name: str | Path) -> SensorProfile:
     """A sensor profile by name, or by the path of a TOML file.
+
+    Parameters
+    ----------
+    name : str or Path
+        Name of a profile that comes with the package, or the path of a ``.toml`` file.
+
+    Returns
+    -------
+    SensorProfile
 
     Raises
     ------
@@ -121,6 +151,27 @@ def load_sensor(name: str | Path) -> SensorProfile:
     )
     refuse_problems(table)
     return profile
+
+
+def as_sensor(sensor: object) -> SensorProfile:
+    """A profile as it is, or by name or path; those that come with the package are read once.
+
+    Raises
+    ------
+    SpecError
+        As `load_sensor`, and where it is none of the three.
+    """
+    if isinstance(sensor, SensorProfile):
+        return sensor
+    if isinstance(sensor, str | Path):
+        return load_sensor(sensor) if str(sensor).endswith(".toml") else _own_sensor(str(sensor))
+    message = f"sensor = {shown(sensor)} is no sensor; give the name of a profile, a .toml file, or a SensorProfile"
+    raise SpecError(Problem("sensor", message))
+
+
+@lru_cache(maxsize=8)
+def _own_sensor(name: str) -> SensorProfile:
+    return load_sensor(name)
 
 
 def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool, rotate90: int) -> npt.NDArray[np.bool_] | None:

@@ -41,6 +41,8 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     ------
     SpecError
         With everything that keeps this solid from being built.
+    RenderError
+        When OCCT reads something else from the STEP text than one solid.
     """
     from build123d import Part
 
@@ -67,6 +69,13 @@ def assembly(tape: Tape) -> Compound:
     -------
     build123d.Compound
         Children: the board, then every part labelled with its designator; all parts share one shape.
+
+    Raises
+    ------
+    SpecError
+        When the tape has solid elements instead of components.
+    RenderError
+        When OCCT reads something else from the STEP text.
     """
     if tape.part.shape != "block":
         raise SpecError(f"part = '{tape.part.name}' is no component that is placed; use texture_part for solid elements")

@@ -39,6 +39,7 @@ class Cylinder:
 
     @property
     def circumference_mm(self) -> float:
+        """Arc length of a whole turn at z = 0, mm."""
         return 2 * pi * self.radius_mm
 
 

@@ -170,6 +170,11 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
     sector : int
         0 ... sectors - 1.
 
+    Returns
+    -------
+    tuple of int
+        (column, row).
+
     Raises
     ------
     SpecError

@@ -61,7 +61,20 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
 
 
 def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float]) -> FloatArray:
-    """Map board points to the texture frame, the inverse of `texture_to_board`; shapes (..., 2), mm."""
+    """Map board points to the texture frame, the inverse of `texture_to_board`.
+
+    Parameters
+    ----------
+    xy_mm : array_like, shape (..., 2)
+        Points in the board frame, mm.
+    texture_origin_mm : (float, float)
+        Board coordinates of grid point (0, 0), mm.
+
+    Returns
+    -------
+    ndarray, shape (..., 2)
+        The same points in the texture frame, mm.
+    """
     xy = np.asarray(xy_mm, dtype=np.float64)
     return np.asarray((xy - np.asarray(texture_origin_mm)) * (1.0, -1.0), dtype=np.float64)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from os import PathLike
 from pathlib import Path
 
-from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
 from tactape_fab.texture.panel_manifest import kits_of
 from tactape_fab.texture.tape import Tape
@@ -25,9 +27,53 @@ class Registered:
     fab: str
 
 
+TapeLike = Tape | str | PathLike[str]
+"""A tape, or the path of a kit, a panel, a manifest, or a folder of such."""
+
+
 def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
-    """The tapes of kits; see `read_registered`."""
+    """The tapes of kits.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
+
+    Returns
+    -------
+    list of Tape
+        In the order given.
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of them, all together.
+    """
     return [entry.tape for entry in read_registered(paths)]
+
+
+def as_tapes(tapes: object) -> list[Tape]:
+    """Tapes as they are, and those of paths as `read_tapes` reads them; a single one as a list of one.
+
+    Raises
+    ------
+    SpecError
+        What is wrong with any of them, all together.
+    """
+    given = [tapes] if isinstance(tapes, Tape | str | PathLike) or not isinstance(tapes, Iterable) else tapes
+    found: list[Tape] = []
+    problems: list[Problem] = []
+    for entry in given:
+        if isinstance(entry, Tape):
+            found.append(entry)
+        elif isinstance(entry, str | PathLike):
+            found += tried(partial(read_tapes, [Path(entry)]), problems) or []
+        else:
+            message = f"tape = {shown(entry)} is no tape; give Tape.load(KIT), or the path of a kit"
+            problems.append(Problem("tape", message))
+    if problems:
+        raise SpecError(problems)
+    return found
 
 
 def read_registered(paths: Sequence[str | Path]) -> list[Registered]:

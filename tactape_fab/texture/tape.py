@@ -97,16 +97,28 @@ class Tape:
 
     Attributes
     ----------
+    name : str
+        Name of the tape and of its files.
+    sector : int
+        Sector of the code that it shows.
+    code : str
+        Name of the code, such as ``"microdots-4x4"``.
     origin : (int, int)
         Column and row of grid point (0, 0) in the code plane.
     columns, rows : int
         Grid points along x and y.
     pitch_mm, displacement_mm : float
-        The paper's W and Delta.
+        The paper's W and Delta, mm.
     symbols : ndarray of uint8, shape (rows, columns)
         Read-only. The code's symbol at every grid point, the omitted ones too.
     omitted : ndarray of int64, shape (k, 2)
         Read-only (column, row) of grid points that carry no part, row-major.
+    board : Board
+        Outline, place of the texture on it, holes (board frame, mm).
+    part : TapePart
+        Shape, size and rotation of the element on every grid point.
+    tag : Tag or None
+        The printed AprilTag; None where there is none.
     surface : Surface or None
         Where the texture stands on a part of the user's own: board positions then mean nothing.
     directions : int
@@ -142,6 +154,7 @@ class Tape:
 
     @property
     def part_count(self) -> int:
+        """Number of parts: grid points that are not omitted."""
         return self.rows * self.columns - len(self.omitted)
 
     @property
@@ -200,6 +213,15 @@ class Tape:
     def from_mapping(cls, manifest: Mapping[str, Any]) -> Tape:
         """Read the tape out of a manifest's content, trusting nothing in it.
 
+        Parameters
+        ----------
+        manifest : mapping
+            Content of a kit's manifest.json.
+
+        Returns
+        -------
+        Tape
+
         Raises
         ------
         SpecError
@@ -210,6 +232,15 @@ class Tape:
     @classmethod
     def load(cls, path: str | Path) -> Tape:
         """Load a tape from a kit folder or its manifest.json.
+
+        Parameters
+        ----------
+        path : str or Path
+            Folder of a kit, or its manifest.json.
+
+        Returns
+        -------
+        Tape
 
         Raises
         ------

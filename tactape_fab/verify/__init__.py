@@ -13,14 +13,12 @@ if TYPE_CHECKING:
     from tactape_fab.verify.trip.round_trip import read_contact as read_contact
     from tactape_fab.verify.verification import Verification as Verification
 
-_TRIP = "tactape_fab.verify.trip.round_trip"
-_HOMES = {
-    "Contact": _TRIP,
-    "Verification": "tactape_fab.verify.verification",
-    "read_contact": _TRIP,
-    "verify_folder": "tactape_fab.verify.kit",
-    "verify_kit": "tactape_fab.verify.file",
-}
-__all__ = ["Contact", "Verification", "read_contact", "verify_folder", "verify_kit"]
-
-__getattr__, __dir__ = lazy_names(__name__, _HOMES)
+__getattr__, __dir__, __all__ = lazy_names(
+    __name__,
+    {
+        "verify.file": "verify_kit",
+        "verify.kit": "verify_folder",
+        "verify.trip.round_trip": "Contact read_contact",
+        "verify.verification": "Verification",
+    },
+)

@@ -13,7 +13,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verification:
-    """All lines of a verification, and the contacts of its round trip, by source; none in a quick one."""
+    """All lines of a verification.
+
+    Attributes
+    ----------
+    name : str
+        Name of the kit or panel.
+    checks : tuple of Check
+        Every line, in order.
+    trips : tuple of Trip
+        Contacts of the round trip, by source; none in a quick verification.
+    """
 
     name: str
     checks: tuple[Check, ...]
@@ -21,10 +31,17 @@ class Verification:
 
     @property
     def passed(self) -> bool:
+        """Whether every line holds that is not a mere warning."""
         return all(c.passed or c.warning for c in self.checks)
 
     def raise_if_failed(self) -> None:
-        """Raise VerifyError with every line where one failed."""
+        """Raise an error where a line failed.
+
+        Raises
+        ------
+        VerifyError
+            With every line.
+        """
         if not self.passed:
             raise VerifyError(self.checks)
 

@@ -9,11 +9,11 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.sense import Parts, Scene, SensorProfile
+from tactape_fab.sense.sensors import as_sensor
 from tactape_fab.sense.simulation.contact import pixels_mm
 from tactape_fab.sense.simulation.draw import checked_seed
 from tactape_fab.sense.simulation.gel import FloatImage, press
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE
-from tactape_fab.sense.simulation.view import as_sensor
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 

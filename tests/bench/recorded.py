@@ -15,10 +15,11 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense import Frame, Parts, Scene, SensorProfile
+from tactape_fab.sense.sensors import as_sensor
 from tactape_fab.sense.simulation.contact import contact_outline_mm, inwards
 from tactape_fab.sense.simulation.dot_errors import NOT_A_PART, Dots
 from tactape_fab.sense.simulation.parts import as_parts
-from tactape_fab.sense.simulation.view import as_sensor, make_view
+from tactape_fab.sense.simulation.view import make_view
 from tactape_fab.texture.frames import FloatArray, IntArray, board_to_texture
 from tactape_fab.texture.tape import Tape
 from tests.bench.touched import LEAST_IMPRINT, touched_parts

@@ -17,7 +17,7 @@ import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.templates import read_toml
-from tactape_fab.cli import main
+from tactape_fab.cli import COMMANDS
 from tactape_fab.kit.film.coverlay import worst_box_gap_mm
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm
 from tactape_fab.make.panel import PanelKit
@@ -88,7 +88,7 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
 def test_the_command_line_s_page_is_current() -> None:
     page = (DOCS / "cli.md").read_text(encoding="utf-8")
     assert page == script_of("make_reference").command_page(), "run docs/make_reference.py"
-    assert all(f"## `tactape-fab {name}`" in page for name in main.commands)
+    assert all(f"## `tactape-fab {name}`" in page for name in COMMANDS)
 
 
 @pytest.mark.parametrize("page", ["manifest.md", "codes.md"])

@@ -70,6 +70,17 @@ def examine_order(
 ) -> tuple[Examined | ExaminedPanel, tuple[str, ...]]:
     """Examine untrusted values of a tape, or of a panel where one is asked for or the fab profile puts tapes on panels.
 
+    Parameters
+    ----------
+    values : mapping
+        Option names to values, as for `TapeSpec.from_mapping`, and those of a panel; untrusted.
+    output : str, optional
+        Folder that the result is to have; a taken one is refused with all other problems.
+    overwrite : bool
+        Whether an older result of this tool may stand there.
+    avoid : sequence of Tape
+        Tapes to choose the origin away from.
+
     Returns
     -------
     Examined or ExaminedPanel

@@ -128,6 +128,11 @@ def examine(
     known : sequence of Problem
         What is refused already of the order that the tape is part of; it is refused with all the rest.
 
+    Returns
+    -------
+    Examined
+        With ``tape``, ``findings`` (every design rule, measured) and ``certificate``.
+
     Raises
     ------
     SpecError

@@ -84,6 +84,11 @@ def list_tapes(
     packed : bool
         Whether the tapes must fit the panels of their fabs.
 
+    Returns
+    -------
+    Listed
+        ``tapes``, ``findings`` and ``jobs``, as `make_kits` takes them.
+
     Raises
     ------
     SpecError

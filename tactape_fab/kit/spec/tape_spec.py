@@ -146,6 +146,15 @@ class TapeSpec:
     def from_mapping(cls, values: Mapping[str, Any]) -> TapeSpec:
         """Build a spec from untrusted values, such as TOML and command-line options.
 
+        Parameters
+        ----------
+        values : mapping
+            Option names, as among the attributes, to values.
+
+        Returns
+        -------
+        TapeSpec
+
         Raises
         ------
         SpecError

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from math import log, pi
+from numbers import Real
+from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.errors import FrameError, Problem, SpecError, tried
+from tactape_fab.base.fields import shown
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
@@ -26,14 +29,25 @@ from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
 from tactape_fab.sense.decode.warm import rehearse, search_compiled
-from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tactape_fab.texture.plane import encode
+from tactape_fab.texture.registry import TapeLike, as_tapes
 from tactape_fab.texture.tape import Tape, TapePart
 
 World = Literal["open", "closed"]
 Method = Literal["ml", "paper"]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _kappa_problems(kappa: object) -> list[Problem]:
+    if isinstance(kappa, Real) and float(kappa) >= 1.0:
+        return []
+    return [Problem("kappa", f"kappa = {shown(kappa)} is not at least 1; give the least lead over any rival, such as 30")]
 
 
 def _searches_planes(world: Registry | CodePlane) -> bool:
@@ -46,9 +60,10 @@ class Localizer:
 
     Parameters
     ----------
-    tapes : sequence of Tape
-        Tapes of equal code, sector, origin, W and Delta are one tape (the first one's name).
-    sensor : str or SensorProfile
+    tapes : Tape, path, or sequence of either
+        The tapes that can be touched: as they are, or as paths of kits, panels, manifests or folders of kits. Tapes of
+        equal code, sector, origin, W and Delta are one tape (the first one's name).
+    sensor : str, Path or SensorProfile
         Profile name, path of a TOML file, or a profile.
     method : {"ml", "paper"}
         All dots together, or section III of the paper as it is written, for comparison: no bounds then.
@@ -68,13 +83,23 @@ class Localizer:
     Raises
     ------
     SpecError
-        When there is no tape, tapes differ in W, Delta or directions, or a value is out of range.
+        When there is no tape, a path is no kit, tapes differ in W, Delta or directions, or a value is out of range.
+
+    Attributes
+    ----------
+    sensor : SensorProfile
+        The profile in use.
+
+    Examples
+    --------
+    >>> localizer = Localizer("tactape-s007", sensor="gelsight-mini")  # doctest: +SKIP
+    >>> fix = localizer.locate(depth)  # doctest: +SKIP
     """
 
     def __init__(
         self,
-        tapes: Sequence[Tape],
-        sensor: str | SensorProfile = "gelsight-mini",
+        tapes: TapeLike | Iterable[TapeLike],
+        sensor: str | Path | SensorProfile = "gelsight-mini",
         *,
         method: Method = "ml",
         max_p_false: float = MAX_P_FALSE,
@@ -84,10 +109,12 @@ class Localizer:
         kappa: float = KAPPA,
         fixed_scale: bool = False,
     ) -> None:
-        problems = []
+        problems: list[Problem] = []
+        registered = tried(lambda: as_tapes(tapes), problems)
+        tapes = registered or []
         if method not in ("ml", "paper"):
             problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
-        if not tapes:
+        if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
         if method == "paper" and not all(has_plane(tape.code) for tape in tapes):
             from tactape_fab.sense.decode.paper.method import PLANELESS
@@ -96,10 +123,9 @@ class Localizer:
         if world not in ("open", "closed"):
             problems.append(Problem("world", f"world = {world!r} is neither 'open' nor 'closed'; give one of them"))
         for key, value in (("max_p_false", max_p_false), ("max_p_tape", max_p_tape), ("unregistered_share", unregistered_share)):
-            if value is not None and not 0.0 < value < 1.0:
-                problems.append(Problem(key, f"{key} = {value!r} is not between 0 and 1; give a probability such as 1e-4"))
-        if not kappa >= 1.0:
-            problems.append(Problem("kappa", f"kappa = {kappa!r} is below 1; give the least lead over any rival, such as 30"))
+            if value is not None and not (_is_number(value) and 0.0 < value < 1.0):
+                problems.append(Problem(key, f"{key} = {shown(value)} is not between 0 and 1; give a probability such as 1e-4"))
+        problems += _kappa_problems(kappa)
         sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
         if len(sizes) > 1:
             said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
@@ -133,7 +159,7 @@ class Localizer:
         code: str,
         pitch_mm: float,
         displacement_mm: float,
-        sensor: str | SensorProfile = "gelsight-mini",
+        sensor: str | Path | SensorProfile = "gelsight-mini",
         *,
         max_p_false: float = MAX_P_FALSE,
         kappa: float = KAPPA,
@@ -143,15 +169,33 @@ class Localizer:
 
         It asks for many more dots. Its answers have sector, index, theta and ``plane_mm``; no tape, no position on one.
 
+        Parameters
+        ----------
+        code : str
+            Name of a code that has a plane.
+        pitch_mm, displacement_mm : float
+            W and Delta of the tapes, mm.
+        sensor : str, Path or SensorProfile
+        max_p_false, kappa : float
+        fixed_scale : bool
+            As for `Localizer`.
+
+        Returns
+        -------
+        Localizer
+
         Raises
         ------
         SpecError
-            When the code is unknown, or its plane too large to search.
+            When the code is unknown, its plane too large to search, or a value is out of range.
         """
         problems = [
-            Problem(key, f"{key} = {value!r} mm is not above 0 and at most {most:g} mm; give it in millimetres")
-            for key, value, most in (("w", pitch_mm, 100.0), ("delta", displacement_mm, pitch_mm / 2))
-            if not 0.0 < value <= most
+            Problem(key, f"{key} = {shown(value)} mm is not above 0 and at most {most:g} mm; give it in millimetres")
+            for key, value, most in (
+                ("w", pitch_mm, 100.0),
+                ("delta", displacement_mm, pitch_mm / 2 if _is_number(pitch_mm) else 50.0),
+            )
+            if not (_is_number(value) and 0.0 < value <= most)
         ]
         if problems:
             raise SpecError(problems)
@@ -171,12 +215,12 @@ class Localizer:
         pitch_mm: float,
         displacement_mm: float,
         part: TapePart | None,
-        sensor: str | SensorProfile,
+        sensor: str | Path | SensorProfile,
         fixed_scale: bool,
         directions: int = 4,
     ) -> None:
         self._world = world
-        self.sensor = load_sensor(sensor) if isinstance(sensor, str) else sensor
+        self.sensor = as_sensor(sensor)
         self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # what v is stretched by to make pixels square
         self._view = View(
             pitch_mm=pitch_mm,
@@ -219,7 +263,12 @@ class Localizer:
         prior : Prior, optional
             Where the contact is believed to be; the bound stays true when that is wrong.
         timestamp : float, optional
-            Passed through.
+            Capture time, s; passed through.
+
+        Returns
+        -------
+        Localization
+            A frame that cannot be located is an answer, with `reason`, and no error.
 
         Raises
         ------
@@ -253,19 +302,25 @@ class Localizer:
         prior: Prior | None = None,
         timestamp: float | None = None,
     ) -> Localization:
-        """Locate a contact from dots that somebody else detected.
+        """Locate a contact from dots that were detected elsewhere.
 
         Parameters
         ----------
         xy_px : array_like, shape (n, 2)
-            Canonical image frame.
+            Centres (u, v) in the canonical image, px: u right, v down, integers at pixel centres.
         weights : array_like, shape (n,), optional
             Heights; 1 is an ordinary good dot.
+        prior, timestamp : optional
+            As in `locate`.
+
+        Returns
+        -------
+        Localization
 
         Raises
         ------
         FrameError
-            When they are no dots.
+            When shapes do not match, a value is NaN or infinite, or a weight is negative.
         SpecError
             When there is a prior that nothing here can use.
         """
@@ -276,9 +331,9 @@ class Localizer:
             xy = xy.reshape(0, 2)
         w = np.ones(len(xy)) if weights is None else dot_numbers(weights)
         if xy.ndim != 2 or xy.shape[1] != 2 or w.shape != (len(xy),):
-            raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} are none; give (n, 2) and (n,)")
+            raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} do not match; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
-            raise FrameError("dots hold values that are no numbers, or negative weights; leave those dots out")
+            raise FrameError("dots have NaN or infinite values, or negative weights; leave those dots out")
         square = xy * (1.0, self._aspect)
         if self._method == "paper":
             from tactape_fab.sense.decode.paper import locate_paper_dots
@@ -294,8 +349,13 @@ class Localizer:
         """Whether `locate` can use a prior: with method "ml" and registered tapes."""
         return self._method == "ml" and isinstance(self._world, Registry)
 
-    def _refuse_prior(self, prior: Prior | None) -> None:
-        if prior is None or self.takes_prior:
+    def _refuse_prior(self, prior: object) -> None:
+        if prior is None:
+            return
+        if not isinstance(prior, Prior):
+            remedy = "give Prior(position_mm=fix.position_mm, theta_deg=fix.theta_deg)"
+            raise SpecError(Problem("prior", f"prior = {shown(prior)} is a {type(prior).__name__}, not a Prior; {remedy}"))
+        if self.takes_prior:
             return
         what = "method 'paper'" if self._method == "paper" else "a code without tapes"
         raise SpecError(

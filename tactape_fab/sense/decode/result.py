@@ -3,37 +3,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import cos, inf, radians, sin
 from typing import Any, Literal
 
 import numpy as np
 
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
 from tactape_fab.texture.frames import FloatArray
 
 Status = Literal["none", "weak", "solid"]
 SOLID_DOTS = 16
 """Dots from which a contact is solid (paper, section III-B.2)."""
+_PLANAR = np.array([0, 1, 5])
+"""Places of x, y and the turn about z among the six degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Localization:
     """Where a sensor touches, or why that cannot be said. Fields that are unknown are None.
 
+    Angles for people and for scripts are degrees (`theta_deg`); the covariance has its angle in radians, as filters want it.
+
     Attributes
     ----------
     status : {"none", "weak", "solid"}
         No dots, fewer than 16, or 16 and more (paper, section III-B.2).
     located : bool
+        Whether the bounds asked for hold; where False, the fields below say what is known nevertheless.
     reason : str or None
         Why it is not located.
     tape : str or None
         Name of the registered tape.
     sector : int or None
+        Sector of the code.
     position_mm : (float, float) or None
-        S, the texture point under the image centre (texture frame).
+        S, the texture point under the image centre (texture frame, mm).
     theta_deg : float or None
-        Turn of the sensor on the tape, counter-clockwise seen from above, in (-180, 180].
+        Turn of the sensor on the tape, degrees, counter-clockwise seen from above, in (-180, 180].
     board_mm : (float, float) or None
-        S in the board frame; None where the texture stands on no board.
+        S in the board frame, mm; None where the texture stands on no board.
     contact_mm : (float, float) or None
         Nominal centre of the agreeing dot nearest the contact's centre (texture frame): the paper's C.
     cell : (int, int) or None
@@ -43,17 +52,19 @@ class Localization:
     plane_mm : (float, float) or None
         S from code-plane index (0, 0); only without a tape.
     px_per_mm : float or None
-        Used or estimated.
+        Scale along u that was used or estimated, px/mm.
     covariance : ndarray of shape (3, 3), or None
-        Of (x mm, y mm, theta rad).
+        Of (x mm, y mm, theta rad) in the texture frame; theta counter-clockwise like `theta_deg`, but in radians. `covariance6`
+        has it in the board frame.
     n_dots, n_agree : int
         Dots found, and those that fit the answer.
     p_tape, p_place, p_false : float or None
         Bound on the chance that a texture which is none of ours looks like this; chance that another place or tape is
         the true one (of a registered one alone, where p_tape refuses the answer already); their sum.
     elapsed_ms : float
+        Time that locating took.
     timestamp : float or None
-        As it came with the frame.
+        Capture time as it came with the frame, s.
     """
 
     status: Status
@@ -78,13 +89,95 @@ class Localization:
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 
-    def to_mapping(self, frame: int) -> dict[str, Any]:
-        """The answer as one JSON object, numbers as Python's own."""
-        values: dict[str, Any] = {"frame": frame}
+    def transform(self, frame: str = "board") -> FloatArray | None:
+        """The pose of the sensor's image in a frame of the tape, as a homogeneous matrix.
+
+        The image's own frame has its origin at the image centre, x along u, y along v and z into the tape, all in mm; it is
+        right-handed. A pixel p of the canonical image is at ``q = ((p - p0) / px_per_mm, 0, 1)`` there, and its texture point at
+        ``transform("texture") @ q`` (paper, Eq. 12). The plane z = 0 is the one in which the tape's parts stand.
+
+        Parameters
+        ----------
+        frame : {"board", "texture"}
+            ``"board"``: x right, y up, z out of the tape, origin at the outline's lower left corner. ``"texture"``: x right,
+            y down, so z into the tape, origin at grid point (0, 0).
+
+        Returns
+        -------
+        ndarray, shape (4, 4), or None
+            mm. None where the frame is not located, where only a code is known, or where the texture stands on no board.
+
+        Raises
+        ------
+        SpecError
+            For another frame. An object's is asked of the object: ``read_object(FILE).locate(fix).transform()``.
+        """
+        board = _is_board(frame)
+        origin = self.board_mm if board else self.position_mm
+        if not self.located or origin is None or self.theta_deg is None:
+            return None
+        c, s = cos(radians(self.theta_deg)), sin(radians(self.theta_deg))
+        out = np.eye(4)
+        out[:3, :3] = [(c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, -1.0)] if board else [(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]
+        out[:2, 3] = origin
+        return out
+
+    def covariance6(self, frame: str = "board") -> FloatArray | None:
+        """Covariance of `transform`, with the three directions that a contact does not tell.
+
+        Order and units are (x, y, z) in mm, then small turns about the frame's own x, y and z axes in rad, right-handed.
+        `theta_deg` is counter-clockwise seen from above, so in the texture frame, whose z points into the tape, the turn about z
+        is minus theta; in the board frame it is theta, and y has the other sign.
+
+        Parameters
+        ----------
+        frame : {"board", "texture"}
+            As for `transform`.
+
+        Returns
+        -------
+        ndarray, shape (6, 6), or None
+            The variances of z and of the turns about x and y are infinite: nothing is known of them. None where
+            `transform` is None, or the method states no covariance.
+
+        Raises
+        ------
+        SpecError
+            For another frame.
+        """
+        if self.transform(frame) is None or self.covariance is None:
+            return None
+        signs = np.array([1.0, -1.0, 1.0] if _is_board(frame) else [1.0, 1.0, -1.0])
+        out = np.diag([0.0, 0.0, inf, inf, inf, 0.0])
+        out[np.ix_(_PLANAR, _PLANAR)] = self.covariance * np.outer(signs, signs)
+        return out
+
+    def to_mapping(self, frame: int | None = None) -> dict[str, Any]:
+        """The answer as a mapping that `json.dumps` takes.
+
+        Parameters
+        ----------
+        frame : int, optional
+            Index of the frame, the mapping's first key ``frame``; without it there is no such key.
+
+        Returns
+        -------
+        dict
+            Every attribute by its name, numbers as Python's own.
+        """
+        values: dict[str, Any] = {} if frame is None else {"frame": frame}
         for field in fields(self):
             value = getattr(self, field.name)
             values[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
         return values
+
+
+def _is_board(frame: str) -> bool:
+    """Whether a frame of a tape is the board's; the texture's otherwise."""
+    if frame not in ("board", "texture"):
+        remedy = "give one of them; for an object's, use read_object(FILE).locate(fix).transform()"
+        raise SpecError(Problem("frame", f"frame = {shown(frame)} is neither 'board' nor 'texture'; {remedy}"))
+    return frame == "board"
 
 
 def status_of(dots: int) -> Status:

@@ -108,8 +108,15 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     ----------
     depth : array_like, shape (h, w)
         As the sensor delivers it.
+    sensor : SensorProfile
+    stamp : int
+        Capture time, ns.
     frame_id : str, optional
         Name of the sensor's frame; by default that of its profile.
+
+    Returns
+    -------
+    dict
     """
     with np.errstate(over="ignore", invalid="ignore"):
         metres = np.asarray(depth).astype(np.float32) * np.float32((sensor.depth_unit_mm or 1000.0) * _MM_TO_M)
@@ -127,7 +134,20 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
 
 
 def text_message(frame: int, fix: Localization, thing: TapedObject | None = None) -> dict[str, Any]:
-    """A whole answer as std_msgs/String: the JSON object that `decode --json` prints, with an object as with its `--object`."""
+    """A whole answer as std_msgs/String: the JSON object that `decode --json` prints, with an object as with its `--object`.
+
+    Parameters
+    ----------
+    frame : int
+        Index of the frame.
+    fix : Localization
+    thing : TapedObject, optional
+        The object that the tape is on.
+
+    Returns
+    -------
+    dict
+    """
     more = {} if thing is None else object_json(thing.locate(fix))
     return {"data": json.dumps({**fix_json(frame, fix), **more}, allow_nan=False)}
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.objects.rigid import to_quaternion
+from tactape_fab.sense.objects.rigid import from_quaternion, to_quaternion
 from tactape_fab.texture.frames import FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
@@ -29,14 +29,17 @@ class Mount:
     Attributes
     ----------
     surface : {"plane", "cylinder"}
+        Whether the film is flat or wrapped.
     rotation : ndarray, shape (3, 3)
         Of the board frame, or of the cylinder's, in the object frame.
     position_mm : ndarray, shape (3,)
-        Of its origin there: the lower left corner of the outline, or a point of the axis.
-    top_mm, true_mm : float
-        Radius of the film's top, and of the layer within it whose length does not change; of a cylinder.
+        Of its origin there, mm: the lower left corner of the outline, or a point of the axis.
+    top_mm : float
+        Of a cylinder, mm: radius of the film's top.
+    true_mm : float
+        Of a cylinder, mm: radius of the layer within the film whose length does not change.
     around : {"x", "y"}
-        Which board axis goes round.
+        Of a cylinder: the board axis that goes round.
     """
 
     surface: Surface
@@ -54,8 +57,9 @@ class ObjectPose:
     Attributes
     ----------
     object : str
+        The object's name.
     position_mm : (float, float, float)
-        The point of the film's top under the middle of the image, in the object frame.
+        The point of the film's top under the image centre (object frame, mm).
     rotation : (float, float, float, float)
         Quaternion (x, y, z, w) of the image's frame in the object frame: x along u, y along v, z into the object.
     """
@@ -63,6 +67,19 @@ class ObjectPose:
     object: str
     position_mm: tuple[float, float, float]
     rotation: tuple[float, float, float, float]
+
+    def transform(self) -> FloatArray:
+        """The pose of the sensor's image in the object frame, as a homogeneous matrix.
+
+        Returns
+        -------
+        ndarray, shape (4, 4)
+            mm; from the image's frame, as `Localization.transform` has it.
+        """
+        out = np.eye(4)
+        out[:3, :3] = from_quaternion(self.rotation)
+        out[:3, 3] = self.position_mm
+        return out
 
 
 def on_surface(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -102,9 +119,18 @@ def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.Array
     Parameters
     ----------
     name : str
-        Of the object.
-    position_mm, theta_deg
-        Of a fix: texture frame.
+        The object's name.
+    mount : Mount
+        How the film lies on the object.
+    tape : Tape
+    position_mm : (float, float)
+        Texture point under the image centre (texture frame, mm), as in a `Localization`.
+    theta_deg : float
+        Turn of the sensor on the tape, degrees, counter-clockwise seen from above.
+
+    Returns
+    -------
+    ObjectPose
     """
     board = texture_to_board(position_mm, tape.board.texture_origin_mm)
     points, axes = to_object(mount, board[None])

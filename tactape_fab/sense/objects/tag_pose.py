@@ -40,12 +40,14 @@ _F32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TagPose:
-    """A tag in the camera's frame, as `camera_to_texture` takes it.
+    """A tag in the camera's frame.
 
     Attributes
     ----------
     rotation : ndarray, shape (3, 3)
+        Of the tag in the camera's frame.
     translation_mm : ndarray, shape (3,)
+        Of its centre there, mm.
     fit : float
         Correlation of the picture with the printed tag at this pose; 1 is perfect.
     blur_px : float
@@ -80,12 +82,22 @@ def refine_tag_pose(
 
     Parameters
     ----------
+    tape : Tape
+        With the tag that was seen.
     image : array_like of uint8, shape (h, w)
         The picture that the detector saw, gray.
-    rotation, translation_mm
-        See `tactape_fab.sense.objects.tag_view.camera_to_texture`.
-    camera_matrix, distortion
-        Of OpenCV's calibration; see `tactape_fab.sense.objects.tag_view.pixels_to_texture`.
+    rotation : array_like, shape (3, 3)
+        Of the tag in the camera's frame, as detectors give it (``pose_R``).
+    translation_mm : array_like, shape (3,) or (3, 1)
+        Of the tag's centre there (``pose_t``), mm.
+    camera_matrix : array_like, shape (3, 3)
+        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
+    distortion : array_like, optional
+        As OpenCV's calibration gives it.
+
+    Returns
+    -------
+    TagPose
 
     Raises
     ------

@@ -35,7 +35,22 @@ def tag_of(tape: Tape) -> Tag:
 
 
 def tag_side_mm(tape: Tape) -> float:
-    """Side of the black border, mm: what detectors want as the tag's size."""
+    """Side of a tag's black border: what detectors want as its size.
+
+    Parameters
+    ----------
+    tape : Tape
+
+    Returns
+    -------
+    float
+        mm.
+
+    Raises
+    ------
+    SpecError
+        When the tape has no tag.
+    """
     return TAG_CELLS * tag_of(tape).cell_mm
 
 
@@ -50,7 +65,16 @@ def tag_corners_mm(tape: Tape) -> FloatArray:
 
 
 def tag_to_texture(tape: Tape) -> FloatArray:
-    """Transform of points from the tag's frame to the texture frame, both as this module has them; shape (4, 4), mm.
+    """Transform of points from the tag's frame, as detectors have it, to the texture frame.
+
+    Parameters
+    ----------
+    tape : Tape
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        Homogeneous, mm; z of both frames points into the tape.
 
     Raises
     ------
@@ -103,10 +127,15 @@ def pixels_to_texture(
 
     Parameters
     ----------
+    tape : Tape
     pixels : array_like, shape (n, 2)
-    rotation, translation_mm
-        See `camera_to_texture`.
+        (u, v), px.
+    rotation : array_like, shape (3, 3)
+        Of the tag in the camera's frame, as detectors give it (``pose_R``).
+    translation_mm : array_like, shape (3,) or (3, 1)
+        Of the tag's centre there (``pose_t``), mm.
     camera_matrix : array_like, shape (3, 3)
+        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
     distortion : array_like, optional
         As OpenCV's calibration gives it.
 
@@ -114,6 +143,11 @@ def pixels_to_texture(
     -------
     ndarray, shape (n, 2)
         Texture frame, mm; NaN where a ray runs along the film or away from it.
+
+    Raises
+    ------
+    SpecError
+        When the tape has no tag, or the pose is none.
     """
     import cv2
 
@@ -137,7 +171,32 @@ def texture_to_pixels(
     camera_matrix: npt.ArrayLike,
     distortion: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Where a camera sees points of a flat tape, the inverse of `pixels_to_texture`; shape (n, 2), px."""
+    """Where a camera sees points of a flat tape, the inverse of `pixels_to_texture`.
+
+    Parameters
+    ----------
+    tape : Tape
+    texture_mm : array_like, shape (n, 2)
+        Points in the texture frame, mm.
+    rotation : array_like, shape (3, 3)
+        Of the tag in the camera's frame, as detectors give it (``pose_R``).
+    translation_mm : array_like, shape (3,) or (3, 1)
+        Of the tag's centre there (``pose_t``), mm.
+    camera_matrix : array_like, shape (3, 3)
+        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
+    distortion : array_like, optional
+        As OpenCV's calibration gives it.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        (u, v), px; NaN behind the camera.
+
+    Raises
+    ------
+    SpecError
+        When the tape has no tag, or the pose is none.
+    """
     import cv2
 
     xy = np.asarray(texture_mm, dtype=np.float64).reshape(-1, 2)

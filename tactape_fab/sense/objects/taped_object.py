@@ -42,7 +42,15 @@ class TapeOnObject:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TapedObject:
-    """An object and the tapes on it."""
+    """An object and the tapes on it.
+
+    Attributes
+    ----------
+    name : str
+        The object's name.
+    tapes : tuple of TapeOnObject
+        Every tape with the path of its kit and its mount.
+    """
 
     name: str
     tapes: tuple[TapeOnObject, ...]
@@ -51,6 +59,15 @@ class TapedObject:
         """A fix in the object's frame; None where it is not located, or on a tape that is not on this object.
 
         A tape is known by its name, sector and origin, as a fix has them: `refuse_strangers` says where these do not tell.
+
+        Parameters
+        ----------
+        fix : Localization
+            On a registered tape.
+
+        Returns
+        -------
+        ObjectPose or None
         """
         if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
             return None
@@ -64,6 +81,15 @@ class TapedObject:
 
 def read_object(path: str | Path) -> TapedObject:
     """Read an object.toml.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file; paths of kits in it are relative to its folder.
+
+    Returns
+    -------
+    TapedObject
 
     Raises
     ------

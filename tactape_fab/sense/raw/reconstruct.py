@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
-from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.sense.raw.perceptron import of_pixels
 from tactape_fab.sense.raw.torch_file import read_tensors
 
@@ -55,6 +56,15 @@ class Network:
 
 def load_network(path: str | Path) -> Network:
     """A network from the weights that gs_sdk's calibration wrote (.pth), read without PyTorch.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file of weights.
+
+    Returns
+    -------
+    Network
 
     Raises
     ------
@@ -168,12 +178,16 @@ class Reconstruction:
     px_per_mm: tuple[float, float]
 
     def depth(self, image: npt.ArrayLike) -> Floats:
-        """How far each point is pushed in, mm, mean zero: larger is further in; shape (h, w), as the image lies.
+        """How far each point is pushed in, mm, mean zero: larger is further in; as the image lies.
 
         Parameters
         ----------
         image : array_like of uint8, shape (h, w, 3)
             Blue, green, red, as OpenCV reads files and cameras.
+
+        Returns
+        -------
+        ndarray of float32, shape (h, w)
 
         Raises
         ------
@@ -188,23 +202,44 @@ class Reconstruction:
         return integrated(self.untouched - slopes_of(picture, self.network), self.px_per_mm)
 
 
-def make_reconstruction(background: npt.ArrayLike, network: Network, px_per_mm: tuple[float, float]) -> Reconstruction:
-    """A reconstruction from the image of the untouched gel; compiles what has not been yet.
+def make_reconstruction(background: npt.ArrayLike, network: Network, px_per_mm: npt.ArrayLike) -> Reconstruction:
+    """A reconstruction from the image of the untouched gel; its kernels are compiled now if they have not been.
 
     Parameters
     ----------
     background : array_like of uint8, shape (h, w, 3)
         Blue, green, red.
     network : Network
-    px_per_mm : (float, float)
-        Along u and v of the images.
+        From `load_network`.
+    px_per_mm : float or (float, float)
+        Scale of the images, px/mm: of both axes, or along u and along v.
+
+    Returns
+    -------
+    Reconstruction
 
     Raises
     ------
     FrameError
-        When it is no such image.
+        When the background is no such image.
+    SpecError
+        When the network is none, or the scale is not from 0.1 to 10,000 px/mm.
     """
-    return Reconstruction(network=network, untouched=slopes_of(_checked(background, "background"), network), px_per_mm=px_per_mm)
+    u_px, v_px = _read_scale(px_per_mm)
+    if not isinstance(network, Network):
+        raise SpecError(Problem("network", f"network = {shown(network)} is no network; give load_network(FILE.pth)"))
+    untouched = slopes_of(_checked(background, "background"), network)
+    return Reconstruction(network=network, untouched=untouched, px_per_mm=(u_px, v_px))
+
+
+def _read_scale(px_per_mm: object) -> tuple[float, float]:
+    """Scale along u and v; one number is that of both."""
+    both = (px_per_mm, px_per_mm) if isinstance(px_per_mm, Real) else px_per_mm
+    table = Fields({"px_per_mm": both.tolist() if isinstance(both, np.ndarray) else both})
+    u_px, v_px = table.numbers("px_per_mm", 2, low=0.1, high=1e4, unit="px/mm", remedy="give px/mm, such as 16.0, or (u, v)")
+    if table.problems:
+        raise SpecError(table.problems)
+    return u_px, v_px
 
 
 def _checked(image: npt.ArrayLike, what: str) -> Image:

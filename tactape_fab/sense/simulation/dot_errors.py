@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import imprint, inwards
 from tactape_fab.sense.simulation.draw import parts_in_view, points_in_contact
 from tactape_fab.sense.simulation.parts import Parts, as_parts
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
-from tactape_fab.sense.simulation.view import as_sensor, make_view
+from tactape_fab.sense.simulation.view import make_view
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 

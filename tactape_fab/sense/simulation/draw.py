@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,12 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
 from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of
 from tactape_fab.sense.simulation.parts import Parts, as_parts, scattered
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
-from tactape_fab.sense.simulation.view import View, as_sensor, make_view
+from tactape_fab.sense.simulation.view import View, make_view
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
@@ -35,10 +36,11 @@ class Frame:
     depth : ndarray of float32, shape (h, w)
         As the sensor delivers it.
     position_mm : ndarray, shape (2,)
-        Texture point under the image centre.
+        Texture point under the image centre (texture frame, mm).
     theta_deg : float
+        Turn of the sensor on the tape, degrees, counter-clockwise seen from above.
     contact_px : ndarray, shape (2,)
-        Contact centre in the canonical image.
+        Contact centre in the canonical image, px.
     dots_px : ndarray, shape (k, 2)
         True centres in the canonical image of the parts that leave any imprint, as they really stand.
     dots_part : ndarray of int64, shape (k,)
@@ -58,7 +60,17 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frames:
-    """Many frames and their truth, each attribute as in `Frame` with one entry per frame."""
+    """Many frames and their truth, each attribute as in `Frame` with one entry per frame.
+
+    Attributes
+    ----------
+    depth : ndarray of float32, shape (n, h, w)
+    position_mm : ndarray, shape (n, 2)
+    theta_deg : ndarray, shape (n,)
+    contact_px : ndarray, shape (n, 2)
+    dots_px, dots_part, dots_imprint : tuple of ndarray
+        One array for each frame.
+    """
 
     depth: FloatImage
     position_mm: FloatArray
@@ -74,7 +86,7 @@ def simulate(
     position_mm: Sequence[float],
     theta_deg: float,
     *,
-    sensor: str | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
     seed: int = 0,
     parts: Parts | npt.ArrayLike | None = None,
@@ -92,7 +104,7 @@ def simulate(
         S, the texture point under the image centre.
     theta_deg : float
         Turn of the sensor on the tape, counter-clockwise seen from above.
-    sensor : str or SensorProfile
+    sensor : str, Path or SensorProfile
         A profile, its name, or the path of its TOML file.
     scene : Scene, optional
         The contact; the default scene when left out.
@@ -122,7 +134,7 @@ def iterate_frames(
     tape: Tape,
     count: int,
     seed: int = 0,
-    sensor: str | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
     *,
     poses: npt.ArrayLike | None = None,
@@ -136,12 +148,17 @@ def iterate_frames(
     tape, sensor, scene, parts
         As in `simulate`.
     count : int
+        Number of frames.
     seed : int
         Of poses, noise and defects.
     poses : array_like, shape (count, 3), optional
         (x mm, y mm, theta deg) per frame; `draw_poses` when left out.
     edge : bool
         Draw poses whose contact hangs over the edge of the texture.
+
+    Yields
+    ------
+    Frame
 
     Raises
     ------
@@ -160,7 +177,7 @@ def frame_at(
     number: int,
     pose: FloatArray,
     seed: int = 0,
-    sensor: str | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
     *,
     parts: Parts | npt.ArrayLike | None = None,
@@ -174,14 +191,37 @@ def simulate_frames(
     tape: Tape,
     count: int,
     seed: int = 0,
-    sensor: str | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
     *,
     poses: npt.ArrayLike | None = None,
     edge: bool = False,
     parts: Parts | npt.ArrayLike | None = None,
 ) -> Frames:
-    """Many frames at once, in memory; see `iterate_frames`, which raises the same."""
+    """Many frames at once, in memory.
+
+    Parameters
+    ----------
+    tape, sensor, scene, parts
+        As in `simulate`.
+    count : int
+        Number of frames.
+    seed : int
+        Of poses, noise and defects.
+    poses : array_like, shape (count, 3), optional
+        (x mm, y mm, theta deg) per frame; `draw_poses` when left out.
+    edge : bool
+        Draw poses whose contact hangs over the edge of the texture.
+
+    Returns
+    -------
+    Frames
+
+    Raises
+    ------
+    SpecError
+        As `iterate_frames`.
+    """
     frames = list(iterate_frames(tape, count, seed, sensor, scene, poses=poses, edge=edge, parts=parts))
     return Frames(
         depth=np.stack([f.depth for f in frames]),
@@ -198,7 +238,7 @@ def draw_poses(
     tape: Tape,
     count: int,
     seed: int = 0,
-    sensor: str | SensorProfile = "gelsight-mini",
+    sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
     *,
     edge: bool = False,

@@ -20,7 +20,15 @@ from tactape_fab.texture.tape import LONGEST_MM, Tape
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parts:
-    """Parts on a board (board frame): centres (n, 2) in mm, and rotations (n,) in degrees, counter-clockwise."""
+    """Parts on a board.
+
+    Attributes
+    ----------
+    xy_mm : ndarray, shape (n, 2)
+        Centres (board frame, mm).
+    rotation_deg : ndarray, shape (n,)
+        Degrees, counter-clockwise seen from above.
+    """
 
     xy_mm: FloatArray
     rotation_deg: FloatArray
@@ -30,7 +38,17 @@ class Parts:
         self.rotation_deg.setflags(write=False)
 
     def taken(self, which: IntArray | npt.NDArray[np.bool_]) -> Parts:
-        """Some of the parts."""
+        """Some of the parts.
+
+        Parameters
+        ----------
+        which : ndarray of int or bool
+            Indices, or whether each is taken.
+
+        Returns
+        -------
+        Parts
+        """
         return Parts(xy_mm=self.xy_mm[which], rotation_deg=self.rotation_deg[which])
 
 
@@ -82,6 +100,10 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     source : path or bytes
         CSV with the columns Designator, Mid X, Mid Y, Layer, Rotation (mm and degrees, board frame), where others are
         ignored; or a list of any assembly format that kits are made in.
+
+    Returns
+    -------
+    Parts
 
     Raises
     ------

@@ -108,6 +108,15 @@ class Scene:
     def changed(self, options: Mapping[str, Any]) -> Scene:
         """The scene with some of its attributes replaced.
 
+        Parameters
+        ----------
+        options : mapping
+            Attributes to their new values.
+
+        Returns
+        -------
+        Scene
+
         Raises
         ------
         SpecError

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from math import cos, radians, sin
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.sense.sensors import SensorProfile, load_sensor
+from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.contact import contact_local
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.sense.simulation.scene import Scene
@@ -101,15 +100,3 @@ def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile:
     if table.problems:
         raise SpecError(table.problems)
     return View(tape=tape, profile=profile, scene=scene, position_mm=np.array([x, y]), theta_deg=theta)
-
-
-def as_sensor(sensor: str | SensorProfile) -> SensorProfile:
-    """A profile by name, by path, or as it is; those that come with the package are read once."""
-    if isinstance(sensor, SensorProfile):
-        return sensor
-    return load_sensor(sensor) if str(sensor).endswith(".toml") else _own_sensor(str(sensor))
-
-
-@lru_cache(maxsize=8)
-def _own_sensor(name: str) -> SensorProfile:
-    return load_sensor(name)

@@ -141,6 +141,10 @@ class Tracker:
         timestamp : float
             Seconds, when the frame was captured; later than the one before.
 
+        Returns
+        -------
+        Track
+
         Raises
         ------
         FrameError
@@ -150,7 +154,21 @@ class Tracker:
         return self._follow(self.localizer.locate(depth, prior=prior, timestamp=timestamp), prior, timestamp)
 
     def update_dots(self, xy_px: npt.ArrayLike, weights: npt.ArrayLike | None = None, *, timestamp: float) -> Track:
-        """The same from dots that somebody else detected, as `Localizer.locate_dots` takes them; raises the same."""
+        """Locate the next frame from dots that were detected elsewhere; raises the same as `update`.
+
+        Parameters
+        ----------
+        xy_px : array_like, shape (n, 2)
+            Centres (u, v) in the canonical image, px.
+        weights : array_like, shape (n,), optional
+            As `Localizer.locate_dots` takes them.
+        timestamp : float
+            Seconds, as for `update`.
+
+        Returns
+        -------
+        Track
+        """
         prior = self._prior(timestamp)
         fix = self.localizer.locate_dots(xy_px, weights, prior=prior, timestamp=timestamp)
         return self._follow(fix, prior, timestamp)

@@ -146,7 +146,17 @@ def turn_words(turn: int) -> str:
 
 
 def certify(tape: Tape) -> Certificate:
-    """Certify a tape; exact, and the same for the same tape."""
+    """Certify a tape; exact, and the same for the same tape.
+
+    Parameters
+    ----------
+    tape : Tape
+
+    Returns
+    -------
+    Certificate
+        By window size: least distance in symbols, and what it detects and corrects.
+    """
     sizes: tuple[Closest, ...] = ()
     for side in SIDES:
         sizes = (*sizes, closest(tape, side, (sizes[-1].distance or 0) if sizes else 0))

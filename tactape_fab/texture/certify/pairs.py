@@ -72,6 +72,17 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
 
     A distance is the least over all windows and turns. The search goes on with larger distances only among tapes that
     are not yet known to be near another.
+
+    Parameters
+    ----------
+    tapes : sequence of Tape
+    side : int
+        Grid points along a side of a window.
+
+    Returns
+    -------
+    Across
+        ``matrix`` has the least distance of every two tapes, in symbols.
     """
     count = len(tapes)
     directions = max((t.directions for t in tapes), default=4)

@@ -13,8 +13,8 @@ from tactape_fab.base.fields import shown_path
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
 from tactape_fab.texture.manifest import find_manifest
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.trip.coverage import Coverage
-from tactape_fab.verify.trip.round_trip import BARELY, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, Contact, Trip
+from tactape_fab.verify.trip.coverage import Coverage, coverage_of
+from tactape_fab.verify.trip.round_trip import BARELY, LIMITED, LOST, MISSED, NOISY, RIGHT, WRONG, Contact, Progress, Trip
 
 Picture = npt.NDArray[np.uint8]
 
@@ -69,6 +69,33 @@ def write_map(path: Path, picture: Picture) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise TactapeError(f"{shown_path(path)} cannot be written: {reason}") from error
+
+
+def map_kit(kit: str | Path, path: Path, contact: Contact, trips: Sequence[Trip], progress: Progress = lambda *_: None) -> None:
+    """Write the map of a kit; nothing where its texture lies on a part, whose map would be no plane.
+
+    Parameters
+    ----------
+    kit : path
+    path : Path
+        As `refuse_map` gives it.
+    contact : Contact
+        Sensor and size of the contacts.
+    trips : sequence of Trip
+        Round trips of its verification, drawn too.
+    progress : callable
+        Gets a text, how much is done, and of how much.
+
+    Raises
+    ------
+    SpecError
+        When the manifest cannot be read.
+    TactapeError
+        When the map cannot be written.
+    """
+    tape = Tape.load(kit)
+    if tape.surface is None:
+        write_map(path, draw_map(tape, coverage_of(tape, contact, progress), contact, trips))
 
 
 def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[Trip]) -> Picture:

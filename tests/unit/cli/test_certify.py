@@ -13,7 +13,8 @@ from click.testing import CliRunner, Result
 
 from tactape_fab import Kit
 from tactape_fab.cli import main
-from tactape_fab.cli.certify_lines import certified_lines, registry_lines
+from tactape_fab.cli.certify import certified_lines
+from tactape_fab.cli.registry import registry_lines
 from tactape_fab.kit.examine.code_tapes import default_tapes
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.report.certify_picture import draw_certified

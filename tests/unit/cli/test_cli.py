@@ -15,9 +15,9 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from tactape_fab import Kit, __version__
+from tactape_fab import Kit, __version__, cli
 from tactape_fab.base.templates import templates_folder
-from tactape_fab.cli import main
+from tactape_fab.cli import COMMANDS, command, main
 from tests.thorough import some
 
 PROGRAM = (sys.executable, "-m", "tactape_fab")
@@ -61,8 +61,23 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_help_names_every_command() -> None:
     text = run("--help").stdout
-    assert all(name in text for name in ("make", "check", "verify", "--version"))
+    assert all(f"\n  {name} " in text for name in COMMANDS) and "--version" in text
     assert run("-h").stdout == text
+
+
+def test_every_command_is_a_file_of_its_name() -> None:
+    shared = {"__init__", "group", "options", "printing", "exits"}
+    assert {path.stem for path in Path(cli.__file__).parent.glob("*.py")} == {*COMMANDS, *shared}
+    assert all(command(name).name == name for name in COMMANDS)
+
+
+@pytest.mark.parametrize("name", ["decode", "doctor", "verify"])
+def test_a_command_imports_no_other(name: str, tmp_path: Path) -> None:
+    program = (
+        f"import sys; from tactape_fab.cli import main; main(['{name}', '--help'], standalone_mode=False); print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert {other for other in COMMANDS if f"tactape_fab.cli.{other}" in done.stdout.split()} == {name}
 
 
 def test_version_is_the_package_s() -> None:
@@ -72,7 +87,7 @@ def test_version_is_the_package_s() -> None:
 @pytest.mark.parametrize("name", ["make", "check", "verify", "certify", "registry"])
 def test_every_option_is_documented(name: str) -> None:
     text = run(f"{name} --help").stdout
-    options = [p for p in main.commands[name].params if isinstance(p, click.Option)]
+    options = [p for p in command(name).params if isinstance(p, click.Option)]
     assert options
     for option in options:
         assert option.help
@@ -82,7 +97,7 @@ def test_every_option_is_documented(name: str) -> None:
 
 def test_make_and_check_take_the_pinned_options() -> None:
     pinned = {"--sector", "--w", "--delta", "--size", "--code", "--origin", "--tag", "--part", "--fab"}
-    of = {name: {o for p in main.commands[name].params for o in p.opts} for name in ("make", "check", "verify")}
+    of = {name: {o for p in command(name).params for o in p.opts} for name in ("make", "check", "verify")}
     assert pinned <= of["make"] & of["check"]
     assert {"-o", "--overwrite", "--no-verify", "--json"} <= of["make"]
     assert "--quick" in of["verify"]
@@ -249,8 +264,8 @@ def test_import_and_help_load_no_library_that_takes_time(tmp_path: Path) -> None
 
 
 def test_make_check_and_verify_load_no_cad_kernel_and_no_mesh_library(tmp_path: Path) -> None:
-    for command in (f"make {SMALL} -o kit", f"check {SMALL}", "verify kit"):
-        modules = imported(CALL.format(command), tmp_path)
+    for line in (f"make {SMALL} -o kit", f"check {SMALL}", "verify kit"):
+        modules = imported(CALL.format(line), tmp_path)
         assert "numpy" in modules
         assert not modules & HEAVY
 

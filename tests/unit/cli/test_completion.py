@@ -16,8 +16,8 @@ from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from tactape_fab.base.templates import profile_names
-from tactape_fab.cli import main
-from tactape_fab.cli.completion_values import NAMES
+from tactape_fab.cli import COMMANDS, command, main
+from tactape_fab.cli.completion import NAMES
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 
@@ -73,12 +73,12 @@ def test_folders_are_left_to_the_shell() -> None:
 
 
 def test_every_name_is_that_of_a_parameter() -> None:
-    there = {(p.name, p.metavar) for command in main.commands.values() for p in command.params}
+    there = {(p.name, p.metavar) for name in COMMANDS for p in command(name).params}
     assert set(NAMES) <= there
 
 
 def test_texts_stay_as_they_are() -> None:
-    types = {type(p.type) for command in main.commands.values() for p in command.params}
+    types = {type(p.type) for name in COMMANDS for p in command(name).params}
     assert all(issubclass(kind, click.types.StringParamType | click.types.BoolParamType | click.Choice) for kind in types)
 
 

@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab import Kit
-from tactape_fab.cli import main
+from tactape_fab.cli import command, main
 
 KEYS = {
     "frame", "status", "located", "reason", "tape", "sector", "position_mm", "theta_deg", "board_mm", "contact_mm", "cell",
@@ -338,7 +338,7 @@ def test_overlay_draws_the_parts_where_the_dots_are(default_kit: Kit, frames: Pa
 def test_every_option_is_documented(name: str) -> None:
     text = run(f"{name} --help").stdout
     reference = (Path(__file__).parents[3] / "docs" / "reference.md").read_text(encoding="utf-8")
-    for option in main.commands[name].params:
+    for option in command(name).params:
         if isinstance(option, click.Option):
             assert option.help and all(declared in text for declared in option.opts)
             assert all(f"`{declared}" in reference for declared in option.opts if declared.startswith("--")), option.opts

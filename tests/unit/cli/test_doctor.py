@@ -15,9 +15,8 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab import __version__
-from tactape_fab.cli import installation as doctor
-from tactape_fab.cli import main
-from tactape_fab.cli.printing import diagnosis_lines
+from tactape_fab.cli import doctor, main
+from tactape_fab.cli.doctor import diagnosis_lines
 from tactape_fab.sense.decode import warm as ahead
 
 ROOT = Path(__file__).parents[3]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import degrees, exp, inf, isfinite, log
+from numbers import Real
 
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
 from tactape_fab.sense.decode.rule import LEAST_DOTS, PRIOR_SHARE, place_weights
 from tactape_fab.sense.decode.search.all_places import weigh_sites
 from tactape_fab.sense.decode.search.evidence import Tables, tables_of
@@ -38,11 +40,13 @@ class Prior:
     Attributes
     ----------
     position_mm : (float, float)
-        S on the texture.
+        S, the texture point under the image centre (texture frame, mm).
     theta_deg : float
+        Turn of the sensor on the tape, degrees, counter-clockwise seen from above, as in `Localization`.
     radius_mm : float
+        Largest distance of the true S from `position_mm`, mm.
     angle_deg : float
-        Largest difference of theta.
+        Largest difference of the true theta from `theta_deg`, degrees.
     tape : str or None
         Name of the tape; None for any.
 
@@ -60,18 +64,29 @@ class Prior:
 
     def __post_init__(self) -> None:
         problems = []
-        if len(self.position_mm) != 2 or not all(isfinite(v) for v in self.position_mm):
-            problems.append(Problem("position_mm", f"position_mm = {self.position_mm!r} is no place; give (x, y) in mm"))
-        if not isfinite(self.theta_deg):
-            problems.append(Problem("theta_deg", f"theta_deg = {self.theta_deg!r} is no angle; give degrees"))
-        if not 0.0 <= self.radius_mm <= MOST_RADIUS_MM:
-            message = f"radius_mm = {self.radius_mm!r} is not from 0 to {MOST_RADIUS_MM:g} mm; give how far off it may be"
+        if not _are_numbers(self.position_mm, 2):
+            problems.append(Problem("position_mm", f"position_mm = {shown(self.position_mm)} is no place; give (x, y) in mm"))
+        if not _are_numbers([self.theta_deg], 1):
+            problems.append(Problem("theta_deg", f"theta_deg = {shown(self.theta_deg)} is no angle; give degrees"))
+        if not (_are_numbers([self.radius_mm], 1) and 0.0 <= self.radius_mm <= MOST_RADIUS_MM):
+            message = f"radius_mm = {shown(self.radius_mm)} is not from 0 to {MOST_RADIUS_MM:g} mm; give how far off it may be"
             problems.append(Problem("radius_mm", message))
-        if not 0.0 <= self.angle_deg <= 360.0:
-            message = f"angle_deg = {self.angle_deg!r} is not from 0 to 360 degrees; give how far off it may be"
+        if not (_are_numbers([self.angle_deg], 1) and 0.0 <= self.angle_deg <= 360.0):
+            message = f"angle_deg = {shown(self.angle_deg)} is not from 0 to 360 degrees; give how far off it may be"
             problems.append(Problem("angle_deg", message))
+        name: object = self.tape
+        if not (name is None or isinstance(name, str)):
+            problems.append(Problem("tape", f"tape = {shown(name)} is no name; give the tape's name, or None for any"))
         if problems:
             raise SpecError(problems)
+
+
+def _are_numbers(values: object, count: int) -> bool:
+    """Whether they are so many finite numbers."""
+    if not isinstance(values, Iterable):
+        return False
+    numbers = [v for v in values if isinstance(v, Real) and isfinite(v)]
+    return len(numbers) == len(list(values)) == count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

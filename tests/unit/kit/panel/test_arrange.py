@@ -13,7 +13,8 @@ import shapely
 from click.testing import CliRunner
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.cli import RULES, USAGE, main
+from tactape_fab.cli import main
+from tactape_fab.cli.exits import RULES, USAGE
 from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
 from tactape_fab.kit.examine.tape import Examined
 from tactape_fab.kit.panel.arrange import Panel, arrangements, choose_arrangement, plan_panel

@@ -1,0 +1,166 @@
+"""certify: what the windows of tapes can tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import size
+from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
+
+if TYPE_CHECKING:
+    from tactape_fab.texture.certify.certificate import Certificate, Closest
+    from tactape_fab.texture.certify.kits import Certified
+    from tactape_fab.texture.certify.pairs import Across
+    from tactape_fab.texture.tape import Tape
+
+MOST_SHOWN = 6
+"""So many nearest pairs are printed; the JSON has more."""
+
+
+@click.command()
+@click.argument("kits", nargs=-1, metavar="KITS...")
+@click.option("--code", metavar="CODE", help="Without kits: the tapes of this code's sectors, as make would make them.")
+@click.option("--size", "size_mm", metavar="WxH", help="Outline of the tapes of --code, mm.  [default: 100x50]")
+@click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
+@click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")
+def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture: str | None, as_json: bool) -> None:
+    """Say what every 4x4, 5x5 and 6x6 window of these tapes can tell apart: kits, manifests, or folders of kits.
+
+    \b
+    Example: tactape-fab certify tactape-s007 --picture windows.png
+    """
+    with answers():
+        from tactape_fab.texture.certify.kits import certified
+
+        given = {"code": code, "size_mm": None if size_mm is None else size(size_mm)}
+        options = {key: value for key, value in given.items() if value is not None}
+        result = certified(*tapes_to_certify(kits, options), step_shown())
+        echo_json(result.to_mapping()) if as_json else echo_lines(certified_lines(result))
+        if picture is not None:
+            from tactape_fab.report.certify_picture import draw_certified, write_picture
+
+            write_picture(Path(picture), draw_certified(result))
+
+
+def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[list[Tape], tuple[str, ...]]:
+    """Tapes of kits, or of a code's sectors as `make` plans them, and a label for each.
+
+    Parameters
+    ----------
+    kits : sequence of path
+    options : mapping
+        ``code`` and ``size_mm``, where they are given.
+
+    Raises
+    ------
+    SpecError
+        Every problem of any of them.
+    """
+    if kits and options:
+        raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))
+    from tactape_fab.texture.registry import labels, read_registered
+
+    if kits:
+        entries = read_registered(kits)
+        return [e.tape for e in entries], labels(entries)
+    if "code" not in options:
+        said = "--size says nothing without --code" if options else "nothing to certify is given"
+        raise SpecError(Problem("code", f"{said}; name kits, or a code with --code"))
+    from tactape_fab.kit.examine.code_tapes import default_tapes
+
+    tapes = default_tapes(**options)
+    return tapes, tuple(t.name for t in tapes)
+
+
+def certified_lines(result: Certified) -> list[str]:
+    """One tape: a table of its window sizes and its nearest windows. Several: a row each, and the windows across them."""
+    if len(result.certificates) == 1:
+        return _one(result.certificates[0])
+    header = ("tape", *(f"{s.side}x{s.side}" for s in result.certificates[0].sizes), "told apart", "one wrong symbol")
+    rows = [
+        (c.tape.name, *map(_of_size, c.sizes), _square(c.distinct_side), _square(c.correcting_side)) for c in result.certificates
+    ]
+    lines = [
+        "least number of differing symbols of two windows, and how many pairs differ by no more:",
+        *table_lines(header, rows),
+    ]
+    lines += ["", "across the tapes:"]
+    for windows in result.across:
+        lines += _across_lines(windows, result)
+    return lines
+
+
+def _of_size(size: Closest) -> str:
+    return "-" if size.distance is None else f"{size.distance} ({size.pairs})"
+
+
+def _square(side: int | None) -> str:
+    return "-" if side is None else f"{side}x{side}"
+
+
+def _one(certificate: Certificate) -> list[str]:
+    from tactape_fab.texture.certify.certificate import pair_words
+
+    tape = certificate.tape
+    header = ("windows", "number", "least distance", "pairs", "detects", "corrects")
+    rows = [
+        (_square(s.side), str(s.windows), *("-" if v is None else str(v) for v in (s.distance, s.pairs, s.detects, s.corrects)))
+        for s in certificate.sizes
+    ]
+    lines = [
+        f"{tape.name}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, sector {tape.sector} of {tape.code} "
+        f"at origin {tape.origin[0]},{tape.origin[1]}",
+        *table_lines(header, rows),
+        _contact_line("two contacts never read the same", certificate.distinct_side),
+        _contact_line("one wrong symbol never misleads", certificate.correcting_side),
+    ]
+    if certificate.patches:
+        lines.append("fewest bits in which two patches differ: one a quarter turn of a part, two a half turn")
+        lines += table_lines(
+            ("patch", "number", "bits", "pairs"),
+            [(p.shape, str(p.patches), "-" if p.bits is None else str(p.bits), str(p.pairs)) for p in certificate.patches],
+        )
+    for closest in certificate.sizes:
+        if closest.distance is not None:
+            lines.append(f"nearest windows of {_square(closest.side)}, {_symbols(closest.distance)}:")
+            shown = range(min(len(closest.turn), MOST_SHOWN))
+            lines += [f"  {pair_words(tape, closest, i)}" for i in shown] + _more(closest.pairs)
+    return lines
+
+
+def _contact_line(what: str, side: int | None) -> str:
+    if side is None:
+        return f"{what}: no square of this tape up to 8x8 parts is enough"
+    return f"{what} from {_square(side)} parts on"
+
+
+def _symbols(distance: int) -> str:
+    return "which read the same" if distance == 0 else f"which differ by {distance} symbol{'s' * (distance != 1)}"
+
+
+def _more(pairs: int) -> list[str]:
+    return [f"  and {pairs - MOST_SHOWN} more"] if pairs > MOST_SHOWN else []
+
+
+def _across_lines(windows: Across, result: Certified) -> list[str]:
+    from tactape_fab.texture.certify.certificate import turn_words, window_words
+    from tactape_fab.texture.certify.pairs import BEYOND
+
+    size = _square(windows.side)
+    if windows.distance is None:
+        return [f"no two tapes have windows of {size}"]
+    if windows.distance == BEYOND:
+        return [f"windows of {size} of different tapes differ by at least {BEYOND} symbols"]
+    lines = [f"nearest windows of {size} of different tapes, {_symbols(windows.distance)}:"]
+    listed = zip(windows.first.tolist(), windows.second.tolist(), windows.turn.tolist(), strict=True)
+    for _, ((a, *at), (b, *bt), turn) in zip(range(MOST_SHOWN), listed, strict=False):
+        first = f"{result.names[a]} {window_words(result.tapes[a], *at)}"
+        second = f"{result.names[b]} {window_words(result.tapes[b], *bt)}"
+        lines.append(f"  {first} and {second}{turn_words(turn)}")
+    return lines + _more(windows.pairs)

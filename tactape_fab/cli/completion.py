@@ -1,0 +1,85 @@
+"""completion: a shell completes commands, options, names of profiles, words of a metavar, and files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+import click
+from click.shell_completion import CompletionItem, get_completion_class
+
+_WORD = re.compile(r"[a-z0-9-]+")
+_FILE = re.compile(r"KIT|FRAMES|FILE|SPEC|SURFACE|IMAGE")
+
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(SHELLS))
+def completion(shell: str) -> None:
+    """Print what makes a shell complete commands, options, names of profiles and files.
+
+    \b
+    Example: eval "$(tactape-fab completion bash)"
+    """
+    from tactape_fab.cli.group import main
+
+    completer = get_completion_class(shell)
+    if completer is None:
+        raise click.UsageError(f"click knows no completion for {shell}")
+    click.echo(completer(main, {}, "tactape-fab", "_TACTAPE_FAB_COMPLETE").source())
+
+
+def _profiles(kind: str) -> Callable[[], Sequence[str]]:
+    def names() -> Sequence[str]:
+        from tactape_fab.base.templates import profile_names
+
+        return profile_names(kind)
+
+    return names
+
+
+def _codes() -> Sequence[str]:
+    from tactape_fab.texture.code import ALL_CODE_NAMES
+
+    return ALL_CODE_NAMES
+
+
+def _plane_codes() -> Sequence[str]:
+    from tactape_fab.texture.code import CODE_NAMES
+
+    return CODE_NAMES
+
+
+def _houses() -> Sequence[str]:
+    from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
+
+    return ASSEMBLY_FORMATS
+
+
+NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
+    ("fab", "PROFILE"): _profiles("fabs"),
+    ("name", "[NAME]"): _profiles("fabs"),
+    ("part", "NAME"): _profiles("parts"),
+    ("process", "sla|fdm|cnc"): _profiles("processes"),
+    ("sensor", "NAME"): _profiles("sensors"),
+    ("sensor", "NAME|FILE.toml"): _profiles("sensors"),
+    ("code", "NAME"): _codes,
+    ("code", "CODE"): _plane_codes,
+    ("assembly", "HOUSE"): _houses,
+}
+"""Names that the package knows, by a parameter's key and metavar; a CODE is one with a plane. Profiles may be files, too."""
+
+
+def offered(param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Values of a parameter that start with what was typed: names or words, or files or folders for the shell to list."""
+    metavar = param.metavar or (param.name or "").upper()
+    names = NAMES.get((param.name or "", metavar))
+    words = names() if names else [word for word in metavar.split("|") if _WORD.fullmatch(word)]
+    items = [CompletionItem(word) for word in words if word.startswith(incomplete)]
+    if items:
+        return items
+    if names is not None or _FILE.search(metavar):
+        return [CompletionItem(incomplete, type="file")]
+    return [CompletionItem(incomplete, type="dir")] if metavar == "DIR" else []

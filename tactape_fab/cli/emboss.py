@@ -1,0 +1,58 @@
+"""emboss: a kit's texture on a part of the user's."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import TYPE_CHECKING
+
+import click
+
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import number, pair
+from tactape_fab.cli.printing import echo_json, echo_lines, purpose_lines, step_shown
+
+if TYPE_CHECKING:
+    from tactape_fab.make.emboss import Embossed
+
+
+@click.command()
+@click.argument("kit")
+@click.argument("surface")
+@click.option("--at", metavar="X,Y,Z", help="Point of the surface under the middle of the texture, mm.")
+@click.option("--up", metavar="X,Y,Z", help="Direction of board +y there.  [default: +z, or +y on a level surface]")
+@click.option("--face", metavar="N", help="Face of a STEP solid, from 0.  [default: the one at the point, or the largest]")
+@click.option("--unit", metavar="mm|cm|m|inch", default="mm", help="Unit of an STL, OBJ or PLY file.  [default: mm]")
+@click.option("-o", "--output", metavar="DIR", help="Folder of the result.  [default: beside the part]")
+@click.option("--overwrite", is_flag=True, help="Replace an older result of this tool.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: bool, as_json: bool, **place: str | None) -> None:
+    """Put a kit's texture on a part of yours: SURFACE is an STL, 3MF, OBJ, PLY or STEP file.
+
+    \b
+    Example: tactape-fab emboss tactape-s007 handle.stl --at 0,0,25
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    with answers():
+        from tactape_fab.make.emboss import emboss_kit
+        from tactape_fab.solids.surface.charts import read_placement
+
+        given = {"at_mm": place["at"], "up": place["up"], "face": place["face"]}
+        placement = read_placement(
+            {key: number(text) if key == "face" else pair(text) for key, text in given.items() if text is not None}
+        )
+        made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=step_shown())
+        echo_json(made.to_mapping()) if as_json else echo_lines(embossed_lines(made))
+
+
+def embossed_lines(made: Embossed) -> list[str]:
+    surface, distortion = made.surface, made.surface["distortion"]
+    centre = ", ".join(f"{v:.3f}" for v in surface["centre_mm"])
+    return [
+        f"{made.path}: {made.tape.part_count} elements of {made.tape.name} on {surface['source']} round ({centre}) mm",
+        f"pitch error {distortion['pitch_error_min']:+.2%} to {distortion['pitch_error_max']:+.2%}, median "
+        f"{distortion['pitch_error_median']:+.2%}; the texture reaches {distortion['reach_mm']:.1f} mm, usable are "
+        f"{distortion['usable_radius_mm']:.1f} mm",
+        f"verified: {len(made.checks)} checks of the written files",
+        *purpose_lines(made.path, made.files),
+    ]

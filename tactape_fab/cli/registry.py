@@ -1,0 +1,102 @@
+"""registry: tapes, their conflicts, and how far they are apart."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
+
+if TYPE_CHECKING:
+    from tactape_fab.texture.certify.kits import Registry
+    from tactape_fab.texture.tape import Tape
+
+MOST_COLUMNS = 12
+"""Up to so many tapes a registry is printed as a matrix, more as its nearest tapes."""
+MOST_CONFLICTS = 40
+_NEAREST_TAPES = 20
+
+
+@click.command()
+@click.argument("kits", nargs=-1, required=True, metavar="KITS...")
+@click.option("--json", "as_json", is_flag=True, help="Print the registry as JSON.")
+def registry(kits: Sequence[str], as_json: bool) -> None:
+    """List tapes, their conflicts, and how far every two of them are apart: kits, manifests, or folders of kits.
+
+    \b
+    Example: tactape-fab registry tapes
+    """
+    with answers():
+        from tactape_fab.texture.certify.kits import registry as read_registry
+
+        result = read_registry(kits, step_shown())
+        echo_json(result.to_mapping()) if as_json else echo_lines(registry_lines(result))
+
+
+def registry_lines(result: Registry) -> list[str]:
+    """The tapes, their conflicts, and how far every two are apart."""
+    names = result.names
+    header = ("tape", "sector", "code", "origin", "grid", "size mm", "pitch mm", "tag", "fab")
+    lines = [*table_lines(header, [_entry_row(n, e.tape, e.fab) for n, e in zip(names, result.entries, strict=True)]), ""]
+    lines += [f"conflict: {c.message}" for c in result.conflicts[:MOST_CONFLICTS]]
+    if len(result.conflicts) > MOST_CONFLICTS:
+        kinds = sorted(Counter(c.kind for c in result.conflicts).items())
+        lines.append(f"{len(result.conflicts)} conflicts: {', '.join(f'{n} of kind {kind}' for kind, n in kinds)}")
+    if not result.conflicts:
+        lines.append("no conflicts")
+    if len(result.entries) == 1:
+        return lines
+    lines += ["", "least number of differing symbols of windows of two tapes, 4x4/5x5/6x6:"]
+    return lines + (_matrix(result) if len(result.entries) <= MOST_COLUMNS else _nearest(result))
+
+
+def _entry_row(name: str, tape: Tape, fab: str) -> tuple[str, ...]:
+    width_mm, height_mm = tape.board.size_mm
+    return (
+        name,
+        str(tape.sector),
+        tape.code,
+        f"{tape.origin[0]},{tape.origin[1]}",
+        f"{tape.columns} x {tape.rows}",
+        f"{width_mm:g} x {height_mm:g}" if tape.surface is None else "on a part",
+        f"{tape.pitch_mm:g}",
+        "-" if tape.tag is None else str(tape.tag.id),
+        fab or "-",
+    )
+
+
+def _apart(result: Registry, a: int, b: int) -> str:
+    return "/".join(_distance(int(w.matrix[a, b])) for w in result.across)
+
+
+def _distance(value: int) -> str:
+    from tactape_fab.texture.certify.pairs import BEYOND, NO_WINDOWS
+
+    return "-" if value == NO_WINDOWS else f"{value}+" if value == BEYOND else str(value)
+
+
+def _matrix(result: Registry) -> list[str]:
+    names = result.names
+    rows = [
+        (name, *("" if b >= a else _apart(result, a, b) for b in range(len(names) - 1))) for a, name in enumerate(names) if a > 0
+    ]
+    return table_lines(("", *names[:-1]), rows)
+
+
+def _nearest(result: Registry) -> list[str]:
+    from tactape_fab.texture.certify.kits import nearest_tapes
+    from tactape_fab.texture.certify.pairs import NO_WINDOWS
+
+    names = result.names
+    lines = []
+    for windows in result.across:
+        count = Counter(int(d) for d in windows.matrix[windows.matrix != NO_WINDOWS])
+        said = ", ".join(f"{_distance(d)}: {n // 2} pairs" for d, n in sorted(count.items()))
+        lines.append(f"{windows.side}x{windows.side}: {said or 'no windows'}")
+    near = nearest_tapes(result.across[0], _NEAREST_TAPES)
+    lines += ["", "the nearest tapes:", *(f"  {names[a]} and {names[b]}: {_apart(result, a, b)}" for a, b, _ in near)]
+    return lines

@@ -1,0 +1,55 @@
+"""simulate: depth maps of a kit's tape."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+import click
+
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import SENSOR_HELP, contact_size, length, number, pair
+from tactape_fab.cli.printing import counted, step_shown
+
+
+@click.command()
+@click.argument("kit")
+@click.option("-o", "--output", metavar="FRAMES.npz", required=True, help="File of the frames.")
+@click.option("--count", metavar="N", default="1", help="Number of frames.  [default: 1]")
+@click.option("--seed", metavar="S", default="0", help="Of poses, noise and defects; equal seeds give equal bytes.  [default: 0]")
+@click.option("--pose", metavar="X,Y,THETA", help="Pose of every frame, mm and degrees.  [default: spread over the tape]")
+@click.option("--edge", is_flag=True, help="Spread the poses along the edge of the texture instead.")
+@click.option("--sensor", metavar="NAME", default="gelsight-mini", help=SENSOR_HELP)
+@click.option("--contact", metavar="AxB|pad", help="Axes of the elliptic contact, mm, or the whole field.  [default: 11x9]")
+@click.option("--cylinder", metavar="R", help="The strip along which a cylinder of this radius touches, mm.")
+@click.option("--missing", metavar="SHARE", help="Share of parts that are missing.  [default: 0]")
+@click.option("--bumps", metavar="N", help="Bumps that belong to no tape.  [default: 0]")
+@click.option("--noise", metavar="FACTOR", help="Factor on the sensor's noise.  [default: 1]")
+@click.option("--placement", metavar="MM", help="Standard deviation of the parts' places.  [default: 0]")
+@click.option("--elastomer", metavar="MM", help="How far the elastomer smooths, standard deviation.  [default: 0.15]")
+@click.option("--scale-error", metavar="SHARE", help="The true px/mm is the profile's times 1 + SHARE.  [default: 0]")
+@click.option("--from-cpl", is_flag=True, help="Take the parts' places from the kit's pick-and-place file.")
+def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, from_cpl: bool, **given: str | None) -> None:
+    """Write depth maps of a kit's tape in contact with a sensor, and where they were taken.
+
+    \b
+    Example: tactape-fab simulate tactape-s007 -o frames.npz --count 100 --seed 1
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    with answers():
+        from tactape_fab.sense.files.simulated import simulate_file
+
+        places = {"contact": contact_size, "cylinder": length, "placement": length, "elastomer": length}
+        options = {name: places.get(name, number)(text) for name, text in given.items() if text is not None}
+        made = simulate_file(
+            kit,
+            output,
+            sensor=sensor,
+            pose=None if pose is None else pair(pose),
+            edge=edge,
+            from_cpl=from_cpl,
+            progress=step_shown(),
+            **options,
+        )
+        frames = f"{counted(made.count, 'frame')} of {made.frame_shape[0]} x {made.frame_shape[1]} px"
+        click.echo(f"{made.path}: {frames}, {made.tape} as {made.sensor} sees it")

@@ -1,0 +1,172 @@
+"""What a new user hands to the API: paths and single tapes are taken, all else ends in one clear error of ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactape_fab import Kit, Localizer, Prior, SpecError, Tape, read_tapes
+from tactape_fab.base.templates import templates_folder
+from tactape_fab.sense import Network, SensorProfile, load_sensor, make_reconstruction, simulate
+from tactape_fab.sense.raw.reconstruct import make_network
+from tests.contacts import TAPE, dots
+
+GREY = np.full((8, 12, 3), 127, dtype=np.uint8)
+
+
+@pytest.fixture(scope="module")
+def network() -> Network:
+    return make_network([(np.full((2, 5), 0.01, dtype=np.float32), np.zeros(2, dtype=np.float32))])
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Localizer:
+    return Localizer(TAPE)
+
+
+# Tapes
+
+
+def test_a_localizer_takes_a_tape_and_paths_of_kits(small_kit: Kit) -> None:
+    path, manifest = small_kit.path, small_kit.path / "manifest.json"
+    ways: list[Any] = [small_kit.tape, [small_kit.tape], path, str(path), [str(path)], (manifest,), iter([path, small_kit.tape])]
+    for tapes in ways:
+        taken = Localizer(tapes).tapes
+        assert [(tape.name, tape.sector) for tape in taken] == [(small_kit.tape.name, small_kit.tape.sector)]
+
+
+def test_a_localizer_takes_a_folder_of_kits(small_kit: Kit) -> None:
+    assert [t.name for t in Localizer(small_kit.path.parent).tapes] == [t.name for t in read_tapes([small_kit.path.parent])]
+
+
+@pytest.mark.parametrize(
+    ("tapes", "said"),
+    [
+        (["nosuchkit"], "nosuchkit"),
+        ("nosuchkit", "nosuchkit"),
+        ([], "no tape is registered; give the kits that can be touched"),
+        (None, "tape = None is no tape; give Tape.load(KIT), or the path of a kit"),
+        (7, "tape = 7 is no tape"),
+        ([TAPE, 3.5], "tape = 3.5 is no tape"),
+        ([[TAPE]], "is no tape"),
+    ],
+)
+def test_a_localizer_refuses_what_is_no_tape(tapes: Any, said: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        Localizer(tapes)
+    assert said in str(caught.value) and len(caught.value.problems) == 1
+
+
+def test_all_that_is_wrong_is_said_together() -> None:
+    wrong: dict[str, Any] = {"max_p_false": "1e-4", "kappa": None, "world": 3, "unregistered_share": True}
+    with pytest.raises(SpecError) as caught:
+        Localizer(["nosuchkit"], **wrong)
+    assert [p.key for p in caught.value.problems[-4:]] == ["world", "max_p_false", "unregistered_share", "kappa"]
+    assert len(caught.value.problems) == 5
+
+
+def test_a_code_s_grid_must_be_numbers() -> None:
+    wrong: Any = "1.5"
+    with pytest.raises(SpecError, match=r"w = '1\.5' mm is not above 0 and at most 100 mm"):
+        Localizer.from_code("microdots-4x4", wrong, 0.25)
+
+
+# Sensors
+
+
+def test_a_sensor_is_a_name_a_path_or_a_profile() -> None:
+    path = templates_folder() / "sensors" / "digit.toml"
+    for sensor in (path, str(path), "digit", load_sensor(path)):
+        assert Localizer(TAPE, sensor=sensor).sensor.name == "digit"
+    assert (simulate(TAPE, (20.0, 12.0), 30.0, sensor=path) == simulate(TAPE, (20.0, 12.0), 30.0, sensor="digit")).all()
+
+
+@pytest.mark.parametrize("sensor", [5, None, ["digit"], {"name": "digit"}])
+def test_what_is_no_sensor_is_refused(sensor: Any) -> None:
+    for call in (lambda: Localizer(TAPE, sensor=sensor), lambda: simulate(TAPE, (20.0, 12.0), 30.0, sensor=sensor)):
+        with pytest.raises(SpecError, match=r"is no sensor; give the name of a profile, a \.toml file, or a SensorProfile"):
+            call()
+
+
+@pytest.mark.parametrize("sensor", ["gelsight-maxi", Path("nowhere.toml")])
+def test_a_sensor_that_is_not_there_is_named(sensor: str | Path) -> None:
+    with pytest.raises(SpecError, match=Path(sensor).stem):
+        Localizer(TAPE, sensor=sensor)
+
+
+def test_a_profile_of_one_s_own_is_taken() -> None:
+    own = SensorProfile(name="mine", title="Mine", width_px=320, height_px=240, px_per_mm=(16.0, 16.0))
+    assert Localizer(TAPE, own).locate_dots(dots((20.0, 12.0), 30.0)).located
+
+
+# Priors
+
+
+@pytest.mark.parametrize(
+    ("values", "key"),
+    [
+        ({"position_mm": 5.0}, "position_mm"),
+        ({"position_mm": "ab"}, "position_mm"),
+        ({"position_mm": ("1", "2")}, "position_mm"),
+        ({"position_mm": (1.0, 2.0, 3.0)}, "position_mm"),
+        ({"position_mm": (1.0, float("nan"))}, "position_mm"),
+        ({"position_mm": None}, "position_mm"),
+        ({"theta_deg": "30"}, "theta_deg"),
+        ({"theta_deg": float("inf")}, "theta_deg"),
+        ({"radius_mm": -1.0}, "radius_mm"),
+        ({"radius_mm": "2"}, "radius_mm"),
+        ({"angle_deg": 400.0}, "angle_deg"),
+        ({"angle_deg": None}, "angle_deg"),
+        ({"tape": TAPE}, "tape"),
+    ],
+)
+def test_a_wrong_prior_is_refused(values: dict[str, Any], key: str) -> None:
+    with pytest.raises(SpecError, match=rf"^{key} = ") as caught:
+        Prior(**{"position_mm": (20.0, 12.0), "theta_deg": 30.0, **values})
+    assert [p.key for p in caught.value.problems] == [key]
+
+
+def test_a_prior_takes_arrays() -> None:
+    position: Any = np.array([20.0, 12.0], dtype=np.float32)
+    assert Prior(position_mm=position, theta_deg=np.float64(30.0)).radius_mm == 2.0
+
+
+def test_what_is_no_prior_is_refused_with_the_line_to_write(localizer: Localizer) -> None:
+    fix: Any = localizer.locate_dots(dots((20.0, 12.0), 30.0))
+    others: list[Any] = [fix, (20.0, 12.0), {"theta_deg": 30.0}]
+    for wrong in others:
+        with pytest.raises(SpecError, match=r"not a Prior; give Prior\(position_mm=fix\.position_mm, theta_deg=fix\.theta_deg\)"):
+            localizer.locate_dots(dots((20.0, 12.0), 30.0), prior=wrong)
+    right = Prior(position_mm=fix.position_mm, theta_deg=fix.theta_deg)
+    assert localizer.locate_dots(dots((20.0, 12.0), 30.0), prior=right).located
+
+
+# Colour images
+
+
+def test_one_scale_is_that_of_both_axes(network: Network) -> None:
+    image = GREY.copy()
+    image[2:5, 3:8] = 160
+    one, two = (make_reconstruction(GREY, network, px) for px in (16.0, (16.0, 16.0)))
+    assert one.px_per_mm == two.px_per_mm == (16.0, 16.0)
+    assert (one.depth(image) == two.depth(image)).all()
+    assert make_reconstruction(GREY, network, np.array([16.0, 15.0])).px_per_mm == (16.0, 15.0)
+
+
+@pytest.mark.parametrize("scale", [0.0, -16.0, float("nan"), "16", None, (16.0,), (16.0, 0.0), (16.0, 16.0, 16.0), True])
+def test_a_scale_that_is_none_is_refused(network: Network, scale: Any) -> None:
+    with pytest.raises(SpecError, match=r"^px_per_mm.*; give px/mm, such as 16\.0, or \(u, v\)"):
+        make_reconstruction(GREY, network, scale)
+
+
+def test_a_network_s_path_is_no_network(tmp_path: Path) -> None:
+    wrong: Any = tmp_path / "nnmodel.pth"
+    with pytest.raises(SpecError, match=r"is no network; give load_network\(FILE\.pth\)"):
+        make_reconstruction(GREY, wrong, 16.0)
+
+
+def test_a_tape_loads_from_a_folder_or_a_manifest(small_kit: Kit) -> None:
+    assert Tape.load(small_kit.path).name == Tape.load(str(small_kit.path / "manifest.json")).name == small_kit.tape.name
