@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
@@ -303,7 +304,7 @@ class Localizer:
         )
 
     def _by_paper(self, image: npt.NDArray[np.float32]) -> Localization:
-        import cv2
+        cv2 = library("cv2", 'method "paper"')
 
         from tactape_fab.sense.decode.paper import locate_paper
 

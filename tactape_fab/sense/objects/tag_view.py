@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.libraries import library
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tag, Tape
@@ -115,7 +116,7 @@ def pixels_to_texture(
     ndarray, shape (n, 2)
         Texture frame, mm; NaN where a ray runs along the film or away from it.
     """
-    import cv2
+    cv2 = library("cv2", "projecting points")
 
     points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
     matrix = np.asarray(camera_matrix, dtype=np.float64)
@@ -138,7 +139,7 @@ def texture_to_pixels(
     distortion: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Where a camera sees points of a flat tape, the inverse of `pixels_to_texture`; shape (n, 2), px."""
-    import cv2
+    cv2 = library("cv2", "projecting points")
 
     xy = np.asarray(texture_mm, dtype=np.float64).reshape(-1, 2)
     back = np.linalg.inv(camera_to_texture(tape, rotation, translation_mm))
