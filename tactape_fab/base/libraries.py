@@ -18,6 +18,7 @@ _INSTALLED_BY = {
     "mcap": '"tactape-fab[live]"',
     "rerun": '"tactape-fab[rerun]"',
     "scipy": '"tactape-fab[raw]"',
+    "tomli": "tomli",
 }
 """What pip is asked for, by the name of the module; all others come with the package's own dependencies."""
 _OWN = "tactape-fab"

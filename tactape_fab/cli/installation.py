@@ -17,10 +17,13 @@ from tactape_fab.base.launch import FREECAD, PRUSA_SLICER, installed, run
 
 PACKAGE = "tactape-fab"
 EXTRAS = {
+    "cad": "emboss puts a texture on a part of yours; verify reads STEP models with OCCT",
+    "raw": "decode and watch read colour images of the gel",
+    "live": "watch writes MCAP files",
+    "rerun": "watch shows what it sees in the Rerun viewer",
     "verify": "verify reads the printed AprilTag with a second detector",
-    "live": "watch writes MCAP files, and shows what it sees in the Rerun viewer",
     "evidence": "python -m tests.bench draws the curves of the evidence",
-    "docs": "mkdocs builds this documentation",
+    "docs": "zensical builds this documentation",
     "dev": "the tests and everything that checks the sources",
 }
 """What each extra of pyproject.toml adds."""
