@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.plane import encode
 from tactape_fab.texture.tape import Board, Tape, TapePart
 
-DATE = datetime(2026, 1, 1, tzinfo=UTC)
+DATE = datetime(2026, 1, 1, tzinfo=timezone.utc)
 BLOCK = TapePart(name="block", shape="block", body_mm=(0.6, 0.3, 0.23), rotation_deg=45.0)
 DOME = TapePart(name="dome", shape="dome", body_mm=(0.6, 0.6, 0.23), rotation_deg=0.0)
 CONE = replace(DOME, name="cone", top_mm=0.3)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 from tactape_fab.base.errors import SpecError
 
-EPOCH = datetime(1980, 1, 1, tzinfo=UTC)
+EPOCH = datetime(1980, 1, 1, tzinfo=timezone.utc)
 """Date of every file where SOURCE_DATE_EPOCH is not set: the earliest that a zip can hold."""
 
 
-ZIP_LATEST = datetime(2107, 12, 31, tzinfo=UTC)
+ZIP_LATEST = datetime(2107, 12, 31, tzinfo=timezone.utc)
 
 
 def build_date() -> datetime:
@@ -29,7 +29,7 @@ def build_date() -> datetime:
         seconds = int(text)
         if seconds < 0:
             raise ValueError
-        return datetime.fromtimestamp(seconds, tz=UTC)
+        return datetime.fromtimestamp(seconds, tz=timezone.utc)
     except (ValueError, OverflowError, OSError):
         message = f"SOURCE_DATE_EPOCH = {text[:40]!r} is no whole number of seconds since 1970; correct it or unset it"
         raise SpecError(message) from None

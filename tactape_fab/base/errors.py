@@ -171,6 +171,10 @@ class DesignRuleError(TactapeError):
         return type(self), (self.findings,)
 
 
+class MissingLibraryError(TactapeError, ImportError):
+    """A library that this installation does not have; the message says what to type."""
+
+
 class RenderError(TactapeError):
     """A file of the kit could not be written."""
 

@@ -73,9 +73,12 @@ def decode(
 def _print_answers(
     answers: Iterator[Located], job: Job, thing: TapedObject | None, *, as_json: bool, overlay: str | None
 ) -> None:
+    from tactape_fab.base.libraries import library
     from tactape_fab.sense.files.answers import fix_json, object_json
     from tactape_fab.sense.overlay import draw_overlay, write_overlay
 
+    if overlay is not None:
+        library("cv2", "--overlay")  # before the first answer
     table = FixTable(job.tapes, on_object=thing is not None)
     count = sum(file.count for file in job.files)
     show = step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # rows are progress enough

@@ -20,10 +20,13 @@ from tactape_fab.cli.printing import echo_json, echo_lines, table_lines
 
 PACKAGE = "tactape-fab"
 EXTRAS = {
+    "cad": "emboss puts a texture on a part of yours; verify reads STEP models with OCCT",
+    "raw": "decode and watch read colour images of the gel",
+    "live": "watch writes MCAP files",
+    "rerun": "watch shows what it sees in the Rerun viewer",
     "verify": "verify reads the printed AprilTag with a second detector",
-    "live": "watch writes MCAP files, and shows what it sees in the Rerun viewer",
     "evidence": "python -m tests.bench draws the curves of the evidence",
-    "docs": "mkdocs builds this documentation",
+    "docs": "zensical builds this documentation",
     "dev": "the tests and everything that checks the sources",
 }
 """Extras of pyproject.toml, and what each adds."""

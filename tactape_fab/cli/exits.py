@@ -10,6 +10,7 @@ from typing import NoReturn
 import click
 
 from tactape_fab.base.errors import DesignRuleError, FrameError, SpecError, TactapeError, VerifyError
+from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import rule_lines
 
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
@@ -41,3 +42,7 @@ def answers() -> Iterator[None]:
         yield
     except TactapeError as error:
         fail(*answer(error))
+    except ModuleNotFoundError as error:  # an installation without the package's own dependencies, as a robot's
+        if error.name is None or error.name.startswith("tactape_fab"):
+            raise
+        fail(FAILED, [missing(error.name, "this command")])

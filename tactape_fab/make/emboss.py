@@ -15,6 +15,7 @@ from tactape_fab import __version__
 from tactape_fab.base.build_date import build_date, zip_date
 from tactape_fab.base.errors import Check, SpecError, VerifyError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.libraries import library
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
@@ -133,6 +134,8 @@ def emboss_kit(
     ------
     SpecError
         When the kit or the part cannot be read, the part is no solid, or the texture does not fit on it.
+    MissingLibraryError
+        When the extra ``cad`` is not installed.
     VerifyError
         When the written files are not what they should be; nothing stands at `output` then.
     """
@@ -144,6 +147,8 @@ def emboss_kit(
     if isinstance(solid, Mapping) and solid.get("negative") is True:
         raise SpecError(f"KIT = {shown_path(kit_path)} is a mould; make the texture itself, without --negative, and emboss that")
     source = _read_source(Path(surface_path), unit)
+    for module in ("manifold3d", "build123d")[: 2 if source.kind == "step" else 1]:
+        library(module, "emboss")
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
     target = source.path.parent / name if output is None else Path(output)
     refuse_taken(target, overwrite=overwrite)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray
 from tactape_fab.texture.tape import Tape
@@ -86,7 +87,7 @@ def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
     TactapeError
         When it cannot be written.
     """
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     path = folder / f"frame-{frame:06d}.png"
     try:
@@ -225,7 +226,7 @@ def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> Non
 
 def _draw_error(panel: Picture, fix: Localization) -> None:
     """Ellipse of two standard deviations of the position, texture x to the right and y down, in a box that says its size."""
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     centre = (panel.shape[1] / 2, 104.0)
     if fix.covariance is None:
@@ -254,32 +255,32 @@ def _fixed(at: Point) -> tuple[int, int]:
 
 
 def _stroke(picture: Picture, a: Point, b: Point, colour: Colour, width: int) -> None:
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, _SUBPIXEL)
 
 
 def _arrow(picture: Picture, a: Point, b: Point, colour: Colour) -> None:
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     cv2.arrowedLine(picture, _fixed(a), _fixed(b), colour, 2, cv2.LINE_AA, _SUBPIXEL, 0.2)
 
 
 def _outline(picture: Picture, corners: FloatArray, colour: Colour, width: int) -> None:
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     points = np.rint(corners * 2**_SUBPIXEL).astype(np.int32)
     cv2.polylines(picture, [points], True, colour, width, cv2.LINE_AA, _SUBPIXEL)
 
 
 def _circle(picture: Picture, at: Point, radius: float, colour: Colour) -> None:
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     cv2.circle(picture, _fixed(at), round(radius * 2**_SUBPIXEL), colour, 2, cv2.LINE_AA, _SUBPIXEL)
 
 
 def _write(picture: Picture, text: str, at: tuple[int, int], size: float = 0.5, colour: Colour = _TEXT) -> None:
-    import cv2
+    cv2 = library("cv2", "drawing a picture")
 
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
 

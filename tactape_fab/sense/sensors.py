@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.libraries import library
 from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
 from tactape_fab.texture.frames import FloatArray
 
@@ -205,7 +206,7 @@ def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool
 
 def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     """A PNG of exactly this (height, width) as grey levels; its header is looked at before anything is unpacked."""
-    import cv2
+    cv2 = library("cv2", "reading a PNG mask")
 
     try:
         with path.open("rb") as stream:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import tempfile
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactape_fab.base.errors import RenderError, SpecError
+from tactape_fab.base.libraries import library
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.step.assembly import assembly_step
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 TEXTURE_RGB = (0.62, 0.66, 0.71)
 BOARD_RGB = (0.79, 0.54, 0.11)
 PART_RGB = (0.11, 0.12, 0.14)
-_DATE = datetime(1980, 1, 1, tzinfo=UTC)
+_DATE = datetime(1980, 1, 1, tzinfo=timezone.utc)
 
 
 def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
@@ -44,8 +45,6 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     RenderError
         When OCCT reads something else from the STEP text than one solid.
     """
-    from build123d import Part
-
     form = form or SolidForm()
     problems = form_problems(tape, form)
     if problems:
@@ -54,7 +53,7 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     solids = imported.solids()
     if len(solids) != 1:
         raise RenderError(f"OCCT reads {len(solids)} solids of {tape.name} instead of one")
-    return Part([solids[0]], label=tape.name)
+    return library("build123d", "tactape_fab.solids.cad").Part([solids[0]], label=tape.name)
 
 
 def assembly(tape: Tape) -> Compound:
@@ -90,7 +89,7 @@ def assembly(tape: Tape) -> Compound:
 
 
 def _imported(text: bytes) -> Compound:
-    from build123d import import_step
+    import_step = library("build123d", "tactape_fab.solids.cad").import_step
 
     with tempfile.TemporaryDirectory(prefix="tactape-cad-") as folder:
         path = Path(folder) / "model.step"

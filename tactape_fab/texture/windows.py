@@ -15,6 +15,9 @@ WordArray = npt.NDArray[np.uint64]
 WORD_BITS = 64
 _LOW_BITS = {2: np.uint64(0x5555_5555_5555_5555), 3: np.uint64(0x1249_2492_4924_9249)}
 """The lowest bit of every symbol of a word, by bits of a symbol."""
+_PAIRS, _FOURS, _EIGHTS, _BYTES = (
+    np.uint64(mask) for mask in (0x5555_5555_5555_5555, 0x3333_3333_3333_3333, 0x0F0F_0F0F_0F0F_0F0F, 0x0101_0101_0101_0101)
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,5 +90,17 @@ def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: in
         differing = word_a ^ word_b
         differing |= differing >> np.uint64(1) if bits == 2 else (differing >> np.uint64(1)) | (differing >> np.uint64(2))
         differing &= _LOW_BITS[bits]
-        total += np.bitwise_count(differing)
+        total += bit_count(differing)
     return total
+
+
+def bit_count(words: WordArray) -> npt.NDArray[np.uint8]:
+    """How many bits of each word are set; numpy has `bitwise_count` from 2.0 on, before it they are summed by 2, 4 and 8."""
+    if hasattr(np, "bitwise_count"):
+        return np.asarray(np.bitwise_count(words), dtype=np.uint8)
+    words = np.asarray(words, dtype=np.uint64)
+    pairs = words - ((words >> np.uint64(1)) & _PAIRS)
+    fours = (pairs & _FOURS) + ((pairs >> np.uint64(2)) & _FOURS)
+    eights = (fours + (fours >> np.uint64(4))) & _EIGHTS
+    counts: npt.NDArray[np.uint8] = ((eights * _BYTES) >> np.uint64(56)).astype(np.uint8)
+    return counts

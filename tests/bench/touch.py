@@ -29,6 +29,7 @@ from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.touch.climb import words_of
 from tactape_fab.texture.touch.design import design
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances, patch_shapes
+from tactape_fab.texture.windows import bit_count
 from tests.bench.dot_records import recorded
 from tests.bench.evidence.record import about
 from tests.bench.false_tally import Tally, upper_bound
@@ -176,7 +177,7 @@ def registry_distances(path: Path | None) -> dict[str, Any]:
         for (one, count), (other, other_count) in combinations(words, 2):
             every = other[k, :, : other_count[k]].ravel()
             for word in one[k, 0, : count[k]]:
-                least = min(least, int(np.bitwise_count(every ^ word).min()))
+                least = min(least, int(bit_count(every ^ word).min()))
         across[name] = least
     whole = np.ones(matrices[0].shape, dtype=bool)
     alone = [{d.shape: d.bits for d in patch_distances(symbols, whole)} for symbols in matrices]

@@ -1,4 +1,4 @@
-"""The wheel in a fresh environment of each Python, as pipx would install it: the main job, and a frame decoded."""
+"""The wheel in a fresh environment of each Python, as pipx would install it; a robot's half; and where wheels can be had."""
 
 from __future__ import annotations
 
@@ -6,17 +6,43 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from pathlib import Path
 
 import pytest
 
 import tactape_fab
+from tactape_fab import Kit
+from tests.installs import (
+    MACHINES,
+    NO_WHEEL,
+    NUMPYS,
+    PYTHONS,
+    ROBOT,
+    built_wheel,
+    clean_environment,
+    fresh_environment,
+    installable,
+    registry_answers,
+)
 from tests.thorough import only_thorough
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
-VERSIONS = ("3.11", "3.12", "3.13")
+DEFAULT_MB, ROBOT_MB, ROBOT_RESIDENT_MB, READY_S = 520, 260, 260, 1.0
+_ROBOT = """
+import json, resource, sys
+from time import process_time
+import numpy as np
+start = process_time()  # other processes on the machine do not count
+from tactape_fab import Localizer, Tape, Tracker, read_object
+locator = Localizer([Tape.load(sys.argv[1])])
+ready_s = process_time() - start
+fix = locator.locate(np.load(sys.argv[2])["depth"][0])
+resident_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+print(json.dumps({"located": fix.located, "ready_s": ready_s, "resident_mb": resident_mb}))
+"""
 
 
 def interpreter(version: str) -> str | None:
@@ -34,10 +60,8 @@ def interpreter(version: str) -> str | None:
 
 def run(command: list[str | Path], cwd: Path, path: str = os.defpath) -> str:
     """Output of a command that knows nothing of this checkout."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA", "VIRTUAL_ENV"))}
-    done = subprocess.run(
-        [str(word) for word in command], cwd=cwd, env={**environment, "PATH": path}, capture_output=True, text=True, check=False
-    )
+    environment = {**clean_environment(), "PATH": path}
+    done = subprocess.run([str(word) for word in command], cwd=cwd, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     return done.stdout
 
@@ -52,9 +76,14 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md"):
         shutil.copy(ROOT / name, sources / name)
-    run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder], sources)
-    (built,) = folder.glob("*.whl")
-    return built
+    return built_wheel(sources, folder)
+
+
+@pytest.fixture(scope="module")
+def registry() -> None:
+    """A registry that pip reaches."""
+    if not registry_answers():
+        pytest.skip("pip reaches no registry here")
 
 
 @pytest.fixture
@@ -65,14 +94,16 @@ def environment(tmp_path: Path) -> Iterator[Path]:
 
 
 @only_thorough
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.usefixtures("registry")
+@pytest.mark.parametrize("version", PYTHONS)
 def test_fresh_environment_makes_a_tape_and_decodes_a_frame(version: str, wheel: Path, environment: Path, tmp_path: Path) -> None:
     python = interpreter(version)
     if python is None:
         pytest.skip(f"Python {version} is not installed")
-    run([python, "-m", "venv", environment], tmp_path)
-    programs = environment / ("Scripts" if os.name == "nt" else "bin")
-    run([programs / "python", "-m", "pip", "install", "--quiet", "--no-compile", wheel], tmp_path)
+    fresh = fresh_environment(environment, [wheel], interpreter=python)
+    print(f"Python {version}, default: {fresh.size_bytes / 1e6:.0f} MB in {fresh.seconds:.0f} s")
+    assert fresh.size_bytes <= DEFAULT_MB * 1e6
+    programs = fresh.python.parent
 
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -89,10 +120,55 @@ def test_fresh_environment_makes_a_tape_and_decodes_a_frame(version: str, wheel:
     assert None not in diagnosis["libraries"].values() and not diagnosis["decoder"]["compiled"]
 
     tactape("make --sector 7 --w 1.5 --delta 0.25")
-    tactape("verify tactape-s007 --quick")
+    tactape("verify tactape-s007")
     tactape("simulate tactape-s007 -o frames.npz --pose 20,12,30")
     (fix,) = map(json.loads, tactape("decode frames.npz --tape tactape-s007 --json --overlay pictures").splitlines())
     assert fix["located"] and fix["tape"] == "tactape-s007"
     assert fix["position_mm"] == pytest.approx([20.0, 12.0], abs=0.02) and fix["theta_deg"] == pytest.approx(30.0, abs=0.5)
     assert (elsewhere / "pictures" / "frame-000000.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads(tactape("doctor --json"))["decoder"]["compiled"]
+
+
+@only_thorough
+@pytest.mark.usefixtures("registry")
+@pytest.mark.parametrize("version", PYTHONS)
+def test_a_robot_locates_with_three_libraries(
+    version: str, wheel: Path, small_kit: Kit, environment: Path, tmp_path: Path
+) -> None:
+    python = interpreter(version)
+    if python is None:
+        pytest.skip(f"Python {version} is not installed")
+    more = ("tomli",) if version == "3.10" else ()
+    fresh = fresh_environment(environment, [*ROBOT, *more], ["--no-deps", wheel], interpreter=python)
+    assert fresh.size_bytes <= ROBOT_MB * 1e6
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(small_kit.path, elsewhere / "kit")
+
+    def tactape(line: str) -> str:
+        return run([fresh.python.with_name("tactape-fab"), *line.split()], elsewhere)
+
+    tactape("simulate kit -o frames.npz --pose 8,8,30")
+    for line in ("decode frames.npz --tape kit --json", "watch frames.npz --rate max --no-drop --tape kit --json"):
+        assert json.loads(tactape(line).splitlines()[0])["located"]
+    tactape("certify kit")
+    tactape("registry kit")
+    run([fresh.python, "-c", _ROBOT, "kit", "frames.npz"], elsewhere)  # compiles what it has not yet
+    found = json.loads(run([fresh.python, "-c", _ROBOT, "kit", "frames.npz"], elsewhere))
+    print(f"Python {version}, robot's half: {fresh.size_bytes / 1e6:.0f} MB in {fresh.seconds:.0f} s; {found}")
+    assert found["located"] and found["resident_mb"] <= ROBOT_RESIDENT_MB and found["ready_s"] <= READY_S
+
+
+@only_thorough
+@pytest.mark.usefixtures("registry")
+def test_wheels_can_be_had_for_every_python_and_machine(tmp_path: Path) -> None:
+    """Robot's half, default and [cad], as pip's resolver answers; numpy 1.26 was never built for Python 3.13 and newer."""
+    with ThreadPoolExecutor(6) as pool:
+        asked = {
+            (python, machine, numpy): pool.submit(installable, python, machine, numpy, tmp_path / "none")
+            for python, machine, numpy in product(PYTHONS, MACHINES, NUMPYS)
+        }
+        found = {cell: future.result() for cell, future in asked.items()}
+    for (python, machine, numpy), answers in found.items():
+        refused = {name for name, answer in answers.items() if isinstance(answer, str)}
+        expected = set(answers) if (python, numpy) in NO_WHEEL else set()
+        assert refused == expected, (python, machine, numpy, answers)

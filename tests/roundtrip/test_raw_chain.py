@@ -40,8 +40,8 @@ def test_the_real_network_sees_no_slopes_where_nothing_is_touched() -> None:
     rms = {}
     for order in permutations(range(3)):
         for place in permutations((3, 4)):
-            seen = np.tan(angles(features(np.asarray(background, dtype=np.uint8))[:, [*order, *place]], layers))
-            rms[(*order, *place)] = np.sqrt(np.mean(seen**2))
+            seen = np.tan(angles(features(np.asarray(background, dtype=np.uint8))[:, list(order + place)], layers))
+            rms[order + place] = np.sqrt(np.mean(seen**2))
     found = make_reconstruction(background, network, (PX_PER_MM, PX_PER_MM)).untouched
     least = min(rms.values())
     assert np.sqrt(np.mean(found**2)) == pytest.approx(least, rel=1e-4)

@@ -10,6 +10,7 @@ import numpy as np
 from tactape_fab.kit.film.anchors import Anchors, anchor_plan, build_anchors
 from tactape_fab.kit.film.coverlay import gang_window
 from tactape_fab.kit.film.label import Label, compose_label
+from tactape_fab.kit.film.tag_ink import tag_ink
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
 from tactape_fab.kit.profiles import FabProfile, PartProfile
@@ -17,7 +18,7 @@ from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
-from tactape_fab.texture.tag import SIDE_CELLS, tag_ink
+from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
 _TAG_TO_TEXT_MM = 1.0

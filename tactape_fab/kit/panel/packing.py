@@ -1,22 +1,21 @@
-"""Packs tapes into the sheets that a fab and an assembly line take: rectangles only, by rectpack."""
+"""Packs tapes into the sheets that a fab and an assembly line take: rectangles only."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.kit.panel.max_rects import bottom_left, fill_sheets, short_side_fit
 from tactape_fab.kit.profiles import FabProfile
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 _UNITS_PER_MM = 1_000_000
 """Packed in whole nanometres: with floats, neighbours that touch are taken to overlap."""
-_ALGORITHMS = ("MaxRectsBssf", "MaxRectsBl", "GuillotineBssfSas", "GuillotineBafLas", "SkylineBlWm")
-_SORTS = ("SORT_AREA", "SORT_LSIDE", "SORT_SSIDE")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,7 +107,9 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
         )
     sides = _whole(sizes + gap_mm)
     width, height = (int(side) for side in _whole(np.asarray(sheet_mm) + gap_mm))
-    found = [_packed(sides, (width, height), algorithm, sort) for algorithm in _ALGORITHMS for sort in _SORTS]
+    found = [
+        fill_sheets(sides, (width, height), order, rule) for rule in (short_side_fit, bottom_left) for order in _orders(sides)
+    ]
     places = _in_order(min(found, key=lambda rows: _cost(rows, sides)), sizes)
     return Packing(
         sheet_mm=sheet_mm,
@@ -123,27 +124,11 @@ def _whole(lengths_mm: FloatArray) -> IntArray:
     return np.rint(lengths_mm * _UNITS_PER_MM).astype(np.int64)
 
 
-def _packed(sides: IntArray, sheet: tuple[int, int], algorithm: str, sort: str) -> IntArray:
-    """Sheet, x, y and whether turned, of every rectangle; shape (n, 4)."""
-    import rectpack
-
-    packer = rectpack.newPacker(
-        mode=rectpack.PackingMode.Offline,
-        bin_algo=rectpack.PackingBin.BFF,
-        pack_algo=getattr(rectpack, algorithm),
-        sort_algo=getattr(rectpack, sort),
-        rotation=True,
-    )
-    for i, (width, height) in enumerate(sides.tolist()):
-        packer.add_rect(width, height, rid=i)
-    packer.add_bin(*sheet, count=len(sides))
-    packer.pack()
-    rows: Iterable[tuple[int, int, int, int, int, int]] = packer.rect_list()
-    places = np.full((len(sides), 4), -1, dtype=np.int64)
-    for bin_index, x, y, width, _, i in rows:
-        places[i] = bin_index, x, y, width != sides[i, 0]
-    assert (places[:, 0] >= 0).all(), "rectpack left a rectangle out"
-    return places
+def _orders(sides: IntArray) -> list[list[int]]:
+    """The largest first, by area, by longer side, and by shorter side; of equals the first given."""
+    low, high = sides.min(axis=1), sides.max(axis=1)
+    keys = ((low * high,), (high, low), (low, high))  # nanometres: the product of two sides of 1 m is below 2**63
+    return [np.lexsort([-k for k in reversed(key)]).tolist() for key in keys]
 
 
 def _cost(places: IntArray, sides: IntArray) -> tuple[int, int, int]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, tried
 from tactape_fab.base.fields import shown
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
@@ -363,7 +364,7 @@ class Localizer:
         )
 
     def _by_paper(self, image: npt.NDArray[np.float32]) -> Localization:
-        import cv2
+        cv2 = library("cv2", 'method "paper"')
 
         from tactape_fab.sense.decode.paper import locate_paper
 

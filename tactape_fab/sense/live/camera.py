@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.live.sources import Frame, Source, Trouble
 
 FILMS = (".avi", ".mkv", ".mov", ".mp4")
@@ -59,7 +60,7 @@ def film_source(
 
 
 def _camera(path: Path) -> Any:
-    import cv2
+    cv2 = library("cv2", "reading a camera")
 
     capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
@@ -75,7 +76,7 @@ def _shot(
     clock: Callable[[], float],
     stop: Event,
 ) -> Iterator[Frame | Trouble]:
-    import cv2
+    cv2 = library("cv2", "reading a camera")
 
     capture = opened(path)
     try:
@@ -107,7 +108,7 @@ def _shot(
 def _shown(
     path: Path, size: tuple[int, int], crop: Crop | None, rate_hz: float | None, keep: bool, stop: Event
 ) -> Iterator[Frame | Trouble]:
-    import cv2
+    cv2 = library("cv2", "reading a camera")
 
     capture = cv2.VideoCapture(str(path))
     try:
@@ -130,7 +131,7 @@ def _shown(
 
 def _cut(image: npt.NDArray[Any], size: tuple[int, int], crop: Crop | None) -> npt.NDArray[Any]:
     """The part of an image that a sensor's frames show, at their size; an image too small for that as it is."""
-    import cv2
+    cv2 = library("cv2", "reading a camera")
 
     if crop is None:
         return image

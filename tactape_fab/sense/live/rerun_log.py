@@ -74,7 +74,8 @@ class RerunLog:
 
         self._rr = rr
         self._recording = rr.RecordingStream("tactape-fab", make_default=False, make_thread_default=False)
-        self._recording.set_log_time_enabled(False)  # when a frame was taken counts, not when it was written
+        if hasattr(self._recording, "set_log_time_enabled"):  # when a frame was taken counts; lerobot's Rerun writes both
+            self._recording.set_log_time_enabled(False)
         sinks: list[Any] = []
         try:
             if save is not None:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.objects.tag_view import camera_to_texture, tag_of, tag_side_mm
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tag import CODE_CELLS, SIDE_CELLS, tag_cells
@@ -130,7 +131,7 @@ def refine_tag_pose(
 
 def _starts(rotation: FloatArray, translation_mm: FloatArray, side_mm: float) -> list[tuple[FloatArray, FloatArray]]:
     """The pose itself, and the other one that shows a small square alike."""
-    import cv2
+    cv2 = library("cv2", "fitting a tag to a picture")
 
     half = side_mm / 2
     square = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
@@ -151,7 +152,7 @@ def _pixels(
     cell_mm: float,
 ) -> _Seen:
     """The pixels within the middle of the tag's light ring."""
-    import cv2
+    cv2 = library("cv2", "fitting a tag to a picture")
 
     half = (CODE_CELLS / 2 + _RING_SHARE) * cell_mm
     square = np.array([(-half, -half, 0.0), (half, -half, 0.0), (half, half, 0.0), (-half, half, 0.0)])
@@ -190,7 +191,7 @@ def _pixels(
 @lru_cache(maxsize=2)
 def _printed(tag_id: int) -> _F32:
     """How far each point of the tag is inside what is light, in cells; the film beyond the ring is taken for dark."""
-    import cv2
+    cv2 = library("cv2", "fitting a tag to a picture")
 
     light = np.kron(np.pad(tag_cells(tag_id), _PAD_CELLS), np.ones((_PX_PER_CELL, _PX_PER_CELL), dtype=bool)).astype(np.uint8)
     inside, outside = (cv2.distanceTransform(area, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for area in (light, 1 - light))
@@ -205,7 +206,7 @@ def _residual(
     ``values`` are a small turn (3), the translation (3), ln of the blur in cells, and by how many cells light areas have grown
     (ink that has run).
     """
-    import cv2
+    cv2 = library("cv2", "fitting a tag to a picture")
 
     turn = np.asarray(cv2.Rodrigues(values[:3])[0]) @ rotation
     ahead, start = seen.rays @ turn, -turn.T @ values[3:6]
@@ -220,7 +221,7 @@ def _residual(
 
 def _fitted(seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, translation_mm: FloatArray) -> TagPose:
     """Least squares by Levenberg and Marquardt, from one start."""
-    import cv2
+    cv2 = library("cv2", "fitting a tag to a picture")
 
     scale = np.array([1e-3] * 3 + [1e-4 * float(translation_mm[2])] * 3 + [0.05, 0.02])
     values = np.array([0.0, 0.0, 0.0, *translation_mm, np.log(hypot(_BLUR_PX, seen.smoothed_px) / seen.px_per_cell), 0.0])

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.libraries import library
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tag, Tape
@@ -149,7 +150,7 @@ def pixels_to_texture(
     SpecError
         When the tape has no tag, or the pose is none.
     """
-    import cv2
+    cv2 = library("cv2", "projecting points")
 
     points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
     matrix = np.asarray(camera_matrix, dtype=np.float64)
@@ -197,7 +198,7 @@ def texture_to_pixels(
     SpecError
         When the tape has no tag, or the pose is none.
     """
-    import cv2
+    cv2 = library("cv2", "projecting points")
 
     xy = np.asarray(texture_mm, dtype=np.float64).reshape(-1, 2)
     back = np.linalg.inv(camera_to_texture(tape, rotation, translation_mm))

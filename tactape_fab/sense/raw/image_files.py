@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.sensors import MOST_PX
 
 PICTURES = (".png", ".tif", ".tiff")
@@ -43,7 +44,7 @@ def read_picture_header(path: Path) -> tuple[int, int]:
 
 def read_picture(path: Path) -> npt.NDArray[Any]:
     """The frame of a picture, shape (height, width); raises as `read_picture_header`."""
-    import cv2
+    cv2 = library("cv2", "reading a picture")
 
     data = _bytes_of(path)
     shape = _checked_size(data, path)
@@ -60,7 +61,7 @@ def read_colour_header(path: Path) -> tuple[int, int]:
 
 def read_colour(path: Path) -> npt.NDArray[np.uint8]:
     """A colour image, shape (height, width, 3), blue first, as it lies in the file; raises as `read_picture_header`."""
-    import cv2
+    cv2 = library("cv2", "reading a picture")
 
     data = _bytes_of(path)
     shape = _checked_colour_size(data)
@@ -71,7 +72,7 @@ def read_colour(path: Path) -> npt.NDArray[np.uint8]:
 
 
 def _unpacked(data: bytes, how: int) -> npt.NDArray[Any] | None:
-    import cv2
+    cv2 = library("cv2", "reading a picture")
 
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

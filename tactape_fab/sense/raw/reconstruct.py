@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.libraries import library
 from tactape_fab.sense.raw.perceptron import of_pixels
 from tactape_fab.sense.raw.torch_file import read_tensors
 
@@ -136,6 +136,7 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
     ndarray of float32, shape (h, w)
         mm.
     """
+    fft = library("scipy.fft", "reading colour images")
     divergence = np.zeros(slopes.shape[1:], dtype=np.float32)
     u_steps = (slopes[0, :, 1:] + slopes[0, :, :-1]) * np.float32(0.5 / px_per_mm[0])
     v_steps = (slopes[1, 1:] + slopes[1, :-1]) * np.float32(0.5 / px_per_mm[1])

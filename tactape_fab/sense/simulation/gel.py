@@ -10,6 +10,7 @@ from tactape_fab.sense.simulation.contact import contact_images, contact_outline
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.sense.simulation.pixel_coverage import add_domes, add_quads
 from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.smoothing import smooth
 from tactape_fab.sense.simulation.view import View
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm
@@ -117,13 +118,9 @@ def delivered(depth_mm: FloatImage, profile: SensorProfile) -> FloatImage:
 
 
 def _smooth(image: FloatImage, sigma_u_px: float, sigma_v_px: float) -> FloatImage:
-    import cv2
-
     if min(sigma_u_px, sigma_v_px) < 0.05:
         return image
-    across, down = _kernel(sigma_u_px), _kernel(sigma_v_px)
-    smoothed: FloatImage = cv2.sepFilter2D(image, cv2.CV_32F, across, down, borderType=cv2.BORDER_REPLICATE)
-    return smoothed
+    return smooth(image, _kernel(sigma_u_px), _kernel(sigma_v_px), "edge")
 
 
 def _kernel(sigma_px: float) -> FloatImage:
@@ -135,8 +132,6 @@ def _kernel(sigma_px: float) -> FloatImage:
 
 def _add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> None:
     """White noise, and noise smoothed to blobs: drawn beyond the image's edges, so that its rms is the same everywhere."""
-    import cv2
-
     white_um = profile.white_um if scene.white_um is None else scene.white_um
     correlated_um = profile.correlated_um if scene.correlated_um is None else scene.correlated_um
     blob_px = profile.correlated_px if scene.correlated_px is None else scene.correlated_px
@@ -149,5 +144,5 @@ def _add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.
         reach = len(kernel) // 2
         drawn = rng.standard_normal((depth.shape[0] + 2 * reach, depth.shape[1] + 2 * reach), dtype=np.float32)
         gain = correlated_um * scene.noise / 1000 / float((kernel.astype(np.float64) ** 2).sum())
-        blobs = cv2.sepFilter2D(drawn, cv2.CV_32F, kernel, kernel * np.float32(gain), borderType=cv2.BORDER_CONSTANT)
+        blobs = smooth(drawn, kernel, kernel * np.float32(gain), "constant")
         depth += blobs[reach:-reach, reach:-reach]

@@ -97,6 +97,9 @@ def _read_opencv(image: GrayImage) -> list[Reading]:
 def pupil_detector() -> Any:
     """The one pupil-apriltags detector of this process.
 
+    kornia-rs 0.2 has wheels for more machines and reads our legends, too, but gives corners in the picture's order, not in the
+    tag's: it cannot tell a turned tag from an upright one.
+
     It is never destroyed: its destructor frees the tag family before the detector that still points to it, which
     corrupts the heap (pupil-apriltags 1.0.4).
     """

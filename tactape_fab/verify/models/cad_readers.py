@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ for key, path in {files!r}.items():
 with open({answer!r}, "w") as stream:
     json.dump(answer, stream)
 """
+# bodies: every face takes its neighbours' least number until none is less; trimesh's own function would ask for scipy
 _TRIMESH = """
 import json, sys
 import numpy as np
@@ -53,8 +55,16 @@ import trimesh
 answer = {}
 for path in sys.argv[1:]:
     mesh = trimesh.load_mesh(path, process=True)
-    bodies = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
-    answer[path] = [bool(mesh.is_watertight), bool(mesh.is_winding_consistent), len(bodies), float(mesh.volume)]
+    a, b = mesh.face_adjacency.T
+    body, before = np.arange(len(mesh.faces)), None
+    while before is None or (body != before).any():
+        before = body.copy()
+        least = np.minimum(body[a], body[b])
+        np.minimum.at(body, before[a], least)
+        np.minimum.at(body, before[b], least)
+        body = body[body]
+    bodies = len(np.unique(body))
+    answer[path] = [bool(mesh.is_watertight), bool(mesh.is_winding_consistent), bodies, float(mesh.volume)]
 print("ANSWER " + json.dumps(answer))
 """
 
@@ -103,6 +113,8 @@ def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplCon
     names = [str(paths.get(role, "-")) for role in ("step-solid", "step-assembly")]
     if names == ["-", "-"]:
         return []
+    if find_spec("OCP") is None:
+        return [_missing("OCCT", '; pip install "tactape-fab[cad]"')]
     found = _answer(_run(launch.python_command("from tactape_fab.verify.models.occt_reader import main; main()", *names)))
     failed = found if "error" in found else None
     checks = []
@@ -261,8 +273,7 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     return [Check(name="stl by trimesh", passed=passed, message=message, figure=float(volume), unit="mm3")]
 
 
-def _missing(program: str) -> Check:
+def _missing(program: str, remedy: str = "") -> Check:
     """A reader that this machine does not have: a line to read, not a failure."""
-    return Check(
-        name=program, passed=False, warning=True, message=f"{program} is not installed: the models were not read with it"
-    )
+    message = f"{program} is not installed: the models were not read with it{remedy}"
+    return Check(name=program, passed=False, warning=True, message=message)

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,7 +35,7 @@ COPPER, KIT = "copper layer", "whole kit"
 SOLID, ASSEMBLY, STL, THREEMF = "solid, STEP", "assembly, STEP", "mesh, STL", "mesh, 3MF"
 ONLY_STL, ONLY_THREEMF = "STL of one mesh", "3MF of one mesh"
 LIBRARIES = ("gerber_writer", "gerbonara", "build123d", "manifold3d", "trimesh", "lib3mf")
-DATE = datetime(2026, 1, 1, tzinfo=UTC)
+DATE = datetime(2026, 1, 1, tzinfo=timezone.utc)
 BOARD_RGB, PART_RGB = (0.8, 0.5, 0.1), (0.1, 0.1, 0.1)
 VOLUME_TOLERANCE = 1e-4
 

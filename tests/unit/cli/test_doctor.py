@@ -6,7 +6,6 @@ import json
 import platform
 import subprocess
 import sys
-import tomllib
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab import __version__
+from tactape_fab.base.templates import read_toml
 from tactape_fab.cli import doctor, main
 from tactape_fab.cli.doctor import diagnosis_lines
 from tactape_fab.sense.decode import warm as ahead
@@ -31,7 +31,7 @@ REQUIRES = [
 
 
 def test_every_extra_is_explained() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = read_toml(ROOT / "pyproject.toml", "pyproject")["project"]
     assert set(doctor.EXTRAS) == set(project["optional-dependencies"])
 
 

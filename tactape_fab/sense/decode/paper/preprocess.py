@@ -6,6 +6,7 @@ from math import hypot
 
 import numpy as np
 
+from tactape_fab.base.libraries import library
 from tactape_fab.texture.frames import FloatArray
 
 REFERENCE_PX_PER_MM = 16.0
@@ -37,7 +38,7 @@ def high_pass(depth: FloatArray, filter_px: int) -> FloatArray:
         ``(depth - meanFilter(depth)) * K``. Reading: the paper does not say what K is; here it brings the quantile
         `STRONGEST_SHARE` to 1, and a flat frame is 0 everywhere.
     """
-    import cv2
+    cv2 = library("cv2", 'method "paper"')
 
     known = np.isfinite(depth)
     if not known.any():
@@ -72,7 +73,7 @@ def detect_dots(depth: FloatArray, px_per_mm: float, body_mm2: float) -> FloatAr
         Centres (u, v), px, in the contours' order. Reading: outer contours only, and the moments are those of the
         polygon, as OpenCV computes them from a contour.
     """
-    import cv2
+    cv2 = library("cv2", 'method "paper"')
 
     if depth.ndim != 2 or depth.size == 0:
         return np.zeros((0, 2))

@@ -6,7 +6,7 @@ import io
 import struct
 import zipfile
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from math import pi
 from typing import Any
 from xml.etree import ElementTree
@@ -327,7 +327,7 @@ def test_3mf_comes_back() -> None:
 
 
 def test_only_the_date_differs_between_days() -> None:
-    one, other = (threemf_bytes(cube(), "t", {}, datetime(1980, 1, day, tzinfo=UTC)) for day in (1, 2))
+    one, other = (threemf_bytes(cube(), "t", {}, datetime(1980, 1, day, tzinfo=timezone.utc)) for day in (1, 2))
     assert one != other
     assert model_text(one) == model_text(other)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from math import pi
 from typing import Any
 
@@ -193,7 +193,7 @@ def test_a_tile_has_at_most_36_elements(form: SolidForm) -> None:
 
 def test_a_file_has_name_date_units_and_colour() -> None:
     tape = tape_of(DOME, 4, 4)
-    date = datetime(2026, 5, 4, tzinfo=UTC)
+    date = datetime(2026, 5, 4, tzinfo=timezone.utc)
     data = solid_step(tape, SolidForm(), name="a 'tape'", date=date, rgb=(0.1, 0.2, 0.3), tool="us")
     file = StepFile(data)
     assert "'a ''tape''','2026-05-04T00:00:00',(''),(''),'us','us'" in file.header

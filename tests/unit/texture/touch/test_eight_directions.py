@@ -35,7 +35,7 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, TURNED, SymbolArr
 from tactape_fab.texture.touch.design import design
 from tactape_fab.texture.touch.designed import symbols_sha256
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances
-from tactape_fab.texture.windows import windows_of
+from tactape_fab.texture.windows import bit_count, windows_of
 from tactape_fab.verify.symbols import check_symbols, symbols_of_positions
 from tactape_fab.verify.trip.misplaced import explain
 
@@ -99,7 +99,7 @@ def nearest(symbols: SymbolArray, mask: np.ndarray, apart: np.ndarray) -> tuple[
     return int(least.min()), int((least == least.min()).sum())
 
 
-BITS_APART = np.bitwise_count(DIRECTIONS[8].gray_codes[:, None] ^ DIRECTIONS[8].gray_codes).astype(np.int64)
+BITS_APART = bit_count(DIRECTIONS[8].gray_codes[:, None] ^ DIRECTIONS[8].gray_codes).astype(np.int64)
 
 
 @pytest.mark.parametrize("shape", [(6, 6), (9, 15)])

@@ -11,7 +11,8 @@ import numpy.typing as npt
 import pytest
 import shapely
 
-from tactape_fab.texture.tag import LEAST_CELL_MM, Ink, tag_cells, tag_ink
+from tactape_fab.kit.film.tag_ink import Ink, tag_ink
+from tactape_fab.texture.tag import LEAST_CELL_MM, tag_cells
 from tactape_fab.verify.layers.legend import pupil_detector
 
 IDS = range(587)

@@ -1,0 +1,78 @@
+"""Writes into docs/install.md what each installation takes here, and where pip's resolver finds wheels for it.
+
+`python docs/make_installs.py`; a registry has to be reached, and it takes minutes.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tests.installs import (  # noqa: E402
+    MACHINES,
+    NO_WHEEL,
+    NUMPYS,
+    PYTHONS,
+    ROBOT,
+    built_wheel,
+    fresh_environment,
+    installable,
+)
+
+PAGE = ROOT / "docs" / "install.md"
+
+
+def sizes(scratch: Path) -> list[str]:
+    """A row for each installation: size, and time that pip took."""
+    wheel = built_wheel(ROOT, scratch / "dist")
+    kinds = {
+        "robot's half": [list(ROBOT), ["--no-deps", wheel]],
+        "default": [[wheel]],
+        "with `[cad]`": [[f"{wheel}[cad]"]],
+    }
+    rows = ["| installation | MB | s |", "|---|---|---|"]
+    for name, installs in kinds.items():
+        made = fresh_environment(scratch / re.sub(r"\W", "", name), *installs)
+        rows.append(f"| {name} | {made.size_bytes / 1e6:.0f} | {made.seconds:.0f} |")
+    return rows
+
+
+def cells(scratch: Path) -> list[str]:
+    """A row for each Python and machine: what resolves with numpy 1.26, and with numpy 2."""
+    wanted = [(p, m, n) for p in PYTHONS for m in MACHINES for n in NUMPYS]
+    with ThreadPoolExecutor(6) as pool:
+        found = dict(zip(wanted, pool.map(lambda cell: _cell(*cell, scratch), wanted), strict=True))
+    rows = ["| Python | machine | numpy 1.26 | numpy 2 |", "|---|---|---|---|"]
+    return rows + [f"| {p} | {m} | {' | '.join(found[p, m, n] for n in NUMPYS)} |" for p in PYTHONS for m in MACHINES]
+
+
+def _cell(python: str, machine: str, numpy: str, scratch: Path) -> str:
+    if (python, numpy) in NO_WHEEL:
+        return f"no: numpy {numpy} has no wheel for Python {python}"
+    found = installable(python, machine, numpy, scratch / "none")
+    missing = [name for name, answer in found.items() if isinstance(answer, str)]
+    if missing:
+        return "no: " + "; ".join(f"{name}: {found[name]}" for name in missing)
+    versions = next(answer for answer in found.values() if not isinstance(answer, str))
+    return f"yes: numpy {versions['numpy']}, numba {versions['numba']}"
+
+
+def main() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, make in (("sizes", sizes), ("cells", cells)):
+            rows = "\n".join(make(Path(scratch)))
+            print(rows, flush=True)
+            pattern = rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)"
+            text = re.sub(pattern, lambda found, rows=rows: f"{found[1]}{rows}\n{found[2]}", text, flags=re.DOTALL)
+    PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Libraries that not every installation has: imported where they are used; where one is missing, the line to type is said.
+
+A robot installs numpy, numba and click alone; what reads and draws pictures, builds solids or shows them is asked for by name.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from tactape_fab.base.errors import MissingLibraryError
+
+_INSTALLED_BY = {
+    "OCP": '"tactape-fab[cad]"',
+    "build123d": '"tactape-fab[cad]"',
+    "cv2": "opencv-python-headless",
+    "manifold3d": '"tactape-fab[cad]"',
+    "mcap": '"tactape-fab[live]"',
+    "rerun": '"tactape-fab[rerun]"',
+    "scipy": '"tactape-fab[raw]"',
+    "tomli": "tomli",
+}
+"""What pip is asked for, by the name of the module; all others come with the package's own dependencies."""
+_OWN = "tactape-fab"
+
+
+def library(module: str, use: str) -> Any:
+    """Import a library by the name of its module.
+
+    Parameters
+    ----------
+    module : str
+    use : str
+        What needs it, as the beginning of a sentence: ``"drawing pictures"``.
+
+    Raises
+    ------
+    MissingLibraryError
+        When it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != module.partition(".")[0]:
+            raise
+        raise MissingLibraryError(missing(error.name, use), name=error.name) from error
+
+
+def missing(module: str, use: str) -> str:
+    """That a library is not installed, and the line to type."""
+    name = module.partition(".")[0]
+    return f"{use} needs {name}, which is not installed; pip install {_INSTALLED_BY.get(name, _OWN)}"

@@ -1,0 +1,77 @@
+"""AprilTag 36h11: cells to areas of ink that a legend printer can hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+import shapely
+
+from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.tag import SIDE_CELLS, tag_cells
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ink:
+    """Areas to print, each a polygon without holes, about the tag's centre (mm, y up).
+
+    Their union is the printed image; areas that were cut to lose a hole overlap along the cut.
+    """
+
+    areas_mm: tuple[FloatArray, ...]
+
+
+def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, legend_is_light: bool) -> Ink:
+    """Areas of ink that show the tag.
+
+    A light legend prints the light cells and the ring, a dark one the dark cells. Where two inked cells meet in a
+    corner only, both are chamfered, so that `gap_mm` stays free between them after the ink has run by `bleed_mm`.
+
+    Parameters
+    ----------
+    tag_id : int
+    cell_mm : float
+        Side of a cell.
+    gap_mm, bleed_mm : float
+        Least gap between inked areas, and ink bleed per edge.
+    legend_is_light : bool
+        Whether the legend ink is lighter than what it is printed on.
+    """
+    light = tag_cells(tag_id)
+    inked = light if legend_is_light else ~light
+    row, column = np.nonzero(inked)
+    half = SIDE_CELLS / 2
+    x, y = (column - half) * cell_mm, (half - 1 - row) * cell_mm
+    image = shapely.union_all(shapely.box(x, y, x + cell_mm, y + cell_mm))
+    leg_mm = (gap_mm / 2 + bleed_mm) * sqrt(2.0)
+    corners = _corner_contacts(inked)
+    if len(corners):
+        cx, cy = (corners[:, 1] - half) * cell_mm, (half - corners[:, 0]) * cell_mm
+        arms = np.array([(leg_mm, 0.0), (0.0, leg_mm), (-leg_mm, 0.0), (0.0, -leg_mm)])
+        image = shapely.difference(image, shapely.union_all(shapely.polygons(np.stack([cx, cy], axis=1)[:, None] + arms)))
+    parts = shapely.get_parts(shapely.normalize(image))
+    return Ink(areas_mm=tuple(area for part in parts for area in _without_holes(part, cell_mm / 10)))
+
+
+def _corner_contacts(inked: BoolArray) -> np.ndarray:
+    """(row, column) of grid corners where exactly two inked cells meet, diagonally."""
+    nw, ne, sw, se = inked[:-1, :-1], inked[:-1, 1:], inked[1:, :-1], inked[1:, 1:]
+    return np.argwhere((nw & se & ~ne & ~sw) | (ne & sw & ~nw & ~se)) + 1
+
+
+def _without_holes(polygon: shapely.Polygon, overlap_mm: float) -> list[FloatArray]:
+    """Cut a polygon across its first hole until no piece has one; pieces overlap along each cut by twice `overlap_mm`,
+    so that no hairline opens between them.
+    """
+    if not polygon.interiors:
+        return [np.array(polygon.exterior.coords)[:-1]]
+    x_low, y_low, x_high, y_high = polygon.bounds
+    cut = polygon.interiors[0].centroid.y
+    pieces: list[FloatArray] = []
+    for low, high in ((y_low - 1.0, cut + overlap_mm), (cut - overlap_mm, y_high + 1.0)):
+        piece = shapely.intersection(polygon, shapely.box(x_low - 1.0, low, x_high + 1.0, high))
+        for part in shapely.get_parts(piece):
+            if part.geom_type == "Polygon":
+                pieces += _without_holes(part, overlap_mm)
+    return pieces

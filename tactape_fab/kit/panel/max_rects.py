@@ -1,0 +1,93 @@
+"""Rectangles into sheets, one after the other, each in a free rectangle that is as large as can be.
+
+MAXRECTS of J. Jylänki, "A Thousand Ways to Pack the Bin" (2010), section 4: all free rectangles that no other holds are kept;
+a rectangle is put into the lower left corner of one of them, which cuts it and those that overlap it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+IntArray = npt.NDArray[np.int64]
+Rule = Callable[[IntArray, int, int], IntArray]
+"""From free rectangles (k, 4), and a width and height that fit them, to how well each suits; least is best."""
+
+_X0, _Y0, _X1, _Y1 = range(4)
+
+
+def short_side_fit(free: IntArray, width: int, height: int) -> IntArray:
+    """The shorter of the two remainders: MAXRECTS-BSSF."""
+    left: IntArray = np.minimum(free[:, _X1] - free[:, _X0] - width, free[:, _Y1] - free[:, _Y0] - height)
+    return left
+
+
+def bottom_left(free: IntArray, _: int, height: int) -> IntArray:
+    """How high the rectangle would reach: MAXRECTS-BL."""
+    top: IntArray = free[:, _Y0] + height
+    return top
+
+
+def fill_sheets(sides: IntArray, sheet: tuple[int, int], order: Sequence[int], rule: Rule) -> IntArray:
+    """Put rectangles into the first sheet that has room for them, turned by 90 degrees where that suits better.
+
+    Parameters
+    ----------
+    sides : ndarray of int64, shape (n, 2)
+        Widths and heights; each fits a sheet, one way round or the other.
+    sheet : (int, int)
+    order : sequence of int
+        Which rectangle comes first.
+    rule : callable
+        `short_side_fit` or `bottom_left`.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 4)
+        Sheet, x, y, and whether turned, of every rectangle.
+    """
+    sheets: list[IntArray] = []
+    places = np.empty((len(sides), 4), dtype=np.int64)
+    for i in order:
+        width, height = (int(side) for side in sides[i])
+        found = next(((at, put) for at, free in enumerate(sheets) if (put := _best(free, width, height, rule)) is not None), None)
+        if found is None:
+            sheets.append(np.array([(0, 0, *sheet)], dtype=np.int64))
+            put = _best(sheets[-1], width, height, rule)
+            assert put is not None, "a rectangle fits no sheet"
+            found = len(sheets) - 1, put
+        at, (x, y, turned) = found
+        places[i] = at, x, y, turned
+        taken = np.array([x, y, x + (height if turned else width), y + (width if turned else height)])
+        sheets[at] = _without(sheets[at], taken)
+    return places
+
+
+def _best(free: IntArray, width: int, height: int, rule: Rule) -> tuple[int, int, bool] | None:
+    """Lower left corner, and whether turned; None where there is no room."""
+    best: tuple[int, int, int, bool] | None = None
+    for w, h, turned in ((width, height, False), (height, width, True)):
+        fitting = free[(free[:, _X1] - free[:, _X0] >= w) & (free[:, _Y1] - free[:, _Y0] >= h)]
+        if len(fitting):
+            rank = rule(fitting, w, h)
+            first = int(rank.argmin())
+            if best is None or rank[first] < best[0]:
+                best = int(rank[first]), int(fitting[first, _X0]), int(fitting[first, _Y0]), turned
+    return None if best is None else best[1:]
+
+
+def _without(free: IntArray, taken: IntArray) -> IntArray:
+    """What is free once `taken` is not: those that it overlaps are cut into the up to four that it leaves of them."""
+    overlaps = (free[:, :2] < taken[2:]).all(axis=1) & (taken[:2] < free[:, 2:]).all(axis=1)
+    pieces = [free[~overlaps]]
+    for side, edge in ((_X1, taken[_X0]), (_X0, taken[_X1]), (_Y0, taken[_Y1]), (_Y1, taken[_Y0])):
+        piece = free[overlaps]
+        piece[:, side] = edge
+        pieces.append(piece[(piece[:, :2] < piece[:, 2:]).all(axis=1)])
+    rest = np.unique(np.concatenate(pieces), axis=0)
+    low, high = rest[:, :2], rest[:, 2:]
+    holds = ((low[:, None] <= low) & (high[:, None] >= high)).all(axis=2).sum(axis=0)
+    outermost: IntArray = rest[holds == 1]  # each holds itself
+    return outermost
