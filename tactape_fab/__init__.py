@@ -9,8 +9,7 @@ from pathlib import Path as _Path
 from typing import TYPE_CHECKING
 
 from tactape_fab.base.lazy import lazy_names
-
-__version__ = "0.1.0"
+from tactape_fab.base.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from tactape_fab.base.errors import CapacityError as CapacityError

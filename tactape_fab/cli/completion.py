@@ -23,8 +23,7 @@ def completion(shell: str) -> None:
     \b
     Example: eval "$(tactape-fab completion bash)"
     """
-    from tactape_fab.cli.group import main
-
+    main = click.get_current_context().find_root().command
     completer = get_completion_class(shell)
     if completer is None:
         raise click.UsageError(f"click knows no completion for {shell}")

@@ -10,7 +10,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from tactape_fab import __version__
+from tactape_fab.base.version import __version__
 
 COMMANDS = (
     "advise",

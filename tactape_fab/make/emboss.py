@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab import __version__
 from tactape_fab.base.build_date import build_date, zip_date
 from tactape_fab.base.errors import Check, SpecError, VerifyError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate

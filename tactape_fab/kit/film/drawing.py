@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactape_fab import __version__
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.film.anchors import Anchors
 from tactape_fab.kit.film.layout import Flashes, Layout, Legend
 from tactape_fab.kit.outlines import PartOutlines

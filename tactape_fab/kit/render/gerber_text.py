@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tactape_fab import __version__
 from tactape_fab.base.build_date import build_date
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.film.drawing import Project
 from tactape_fab.kit.profiles import X2Mode
 from tactape_fab.texture.frames import FloatArray, IntArray, to_nm

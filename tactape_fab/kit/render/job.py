@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from tactape_fab import __version__
 from tactape_fab.base.build_date import build_date
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.profiles import FabProfile, material_words

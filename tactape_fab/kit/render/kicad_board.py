@@ -13,8 +13,8 @@ from math import isclose, sqrt
 
 import numpy as np
 
-from tactape_fab import __version__
 from tactape_fab.base.build_date import build_date
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.profiles import FabProfile, LandPattern

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactape_fab import __version__
 from tactape_fab.base.build_date import build_date, zip_date
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.render.colours import BODY, COVERLAY_COLOURS, MOULD, TEXTURE, rgb

@@ -7,9 +7,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from tactape_fab import __version__
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.version import __version__
 from tactape_fab.sense.files.jobs import Located
 from tactape_fab.sense.live.cdr import IMAGE, POSE, TEXT, MessageType
 from tactape_fab.sense.live.messages import image_message, pose_message, stamp_ns, text_message

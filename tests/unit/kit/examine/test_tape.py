@@ -120,7 +120,7 @@ def test_advise_hears_what_make_hears(size_mm: tuple[float, float], pitch_mm: fl
         ({"part": "block", "base_mm": 0, "body_mm": [2, 2, 0.2]}, {"base_mm", "part"}),
         ({"part": "r9", "body_mm": [math.nan, 1, 1], "coverlay": "lpi"}, {"part"}),
     ],
-    ids=str,
+    ids=lambda value: str(sorted(value)),
 )
 def test_what_rests_on_a_refused_value_is_not_judged(values: dict[str, Any], roots: set[str]) -> None:
     problems = refusal_of({"sector": 7, **values}).problems
