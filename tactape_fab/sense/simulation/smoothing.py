@@ -7,14 +7,15 @@ rounding their sum to float32 is what a fused operation does.
 
 from __future__ import annotations
 
+import sys
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.jit import kernel
-
 FloatImage = npt.NDArray[np.float32]
+_BLOCK = 32
+"""Rows at a time: the buffers of so many rows stay in a processor's cache, which is twice as fast."""
 
 
 def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Literal["edge", "constant"]) -> FloatImage:
@@ -33,33 +34,38 @@ def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Lite
     ndarray of float32, shape (h, w)
     """
     reach_u, reach_v = len(across) // 2, len(down) // 2
+    along_rows, down_columns = _along_rows, _down_columns
+    if "numba" in sys.modules:  # the same bits four times as fast, but loading a compiler takes longer than a few images
+        from tactape_fab.sense.simulation.compiled_smoothing import along_rows, down_columns
     padded = np.pad(image, ((reach_v, reach_v), (reach_u, reach_u)), mode=beyond)
     rows = np.empty((padded.shape[0], image.shape[1]), dtype=np.float32)
-    _along_rows(padded, across, rows)
+    for first in range(0, len(rows), _BLOCK):
+        along_rows(padded[first : first + _BLOCK], across, rows[first : first + _BLOCK])
     smoothed = np.empty(image.shape, dtype=np.float32)
-    _down_columns(rows, down, smoothed)
+    for first in range(0, len(smoothed), _BLOCK):
+        down_columns(rows[first : first + _BLOCK + 2 * reach_v], down, smoothed[first : first + _BLOCK])
     return smoothed
 
 
-@kernel()
 def _along_rows(image: FloatImage, taps: FloatImage, out: FloatImage) -> None:
-    for v in range(out.shape[0]):
-        for u in range(out.shape[1]):
-            out[v, u] = image[v, u] * taps[0]
-        for i in range(1, len(taps)):
-            tap = np.float64(taps[i])
-            for u in range(out.shape[1]):
-                out[v, u] = np.float64(image[v, u + i]) * tap + np.float64(out[v, u])
+    width = out.shape[1]
+    np.multiply(image[:, :width], taps[0], out=out)
+    exact = np.empty(out.shape)
+    for i in range(1, len(taps)):
+        _add_product(image[:, i : i + width], taps[i], exact, out)
 
 
-@kernel()
 def _down_columns(image: FloatImage, taps: FloatImage, out: FloatImage) -> None:
-    reach = len(taps) // 2
-    for v in range(out.shape[0]):
-        for u in range(out.shape[1]):
-            out[v, u] = image[v + reach, u] * taps[reach]
-        for i in range(1, reach + 1):
-            tap = np.float64(taps[reach + i])
-            for u in range(out.shape[1]):
-                pair = image[v + reach + i, u] + image[v + reach - i, u]
-                out[v, u] = np.float64(pair) * tap + np.float64(out[v, u])
+    reach, height = len(taps) // 2, out.shape[0]
+    np.multiply(image[reach : reach + height], taps[reach], out=out)
+    exact, pair = np.empty(out.shape), np.empty_like(out)
+    for i in range(1, reach + 1):
+        np.add(image[reach + i : reach + i + height], image[reach - i : reach - i + height], out=pair)
+        _add_product(pair, taps[reach + i], exact, out)
+
+
+def _add_product(image: FloatImage, tap: np.float32, exact: npt.NDArray[np.float64], out: FloatImage) -> None:
+    """Add a multiple of an image to `out` with one rounding, as a fused multiply-add does; `exact` is a buffer."""
+    np.multiply(image, np.float64(tap), out=exact, dtype=np.float64)
+    exact += out
+    out[...] = exact
