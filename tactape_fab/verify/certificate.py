@@ -1,4 +1,4 @@
-"""The certificate of a kit is computed again and compared."""
+"""Check of a kit's certificate: it is computed again and compared."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactape_fab.verify.files import CERTIFICATE, WrittenFile
 
 
 def check_certificate(file: WrittenFile, tape: Tape) -> Check:
-    """Every number of the file is that of the tape."""
+    """Check that every number of the certificate file is the one computed from the tape."""
     certificate = certify(tape)
     try:
         content = json.loads(file.data)
@@ -30,7 +30,7 @@ def check_certificate(file: WrittenFile, tape: Tape) -> Check:
 
 
 def _difference(found: Any, expected: Any, where: str) -> str | None:
-    """The first place where two JSON values differ, in words."""
+    """Description of the first place where two JSON values differ."""
     if isinstance(expected, dict) and isinstance(found, dict):
         for key in [*expected, *(k for k in found if k not in expected)]:
             place = f"{where}.{key}" if where else str(key)

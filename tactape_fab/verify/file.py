@@ -32,7 +32,7 @@ def verify_kit(
     contact : Contact, optional
         Sensor and size of the contacts of the round trip that is not quick.
     progress : callable
-        Told what is being done, how much of it is done, and of how much.
+        Called with the name of the step, the amount done and the total.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def verify_kit(
 
 
 def _format_of(file: Path) -> dict[str, Any]:
-    """Content of a manifest; nothing where it cannot be read, which is said where it is read as a kit's."""
+    """Content of a manifest; empty if it cannot be read, which is reported later, when it is read as a kit's."""
     try:
         return read_any_manifest(file)
     except SpecError:

@@ -1,4 +1,4 @@
-"""Files of a kit: listed, whole, unchanged, and nothing outside the kit's folder is ever opened."""
+"""Checks of a kit's files: listed, complete, unchanged. No file outside the kit's folder is ever opened."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CERTIFICATE = "certificate"
 EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
 REPORT = "report"
-"""Role of the report: the one file that is made after the others are verified, so that it may be missing."""
+"""Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
 _DATA = re.compile(rb'<script type="application/json" id="data">(.*?)</script>', re.DOTALL)
 
 Kind = Literal["film", "texture", "embossed"]
@@ -44,13 +44,13 @@ class WrittenFile:
 
 
 def named(items: list[str]) -> str:
-    """The first few of a list, for a message."""
+    """The first few items of a list, for a message."""
     more = len(items) - _MOST_NAMED
     return ", ".join(items[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def kind_of(manifest: Mapping[str, Any]) -> Kind:
-    """What a manifest is of: a film with parts, a texture of solid elements, a texture on a user's own part."""
+    """Kind of kit that a manifest describes: a film with parts, a texture of solid elements, a texture on the user's own part."""
     if "surface" in manifest:
         return "embossed"
     spec = manifest.get("spec")
@@ -59,7 +59,7 @@ def kind_of(manifest: Mapping[str, Any]) -> Kind:
 
 
 def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: Sequence[str] = ()) -> tuple[str, ...]:
-    """Roles that a kit must have, each once; of an embossed one those that it has in any case."""
+    """Roles that a kit must have, each once; for an embossed kit those that are always there."""
     if kind == "embossed":
         return EMBOSSED
     if kind == "texture":
@@ -75,7 +75,7 @@ def read_files(
 ) -> tuple[dict[str, list[WrittenFile]], list[Check]]:
     """Read every listed file, by role, and compare sizes and SHA-256.
 
-    ``kits`` are folders in it, with '/' at their end, whose files their own manifests list.
+    ``kits`` are subfolders, each ending in '/', whose files are listed by their own manifests.
     """
     rows = manifest.get("files")
     files: dict[str, list[WrittenFile]] = {}
@@ -130,7 +130,7 @@ def check_listed(
     allowed: Sequence[str] = (),
     what: str = "tape",
 ) -> tuple[dict[str, WrittenFile], list[str], list[Check]]:
-    """The first file of each role, the expected roles that have none, and a line each for the roles and the report."""
+    """The first file of each role, the expected roles without a file, and one check each of the roles and the report."""
     single = {role: rows[0] for role, rows in files.items() if rows}
     checks = [_check_roles(expected, files, (REPORT, *allowed))]
     if REPORT in single:
@@ -139,7 +139,7 @@ def check_listed(
 
 
 def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]], allowed: Sequence[str]) -> Check:
-    """Every expected role once, and no other but the allowed ones, these once at most."""
+    """Check that every expected role is there once, and no other role except the allowed ones, each at most once."""
     wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
     wrong += [f"{role} {len(files[role])} times" for role in allowed if len(files.get(role, [])) > 1]
     wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed)]
@@ -148,7 +148,7 @@ def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]]
 
 
 def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> Check:
-    """The page shows this tape, or panel, and lists every other file of the kit as the manifest does."""
+    """Check that the report shows this tape or panel, and lists every other file of the kit as the manifest does."""
     problem, count = None, 0
     try:
         (text,) = _DATA.findall(file.data)
@@ -170,7 +170,7 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
 
 
 def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Check:
-    """The zip holds exactly the fabrication files, byte for byte."""
+    """Check that the zip holds exactly the fabrication files, byte for byte."""
     roles = [role for role in FAB_ZIP_ROLES if role in files and (with_job or role != "job")]
     expected = {files[role].path.rsplit("/", 1)[-1]: files[role].data for role in roles}
     problems: list[str] = []
@@ -197,7 +197,7 @@ def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Che
 
 
 def check_job(board_mm: tuple[float, float], files: Mapping[str, WrittenFile]) -> Check:
-    """The job file is JSON, and names this board and these files."""
+    """Check that the job file is JSON, and names this board and these files."""
     try:
         job = json.loads(files["job"].data)
         size = job["GeneralSpecs"]["Size"]
@@ -218,7 +218,7 @@ def check_job(board_mm: tuple[float, float], files: Mapping[str, WrittenFile]) -
 
 
 def check_signature(role: str, data: bytes) -> str | None:
-    """What is wrong with a Gerber file's .MD5 (Gerber 2024.05 section 5.6.9), None where it is right or absent."""
+    """Fault of a Gerber file's .MD5 attribute (Gerber 2024.05 section 5.6.9); None if it is correct or absent."""
     for found in re.finditer(rb"TF\.MD5,([0-9a-f]{32})\*", data):
         before = next((mark for mark in (b"%", b"G04 #@! ") if data.endswith(mark, 0, found.start())), None)
         if before is not None:
@@ -229,14 +229,14 @@ def check_signature(role: str, data: bytes) -> str | None:
 
 
 def check_picture(files: Mapping[str, WrittenFile]) -> Check:
-    """The previews can be opened."""
+    """Check that the previews can be opened."""
     import cv2
     import numpy as np
 
     data = np.frombuffer(files["preview-png"].data, dtype=np.uint8)
     try:
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    except cv2.error:  # a header that announces a vast picture
+    except cv2.error:  # the header gives a size above OpenCV's limit
         image = None
     svg_whole = files["preview-svg"].data.startswith(b"<svg") and files["preview-svg"].data.rstrip().endswith(b"</svg>")
     if image is None or not svg_whole:

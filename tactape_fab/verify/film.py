@@ -1,4 +1,4 @@
-"""A film's fabrication files, of a kit or of a panel: read into arrays, and what they hold where one tape lies."""
+"""Fabrication files of a film, of a kit or a panel: read into arrays, and checked tape by tape."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FILE_FUNCTIONS = {
     "profile": ("Profile,NP", "Positive"),
     "components-top": ("Component,L1,Top", "Positive"),
 }
-"""Function and polarity that a Gerber file of each role gives itself in its attributes."""
+"""File function and polarity, from its attributes, that a Gerber file of each role must have."""
 
 REQUIRED_ATTRIBUTES = ("FileFunction", "FilePolarity", "SameCoordinates", "MD5")
 
@@ -58,7 +58,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmManifest:
-    """What a manifest, of a kit or a panel, records of a film and its assembly."""
+    """Film and assembly as the manifest of a kit or a panel records them."""
 
     lands: Recorded
     assembly: RecordedAssembly
@@ -68,7 +68,7 @@ class FilmManifest:
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
-    """Read it; problems are collected in `table`."""
+    """Read them from a manifest; problems are collected in `table`."""
     return FilmManifest(
         lands=read_recorded(table),
         assembly=read_assembly(table),
@@ -80,9 +80,9 @@ def read_film_manifest(table: Fields) -> FilmManifest:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilmLayers:
-    """What the files of a film hold: Gerber layers by role, holes (x, y, diameter) mm, and the rows of the CPL.
+    """Contents of a film's files: Gerber layers by role, holes (x, y, diameter) mm, and the rows of the CPL.
 
-    ``holes`` and ``cpl`` are None where there is no such file, or it cannot be read.
+    ``holes`` and ``cpl`` are None if the file is missing or cannot be read.
     """
 
     gerbers: Mapping[str, GerberContent]
@@ -100,7 +100,7 @@ def read_role(role: str, read: Callable[[bytes], T], files: Mapping[str, Written
 
 
 def read_layers(files: Mapping[str, WrittenFile], cpl: CplContent | None, film: FilmRecord, checks: list[Check]) -> FilmLayers:
-    """Read every Gerber and drill file that is there; a failed line in `checks` for each that cannot be read."""
+    """Read every Gerber and drill file in the kit; each unreadable one adds a failed line to `checks`."""
     gerbers = {
         role: content
         for role in (*FILE_FUNCTIONS, *film.backings)
@@ -120,7 +120,7 @@ def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str,
 
 
 def anchor_lines(record: FilmManifest, tape: Tape) -> tuple[FloatArray, float]:
-    """Ends of the lines that hold the pads, shape (k, 2, 2), and their width, mm; none without anchors."""
+    """Ends of the anchor lines that hold the pads, shape (k, 2, 2), and their width, mm; empty without anchors."""
     plan = record.film.anchor
     return (np.empty((0, 2, 2)), 0.0) if plan is None else (build_anchors(plan, tape, record.lands.pads).lines_mm, plan.web_mm)
 
@@ -135,9 +135,9 @@ def check_tape(
     *,
     with_pupil: bool,
 ) -> list[Check]:
-    """Holes, backings, lands, anchors, symbols and tag of one tape, all in its own frame.
+    """Check holes, backings, lands, anchors, symbols and tag of one tape, all in its board frame.
 
-    ``pairs`` are `pair_all_lands` of these layers, ``outline_mm`` is what a backing must cover, None where that is not known.
+    ``pairs`` are `pair_all_lands` of these layers, ``outline_mm`` is the area that a backing must cover, None if unknown.
     """
     checks: list[Check] = []
     gerbers, cpl, anchor = layers.gerbers, layers.cpl, record.film.anchor
@@ -162,7 +162,7 @@ def check_tape(
 def _check_with_cpl(
     gerbers: Mapping[str, GerberContent], pairs: Mapping[str, LandPairs], record: FilmManifest, tape: Tape, cpl: CplContent
 ) -> list[Check]:
-    """Every layer has what belongs to a part where the CPL places it, and keeps its distances."""
+    """Check that every layer has each part's lands where the CPL places the part, and keeps its clearances."""
     checks: list[Check] = []
     lands, rows = record.lands, point_tree(cpl.xy_mm)
     for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste)):
@@ -183,7 +183,7 @@ def _check_with_cpl(
 
 
 def check_attributes(gerbers: Mapping[str, GerberContent], files: Mapping[str, WrittenFile], record: FilmManifest) -> Check:
-    """Attributes are there as the manifest's ``spec.x2`` says; functions are the roles', one origin, signatures fit."""
+    """Check the Gerber attributes: present as ``spec.x2`` says, file function of the role, one origin, correct .MD5."""
     problems = [problem for role in gerbers if (problem := check_signature(role, files[role].data)) is not None]
     backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
     functions, origins = {**FILE_FUNCTIONS, **backings}, set()
@@ -207,6 +207,6 @@ def check_attributes(gerbers: Mapping[str, GerberContent], files: Mapping[str, W
 
 
 def _parts_of_pads(content: GerberContent) -> list[str]:
-    """The part that each flash names; fiducials belong to none."""
+    """Designator in each flash's attributes; fiducials have none."""
     mark = [function.startswith("FiducialPad") for function in content.aperture_functions]
     return [part for part, i in zip(content.flash_component, content.flash_aperture, strict=True) if not mark[i]]

@@ -1,4 +1,4 @@
-"""verify of a kit: opens its written files, every check a line with its figure."""
+"""verify of a kit: reads its written files; each check is a line with its figure."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from tactape_fab.verify.verification import Verification, unreadable
 def verify_folder(
     manifest_file: Path, *, quick: bool, contact: Contact | None = None, progress: Progress = lambda *_: None
 ) -> Verification:
-    """Verify the kit whose manifest is `manifest_file`, whatever its folder is called."""
+    """Verify the kit of `manifest_file`; the name of its folder plays no part."""
     folder = manifest_file.parent
     try:
         manifest = read_manifest(manifest_file)
@@ -99,9 +99,9 @@ def verify_folder(
 
 
 def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
-    """The models of a texture on a part of the user's own, and its certificate."""
+    """Check the models of a texture on the user's own part, and its certificate."""
     from tactape_fab.verify.models.embossed import (
-        check_embossed,  # loaded where it is needed: a film is verified sooner without it
+        check_embossed,  # imported here: verifying a film does not need it and is faster without
     )
 
     checks = [check_certificate(files[CERTIFICATE], tape)]
@@ -152,7 +152,7 @@ def _check_film(
     *,
     quick: bool,
 ) -> list[Check]:
-    """Everything that a fab gets, and that the CPL says the same; where that says that parts stand is added to `sources`."""
+    """Check all files that a fab gets, the CPL among them; the part positions of each file are added to `sources`."""
     checks: list[Check] = []
     layers = read_layers(files, cpl, film.film, checks)
     checks.append(check_attributes(layers.gerbers, files, film))

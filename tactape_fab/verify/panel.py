@@ -1,4 +1,4 @@
-"""verify of a panel: its own files, read tape by tape as those of the kits on it; what stands beside the tapes; and every kit."""
+"""verify of a panel: its own files, read tape by tape like those of a kit; the rest of the panel; and every kit on it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _DIAMETER_TOLERANCE_MM = 0.005
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PanelRecord:
-    """What a panel's manifest says."""
+    """Content of a panel's manifest."""
 
     name: str
     panel: Panel
@@ -75,12 +75,12 @@ def verify_panel_folder(
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
 ) -> Verification:
-    """Verify the panel whose manifest is `manifest_file`; with `kits` every kit on it, too, a line for each.
+    """Verify the panel of `manifest_file`; with `kits` also every kit on it, one line each.
 
     Returns
     -------
     Verification
-        A line for each tape of the panel where all is well, every line that failed otherwise.
+        One line for each tape of the panel if all its checks hold, else every line that failed.
     """
     folder = manifest_file.parent
     try:
@@ -122,7 +122,7 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
 
 
 def _check_arrangement(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Check:
-    """The kits are as many and as large as the panel says, lie where its columns and rows are, and designators run on."""
+    """Check number, size and places of the kits against the panel's columns and rows, and that designators are consecutive."""
     panel, problems = record.panel, []
     if len(tapes) != panel.count:
         problems.append(f"{len(tapes)} tapes where {panel.columns} x {panel.rows} are {panel.count}")
@@ -143,7 +143,7 @@ def _check_arrangement(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Check:
 
 
 def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
-    """Every kit's manifest is the one that the panel was made with."""
+    """Check that every kit's manifest is the one that the panel was made with."""
     problems = []
     for place in placed:
         try:
@@ -194,7 +194,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[s
 
 
 def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
-    """One line for what is well, and every other line."""
+    """One line for all checks that hold, and every other line."""
     wrong = [replace(line, name=f"{name}: {line.name}") for line in lines if not line.passed]
     if any(not line.warning for line in wrong):
         return wrong
@@ -207,7 +207,7 @@ def _check_kit(folder: Path, *, quick: bool, contact: Contact | None, progress: 
 
 
 def _check_rows(cpl: CplContent, names: Sequence[str]) -> Check:
-    """The CPL has the rows of all tapes, one after the other."""
+    """Check that the CPL has the rows of all tapes, one after the other."""
     wrong = [f"{found} instead of {name}" for found, name in zip(cpl.designators, names, strict=False) if found != name]
     if len(cpl.designators) != len(names):
         wrong.insert(0, f"{len(cpl.designators)} rows for {len(names)} parts")
@@ -216,7 +216,7 @@ def _check_rows(cpl: CplContent, names: Sequence[str]) -> Check:
 
 
 def _check_cut(content: GerberContent, panel: Panel) -> Check:
-    """The outline, and round every tape slots that leave it whole and hold it by its tabs alone."""
+    """Check the outline, and that slots round every tape leave it complete and held by its tabs alone."""
     name, strokes = "profile", content.strokes_mm
     expected = slots_mm(panel)
     open_ended = [stroke for stroke in strokes if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9]
@@ -272,7 +272,7 @@ def _shown(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Shown:
 def _check_tape(
     record: _PanelRecord, on: OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFile], *, quick: bool
 ) -> list[Check]:
-    """Everything that the panel's files have where this tape lies is the tape's."""
+    """Check that everything in the panel's files within this tape's outline belongs to the tape."""
     tape, film = on.tape, record.film
     own = FilmLayers(
         gerbers={role: of_tape(content, on) for role, content in layers.gerbers.items() if role != "profile"},
@@ -289,7 +289,7 @@ def _check_tape(
 
 
 def _check_rails(layers: FilmLayers, panel: Panel, tapes: Sequence[OnPanel]) -> list[Check]:
-    """Beside the tapes there are the fiducials and the tooling holes, and nothing else."""
+    """Check that outside the tapes there are only the fiducials and the tooling holes."""
     checks, holes = [], layers.holes
     marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}
     for role, content in layers.gerbers.items():

@@ -28,7 +28,7 @@ def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, Bo
     found : ndarray of bool, shape (rows, columns)
         Where exactly one part shows a symbol.
     strays : int
-        Parts that are on no grid point, in no symbol's place, or on a point that is taken.
+        Parts that are not at a grid point, not at a symbol's place, or at a point already taken.
     """
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
     cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)
@@ -106,7 +106,7 @@ def _check_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: s
 
 
 def _check_matrix_windows(tape: Tape, symbols: SymbolArray, found: BoolArray, source: str) -> Check:
-    """Look every whole window up among those of the manifest's matrix, in all turns: there is nothing to decode it by."""
+    """Look up every whole window in the manifest's matrix, in all quarter turns: a touch code has no decoding rule."""
     side, name = get_code(tape.code).window, f"windows from {source}"
     seen = windows_of(symbols, found, side, turns=1, directions=tape.directions)
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=4, directions=tape.directions)

@@ -1,4 +1,4 @@
-"""What a verification found."""
+"""Result of a verification."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether every line holds that is not a mere warning."""
+        """Whether every line holds, warnings excepted."""
         return all(c.passed or c.warning for c in self.checks)
 
     def raise_if_failed(self) -> None:
-        """Raise an error where a line failed.
+        """Raise an error if a line failed.
 
         Raises
         ------
@@ -47,6 +47,6 @@ class Verification:
 
 
 def unreadable(name: str, error: SpecError) -> Verification:
-    """The one failed line of a folder whose manifest cannot be read."""
+    """Verification with one failed line: the manifest cannot be read."""
     message = "; ".join(str(error).splitlines())
     return Verification(name=name, checks=(Check(name="manifest", passed=False, message=message),))

@@ -1,4 +1,4 @@
-"""The tapes of a code without their kits, as `make` plans them."""
+"""Tapes of a code without kits, as `make` plans them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tactape_fab.texture.code import CODE_NAMES, get_code, has_plane
 from tactape_fab.texture.tape import Tape
 
 MOST_SECTORS = 256
-"""So many sectors of a code are certified without kits."""
+"""Most sectors of a code that are certified without kits."""
 
 
 def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
@@ -20,7 +20,7 @@ def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
     Raises
     ------
     SpecError
-        When there is no such code, or no tape of that size.
+        If there is no such code, or no tape of that size.
     """
     if not has_plane(code):
         message = f"code = '{code}' has no tapes but those that were made: each is designed; name their kits"

@@ -1,4 +1,4 @@
-"""What is asked for examined: a tape, or the tapes of a panel."""
+"""Examination of an order: a tape, or the tapes of a panel."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactape_fab.texture.tape import Tape
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExaminedPanel:
-    """A panel with all that follows from its spec before anything is written.
+    """A panel with everything derived from its spec before anything is written.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class ExaminedPanel:
     panel : Panel
     request : PanelRequest
     remarks : tuple of str
-        What is worth saying aloud: why there is a panel, and copies.
+        Remarks for the user: why there is a panel, and copies of tapes.
     """
 
     name: str
@@ -50,7 +50,7 @@ class ExaminedPanel:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Every design rule once, as its worst tape measures it; what assembly asks is asked of the panel."""
+        """Every design rule once, with the figure of its worst tape; assembly rules are measured on the panel."""
         parts = sum(tape.tape.part_count for tape in self.tapes)
         of_panel = {f.rule: f for f in assembly_findings(self.panel.size_mm, parts, self.fab, "panel")}
         worst: dict[str, Finding] = {}
@@ -75,9 +75,9 @@ def examine_order(
     values : mapping
         Option names to values, as for `TapeSpec.from_mapping`, and those of a panel; untrusted.
     output : str, optional
-        Folder that the result is to have; a taken one is refused with all other problems.
+        Folder for the result; an existing one is refused together with all other problems.
     overwrite : bool
-        Whether an older result of this tool may stand there.
+        Whether an older result of this tool there may be replaced.
     avoid : sequence of Tape
         Tapes to choose the origin away from.
 
@@ -85,7 +85,7 @@ def examine_order(
     -------
     Examined or ExaminedPanel
     tuple of str
-        What is worth saying aloud.
+        Remarks for the user.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def examine_order(
     first = request.sectors[0] if request.sectors else tape_values.get("sector")
     values_of = _Naming(values=tape_values, name=tape_values.get("name"))
     if request.sectors is None and "sectors" in values and "sector" not in tape_values:
-        first = 0  # what is wrong with the sectors is among the problems
+        first = 0  # faults of the sectors are among the problems
     place = output if output is not None or not isinstance(first, int) else values_of.panel_name(first)
     base_values = {**tape_values, **({} if first is None else {"sector": first})}
     base = examine(base_values, output=place, overwrite=overwrite, known=problems)
@@ -124,7 +124,7 @@ def examine_order(
 
 
 def _without_panel(request: PanelRequest, values: Mapping[str, Any]) -> list[Problem]:
-    """Keys that say something of a panel where none is made."""
+    """Keys that concern a panel although no panel is made."""
     return [
         Problem(key, f"{key} is of a panel, and none is asked for; give --panel, or leave out --{key.replace('_', '-')}")
         for key in PANEL_KEYS[1:]

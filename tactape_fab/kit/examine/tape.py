@@ -1,4 +1,4 @@
-"""The one place that decides whether a tape can be made, and measures every rule, before anything is written."""
+"""Examination of a tape: decides whether it can be made and measures every rule, before anything is written."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from tactape_fab.texture.tape import Tape
 T = TypeVar("T")
 
 _FORM_KEYS = (*ELEMENT_KEYS, "size_mm", "process", "base_mm", "around", "shell")
-"""Keys that decide whether the solid models can be built."""
+"""Keys on which the building of the solid models depends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profiles:
-    """The profiles that a spec names, as it asks for them; ``fab`` is None for solid elements, ``process`` without models."""
+    """The profiles that a spec names; ``fab`` is None for solid elements, ``process`` is None without models."""
 
     fab: FabProfile | None
     part: PartProfile | ElementProfile
@@ -64,7 +64,7 @@ class Profiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Film:
-    """What there is of a tape of parts with lands beside the tape: its fab, and its layers."""
+    """Fab, layers and drawing of a tape made of parts with lands."""
 
     fab: FabProfile
     layout: Layout
@@ -72,9 +72,9 @@ class Film:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examined:
-    """A spec with all that follows from it before anything is written; ``film`` is None for solid elements.
+    """A spec with everything derived from it before anything is written; ``film`` is None for solid elements.
 
-    ``search`` is None where the origin was not searched for, ``avoided`` names the tapes that it kept away from.
+    ``search`` is None if the origin was not searched for, ``avoided`` names the tapes that the origin was chosen away from.
     """
 
     spec: TapeSpec
@@ -88,18 +88,18 @@ class Examined:
 
     @property
     def layout(self) -> Layout:
-        """The film's layers; only a film has them."""
+        """The film's layers; an error for solid elements."""
         assert self.film is not None
         return self.film.layout
 
     @property
     def drawing(self) -> Drawing:
-        """The film's drawing; only a film has one."""
+        """The film's drawing; an error for solid elements."""
         return tape_drawing(self.layout)
 
     @property
     def fab(self) -> FabProfile:
-        """The film's fab; only a film has one."""
+        """The film's fab; an error for solid elements."""
         assert self.film is not None
         return self.film.fab
 
@@ -112,21 +112,21 @@ def examine(
     overwrite: bool = False,
     known: Sequence[Problem] = (),
 ) -> Examined:
-    """Decide whether a tape can be made, and measure every rule; nothing is written and no broken rule raises.
+    """Decide whether a tape can be made, and measure every rule. Nothing is written, and a broken rule does not raise.
 
     Parameters
     ----------
     asked : TapeSpec or mapping
         A spec, or untrusted values of one.
     avoid : sequence of Tape
-        Tapes that exist: the origin is then chosen away from them, and must be ``"best"`` where it is given, and the sector
-        is chosen where values name none; a touch code is designed away from them.
+        Existing tapes. The origin is chosen away from them, and must be ``"best"`` if given; the sector is chosen if not
+        given; a touch code is designed away from them.
     output : str, optional
-        The place that the kit is to take.
+        Path of the kit to be made.
     overwrite : bool
         Whether an older kit there may be replaced.
     known : sequence of Problem
-        What is refused already of the order that the tape is part of; it is refused with all the rest.
+        Problems already found in the order that the tape is part of; raised together with all others.
 
     Returns
     -------
@@ -136,8 +136,8 @@ def examine(
     Raises
     ------
     SpecError
-        With everything that is refused, and in `findings` the rules that are broken where the values that they measure were
-        not refused. CapacityError where the code's reach is all that is lacking.
+        With every problem, and in `findings` the broken rules whose values were not refused. CapacityError if the code's
+        reach is the only problem.
     """
     problems = list(known)
     if output is not None:
@@ -171,11 +171,11 @@ def examine(
     )
 
 
-# What was asked for
+# Values and profiles
 
 
 def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Problem]) -> TapeSpec:
-    """The spec of untrusted values; beside tapes to avoid origin and sector need not be given."""
+    """Read the spec from untrusted values; origin and sector may be left out if there are tapes to avoid."""
     if avoid:
         values = {"sector": 0, **({"origin": BEST} if has_plane(values.get("code")) else {}), **values}
     spec, refused = read_spec(values)
@@ -189,7 +189,7 @@ def profiles_of(spec: TapeSpec) -> Profiles:
     Raises
     ------
     SpecError
-        When one cannot be read, or does not offer what the spec asks for.
+        If one cannot be read, or does not offer an option of the spec.
     """
     problems: list[Problem] = []
     _, profiles = _profiles(spec, problems)
@@ -199,9 +199,9 @@ def profiles_of(spec: TapeSpec) -> Profiles:
 
 
 def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profiles | None]:
-    """The profiles of a spec, and the spec without what they do not offer, which is a problem.
+    """The profiles of a spec, and the spec without options that they do not offer, each of which is a problem.
 
-    The default profile stands in for one that cannot be read. There are none where the part is refused: all rests on it.
+    The default profile replaces one that cannot be read. If the part is refused there are no profiles: all depend on it.
     """
 
     def loaded(load: Callable[[str], T], name: str | None, usual: str) -> T | None:
@@ -234,7 +234,7 @@ def _number_problems(number: str, house: str) -> list[Problem]:
 
 
 def _avoid_problems(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:
-    """An origin that is given where one is to be chosen, and tapes that no decoder knows together with the one asked for."""
+    """Problems of `avoid`: an origin given where one is to be chosen, and tapes that no decoder can use with the new one."""
     found = []
     if avoid and has_plane(spec.code) and spec.origin != BEST:
         message = f"origin = {list(spec.origin)} contradicts avoid, which chooses the origin; "
@@ -246,13 +246,13 @@ def _avoid_problems(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:
     return found
 
 
-# What follows from it
+# Tape, layers and rules
 
 
 def _free_sector(spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape]) -> int:
     """The sector farthest from tapes to avoid, for a tape of this spec; its grid is the same in every sector.
 
-    Of a code without a plane any sector will do that is none of theirs, and no id of their tags.
+    For a code without a plane this is any sector that is neither theirs nor an id of their tags.
     """
     if not has_plane(spec.code):
         used = {t.sector for t in avoid if t.code == spec.code} | {t.tag.id for t in avoid if t.tag is not None}
@@ -263,10 +263,10 @@ def _free_sector(spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape]) -> i
 def _planned(
     spec: TapeSpec, profiles: Profiles, avoid: Sequence[Tape], problems: list[Problem]
 ) -> tuple[TapeSpec, Tape | None, Choice | None]:
-    """The tape, at the best origin where that is asked for, and what was found in the search for it.
+    """The tape, at the best origin if asked for, and the result of that search.
 
-    Where no tape follows, one of the same elements stands in, of the default code and on a board that has room for them, so
-    that the rules can be measured.
+    If no tape can be made, a substitute of the same elements, with the default code and a board that is large enough, is used
+    so that the rules can be measured.
     """
     try:
         tape = profiles.plan(spec, () if problems else avoid)
@@ -285,7 +285,7 @@ def _planned(
 
 
 def _measured(spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Problem]) -> tuple[Film | None, list[Finding]]:
-    """The film's layers, and every rule; what keeps the solid models from being built is a problem."""
+    """The film's layers, and every rule; anything that prevents building the solid models is a problem."""
     fab, part, process, form = profiles.fab, profiles.part, profiles.process, spec.form
     of_form = [] if form is None else form_problems(tape, form)
     film = None
@@ -311,7 +311,7 @@ def _broken(findings: Sequence[Finding], rule: str) -> bool:
 
 
 def undrawable(problems: Sequence[Problem]) -> list[Finding]:
-    """Of what keeps the models from being built: a fab can place parts that are too large for the cells that the models need."""
+    """Reason why the models cannot be built: a fab can place parts that are too large for the cells of the models."""
     return [
         Finding(rule="models", level="block", passed=False, unit="", message=f"{problem.message}, or --no-3d")
         for problem in problems
@@ -328,7 +328,7 @@ def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:
 
 
 def _window_findings(certificate: Certificate) -> list[Finding]:
-    """A warning where 4x4 windows are equal: no contact that shows nothing else can tell these places apart."""
+    """Warning if 4x4 windows are equal: a contact that shows nothing else cannot tell these places apart."""
     size = certificate.of_side(4)
     if size.distance != 0:
         return []

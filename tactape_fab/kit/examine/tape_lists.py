@@ -1,4 +1,4 @@
-"""Lists of tapes: everything that is asked for is examined before anything is written."""
+"""Examination of lists of tapes: every tape is examined before anything is written."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from tactape_fab.texture.manifest import MANIFEST_NAME
 
 MOST_JOBS = 64
 _NAMED = 5
-"""So many of those that are refused for one reason are named; the others are counted."""
+"""Most tapes that a message names as refused for one reason; the others are counted."""
 _OF_THE_TAPE = ("sector", "origin", "name", "tag_id")
-"""Keys whose refusal is a single tape's; any other is refused once for its table."""
+"""Keys that are refused tape by tape; any other is refused once for its table."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """One tape of a list that can be made; `fab` is that of its film, None for solid elements."""
+    """One tape of a list that can be made; `fab` is its film's fab, None for solid elements."""
 
     spec: TapeSpec
     fab: FabProfile | None
 
     @property
     def texture(self) -> tuple[object, ...]:
-        """Two tapes that have this in common cannot be told apart."""
+        """Key by which tapes are told apart: two tapes with the same value cannot be distinguished."""
         spec = self.spec
         size_mm = None if has_plane(spec.code) else spec.size_mm  # another size, another design
         return spec.code, spec.directions, spec.sector, spec.origin, spec.pitch_mm, spec.displacement_mm, size_mm
@@ -44,7 +44,7 @@ class Planned:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listed:
-    """All tapes of a list, their rules, once for all tapes that differ in sector only, and how many processes."""
+    """All tapes of a list, the number of processes, and the rules, once for all tapes that differ in sector only."""
 
     tapes: tuple[Planned, ...]
     findings: tuple[Finding, ...]
@@ -52,7 +52,7 @@ class Listed:
 
 
 def usual_jobs() -> int:
-    """As many processes as there are processors for this one."""
+    """Number of processors available to this process."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(count, MOST_JOBS)
 
@@ -69,16 +69,16 @@ def list_tapes(
 ) -> Listed:
     """Check a list of tapes as a whole; nothing is written.
 
-    Every value and every place is checked, rules of the fab once for all tapes that differ in sector only.
+    Every value and every path is checked, the fab's rules once for all tapes that differ in sector only.
 
     Parameters
     ----------
     values, options : mapping
-        Of the spec file, and of options, which override them; untrusted.
+        Values of the spec file, and options, which override them; untrusted.
     folder : Path
-        What the kits are to stand in.
+        Folder for the kits.
     jobs : object
-        How many processes, untrusted; that of processors where None is given.
+        Number of processes, untrusted; None for the number of processors.
     overwrite, force : bool
         As for `make_kit`.
     packed : bool
@@ -92,9 +92,9 @@ def list_tapes(
     Raises
     ------
     SpecError
-        With everything that is refused, and the rules that are broken.
+        With every problem and every broken rule.
     DesignRuleError
-        Where broken rules are all there is, and `force` does not pardon them.
+        If there are only broken rules, and not `force`.
     """
     table = Fields({"jobs": usual_jobs() if jobs is None else jobs})
     count = table.integer("jobs", low=1, high=MOST_JOBS, remedy=f"--jobs is the number of processes, 1 to {MOST_JOBS}")
@@ -104,7 +104,7 @@ def list_tapes(
         tally.take(entry)
     of_folder = _folder_problems(folder)
     problems = [*table.problems, *of_folder, *of_list, *tally.problems()]
-    if not of_list:  # otherwise some of the tapes are stand-ins
+    if not of_list:  # otherwise some of the tapes are substitutes
         problems += _shared_names(tally.tapes)
         problems += [] if of_folder else _taken(tally.tapes, folder, overwrite=overwrite)
     broken = [finding for finding in tally.findings if finding.blocks]
@@ -117,9 +117,9 @@ def list_tapes(
 
 @dataclass(slots=True, kw_only=True)
 class _Kind:
-    """Tapes that differ in sector and name only: the first that passed stands for their rules.
+    """Tapes that differ in sector and name only: the rules are measured on the first that passed.
 
-    ``refusal`` is what every one of them is refused for; ``tables`` are those that it was said of.
+    ``refusal`` is the problem shared by all of them; ``tables`` are the tables for which it has been reported.
     """
 
     examined: Examined | None = None
@@ -129,7 +129,7 @@ class _Kind:
 
 
 class _Tally:
-    """Takes tape by tape and keeps every problem."""
+    """Collector that examines tape by tape and keeps every problem."""
 
     def __init__(self, *, packed: bool) -> None:
         self.packed = packed
@@ -167,7 +167,7 @@ class _Tally:
         try:
             spec = TapeSpec.from_mapping(entry.values)
             if kind.examined is not None:
-                if has_plane(spec.code):  # nothing of it follows from the sector but the design, which takes seconds
+                if has_plane(spec.code):  # only the design depends on the sector, and designing takes seconds
                     kind.examined.profiles.plan(spec)
                 self._pass(spec, kind.examined)
         except SpecError as error:
@@ -184,7 +184,7 @@ class _Tally:
             kept[message] = Problem(problem.key, message)
 
     def problems(self) -> list[Problem]:
-        """Everything refused; of many tapes refused by the same key the first few."""
+        """Every problem; for many tapes refused by the same key the first few."""
         told: list[Problem] = []
         for (where, key), kept in self._problems.items():
             several = list(kept.values())
@@ -204,14 +204,14 @@ def _unpackable(examined: Examined) -> list[Problem]:
 
 
 def _folder_problems(folder: Path) -> list[Problem]:
-    """What keeps a folder from holding kits."""
+    """Reasons why a folder cannot hold kits."""
     shown, remedy = shown_path(folder), "use -o to name another folder"
     try:
         if (folder / MANIFEST_NAME).exists():
             return [Problem("output", f"output = {shown} is a kit, which holds no other kits; {remedy}")]
         if (folder.exists() or folder.is_symlink()) and not folder.is_dir():
             return [Problem("output", f"output = {shown} exists and is not a folder; nothing was touched; {remedy}")]
-    except (OSError, ValueError) as error:  # a name that no system takes
+    except (OSError, ValueError) as error:  # a name that is invalid on every system
         reason = getattr(error, "strerror", None) or error
         return [Problem("output", f"output = {shown} cannot be a folder: {reason}; {remedy}")]
     return []
@@ -227,7 +227,7 @@ def _shared_names(tapes: Sequence[Planned]) -> list[Problem]:
 
 
 def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[Problem]:
-    """Places that the kits may not take; those of older kits in one sentence."""
+    """Problems of the kits' paths; all older kits are reported in one problem."""
     problems: list[Problem] = []
     older: list[str] = []
     for name in dict.fromkeys(tape.spec.name for tape in tapes):
@@ -250,7 +250,7 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[P
 
 
 def _copies(tapes: Sequence[Planned]) -> list[Finding]:
-    """A warning for tapes that no decoder can tell apart."""
+    """Warning for tapes that no decoder can tell apart."""
     ordered = sorted(tapes, key=lambda tape: repr(tape.texture))
     found = []
     for _, group in groupby(ordered, key=lambda tape: tape.texture):

@@ -1,4 +1,4 @@
-"""Assembly houses: the columns of their bills of materials (BOM), and what their part numbers look like.
+"""Assembly houses: columns of their bills of materials (BOM), and formats of their part numbers.
 
 Their pick-and-place lists are described in `texture.cpl`: the robot's half reads them, too.
 """
@@ -20,7 +20,7 @@ PART_NUMBER_REMEDY = "use 1 to 80 letters, digits, spaces and ._()/#+-, the firs
 class BomTable:
     """A bill of materials: one row for a group of designators.
 
-    In a column may stand ``item`` (the row's number), ``designator``, ``quantity``, ``value``, ``footprint``,
+    A column may hold ``item`` (the row's number), ``designator``, ``quantity``, ``value``, ``footprint``,
     ``description``, ``value_description``, ``part_number``, or a key of ``fixed``.
     """
 
@@ -34,7 +34,7 @@ class BomTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssemblyFormat:
-    """A house's bill of materials, and what its part numbers look like: a pattern and the words for it."""
+    """A house's bill of materials, and its format of part numbers: a pattern and its description."""
 
     bom: BomTable
     number_pattern: str = PART_NUMBER_PATTERN
@@ -84,7 +84,7 @@ FORMATS: Mapping[str, AssemblyFormat] = {
             fixed=(("manufacturer", ""), ("type", "SMD"), ("notes", "")),
         ),
     ),
-    # Eurocircuits' upload pages: the first row names the columns, which are free; these are its own words for them.
+    # Eurocircuits' upload pages: the first row names the columns, in any wording; these are its own names for them.
     "eurocircuits": AssemblyFormat(
         bom=BomTable(
             columns=(
@@ -103,7 +103,7 @@ FORMATS: Mapping[str, AssemblyFormat] = {
 
 
 def part_number_problem(number: str, format_name: str) -> str | None:
-    """Why a house cannot take a part number, with the remedy; None where it can."""
+    """Reason why a part number is invalid at a house, with the remedy; None if it is valid."""
     house = FORMATS[format_name]
     if re.fullmatch(house.number_pattern, number):
         return None
@@ -111,7 +111,7 @@ def part_number_problem(number: str, format_name: str) -> str | None:
 
 
 def read_part_numbers(table: Fields) -> dict[str, str]:
-    """A part profile's ``[part_numbers]``: a number for each assembly format that has one; problems are collected."""
+    """Read a part profile's ``[part_numbers]``: a number for each assembly format that has one; problems are collected."""
     if "part_numbers" not in table.values:
         return {}
     numbers = table.table("part_numbers", ASSEMBLY_FORMATS)

@@ -30,9 +30,9 @@ _TOLERANCE = 0.2
 
 
 def chip_code_problem(text: str, body_mm: Sequence[float]) -> str | None:
-    """What is wrong with the chip sizes that a text names; None where each is that of the body.
+    """Fault of the chip sizes in a text; None if each is the size of the body.
 
-    A code stands for inches unless "metric" or "M" follows it. Numbers that are no size code are passed over.
+    A code is in inches unless "metric" or "M" follows it. Numbers that are not size codes are ignored.
     """
     for code, metric in _CODE.findall(text):
         size_mm = (METRIC_SIZES_MM if metric else INCH_SIZES_MM).get(code)

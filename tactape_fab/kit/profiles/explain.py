@@ -1,4 +1,4 @@
-"""A fab profile as plain data: every threshold with its unit, and where it comes from."""
+"""A fab profile as plain data: every threshold with its unit and source."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tactape_fab.kit.profiles.fabs import FabProfile
 
 
 def explain_fab(fab: FabProfile) -> dict[str, Any]:
-    """Everything that a profile says, as JSON can hold it.
+    """Content of a profile as JSON-compatible data.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Tables of a fab profile beside its limits: mask, anchors, backings, stencil, bending, parts and panels."""
+"""Tables of a fab profile other than its limits: mask, anchors, backings, stencil, bending, parts and panels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BACKING = r"[A-Za-z0-9]{1,20} \d{1,2}(\.\d{1,3})?"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """Where a threshold comes from, and whether the fab confirmed it."""
+    """Source of a threshold, and whether the fab confirmed it."""
 
     source: str
     date: str
@@ -27,7 +27,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorRules:
-    """Copper that runs on under the coverlay: its width, what it keeps from other parts' openings, how far it runs on."""
+    """Anchors under the coverlay: width, clearance from other parts' openings, and overlap, mm."""
 
     web_mm: float
     opening_mm: float
@@ -37,7 +37,7 @@ class AnchorRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backing:
-    """What can be laminated to the underside: ``choices`` such as ``"FR4 0.2"``, material and thickness in mm."""
+    """Backings for the underside: ``choices`` such as ``"FR4 0.2"``, material and thickness in mm."""
 
     choices: tuple[str, ...]
     origin: Origin
@@ -54,7 +54,7 @@ class StencilRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BendRules:
-    """Least bend radius, in thicknesses."""
+    """Least bend radius, in multiples of the thickness."""
 
     least_thicknesses: float
     origin: Origin
@@ -62,7 +62,7 @@ class BendRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartsLimit:
-    """What is taken without asking: most parts, and the length of the smallest chip that the line is known to place."""
+    """Limits accepted without a question: number of parts, and length of the smallest chip that the line is known to place."""
 
     most: int
     smallest_mm: float
@@ -73,10 +73,10 @@ class PartsLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelRules:
-    """What assembly takes: sizes as (longer side, shorter side), rails, marks, holes and tabs.
+    """Panels that assembly accepts: sizes as (longer side, shorter side) in mm, rails, marks, holes and tabs.
 
-    ``make`` is ``auto`` where tapes are put on a panel unless told otherwise. ``tab_pitch_mm`` is how far apart the tabs
-    of a side may be at most.
+    ``make`` is ``auto`` if tapes are put on a panel by default. ``tab_pitch_mm`` is the largest distance between tabs of
+    a side.
     """
 
     make: str
@@ -96,17 +96,17 @@ class PanelRules:
 
 
 def material_words(backing: str) -> str:
-    """A backing as a file name says it: ``FR4_0.2mm`` for ``FR4 0.2``."""
+    """A backing as text for file names: ``FR4_0.2mm`` for ``FR4 0.2``."""
     return f"{backing.replace(' ', '_')}mm"
 
 
 def read_origin(table: Fields) -> Origin:
-    """Source, date and whether it was confirmed, of any table that holds thresholds."""
+    """Source, date and confirmation of a table of thresholds."""
     return Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed"))
 
 
 def read_modes(coverlay: Fields) -> tuple[CoverlayMode, ...]:
-    """The ways in which the fab opens the coverlay, the preferred one first."""
+    """Ways in which the fab opens the coverlay, the preferred one first."""
     modes = list(coverlay.rows("modes", longest=len(COVERLAY_MODES)))
     wrong = [mode for mode in modes if mode not in COVERLAY_MODES]
     said = f"modes = {shown(modes)}"
@@ -172,7 +172,7 @@ def read_parts_limit(profile: Fields) -> PartsLimit:
 
 
 PANEL_MARKS = 4
-"""Fiducials, and tooling holes, that a panel has at most: one in each corner."""
+"""Most fiducials, and most tooling holes, of a panel: one in each corner."""
 
 
 def read_panel(profile: Fields) -> PanelRules:

@@ -1,4 +1,4 @@
-"""Fab profiles: what a fab can make and how it wants its files."""
+"""Fab profiles: limits of a fab and format of its files."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ GERBER_ROLES = (
     "job",
 )
 BACKING_ROLES = ("stiffener-bottom", "adhesive-bottom")
-"""What is laminated to the underside; its file names say the material."""
+"""Roles of layers laminated to the underside; their file names give the material."""
 _TABLES = (
     *("name", "title", "material", "colours", "gerber", "assembly", "files", "coverlay", "legend", "limits", "size"),
     *("anchor", "stiffener", "adhesive", "stencil", "bend", "parts", "panel", "order"),
@@ -102,7 +102,7 @@ class Material:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegendRules:
     """``line_mm`` thinnest ink line, ``text_mm`` least capital height, ``gap_mm`` least gap between inked areas,
-    ``bleed_mm`` how far ink runs over an edge, ``edge_mm`` ink to outline.
+    ``bleed_mm`` bleed of ink over an edge, ``edge_mm`` ink to outline.
     """
 
     origin: Origin
@@ -115,7 +115,7 @@ class LegendRules:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FabProfile:
-    """What a fab can make and how it wants its files.
+    """Limits of a fab and format of its files.
 
     ``limits`` holds one `Limit` for each of LIMIT_IDS; ``file_names`` one name pattern per Gerber role.
     ``coverlay_modes`` are the ways in which the fab opens the coverlay or mask, ``coverlay_mode`` the one in use.
@@ -146,18 +146,18 @@ class FabProfile:
     size: SizeLimit
 
     def file_path(self, role: str, tape_name: str, material: str = "") -> str:
-        """Path of a fabrication file relative to the kit's folder; `material` is a backing's, in words."""
+        """Path of a fabrication file relative to the kit's folder; `material` is the text of a backing's material."""
         return f"gerber/{self.file_names[role].replace('{name}', tape_name).replace('{material}', material)}"
 
     @property
     def mask_name(self) -> str:
-        """What covers the copper: a film with openings cut in it, or a mask that light hardens."""
+        """Material that covers the copper: a film with cut openings, or a photoimageable mask."""
         return "solder mask" if "lpi" in self.coverlay_modes else "coverlay"
 
     def in_mode(self, mode: CoverlayMode) -> FabProfile:
         """The profile with the coverlay opened in another way.
 
-        In one opening for all parts the coverlay that is left is a frame, which is held to the limit of a bridge.
+        With one opening for all parts the remaining coverlay is a frame, which must meet the limit of a bridge.
         """
         limits = dict(self.limits)
         bridge = limits["opening-bridge"]

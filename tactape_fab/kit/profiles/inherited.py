@@ -1,4 +1,4 @@
-"""Fab profiles that name another with ``extends`` and take from it every key that they do not give themselves."""
+"""Inheritance of fab profiles: a profile with ``extends`` inherits every key that it does not give itself."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.templates import profile_names, profile_table, read_toml, templates_folder
 
 MOST_ANCESTORS = 8
-"""How many profiles may stand one behind the other."""
+"""Longest chain of profiles."""
 _TABLES_DEEP = 2
-"""A value stands at most two tables deep: ``limits.pad-pad.value_mm``."""
+"""Greatest depth of nested tables: ``limits.pad-pad.value_mm`` is two tables deep."""
 
 
 def fab_table(name: str) -> Fields:
     """The table of a fab profile, by name or by the path of a TOML file, with what it inherits.
 
-    Tables are merged key by key; any other value, a list too, replaces the inherited one. The name is not inherited: a profile
-    that extends another and gives none is called as its file.
+    Tables are merged key by key; any other value, including a list, replaces the inherited one. The name is not inherited: a
+    profile that extends another and gives no name is named after its file.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def _refusal(where: str, message: str) -> SpecError:
 
 
 def _merged(own: Mapping[str, Any], inherited: Mapping[str, Any], deep: int) -> dict[str, Any]:
-    """`inherited` with what `own` gives in its place."""
+    """Merge of `inherited` with the values of `own`, which take precedence."""
     merged = {**inherited, **own}
     for key in own.keys() & inherited.keys():
         if deep > 0 and isinstance(own[key], dict) and isinstance(inherited[key], dict):

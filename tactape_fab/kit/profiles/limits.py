@@ -14,9 +14,9 @@ SOURCE_KEYS = ("level", "source", "date", "confirmed")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """One threshold of a fab, where it comes from, and whether the fab confirmed it.
+    """One threshold of a fab, its source, and whether the fab confirmed it.
 
-    A value below ``warn_mm``, where there is one, is worth a question.
+    A value below ``warn_mm``, if given, gives a warning.
     """
 
     value_mm: float

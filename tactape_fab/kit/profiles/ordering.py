@@ -1,4 +1,4 @@
-"""The ``[order]`` table of a fab profile: which notes come with an order, and what an estimate of its cost rests on."""
+"""The ``[order]`` table of a fab profile: template of the order notes, and figures for the cost estimate."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ COSTS = {
     "joint": "each soldered joint",
     "part": "each part, bought",
 }
-"""What assembly costs, and how often."""
+"""Cost items of assembly, and how often each is charged."""
 _ORIGIN_KEYS = ("source", "date", "confirmed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumption:
-    """A figure that an estimate rests on, and where it comes from."""
+    """A figure used in an estimate, and its source."""
 
     value: float
     origin: Origin

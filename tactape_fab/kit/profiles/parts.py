@@ -27,13 +27,13 @@ class LandPattern:
 
     @property
     def area_mm2(self) -> float:
-        """Exact area of one of the two lands."""
+        """Exact area of one of the two lands, mm^2."""
         return self.size_mm[0] * self.size_mm[1] - (4 - pi) * self.corner_radius_mm**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartProfile:
-    """A part with lands that stands on the grid points, unturned (long axis along x).
+    """A part with lands, not rotated (long axis along x), that is placed at the grid points.
 
     ``part_numbers`` holds a number for each assembly format that has one.
     """
@@ -52,13 +52,13 @@ class PartProfile:
 
     @property
     def lands_mm(self) -> tuple[float, float]:
-        """Length and width of both lands together."""
+        """Length and width of both lands together, mm."""
         return 2 * self.pads.offset_mm + self.pads.size_mm[0], self.pads.size_mm[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElementProfile:
-    """A solid element for printing and milling, unturned; it has no lands.
+    """A solid element for printing and milling, not rotated; it has no lands.
 
     ``body_mm`` is (length, width, height) of a ``block``, (diameter, diameter, height) of a ``dome``, which is a
     spherical cap, or a truncated cone whose flat top has the diameter ``top_mm``.
@@ -92,7 +92,7 @@ def load_part(name: str) -> PartProfile:
     Raises
     ------
     SpecError
-        Every problem found in it, and where it is a solid element.
+        Every problem found in it, or that it is a solid element.
     """
     part = read_part(name)
     if isinstance(part, ElementProfile):
@@ -148,14 +148,14 @@ def _element(table: Fields) -> ElementProfile:
 def element_problem(
     shape: str, size_mm: Sequence[float], top_mm: float | None, *, size_key: str = "size_mm", top_key: str = "top_mm"
 ) -> tuple[str, str] | None:
-    """Why an element of this shape cannot have such a body: (key, what is wrong and the remedy); None where it can.
+    """Reason why an element of this shape cannot have this size: (key, fault and remedy); None if it can.
 
     Parameters
     ----------
     size_mm : sequence of 3 floats
-        Length, width, height; of a dome the diameter twice and the height.
+        Length, width, height in mm; for a dome the diameter twice and the height.
     size_key, top_key : str
-        What a message calls the two values.
+        Names of the two values in messages.
     """
     length_mm, width_mm, height_mm = size_mm
     if shape == "block":
@@ -181,13 +181,13 @@ def _part_name(table: Fields) -> str:
 
 
 def _attribute_text(table: Fields, key: str) -> str:
-    """A text that may stand in a Gerber attribute or a cell of a table: one line of plain characters, no formula."""
+    """A text valid in a Gerber attribute or a table cell: one line of plain characters, no formula."""
     remedy = "use plain letters, digits and ._()+/,-, the first a letter or digit"
     return table.text(key, pattern=r"[A-Za-z0-9][A-Za-z0-9 ._()+/,-]{0,199}", remedy=remedy)
 
 
 def read_land(table: Fields) -> LandPattern:
-    """A land pattern out of a table of a part profile or a manifest; problems are collected in `table`."""
+    """Read a land pattern from a table of a part profile or a manifest; problems are collected in `table`."""
     size = table.numbers("size_mm", 2, above=0.0, high=20.0)
     return LandPattern(
         size_mm=(size[0], size[1]),

@@ -1,4 +1,4 @@
-"""Process profiles: what a way of printing or milling can make."""
+"""Process profiles: limits of a printing or milling process."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ PROCESS_LIMIT_IDS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessProfile:
-    """What a way of printing or milling can make; ``limits`` holds one `Limit` for each of PROCESS_LIMIT_IDS.
+    """Limits of a printing or milling process; ``limits`` holds one `Limit` for each of PROCESS_LIMIT_IDS.
 
-    ``feature`` is the narrowest raised width, ``gap`` the narrowest gap (of milling: the ball mill's diameter),
-    ``height`` the least height that comes out, ``base`` the thinnest base.
+    ``feature`` is the narrowest raised width, ``gap`` the narrowest gap (for milling: the ball mill's diameter),
+    ``height`` the least height that can be made, ``base`` the thinnest base.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The options of a spec that decide what is on the board beside the texture: AprilTag, corners, holes."""
+"""Options of a spec for the board outside the texture: AprilTag, corners, holes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ DEFAULT_CORNER_RADIUS_MM = 1.0
 
 
 def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool) -> dict[str, Any]:
-    """The values of these options in their final form; usable ones where they are refused.
+    """Values of these options in their final form; a refused one is replaced by a usable value.
 
     Parameters
     ----------
     table : Fields
         All values given; problems are collected in it.
     values : mapping
-        Those that are in their final form already.
+        Values that are already in their final form.
     solid : bool
         Whether the part is a solid element.
     """
@@ -78,5 +78,5 @@ def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, fl
             table.problem(
                 key, f"{key} = {x:g},{y:g},{d:g} mm does not lie inside the outline {size_mm[0]:g} x {size_mm[1]:g} mm; move it"
             )
-        holes.append((round(x, 4), round(y, 4), round(d, 4)))  # as many decimals as the drill file has
+        holes.append((round(x, 4), round(y, 4), round(d, 4)))  # number of decimals in the drill file
     return () if table.refused("holes_mm") or table.refused("size_mm") else tuple(holes)

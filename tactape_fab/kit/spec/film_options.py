@@ -1,4 +1,4 @@
-"""The options of a spec that decide coverlay, anchors, what is laminated to the film, and how it is bent."""
+"""Options of a spec for coverlay, anchors, laminated backings and bending."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BACKING = r"[A-Za-z0-9]{1,20}[ :]\d{1,2}(\.\d{1,3})?( ?mm)?"
 
 
 def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
-    """The values of these options in their final form; None where an option says nothing.
+    """Values of these options in their final form; None for an option that is not set.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def _backing(table: Fields, key: str) -> str | None:
 
 
 def _bend(table: Fields) -> dict[str, Any]:
-    """Axis and radius come together."""
+    """Check that axis and radius are given together."""
     given = [key for key in ("bend_axis", "bend_radius_mm") if key in table.values]
     if len(given) == 1:
         missing = "--bend-radius MM" if given[0] == "bend_axis" else "--bend-axis x or y"

@@ -1,4 +1,4 @@
-"""The options of a spec that decide the texture: code, sector, grid, outline, place in the code plane, directions."""
+"""Options of a spec for the texture: code, sector, grid, outline, place in the code plane, directions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tape import LONGEST_MM
 
 BEST: Literal["best"] = "best"
-"""In place of an origin: search for it."""
+"""Value of ``origin`` that asks for a search."""
 LEAST_PITCH_MM, MOST_PITCH_MM = 0.2, 20.0
 LEAST_DISPLACEMENT_MM = 0.02
 DEFAULT_PITCH_MM = 1.5
@@ -25,7 +25,7 @@ PITCH_PER_DISPLACEMENT = 6.0
 
 
 def read_grid_options(table: Fields) -> dict[str, Any]:
-    """The values of these options in their final form, but for directions; usable ones where they are refused.
+    """Values of these options in their final form, without directions; a refused one is replaced by a usable value.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
         All values given; problems are collected in it.
     """
     code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
-    if table.refused("code"):  # judge the others by the code that has most
+    if table.refused("code"):  # check the others against the code with most sectors
         code = max(map(get_code, CODE_NAMES), key=lambda c: c.sectors)
     sector = table.integer(
         "sector",
@@ -54,7 +54,7 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
 
 
 def read_direction_option(table: Fields, part: Part | None, displacement_mm: float) -> int:
-    """Eight directions are of the touch code, and of parts that do not scatter too much for it."""
+    """Check that eight directions are used only with the touch code, and with parts whose placement scatter allows them."""
     code = None if table.refused("code") else get_code(table.values.get("code", DEFAULT_CODE))
     directions = read_directions(table, code)
     if not DIRECTIONS[directions].usual and isinstance(part, PartProfile) and not table.refused("displacement_mm"):
@@ -103,7 +103,7 @@ def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tu
 
 
 def _code_of_reach(points: float) -> str:
-    """The code of least range that has so many points along an axis, '' where none has."""
+    """Code of least range with so many points along an axis, '' if there is none."""
     reaching = [name for name in CODE_NAMES if get_code(name).range >= points]
     return min(reaching, key=lambda name: get_code(name).range, default="")
 

@@ -1,4 +1,4 @@
-"""Every option of a tape, read out of untrusted values in one pass."""
+"""Reader of every option of a tape from untrusted values, in one pass."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
     Parameters
     ----------
     given : mapping
-        Untrusted; None stands for what is not given.
+        Untrusted; None means not given.
 
     Returns
     -------
     dict of str to value
-        Every option in its final form; where it was refused, or rests on one that was, a usable value in its place.
+        Every option in its final form; a usable value if it was refused or depends on a refused one.
     list of Problem
-        Everything that is refused.
+        Every problem.
     """
     table = Fields({key: value for key, value in given.items() if value is not None})
     values = read_grid_options(table)
@@ -68,7 +68,7 @@ def _text(table: Fields, key: str, pattern: str, remedy: str, usual: str | None)
 
 
 def _tag_and_fab(table: Fields) -> dict[str, Any]:
-    """A film has both unless told otherwise, solid elements have neither."""
+    """Defaults of two options: a film has both, solid elements have neither."""
     return {
         "tag": table.text("tag", choices=TAG_MODES, default=TAG_MODES[0]) if "tag" in table.values else TAG_MODES[0],
         "fab": _profile_name(table, "fab", "fabs", DEFAULT_FAB) if "fab" in table.values else DEFAULT_FAB,
@@ -80,7 +80,7 @@ def _process(table: Fields, usual: str | None) -> str | None:
 
 
 def _profile_name(table: Fields, key: str, kind: str, usual: str | None) -> str | None:
-    """A profile's name or path; whether that of a fab or process can be read is found when it is loaded."""
+    """A profile's name or path; a fab or process profile that cannot be read is reported when it is loaded."""
     name = table.text(key, longest=4096)
     if name and not name.endswith(".toml") and name not in (known := profile_names(kind)):
         table.problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file")

@@ -1,4 +1,4 @@
-"""What a user asks for of a panel, checked at the door."""
+"""Options of a panel, read from untrusted values."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _ARRANGEMENT = re.compile(r"(\d{1,3})x(\d{1,3})")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelRequest:
-    """What was asked for.
+    """Checked options of a panel.
 
     Attributes
     ----------
     mode : {"auto", "none", "given"} or None
-        None where nothing was said: the profile decides.
+        None if not given: the fab profile decides.
     arrangement : (int, int) or None
-        Columns and rows, where they were given.
+        Columns and rows, if given.
     sectors : tuple of int or None
-        Those of the tapes, where they were named.
+        Sectors of the tapes, if given.
     same_sector : bool
         Whether every tape shows the same sector.
     tabs : str
@@ -45,12 +45,12 @@ class PanelRequest:
 
     @property
     def wished(self) -> bool:
-        """Whether a panel was asked for in so many words."""
+        """Whether a panel was asked for explicitly."""
         return self.mode in ("auto", "given")
 
 
 def read_panel_request(values: Mapping[str, Any]) -> tuple[PanelRequest, list[Problem]]:
-    """Read the keys of a panel out of untrusted values; every problem is listed."""
+    """Read the keys of a panel from untrusted values; every problem is listed."""
     table = Fields({key: values[key] for key in (*PANEL_KEYS, "code") if values.get(key) is not None})
     mode, arrangement = _mode(table)
     sectors = _sectors(table) if "sectors" in table.values else None
@@ -96,7 +96,7 @@ def _mode(table: Fields) -> tuple[str | None, tuple[int, int] | None]:
 
 
 def _sectors(table: Fields) -> tuple[int, ...] | None:
-    """The sectors that are named; None where they cannot be read."""
+    """The given sectors; None if they cannot be read."""
     code = table.values.get("code", DEFAULT_CODE)
     known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     try:

@@ -1,4 +1,4 @@
-"""Whether parts that a line places may point in eight directions: how often their scatter turns a symbol into its neighbour."""
+"""Placement scatter and eight directions: how often scatter turns a symbol into its neighbour."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from math import ceil, erfc, pi, sin, sqrt
 from statistics import NormalDist
 
 PLACEMENT_MM = 0.05
-"""Standard deviation of a placed part along each axis that is believed of a line; no fab's figure. Printed elements have none."""
+"""Assumed standard deviation of a placed part along each axis, mm; not a fab's figure. Printed elements have no scatter."""
 MOST_SYMBOL_ERRORS = 0.01
-"""Share of parts that may show a wrong symbol: the smallest contacts have some ten parts, and one in ten of them then has one."""
+"""Fraction of parts that may show a wrong symbol: the smallest contacts have about ten parts, so one contact in ten has one."""
 _HALF_STEP = sin(pi / 8.0)
 
 
 def symbol_errors(displacement_mm: float, placement_mm: float = PLACEMENT_MM) -> float:
-    """Share of parts that stand nearer to the place of a neighbouring direction, of eight, than to their own.
+    """Fraction of parts nearer to the place of a neighbouring direction, of eight, than to their own.
 
     Two neighbours are 2 Δ sin(22.5 deg) apart, and a part has one on each side.
     """
@@ -21,13 +21,13 @@ def symbol_errors(displacement_mm: float, placement_mm: float = PLACEMENT_MM) ->
 
 
 def least_displacement_mm(placement_mm: float = PLACEMENT_MM, most: float = MOST_SYMBOL_ERRORS) -> float:
-    """The displacement, in whole hundredths of a millimetre, from which on no more symbols than that are wrong."""
+    """Least displacement, in whole hundredths of a millimetre, at which no more symbols than that fraction are wrong."""
     scatters = NormalDist().inv_cdf(1.0 - most / 2.0)
     return ceil(100.0 * scatters * placement_mm / _HALF_STEP) / 100.0
 
 
 def scatter_refusal(displacement_mm: float) -> str | None:
-    """Why eight directions of such a displacement are refused to parts that a line places; None where they are not."""
+    """Reason why placed parts cannot have eight directions at this displacement; None if they can."""
     errors = symbol_errors(displacement_mm)
     if errors <= MOST_SYMBOL_ERRORS:
         return None

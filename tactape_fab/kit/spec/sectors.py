@@ -1,4 +1,4 @@
-"""Sectors in words: ``0-9,20``."""
+"""Parser of sector lists such as ``0-9,20``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def read_sectors(value: object, sectors: int) -> tuple[int, ...]:
     Raises
     ------
     SpecError
-        Every problem: what is no sector or range, reversed ranges, sectors that the code has not, repetitions.
+        With every problem: invalid sectors or ranges, reversed ranges, sectors outside the code, repetitions.
     """
     problems: list[Problem] = []
 
@@ -52,7 +52,7 @@ def read_sectors(value: object, sectors: int) -> tuple[int, ...]:
 
 
 def _ranges(value: object, problem: Any) -> Iterator[tuple[int, int, str]]:
-    """First, last and text of every range; what is none is a problem."""
+    """First, last and text of every range; an invalid range is a problem."""
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
         items = list(value)
         if wrong := [item for item in items if isinstance(item, bool) or not isinstance(item, int)]:

@@ -1,4 +1,4 @@
-"""The options of a spec that decide the solid models: element, process, base, mould, cylinder; and what they contradict."""
+"""Options of a spec for the solid models: element, process, base, mould, cylinder; and their contradictions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OPTIONS = {
     "around": "--around",
     "shell": "--shell",
 }
-"""Option that stands for each key which contradicts another."""
+"""Option name of each key that can contradict another."""
 _OF_A_FILM = ("fab", "assembly", "part_number", "x2", "tag_id")
 _OF_MODELS = ("process", "base_mm", "top", "cylinder_mm", "around", "shell")
 _OF_A_CYLINDER = ("around", "shell")
@@ -36,14 +36,14 @@ Part = PartProfile | ElementProfile
 
 
 def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
-    """The values of these options in their final form; None where an option does not apply.
+    """Values of these options in their final form; None for an option that does not apply.
 
     Parameters
     ----------
     table : Fields
         All values given; problems are collected in it.
     part : PartProfile, ElementProfile or None
-        The spec's part; None where it cannot be read, and nothing is held against it then.
+        The spec's part; None if it cannot be read, and then nothing is checked against it.
     """
     models = table.flag("models", default=True)
     negative = table.flag("negative")
@@ -77,7 +77,7 @@ def _contradiction(table: Fields, key: str, other: str, remedy: str) -> None:
 
 
 def _refuse_film_options(table: Fields, element: ElementProfile, *, models: bool) -> None:
-    """There is no film under a solid element: nothing for a PCB fab, and no ink."""
+    """Check that options of a film (PCB fab, ink) are not used with a solid element."""
     what = f"part = '{element.name}', a solid element"
     for key in _given(table, _OF_A_FILM):
         _contradiction(table, key, f"{what} without film or ink", f"leave out {OPTIONS[key]}")
@@ -88,7 +88,7 @@ def _refuse_film_options(table: Fields, element: ElementProfile, *, models: bool
 
 
 def _body(table: Fields, part: Part | None) -> tuple[tuple[float, ...] | None, float | None]:
-    """Size of the element and diameter of its flat top: what was given, or the profile's; None for a part with lands."""
+    """Size of the element and diameter of its flat top, mm: the given ones or the profile's; None for a part with lands."""
     if isinstance(part, PartProfile):
         for key in _given(table, ("body_mm", "dome_top_mm")):
             _contradiction(table, key, f"part = '{part.name}', whose size is fixed", "use --part block, dome or cone")
@@ -108,7 +108,7 @@ def _body(table: Fields, part: Part | None) -> tuple[tuple[float, ...] | None, f
 
 
 def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:
-    """Length, width and height; a dome's diameter may be given once."""
+    """Length, width and height, mm; a dome's diameter may be given once."""
     given = table.values["body_mm"]
     once = part.shape == "dome" and isinstance(given, list | tuple) and len(given) == 2
     values = {"body_mm": [given[0], given[0], given[1]] if once else given}
@@ -123,7 +123,7 @@ def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:
 
 
 def _drop_twin(table: Fields) -> None:
-    """A diameter that was given once is refused once."""
+    """Problems without repetition: a diameter that was given once is refused once."""
     table.problems[:] = [p for p in table.problems if p.key != "body_mm[1]"]
 
 

@@ -1,4 +1,4 @@
-"""Lists of tapes: sectors in words, and spec files with several tapes, to one set of values per tape."""
+"""Lists of tapes: sector ranges, and spec files with several tapes, expanded to one set of values per tape."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tactape_fab.kit.spec.tape_spec import PROFILE_KEYS, read_spec_file
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
 
 _OF_ONE = ("sector", "sectors", "name")
-"""Keys that no two tapes of a list share."""
+"""Keys that must differ between the tapes of a list."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TapeEntry:
-    """One tape of a list: its values, untrusted still, and how messages name it.
+    """One tape of a list: its values, still untrusted, and its name in messages.
 
-    ``where`` is the table it comes from (``""`` or ``"tapes[3]: "``), ``of_sector`` what tells it from the others of that
+    ``where`` is the table it comes from (``""`` or ``"tapes[3]: "``), ``of_sector`` distinguishes it from the others of that
     table (``""`` or ``"sector 7: "``).
     """
 
@@ -31,7 +31,7 @@ class TapeEntry:
 
 
 def is_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> bool:
-    """Whether a spec file's values and options, which override them, are those of several tapes."""
+    """Whether a spec file's values, with the options that override them, describe several tapes."""
     return "tapes" in values or "sectors" in options or ("sectors" in values and "sector" not in options)
 
 
@@ -41,7 +41,7 @@ def read_list_file(path: Path) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        When the file cannot be read as TOML.
+        If the file cannot be read as TOML.
     """
     values = read_spec_file(path)
     tapes = values.get("tapes")
@@ -56,8 +56,8 @@ def read_list_file(path: Path) -> dict[str, Any]:
 def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[list[TapeEntry], list[Problem]]:
     """One entry per tape, from the values of a spec file and from options, which override them.
 
-    The problems are those of the list. What is wrong with a tape is found when its spec is built; where sectors are refused,
-    sector 0 stands in for them, so that everything else can be judged.
+    The problems are those of the list. Faults of a tape are found when its spec is built. If sectors are refused, sector 0
+    replaces them, so that everything else can be checked.
     """
     problems = _contradictions(values, options)
     shared = {key: value for key, value in values.items() if key != "tapes"}
@@ -84,7 +84,7 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
 
 
 def _contradictions(values: Mapping[str, Any], options: Mapping[str, Any]) -> list[Problem]:
-    """Keys that stand where they would name several tapes alike."""
+    """Keys given where they would apply to several tapes although they must differ."""
     several = "tapes" in values
     found = []
     for source in (options, values):

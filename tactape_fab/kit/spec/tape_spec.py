@@ -1,4 +1,4 @@
-"""TapeSpec: everything a user may ask for of a tape."""
+"""TapeSpec: every option of a tape, checked."""
 
 from __future__ import annotations
 
@@ -19,61 +19,61 @@ from tactape_fab.texture.directions import USUAL_DIRECTIONS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TapeSpec:
-    """What a user asks for. Building one checks every value and reports all problems together.
+    """Options of a tape. Building a spec checks every value and reports all problems together.
 
     Attributes
     ----------
     sector : int
-        Which of the code's sectors the tape shows; what the design of a touch code begins with.
+        Sector of the code that the tape shows; the seed of a touch code's design.
     pitch_mm : float
-        Grid pitch, the paper's W.
+        Grid pitch (W in the paper).
     displacement_mm : float
-        Displacement of each part, the paper's Delta; a sixth of the pitch where None is given.
+        Displacement of each part (Delta in the paper); None for a sixth of the pitch.
     size_mm : (float, float)
-        Outline, width by height.
+        Outline (width, height).
     code : str
     directions : int
-        How many directions parts are displaced in: 4, or 8 of the touch code, where the parts stand where they should.
+        Number of displacement directions: 4, or 8 for the touch code with accurately placed parts.
     origin : (int, int) or "best"
-        Column and row of grid point (0, 0) in the code plane; the sector's default origin where None is given. ``"best"``
-        is searched for when the tape is planned. (0, 0) for the touch code, which has no plane.
+        Column and row of grid point (0, 0) in the code plane; None for the sector's default origin. ``"best"`` starts a
+        search when the tape is planned. (0, 0) for the touch code, which has no plane.
     tag : {"strip", "none"}
-        A strip at the left end with AprilTag and label, or no strip. Where None is given a film has one, a texture of
-        solid elements has none.
+        A strip at the left end with AprilTag and label, or no strip. None: a strip on a film, no strip on a texture of
+        solid elements.
     tag_id : int or None
-        Id of the AprilTag; the sector where None is given and there is a strip.
+        Id of the AprilTag; None for the sector if there is a strip.
     tag_cell_mm : float
     part : str
         Profile name, or path of a TOML file: a part with lands, or a solid element (``block``, ``dome``, ``cone``).
     fab : str or None
-        Profile name, or path of a TOML file; ``generic-fpc`` for a part with lands, None for a solid element.
+        Profile name, or path of a TOML file; default ``generic-fpc`` for a part with lands, None for a solid element.
     rotation_deg : float
         Rotation of every part, counter-clockwise, 0 along board x.
     assembly : str or None
-        Format of CPL and BOM: the assembly house whose columns they have; the fab profile's where None is given.
+        Assembly house whose columns CPL and BOM have; None for the fab profile's.
     part_number : str or None
-        Number of the part in the BOM, as that house takes it; the part profile's where None is given, none where it has none.
+        Part number in the BOM, in that house's format; None for the part profile's, if it has one.
     x2 : str or None
-        Gerber attributes: ``full``, as ``comments``, or ``off``; the fab profile's where None is given.
+        Gerber attributes: ``full``, as ``comments``, or ``off``; None for the fab profile's choice.
     corner_radius_mm : float
-        1 where None is given, 0 for solid elements on a cylinder, whose corners are square.
+        Default 1; 0 for solid elements on a cylinder, whose corners are square.
     holes_mm : sequence of (float, float, float)
         Unplated holes (x, y, diameter) in the board frame.
     name : str
-        Name of the tape and of its files; ``tactape-s007`` for sector 7 where None is given.
+        Name of the tape and of its files; None for ``tactape-s007`` (sector 7).
     body_mm : (float, float, float) or None
-        Size of a solid element: length, width, height; of a dome the diameter (once or twice) and the height. The part
-        profile's where None is given.
+        Size of a solid element: length, width, height; for a dome the diameter (once or twice) and the height. None for the
+        part profile's.
     dome_top_mm : float or None
-        Diameter of a dome's flat top, which makes it a truncated cone; the part profile's where None is given.
+        Diameter of a dome's flat top, which makes it a truncated cone; None for the part profile's.
     process : str or None
-        Process profile (``sla``, ``fdm``, ``cnc``), or path of a TOML file; ``sla`` for a solid element.
+        Process profile (``sla``, ``fdm``, ``cnc``), or path of a TOML file; default ``sla`` for a solid element.
     models : bool
         Whether the kit has 3D models. The keys below are None without them.
     base_mm : float or None
         Thickness of the solid models' base.
     negative : bool
-        The mould instead of the texture.
+        Make the mould instead of the texture.
     top : {"tiles", "single"} or None
     cylinder_mm : float or None
         Radius of the cylinder that the solid models are wrapped around.
@@ -81,19 +81,19 @@ class TapeSpec:
     shell : {"segment", "whole"} or None
         See `tactape_fab.solids.forms`.
     coverlay : {"per-part", "lpi", "gang"} or None
-        How the coverlay is opened; the first way of the fab profile that its limits allow where None is given.
+        How the coverlay is opened; None for the first way of the fab profile that its limits allow.
     anchor : {"none", "spur", "mesh"}
-        Copper that runs on from the pads under the coverlay and holds them.
+        Copper that extends from the pads under the coverlay and holds them.
     stiffener, adhesive : str or None
-        What is laminated to the underside, material and thickness in mm, such as ``"FR4 0.2"``.
+        Layer laminated to the underside: material and thickness in mm, such as ``"FR4 0.2"``.
     bend_axis : {"x", "y"} or None
-        Board axis that goes round where the tape is bent.
+        Board axis that becomes curved when the tape is bent.
     bend_radius_mm : float or None
 
     Raises
     ------
     SpecError
-        With every problem. CapacityError where the code's reach is the only one.
+        With every problem. CapacityError if the code's reach is the only one.
     """
 
     sector: int
@@ -149,7 +149,7 @@ class TapeSpec:
         Parameters
         ----------
         values : mapping
-            Option names, as among the attributes, to values.
+            Option names, as in the attributes, to values.
 
         Returns
         -------
@@ -166,24 +166,24 @@ class TapeSpec:
         return spec
 
     def but(self, **values: Any) -> TapeSpec:
-        """The spec with other values, which are in their final form: nothing is checked, nothing else changes."""
+        """Copy of the spec with some values replaced. They must be in their final form: nothing is checked."""
         other = object.__new__(TapeSpec)
         other._take({**{key: getattr(self, key) for key in KEYS}, **values})
         return other
 
     def to_mapping(self) -> dict[str, Any]:
-        """Every option as understood, for the manifest; of a profile's path only the file's name, wherever it stood."""
+        """Every option in its final form, for the manifest; of a profile's path only the file's name."""
         values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) != ("directions", USUAL_DIRECTIONS)}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
 
     @property
     def place(self) -> tuple[int, int]:
-        """The origin; where it is still to be searched for (0, 0), where every tape fits that fits anywhere."""
+        """The origin; (0, 0) if it is still to be searched for, where every tape fits that fits at all."""
         return (0, 0) if self.origin == BEST else self.origin
 
     @property
     def form(self) -> SolidForm | None:
-        """What the solid models are like; None without models."""
+        """Form of the solid models; None without models."""
         if self.base_mm is None:
             return None
         cylinder = None
@@ -198,9 +198,9 @@ DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISS
 
 
 def read_spec(values: Mapping[str, Any]) -> tuple[TapeSpec, list[Problem]]:
-    """Read untrusted values into a spec, and list everything that is refused: unknown keys, a missing sector, bad values.
+    """Read untrusted values into a spec, and list every problem: unknown keys, a missing sector, invalid values.
 
-    Where something is refused, the spec has a usable value in its place, so that what does not rest on it can be judged.
+    A refused value is replaced by a usable one in the spec, so that values that do not depend on it can be checked.
     """
     problems = [unknown_key(key, KEYS) for key in values if key not in KEYS]
     if "sector" not in values:
@@ -222,7 +222,7 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        When the file cannot be read as TOML.
+        If the file cannot be read as TOML.
     """
     values = read_toml(path, "spec file")
     for key in PROFILE_KEYS:

@@ -25,7 +25,7 @@ _CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
 
 
 def check_outline(content: GerberContent, tape: Tape) -> Check:
-    """One closed outline, as large and as round as the manifest says."""
+    """Check that there is one closed outline with the manifest's size and corner radius."""
     board = tape.board
     if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
         return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
@@ -48,12 +48,12 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
 
 
 def _arc_points(radius_mm: float) -> int:
-    """Chords of a quarter of a circle that stay within a thousandth of the tolerance of it: their sagitta is r (pi / 4n)² / 2."""
+    """Number n of chords of a quarter circle whose sagitta r (pi / 4n)² / 2 is at most a thousandth of the tolerance."""
     return min(_MOST_ARC_POINTS, ceil(pi / 4 * sqrt(radius_mm / (2 * _ARC_MISFIT_MM))))
 
 
 def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: Tape, cpl: CplContent) -> list[Check]:
-    """Nothing outside the outline; copper and bodies as far inside as the recorded limits ask."""
+    """Check that nothing lies outside the outline, and that copper and bodies keep the recorded distances from it."""
     board = tape.board
 
     def inset(points: list[FloatArray]) -> float:
@@ -85,9 +85,9 @@ def check_edges(layers: Mapping[str, GerberContent], recorded: Recorded, tape: T
 
 
 def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArray:
-    """Points of an outline stamped at many places, of those stamps alone that may be the nearest to the board's outline.
+    """Points of a shape repeated at many places, only of those copies that may be the nearest to the board's outline.
 
-    A stamp is nowhere farther from its place than the outline reaches, and so no nearer to the board's outline.
+    No point of a copy is farther from the copy's place than the shape's radius, which bounds its distance to the outline.
     """
     inset = inset_mm(xy_mm, tape.board.size_mm, tape.board.corner_radius_mm)
     reach_mm = np.hypot(*outline_mm.T).max()
@@ -97,7 +97,7 @@ def outermost(xy_mm: FloatArray, outline_mm: FloatArray, tape: Tape) -> FloatArr
 
 
 def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded: Recorded) -> Check:
-    """Ink stays as far from every coverlay opening as the recorded limit asks."""
+    """Check that ink keeps the recorded distance from every coverlay opening."""
     areas = shapely.make_valid(polygons(legend.areas_mm))
     ink = np.concatenate([areas, pen_strokes(legend.strokes_mm, legend.stroke_width_mm)])
     bounds = shapely.total_bounds(ink) + np.array([-1, -1, 1, 1]) * (recorded.opening_legend_mm + 5.0)
@@ -115,7 +115,7 @@ def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded:
 
 
 def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Check:
-    """The component layer names every part where the CPL has it."""
+    """Check that the component layer names every part at its CPL place."""
     main = np.array([f.startswith("ComponentMain") for f in content.aperture_functions], dtype=bool)
     is_centre = main[content.flash_aperture] if len(content.flash_aperture) else np.zeros(0, dtype=bool)
     centres = content.flash_xy_mm[is_centre]
@@ -137,7 +137,7 @@ def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Che
 
 
 def check_drill(holes: FloatArray, tape: Tape) -> Check:
-    """The drill file has exactly the manifest's holes."""
+    """Check that the drill file has exactly the manifest's holes."""
     expected, found = sorted(tape.board.holes), sorted((x, y, d) for x, y, d in holes.tolist())
 
     def apart(hole: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:

@@ -1,4 +1,4 @@
-"""CPL and BOM against the manifest."""
+"""Checks of the CPL and the BOM against the manifest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
 
 DESIGNATORS_PER_ROW = 200
-"""As many as JLCPCB takes in one row of a BOM."""
+"""Most designators that JLCPCB accepts in one row of a BOM."""
 UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
 _PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos)(?!\w)")
@@ -33,7 +33,7 @@ _PRINT_AREA = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedAssembly:
-    """What the manifest records of the assembly: the house's format, and the part as CPL and BOM name it."""
+    """Assembly as the manifest records it: format of the assembly house, and the part as CPL and BOM name it."""
 
     format: str
     value: str
@@ -56,7 +56,7 @@ def read_assembly(table: Fields) -> RecordedAssembly:
 
 
 def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: LandPattern) -> list[Check]:
-    """One row per part in order, each at its place on the grid, all on top, turned and named as the manifest says."""
+    """Check that the CPL has one row per part, in order, with its grid place, top side, rotation and name of the manifest."""
     expected = tape.designators()
     problems = []
     house = PLACEMENTS[recorded.format]
@@ -82,7 +82,7 @@ def check_cpl(cpl: CplContent, tape: Tape, recorded: RecordedAssembly, pads: Lan
 
 
 def _text_problems(cpl: CplContent, recorded: RecordedAssembly, pads: LandPattern) -> list[str]:
-    """Cells beside place and side that are not the manifest's."""
+    """Cells, other than place and side, that differ from the manifest."""
     blank = "_" if cpl.table.style == "kicad" else " "
     lands_mm = {"length": 2 * pads.offset_mm + pads.size_mm[0], "width": pads.size_mm[1]}
     expected = {
@@ -132,7 +132,7 @@ def _check_rotation(cpl: CplContent, tape: Tape) -> Check:
 
 
 def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) -> Check:
-    """Every part in exactly one row of the house's columns, at most 200 a row, quantities and words as the manifest has them."""
+    """Check that every part is in exactly one BOM row, at most 200 a row, with the manifest's columns, quantities and texts."""
     bom = FORMATS[recorded.format].bom
     try:
         rows = read_bom(data, bom)
@@ -169,7 +169,7 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ordered:
-    """What notes are of: a tape, or a panel, on which nothing may be printed but in its rails."""
+    """Subject of order notes: a tape, or a panel, which may be printed only in its rails."""
 
     name: str
     size_mm: tuple[float, float]
@@ -178,9 +178,9 @@ class Ordered:
 
 
 def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None) -> Check:
-    """The notes name this tape, its size, every part and the files to upload; what they call free for print is free.
+    """Check that the notes name this tape, its size, every part and the files to upload, and name only free areas for print.
 
-    Of a panel `tape` is any of its tapes, and `of` what is ordered.
+    For a panel, `tape` is any of its tapes, and `of` describes what is ordered.
     """
     of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
     try:

@@ -1,4 +1,4 @@
-"""What a film may have beside pads and openings: anchors in the copper, one window for all parts, what is laminated to it."""
+"""Checks of a film's optional features: anchors in the copper, one window for all parts, laminated backings."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _FORCED_CHECKS = {
     "opening-legend": "legend-top to openings",
     "anchor-opening": "anchors to openings",
 }
-"""Line of the verification that holds a kit to the same limit as a design rule."""
+"""Name of the verification line that checks the same limit as a design rule."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmRecord:
-    """What a manifest records of a film beside its lands.
+    """Optional features of a film as its manifest records them.
 
-    ``backings`` maps the roles of what is laminated to it to material and thickness; ``forced`` holds the rules in spite
+    ``backings`` maps the roles of laminated backings to material and thickness; ``forced`` holds the rules in spite
     of which it was made.
     """
 
@@ -50,7 +50,7 @@ class FilmRecord:
 
 
 def read_film_record(table: Fields) -> FilmRecord:
-    """Read it out of a manifest; problems are collected in `table`."""
+    """Read them from a manifest; problems are collected in `table`."""
     fab = table.table("fab")
     backings = {}
     for key in ("stiffener", "adhesive"):
@@ -76,7 +76,7 @@ def _anchor(table: Fields) -> AnchorPlan:
 
 
 def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
-    """Lines that fail by a rule in spite of which the kit was made, as warnings."""
+    """The checks, with failures of rules that were forced turned into warnings."""
     names = {_FORCED_CHECKS[rule]: rule for rule in record.forced if rule in _FORCED_CHECKS}
     return [
         replace(c, warning=True, message=f"{c.message}; made in spite of rule {names[c.name]}")
@@ -90,7 +90,7 @@ def pardoned(checks: list[Check], record: FilmRecord) -> list[Check]:
 
 
 def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPlan, pads: LandPattern, tape: Tape) -> list[Check]:
-    """The copper's lines are the anchors of these parts, and keep clear of other pads' openings, outline and holes."""
+    """Check that the copper's lines are these parts' anchors, clear of other pads' openings, the outline and holes."""
     expected = build_anchors(plan, tape, pads)
     found = _segments(copper)
     problems = []
@@ -110,13 +110,13 @@ def check_anchors(copper: GerberContent, coverlay: GerberContent, plan: AnchorPl
 
 
 def _segments(content: GerberContent) -> FloatArray:
-    """Drawn lines one by one, shape (k, 2, 2)."""
+    """Ends of every drawn line, mm, shape (k, 2, 2)."""
     pieces = [np.stack([stroke[:-1], stroke[1:]], axis=1) for stroke in content.strokes_mm if len(stroke) > 1]
     return np.concatenate(pieces) if pieces else np.empty((0, 2, 2))
 
 
 def without_counterpart(lines_mm: FloatArray, others_mm: FloatArray) -> FloatArray:
-    """Lines that have no counterpart among others, either way round; all of shape (n, 2, 2)."""
+    """Lines without an equal among `others`, in either direction; all of shape (n, 2, 2), mm."""
     if len(lines_mm) == 0 or len(others_mm) == 0:
         return lines_mm
     both = np.concatenate([others_mm, others_mm[:, ::-1]])
@@ -157,7 +157,7 @@ def _clear_of_outline(lines_mm: FloatArray, plan: AnchorPlan, tape: Tape) -> Che
 
 
 def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRecord, tape: Tape, cpl: CplContent) -> list[Check]:
-    """One opening that holds every part's, as large as the manifest's tape asks for, with a frame of coverlay round it."""
+    """Check that one opening contains every part's, with the size of the manifest's tape and a frame of coverlay round it."""
     name = "coverlay-top window"
     if len(coverlay.areas_mm) != 1 or len(coverlay.flash_xy_mm) or len(coverlay.strokes_mm) or coverlay.clear:
         return [Check(name=name, passed=False, message="other objects than one window")]
@@ -183,12 +183,12 @@ def check_window(coverlay: GerberContent, opening_mm: FloatArray, record: FilmRe
 
 
 def file_function(role: str, backing: str) -> str:
-    """Function that the file of a backing gives itself."""
+    """File function that the attributes of a backing's file must give."""
     return f"Other,{role.split('-', maxsplit=1)[0].capitalize()}_Bottom_{material_words(backing)}"
 
 
 def check_backing(role: str, content: GerberContent, path: str, backing: str, outline_mm: FloatArray | None) -> Check:
-    """One area as large as the outline, in a file whose name says material and thickness."""
+    """Check that a backing is one area as large as the outline, in a file whose name gives material and thickness."""
     problems = []
     if len(content.areas_mm) != 1 or len(content.flash_xy_mm) or len(content.strokes_mm) or content.clear:
         problems.append("other objects than one area")

@@ -1,4 +1,4 @@
-"""The KiCad board against the manifest: footprints, their lands, outline, holes and tracks, and that it draws nothing else."""
+"""Checks of the KiCad board against the manifest: footprints, their lands, outline, holes, tracks, and nothing else."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ At = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shown:
-    """What a board should show, in the board frame.
+    """Expected content of a board, in the board frame.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Board:
-    """The lists of a board by kind, where its lower-left corner lies on the sheet, and where its footprints stand."""
+    """The s-expression lists of a board by kind, its lower-left corner on the sheet, and its footprints' places, mm."""
 
     lists: dict[str, list[Tree]]
     origin_mm: tuple[float, float]
@@ -85,7 +85,7 @@ def sides_of(corner_radius_mm: float) -> int:
 
 
 def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Shown:
-    """What the board of a tape alone should show."""
+    """Expected content of the board of a single tape."""
     return Shown(
         parts_xy_mm=tape.part_xy_mm(),
         rotation_deg=tape.part.rotation_deg,
@@ -98,7 +98,7 @@ def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Show
 
 
 def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded) -> list[Check]:
-    """The board shows what the manifest says and nothing else, and its project is JSON with design rules."""
+    """Check that the board shows what the manifest says and nothing else, and that its project is JSON with design rules."""
     try:
         with collection_paused():
             found = _read_board(read_s_expression(board, _IDENTIFIERS))
@@ -190,8 +190,8 @@ def _places(found: _Board, shown: Shown) -> list[str]:
 
 
 def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:
-    """Every part has the four lands of the manifest's land pattern, and no other pad."""
-    alike: dict[tuple[int, ...], list[str]] = {}  # lists that read alike are one object: by identity they are told apart at once
+    """Check that every part has the four lands of the manifest's land pattern, and no other pad."""
+    alike: dict[tuple[int, ...], list[str]] = {}  # equal lists are one object, so that comparing identities is enough and fast
     for name, pads in found.pads.items():
         if _is_part(name):
             alike.setdefault(tuple(map(id, pads)), []).append(name)
@@ -270,7 +270,7 @@ def _fiducials(found: _Board, shown: Shown) -> list[str]:
 
 
 def _tracks(found: _Board, shown: Shown) -> list[str]:
-    """Copper beside the pads: the anchors' lines, each once."""
+    """Check the copper other than pads: the anchors' lines, each once."""
     tracks = found.lists.get("segment", [])
     ends = np.array([(_values(track, "start"), _values(track, "end")) for track in tracks]).reshape(-1, 2, 2)
     lines_mm = (ends - found.origin_mm) * (1.0, -1.0)
@@ -283,7 +283,7 @@ def _tracks(found: _Board, shown: Shown) -> list[str]:
 
 
 def _strangers(found: _Board) -> list[str]:
-    """What no board of this tool holds: zones, vias, lines on copper, footprints on the underside."""
+    """Check that the board has no zones, vias, lines on copper or footprints on the underside: this tool never makes them."""
     strange: Counter[str] = Counter()
     for kind, items in found.lists.items():
         if kind in _DRAWN_ON:
@@ -301,7 +301,7 @@ def _strangers(found: _Board) -> list[str]:
 
 
 def _strange_child(child: str | Tree) -> str | None:
-    """What a footprint should not hold, in words."""
+    """Description of the items that a footprint should not hold."""
     if isinstance(child, str) or child[0] not in _OF_A_FOOTPRINT:
         return str(child if isinstance(child, str) else child[0])
     layer = _layer(child) if child[0] in _DRAWN_ON else str(child[1]) if child[0] == "layer" else None

@@ -1,4 +1,4 @@
-"""Pads, paste and coverlay openings against the manifest and the CPL: counts, places, rotations, shapes, areas, names."""
+"""Checks of pads, paste and coverlay openings against manifest and CPL: counts, places, rotations, shapes, areas, names."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PARTNER_TOLERANCE_MM = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """What the manifest records of the lands, the openings and the limits they were made for."""
+    """Lands, openings and edge limits as the manifest records them."""
 
     pads: LandPattern
     paste: LandPattern
@@ -59,7 +59,7 @@ def nearest(points_mm: FloatArray, tree: shapely.STRtree) -> tuple[IntArray, Flo
 
 
 def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
-    """A tree of points for `nearest`; xy_mm of shape (n, 2)."""
+    """KD-tree of points for `nearest`; xy_mm of shape (n, 2)."""
     return shapely.STRtree(shapely.points(xy_mm))
 
 
@@ -101,7 +101,7 @@ def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> Land
 
 
 def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
-    """The flash nearest to a step away from each, -1 where there is none or another one is nearer to it; shape (m,)."""
+    """Index of the flash nearest to one step from each flash, -1 if there is none or if another flash is nearer; shape (m,)."""
     partner, distance = nearest(xy_mm + step_mm, point_tree(xy_mm))
     by_distance = np.argsort(distance, kind="stable")
     by_distance = by_distance[distance[by_distance] < _PARTNER_TOLERANCE_MM]
@@ -113,7 +113,7 @@ def _following(xy_mm: FloatArray, step_mm: FloatArray) -> IntArray:
 
 
 def _alternate(following: IntArray) -> tuple[IntArray, IntArray]:
-    """Cut chains into pairs from their heads: lands of neighbours may be as far apart as the lands of one part.
+    """Split chains of flashes into pairs, from their starts: lands of neighbours may be as far apart as those of one part.
 
     ``following`` names the next flash of each, -1 at the end of a chain.
     """
@@ -142,9 +142,9 @@ def check_lands(
     *,
     lines: bool = False,
 ) -> list[Check]:
-    """Two lands per part, each pair's centre at its CPL row, its direction and shape at the CPL's rotation.
+    """Check that each part has two lands, centred at its CPL row, with direction and shape at the CPL's rotation.
 
-    ``lines`` says whether the layer may hold lines, which are checked elsewhere.
+    ``lines``: whether the layer may hold lines, which are checked elsewhere.
     """
     count = len(content.flash_xy_mm)
     expected = 2 * tape.part_count
@@ -227,7 +227,7 @@ def _rotation_check(
 
 
 def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
-    """Direction of an aperture's side that lies along the part, None where the land is square."""
+    """Direction of an aperture's side along the part, degrees; None if the land is square."""
     if abs(land.size_mm[0] - land.size_mm[1]) < 0.01:
         return None
     box = shapely.minimum_rotated_rectangle(shapely.Polygon(outline))
@@ -239,7 +239,7 @@ def _outline_axis_deg(outline: FloatArray, land: LandPattern) -> float | None:
 
 
 def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray) -> Check:
-    """Every flashed outline is the manifest's, about its own origin."""
+    """Check that every flashed outline is the manifest's, about its own origin."""
     target = shapely.Polygon(expected).exterior
     error_mm = max(float(shapely.hausdorff_distance(shapely.Polygon(outline).exterior, target)) for outline in outlines)
     passed = error_mm <= PLACE_TOLERANCE_MM
@@ -248,7 +248,7 @@ def _shape_check(name: str, outlines: Sequence[FloatArray], expected: FloatArray
 
 
 def _names_check(name: str, content: GerberContent, pairs: LandPairs, designators: list[str]) -> Check:
-    """Pads 1 and 2 name the part whose CPL row they stand at."""
+    """Check that pads 1 and 2 name the part of the CPL row at their place."""
     wrong = [
         f"{content.flash_component[flash]}.{content.flash_pin[flash]} stands where {part}.{pin} is"
         for pin, flashes in (("1", pairs.first), ("2", pairs.second))
@@ -268,7 +268,7 @@ def _area_check(name: str, content: GerberContent, expected_mm2: float) -> Check
 
 
 def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: CplContent, rows: shapely.STRtree) -> list[Check]:
-    """One coverlay opening per part, at its CPL row, round both pads with the fab's expansion."""
+    """Check that each part has one coverlay opening, at its CPL row, round both pads with the fab's expansion."""
     name = "coverlay-top"
     count = len(content.flash_xy_mm)
     problems = []
@@ -291,7 +291,7 @@ def check_openings(content: GerberContent, recorded: Recorded, tape: Tape, cpl: 
 
 
 def opening_outline(recorded: Recorded, tape: Tape) -> FloatArray:
-    """A part's opening about its centre: the box round both pads, and the expansion; shape (4, 2)."""
+    """Corners of a part's opening about its centre: the box round both pads plus the expansion, mm; shape (4, 2)."""
     pads, wider_mm = recorded.pads, 2 * recorded.expansion_mm
     size_mm = (2 * pads.offset_mm + pads.size_mm[0] + wider_mm, pads.size_mm[1] + wider_mm)
     return placed_outline(size_mm, 0.0, tape.part.rotation_deg)

@@ -1,4 +1,4 @@
-"""The printed tag, read from a picture of the written legend layer by AprilTag detectors that are not ours."""
+"""Check of the printed tag: third-party AprilTag detectors read a picture of the written legend layer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ GrayImage = npt.NDArray[np.uint8]
 
 
 def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_light: bool) -> GrayImage:
-    """Ink on film round the tag, one gray byte a pixel, row 0 at the top (board +y)."""
+    """Picture of ink on film round the tag: uint8 gray, row 0 at the top (board +y)."""
     import cv2
 
     px_per_mm = _OVERSAMPLING * _PX_PER_CELL / tag.cell_mm
@@ -53,7 +53,7 @@ def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_lig
 
 
 def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_pupil: bool) -> list[Check]:
-    """Detect the tag in the written legend layer: id, place of every corner, and so orientation."""
+    """Detect the tag in the written legend layer, and check its id and corners (hence its orientation)."""
     if tape.tag is None:
         return []
     if legend.clear:
@@ -95,7 +95,7 @@ def _read_opencv(image: GrayImage) -> list[Reading]:
 
 @cache
 def pupil_detector() -> Any:
-    """The one pupil-apriltags detector of this process.
+    """The single pupil-apriltags detector of this process.
 
     kornia-rs 0.2 has wheels for more machines and reads our legends, too, but gives corners in the picture's order, not in the
     tag's: it cannot tell a turned tag from an upright one.

@@ -1,4 +1,4 @@
-"""What the files of a panel have where one of its tapes lies, as if they were the tape's own."""
+"""Parts of a panel's files that belong to one tape, as if they were the tape's own files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class OnPanel:
 
 
 def inside(xy_mm: FloatArray, on: OnPanel) -> BoolArray:
-    """Which points lie on a tape's board; shape (n,)."""
+    """Mask of the points on a tape's board; shape (n,)."""
     local = xy_mm - on.offset
     high = np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM
     result: BoolArray = np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
@@ -41,12 +41,12 @@ def inside(xy_mm: FloatArray, on: OnPanel) -> BoolArray:
 
 
 def whole(shapes: Sequence[FloatArray], on: OnPanel) -> list[int]:
-    """Which shapes lie on a tape's board."""
+    """Mask of the shapes on a tape's board."""
     return [i for i, shape in enumerate(shapes) if inside(shape, on).all()]
 
 
 def of_tape(content: GerberContent, on: OnPanel) -> GerberContent:
-    """What a layer draws on a tape, in the tape's own frame and with its own designators."""
+    """Content of a layer on one tape, in the tape's board frame and with its designators."""
     keep = np.flatnonzero(inside(content.flash_xy_mm, on))
     used, aperture = np.unique(content.flash_aperture[keep], return_inverse=True)
     strokes = whole(content.strokes_mm, on)
@@ -65,7 +65,7 @@ def of_tape(content: GerberContent, on: OnPanel) -> GerberContent:
 
 
 def _renumbered(name: str, on: OnPanel) -> str:
-    """A panel's designator as the tape's own."""
+    """The tape's own designator for a panel's designator."""
     return f"R{int(name[1:]) - on.first}" if name[:1] == "R" and name[1:].isdecimal() else name
 
 

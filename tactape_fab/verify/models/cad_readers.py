@@ -72,7 +72,7 @@ print("ANSWER " + json.dumps(answer))
 def check_with_others(
     tape: Tape, expected: Expected, files: Mapping[str, WrittenFile], cpl: CplContent | None = None
 ) -> list[Check]:
-    """Read a kit's models with every reader that this machine has; one that is missing is said, and fails nothing."""
+    """Read a kit's models with every reader installed on this machine; a missing reader is reported and is not a failure."""
     with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch:
         paths = {}
         for role, name in _FILE_NAMES.items():
@@ -85,7 +85,7 @@ def check_with_others(
 
 
 def _run(arguments: list[str], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
-    """Output of a program, or in words why there is none."""
+    """Output of a program, or the reason why there is no output."""
     try:
         return launch.run(arguments, timeout_s=_TIMEOUT_S, scratch=scratch)
     except subprocess.TimeoutExpired:
@@ -95,7 +95,7 @@ def _run(arguments: list[str], scratch: Path | None = None) -> subprocess.Comple
 
 
 def _answer(run: subprocess.CompletedProcess[str] | str) -> dict[str, Any]:
-    """The JSON that a reader printed, or ``{"error": why}``."""
+    """The JSON that a reader printed, or ``{"error": reason}``."""
     if isinstance(run, str):
         return {"error": run}
     found = re.search(r"^ANSWER (.*)$", run.stdout, re.MULTILINE)
@@ -126,7 +126,7 @@ def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplCon
 
 
 def _check_solid(expected: Expected, reader: str, found: dict[str, Any], tolerance: float) -> Check:
-    """Valid solids with all the faces that the file has, and the volume and centre that formulas give."""
+    """Check that the solids are valid, with all faces of the file, and the volume and centre of mass of the formulas."""
     name = f"step-solid by {reader}"
     if "error" in found:
         return Check(name=name, passed=False, message=str(found["error"]))
@@ -149,7 +149,7 @@ def _check_solid(expected: Expected, reader: str, found: dict[str, Any], toleran
 
 
 def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Check:
-    """Every occurrence where its CPL row says, turned as it says, under its designator."""
+    """Check that every occurrence has the place, rotation and designator of its CPL row."""
     name = "step-assembly by OCCT"
     if "error" in found:
         return Check(name=name, passed=False, message=str(found["error"]))
@@ -178,7 +178,7 @@ def _check_occurrences(tape: Tape, found: dict[str, Any], cpl: CplContent) -> Ch
 
 
 def _product_problems(tape: Tape, products: dict[str, list[list[float]]]) -> list[str]:
-    """The board and the one part, each one solid, by volume and centre of mass."""
+    """Check that the board and the one part are one solid each, with the right volume and centre of mass."""
     element = element_volume_mm3(tape.part)
     film = solid_volume_mm3(tape, SolidForm(base_mm=tape.board.thickness_mm)) - tape.part_count * element
     (length, width, height), thick = tape.part.body_mm, tape.board.thickness_mm
@@ -225,7 +225,7 @@ def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
 
 
 def _check_centres(tape: Tape, centres: list[list[float]], cpl: CplContent) -> Check:
-    """Centres of mass of the parts against the CPL, in any order."""
+    """Check the parts' centres of mass against the CPL, in any order."""
     name = "step-assembly by FreeCAD"
     rows = np.array(centres, dtype=np.float64).reshape(-1, 4)
     parts = rows[np.isclose(rows[:, 3], element_volume_mm3(tape.part), rtol=1e-6)]
@@ -274,6 +274,6 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
 
 
 def _missing(program: str, remedy: str = "") -> Check:
-    """A reader that this machine does not have: a line to read, not a failure."""
+    """Line for a reader that is not installed; it is not a failure."""
     message = f"{program} is not installed: the models were not read with it{remedy}"
     return Check(name=program, passed=False, warning=True, message=message)

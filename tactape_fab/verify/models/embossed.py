@@ -35,7 +35,7 @@ def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_byt
     Returns
     -------
     list of Check
-        Every line, also when some failed; what cannot be read is a failed line.
+        Every line, also when some failed; a file that cannot be read is a failed line.
     """
     try:
         tape = Tape.from_mapping(manifest)
@@ -97,7 +97,7 @@ def _check_rows(tape: Tape, placed: Placed) -> Check:
 
 
 def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]:
-    """Vertices of the upper part of elements: the grid point that each is nearest to, and its place in that frame."""
+    """Vertices of the upper part of elements: the nearest grid point of each, and its coordinates in that point's frame."""
     reach_mm = tape.pitch_mm / 2**0.5 + tape.part.body_mm[2]
     distance, owner = nearest(placed.grid_mm, mesh.vertices_mm, within_mm=reach_mm)
     near = np.isfinite(distance)
@@ -109,7 +109,7 @@ def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]
 
 
 def _middles(count: int, owner: IntArray, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest coordinates of each owner's points; infinite where it has none; shapes (count, 3)."""
+    """Least and greatest coordinates of each owner's points, mm; infinite if it has no points; shapes (count, 3)."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, owner, local)
     np.maximum.at(high, owner, local)
@@ -117,7 +117,7 @@ def _middles(count: int, owner: IntArray, local: FloatArray) -> tuple[FloatArray
 
 
 def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> Check:
-    """The middle of every element's top stands over its place at the element's height."""
+    """Check that the centre of every element's top is above its place, at the element's height."""
     axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
     moved = np.einsum("nij,nj->ni", axes, placed.points_mm - placed.grid_mm)
     low, high = _middles(len(moved), owner, tops)

@@ -1,4 +1,4 @@
-"""What a kit's models must be, from formulas and the manifest: volumes, faces, centres of mass, and how exactly."""
+"""Expected properties of a kit's models, from formulas and the manifest: volumes, faces, centres of mass, tolerances."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
 
 VOLUME_TOLERANCE = 1e-7
-"""Relative, of STEP solids against the formulas."""
+"""Relative tolerance of a STEP solid's volume against the formulas."""
 COARSE_VOLUME_TOLERANCE = 1e-6
-"""The same where a reader integrates spheres that a spline bounds, without an accuracy given."""
+"""Relative tolerance for a reader that integrates spheres bounded by splines with an unknown accuracy."""
 EMBOSSED_VOLUME_TOLERANCE = 1e-3
-"""Relative, of an embossed STEP solid against its mesh, which has chords."""
+"""Relative tolerance of an embossed STEP solid's volume against its mesh, which has chords in place of curves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Expected:
-    """What readers must find.
+    """Properties that every reader must find.
 
     Attributes
     ----------
@@ -36,10 +36,10 @@ class Expected:
         Relative, of a STEP solid's volume by OCCT, and by readers that integrate more coarsely.
     mesh_tolerance_mm3 : float
     faces : int
-        Of the STEP solid, as its text has them; 0 without one.
+        Number of faces in the text of the STEP solid; 0 without one.
     bodies : int
     centre_mm : ndarray of shape (3,), or None
-        Centre of mass of the STEP solid where a short formula has it.
+        Centre of mass of the STEP solid, mm, if a short formula gives it.
     """
 
     volume_mm3: float
@@ -52,12 +52,12 @@ class Expected:
 
 
 def faces_of(files: Mapping[str, WrittenFile]) -> int:
-    """Faces that the text of the STEP solid has."""
+    """Number of faces in the text of the STEP solid."""
     return len(re.findall(rb"=\s*ADVANCED_FACE\s*\(", files["step-solid"].data)) if "step-solid" in files else 0
 
 
 def expected_of_kit(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile]) -> Expected:
-    """What the models of a tape must be."""
+    """Expected properties of the models of a tape."""
     splines = tape.part.shape == "dome" and form.cylinder is not None
     return Expected(
         volume_mm3=solid_volume_mm3(tape, form),
@@ -71,7 +71,7 @@ def expected_of_kit(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile
 
 
 def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, WrittenFile]) -> Expected:
-    """What the models of an embossed part must be, from what its manifest records of its mesh."""
+    """Expected properties of the models of an embossed part, from its mesh as the manifest records it."""
     return Expected(
         volume_mm3=volume_mm3,
         tolerance=EMBOSSED_VOLUME_TOLERANCE,
@@ -84,7 +84,7 @@ def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, Wri
 
 
 def film_centre_mm(tape: Tape) -> tuple[float, float, float]:
-    """Centre of mass of the bare board, holes considered (the outline is symmetrical)."""
+    """Centre of mass of the bare board with its holes (the outline is symmetrical), mm."""
     (w, h), r = tape.board.size_mm, tape.board.corner_radius_mm
     whole = w * h - (4 - pi) * r**2
     holes = np.array(tape.board.holes).reshape(-1, 3)
@@ -94,7 +94,7 @@ def film_centre_mm(tape: Tape) -> tuple[float, float, float]:
 
 
 def solid_centre_mm(tape: Tape, form: SolidForm) -> FloatArray | None:
-    """Centre of mass of a flat solid of blocks; None where no short formula has it."""
+    """Centre of mass of a flat solid of blocks, mm; None if no short formula gives it."""
     if form.cylinder is not None or tape.part.shape != "block":
         return None
     x, y, _ = film_centre_mm(tape)

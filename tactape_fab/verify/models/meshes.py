@@ -32,7 +32,7 @@ from tactape_fab.verify.symbols import check_symbols
 
 PLACE_TOLERANCE_MM = 0.001
 STL_PLACE_TOLERANCE_MM = 0.005
-"""Coordinates of an STL have 24 bits, and a dome's rings are polygons."""
+"""Place tolerance in an STL, whose coordinates have 24 bits of mantissa, and where a dome's rings are polygons."""
 _CHORD_TOLERANCE_MM = 0.002
 _DOME_VOLUME_TOLERANCE = 0.06
 _MOST_MODEL_BYTES = 2 << 30
@@ -50,7 +50,7 @@ _OCCURRENCE = re.compile(
 
 
 def check_models(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], cpl: CplContent | None) -> list[Check]:
-    """Every model of a kit, as far as numpy can read it."""
+    """Check every model of a kit that numpy alone can read."""
     try:
         mesh = read_stl(files["stl"].data)
     except MeshError as error:
@@ -73,7 +73,7 @@ def _check_mesh(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
 
 
 def mesh_volume_tolerance_mm3(tape: Tape, form: SolidForm) -> float:
-    """How far a mesh's volume may be from the solid's: its chords cut off a little of every curve."""
+    """Allowed difference between the volumes of a mesh and its solid, mm^3: chords cut off a little of every curve."""
     dome = tape.part_count * element_volume_mm3(tape.part) * _DOME_VOLUME_TOLERANCE if tape.part.shape == "dome" else 0.0
     width, height = tape.board.size_mm
     deep_mm = form.base_mm + (tape.part.body_mm[2] if form.negative else 0.0)
@@ -102,7 +102,7 @@ def _check_elements(tape: Tape, form: SolidForm, mesh: Mesh) -> list[Check]:
 
 
 def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, tolerance_mm: float) -> tuple[list[str], float]:
-    """What is wrong with the middles of elements found in cells, and the largest distance from the nominal one, um."""
+    """Fault of the element centres found in cells, and the largest distance from a nominal centre, um."""
     grid = tape.cells() @ (1, tape.columns)
     order = np.argsort(grid, kind="stable")
     if not np.array_equal(np.sort(cells), grid[order]):
@@ -124,7 +124,7 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
     Raises
     ------
     MeshError
-        When it is no such file.
+        If it is not such a file.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -153,7 +153,7 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
 
 
 def check_threemf(data: bytes, stl: Mesh) -> Check:
-    """A 3MF file holds the mesh of the STL."""
+    """Check that a 3MF file holds the mesh of the STL."""
     try:
         mesh = read_threemf(data, 1_000_000 + _TEXT_PER_TRIANGLE * len(stl.faces))
     except MeshError as error:
@@ -178,17 +178,17 @@ def _step_problems(data: bytes) -> list[str]:
 
 
 def faces_of_elements(tape: Tape) -> int:
-    """Faces that the elements of a solid have."""
+    """Number of faces of a solid's elements."""
     return tape.part_count * (5 if tape.part.shape == "block" else 1 if tape.part.top_mm is None else 2)
 
 
 def _anchors(tape: Tape, data: bytes) -> FloatArray:
-    """Points of a solid's text that tell where elements stand: corners of blocks, middles of spheres and cones; (n, 3).
+    """Points in a solid's text that show where elements are: corners of blocks, centres of spheres and cones, mm; (n, 3).
 
     Raises
     ------
     ValueError
-        When the text holds what is no point.
+        If the text holds something that is not a point.
     """
     points = {_name_before(data, found.start()): found[1] for found in _POINT.finditer(data)}
     if tape.part.shape == "block":
@@ -200,7 +200,7 @@ def _anchors(tape: Tape, data: bytes) -> FloatArray:
 
 
 def _name_before(data: bytes, end: int) -> bytes:
-    """Digits of the entity name that ends there; sought from its end, since every reference begins as a name does."""
+    """Digits of the entity name that ends there. The search runs from the end: a reference starts in the same way as a name."""
     return data[data.rfind(b"#", max(end - _LONGEST_NAME, 0), end) + 1 : end]
 
 
@@ -210,11 +210,11 @@ def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDA
     Raises
     ------
     ValueError
-        When something is no number, or no row has three.
+        If a value is not a number, or a row does not have three.
     """
     flat = list(chain.from_iterable(rows))
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # numpy's word for text after the last number
+        warnings.simplefilter("error", DeprecationWarning)  # numpy's warning for text after the last number
         try:
             numbers = np.fromstring(b" ".join(flat), dtype=kind, sep=" ")
         except DeprecationWarning as warning:
@@ -225,7 +225,7 @@ def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDA
 
 
 def _text_place_problems(tape: Tape, form: SolidForm, data: bytes) -> list[str]:
-    """Whether the elements of a STEP solid stand where the manifest has them, and a block's corners are its corners."""
+    """Check that the elements of a STEP solid, and the corners of blocks, are at the manifest's places."""
     try:
         anchors = _anchors(tape, data)
     except ValueError:

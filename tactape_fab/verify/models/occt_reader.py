@@ -1,6 +1,6 @@
 """Reads STEP files with OCCT, the kernel that build123d brings, and prints what it found as JSON.
 
-Run as a program of its own, `python -m tactape_fab.verify.models.occt_reader FILE...`: whatever a file does to the kernel, the
+Run in its own process, `python -m tactape_fab.verify.models.occt_reader FILE...`: if a file crashes the kernel, the
 verification gets an answer.
 """
 
@@ -35,7 +35,7 @@ def read_shape(path: str) -> dict[str, Any]:
 
 
 def _mass(solid: Any) -> list[float]:
-    """Volume, centre of mass and bounds (three least, three largest) of a solid, mm."""
+    """Volume (mm^3), centre of mass and bounds (three least, three largest; mm) of a solid."""
     from OCP.Bnd import Bnd_Box
     from OCP.BRepBndLib import BRepBndLib
     from OCP.BRepGProp import BRepGProp
@@ -104,7 +104,7 @@ def _name(label: Any) -> str:
 
 
 def main() -> None:
-    """Read the solid named first and the assembly named second; '-' stands for none."""
+    """Read the solid named first and the assembly named second; '-' means no file."""
     solid, assembly = sys.argv[1:3]
     answer = {
         "solid": read_shape(solid) if solid != "-" else None,

@@ -1,4 +1,4 @@
-"""Elements of a solid from points alone: which cell each stands in, where its middle is, and whether its shape is right."""
+"""Elements of a solid found from points alone: cell, centre and shape error of each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to
 from tactape_fab.texture.tape import Tape
 
 RAISED_SHARE = 0.6
-"""Points higher than this share of an element's height belong to its top."""
+"""Points above this fraction of an element's height belong to its top."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,13 +23,13 @@ class Raised:
     Attributes
     ----------
     centres_mm : ndarray, shape (k, 2)
-        Middles in the board frame, row by row; on a cylinder along the arc at z = 0.
+        Centres in the board frame, row by row; on a cylinder along the arc at z = 0.
     cells : ndarray of int, shape (k,)
         Row * columns + column of each.
     strays_mm : ndarray, shape (m, 2)
         Raised points in no cell.
     shape_error_mm : float
-        Farthest that a raised point lies from where the element's shape has one.
+        Largest distance of a raised point from the element's shape.
     """
 
     centres_mm: FloatArray
@@ -39,7 +39,7 @@ class Raised:
 
 
 def cells_of(tape: Tape, xy_mm: FloatArray) -> tuple[IntArray, BoolArray]:
-    """Row * columns + column of the grid cell that each board point lies in, and whether it lies in one."""
+    """Index (row * columns + column) of the grid cell of each board point, and whether it lies in a cell."""
     cell = np.rint(board_to_texture(xy_mm, tape.board.texture_origin_mm) / tape.pitch_mm).astype(np.int64)
     inside: BoolArray = np.asarray(((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1))
     key: IntArray = cell[:, 1] * tape.columns + cell[:, 0]
@@ -52,7 +52,7 @@ def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
     Parameters
     ----------
     points_mm : ndarray, shape (n, 3)
-        Of a mesh, or corners of a solid, in the file's frame.
+        Vertices of a mesh, or corners of a solid, in the file's frame.
     """
     points = unwrapped(points_mm, tape, form)
     height = tape.part.body_mm[2]
@@ -78,7 +78,7 @@ def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
 
 
 def _shape_error_mm(tape: Tape, form: SolidForm, offset_mm: FloatArray) -> float:
-    """Largest distance of raised points, given from their element's middle, from the element's shape."""
+    """Largest distance of raised points, given relative to their element's centre, from the element's shape, mm."""
     part = tape.part
     local = offset_mm
     if form.cylinder is not None:

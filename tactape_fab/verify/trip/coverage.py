@@ -1,4 +1,4 @@
-"""Where on a tape a contact of a given size shows enough to be located, whatever sees it: the information limit, mapped."""
+"""Map of the information limit: where on a tape a contact of a given size can be located by any sensor."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 
 TURNS = 3
-"""Angles tried at each place: they cover the half turn after which an ellipse is the same."""
+"""Angles tried at each place, deg; an ellipse repeats after half a turn."""
 _PLACES, _LEAST_STEP_MM = 800, 1.0
 _GOLDEN_DEG = 180.0 * (sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Coverage:
-    """Share of the angles at which a contact is located, by the place of its centre.
+    """Fraction of the angles at which a contact is located, by the place of its centre.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class Coverage:
 
 
 def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: None) -> Coverage:
-    """Ask the decoder's rule, place by place over the whole board, about dots exactly where the tape has them.
+    """Apply the decoder's rule at each place of the board to dots exactly at the tape's places.
 
     Parameters
     ----------
     tape : Tape
     contact : Contact
-        Its noise and its elastomer play no part.
+        Its noise and its elastomer are not used.
     progress : callable
     """
     from tactape_fab.verify.trip.limit import error_free, rule_of
@@ -62,7 +62,7 @@ def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: No
 
 
 def _middles(length_mm: float, step_mm: float) -> FloatArray:
-    """Middles of equal steps that fill a length."""
+    """Centres of equal steps that fill a length, mm."""
     count = max(round(length_mm / step_mm), 1)
     middles: FloatArray = (np.arange(count) + 0.5) * length_mm / count
     return middles

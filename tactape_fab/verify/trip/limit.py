@@ -1,7 +1,7 @@
-"""The information limit of a contact: what the decision rule says where nothing is lost on the way to the symbols.
+"""Information limit of a contact: the decision rule's answer if no symbol is lost in decoding.
 
-An ideal reader knows which dots are parts under the contact, and their symbols. `error_free`: he knows the grid as well, and
-only too few dots can keep him from an answer. `as_seen`: he has the tops of a frame. Noise has moved them, and has tops of its
+An ideal reader knows which dots are parts under the contact, and their symbols. `error_free`: it knows the grid as well, and
+only too few dots can keep it from an answer. `as_seen`: it has the tops of a frame. Noise has moved them, and has tops of its
 own whose heights and places are those of parts; place, turn and scale of the grid, and the error of tops, can only be estimated
 from the tops of known parts.
 
@@ -51,18 +51,18 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.trip.visible_parts import parts_shown
 
 _AROUND = {count: directions.xy[directions.clockwise] for count, directions in DIRECTIONS.items()}
-"""E, S, W, N, or E, SE, S and on: the directions as they follow each other round a grid's axes, by how many there are."""
+"""Directions in their order round a grid's axes, by their number: E, S, W, N, or E, SE, S, ..."""
 MARGIN = 1.5
 """A grid fitted without the symbols gives bounds that are larger than with them by this factor at most, in 99 of 100 contacts
 that say just enough (measured on 2,099 contacts of random tapes: 1.44 for p_tape, 1.6 for p_place)."""
 _OWN_PLACE = 0.12
-"""Tops this near to where their part is, in pitches, show where the grid lies."""
+"""Tops within this distance of their part, in pitches, show where the grid lies."""
 _FIT_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rule:
-    """The decision rule for an answer about one tape in an open world; from `rule_of`."""
+    """Decision rule for an answer about one tape that may not be the one touched (open world); from `rule_of`."""
 
     tape: Tape
     sensor: SensorProfile
@@ -72,7 +72,7 @@ class Rule:
 
 
 def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
-    """The rule of a `Localizer` of that tape and sensor, or one that is so many times stricter."""
+    """Rule of a `Localizer` of that tape and sensor, optionally stricter by a factor."""
     view = View(
         pitch_mm=tape.pitch_mm,
         displacement_mm=tape.displacement_mm,
@@ -92,7 +92,7 @@ def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
 
 
 def error_free(rule: Rule, pose: FloatArray, scene: Scene) -> Localization:
-    """The rule's answer for a contact of which all symbols are known, and nothing else: not the shape of the tops.
+    """The rule's answer for a contact whose symbols are all known; the shape of the tops is not used.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def error_free(rule: Rule, pose: FloatArray, scene: Scene) -> Localization:
 
 
 def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, told_parts: bool) -> Localization:
-    """The same of a frame: each top where the frame shows it, on the grid that fits the parts' tops best.
+    """The rule's answer for a frame: each top where the frame shows it, on the grid that fits the parts' tops best.
 
     That grid is fitted with each part at the symbol that it has; so is the error of tops believed. The shape of the tops speaks
     for the turns that it speaks for in this frame.
@@ -114,7 +114,7 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, to
     Parameters
     ----------
     depth : ndarray, shape `sensor.frame_shape`
-        What the sensor delivers of the tape's own parts at that pose.
+        Depth map of the tape's own parts at that pose.
     told_parts : bool
         Whether it is given which tops are those of parts that the contact shows: these count in full then, and so do such parts
         without a top. All other dots, parts at the rim, outside the contact's outline, and tops of the noise or of the board's
@@ -136,7 +136,7 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, to
 def _told(
     at: FloatArray, weights: FloatArray, trust: FloatArray, part_at: FloatArray, part_weights: FloatArray, part_trust: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Parts, each at the nearest top of its grid point where there is one, and all dots of other grid points."""
+    """Parts, each at the nearest top of its grid point if there is one, and all dots of other grid points."""
     same = (np.rint(at)[:, None] == np.rint(part_at)).all(axis=2)
     beside, topped = ~same.any(axis=1), same.any(axis=0)
     if topped.any():
@@ -176,7 +176,7 @@ def _on_own_grid(rule: Rule, at: FloatArray, weights: FloatArray, trust: FloatAr
 
 
 def _parts_shown(rule: Rule, pose: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Those parts as dots without a fault: places in pitches (n, 2), weights and trust."""
+    """Those parts as error-free dots: places in pitches (n, 2), weights and trust."""
     shown = parts_shown(rule.tape, pose, scene, rule.sensor)
     at = board_to_texture(rule.tape.part_xy_mm()[shown], rule.tape.board.texture_origin_mm) / rule.tape.pitch_mm
     return at, np.ones(len(shown)), np.ones(len(shown))

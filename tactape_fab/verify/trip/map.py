@@ -1,4 +1,4 @@
-"""The picture of `verify --map`: where contacts can be located on a tape, and what became of those of the round trip."""
+"""The picture of `verify --map`: where contacts can be located on a tape, and the outcomes of the round trip."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _SUBPIXEL = 4
 _WHITE, _INK, _PART = (255, 255, 255), (40, 40, 40), (120, 120, 120)
 _ALL, _SOME, _NONE = (247, 220, 180), (120, 225, 250), (90, 150, 235)
 _GOOD, _OPEN, _BAD = (178, 90, 0), (40, 40, 40), (110, 20, 160)
-"""Colours, blue first as OpenCV has them: blue, yellow and orange are told apart by every kind of eye, and hatched besides."""
+"""Colours, BGR as in OpenCV: blue, yellow and orange, which colour-blind readers can tell apart, with hatching as well."""
 _SIZE = -1
 """The outline of a contact in the legend, beside the outcomes of a `Trip`."""
 
 
 def refuse_map(kit: str | Path, file: str | Path) -> Path:
-    """The place of a map.
+    """Check the path of a map.
 
     Raises
     ------
     SpecError
-        When it does not end with .png, its folder is not there, or it lies in the kit, which holds no file that its manifest
+        If it does not end with .png, its folder does not exist, or it lies in the kit, which holds no file that its manifest
         does not list.
     """
     path, folder = Path(file), find_manifest(kit).parent
@@ -72,7 +72,7 @@ def write_map(path: Path, picture: Picture) -> None:
 
 
 def map_kit(kit: str | Path, path: Path, contact: Contact, trips: Sequence[Trip], progress: Progress = lambda *_: None) -> None:
-    """Write the map of a kit; nothing where its texture lies on a part, whose map would be no plane.
+    """Write the map of a kit; nothing for a texture on a part, which is not a plane.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def map_kit(kit: str | Path, path: Path, contact: Contact, trips: Sequence[Trip]
     trips : sequence of Trip
         Round trips of its verification, drawn too.
     progress : callable
-        Gets a text, how much is done, and of how much.
+        Called with a text, the amount done and the total.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[T
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        Blue first; board x to the right, y up.
+        BGR; board x to the right, y up.
     """
     width_mm, height_mm = tape.board.size_mm
     px_per_mm = _LONGEST_PX / max(width_mm, height_mm)
@@ -190,7 +190,7 @@ def _areas(coverage: Coverage, shape: tuple[int, int]) -> Picture:
 
 
 def _hatched(share: FloatArray) -> Picture:
-    """Colour of each pixel, with lines in one direction where the share is not whole, and in both where it is nothing."""
+    """Colour of each pixel, hatched in one direction where the fraction is below 1, and in both where it is 0."""
     v, u = np.indices(share.shape)
     picture = np.empty((*share.shape, 3), dtype=np.uint8)
     picture[:] = _SOME
@@ -237,7 +237,7 @@ def _ring(picture: Picture, centre: tuple[int, int], half_px: tuple[int, int]) -
 
 
 def _draw_scale(picture: Picture, size_mm: tuple[float, float], px_per_mm: float, corner: tuple[int, int]) -> None:
-    """Ticks of board x below and board y on the left, mm."""
+    """Draw ticks of board x below and board y on the left, mm."""
     step = next(s for s in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 10**6) if s * px_per_mm >= 60)
     left, top = corner
     bottom = top + round(size_mm[1] * px_per_mm)

@@ -1,4 +1,4 @@
-"""Why parts that were measured decode elsewhere: shifted, mirrored, turned, or those of another sector or code."""
+"""Why measured parts decode elsewhere: shifted, mirrored, turned, or parts of another sector or code."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import windows_of
 
 _LEAST_AGREEMENT = 0.5
-"""Share of the whole windows that must name one place."""
+"""Fraction of the whole windows that must give the same place."""
 _LEAST_ORDER = 0.5
-"""How well parts keep to a grid, 1 exactly and 0 at random."""
+"""Least agreement of parts with a grid: 1 is exact, 0 is random."""
 _MOST_CELLS = 4_000_000
 _TOLERANCE_MM = 0.001
 _MIRROR = np.array([[-1.0, 0.0], [0.0, 1.0]])
@@ -26,7 +26,7 @@ _QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Named:
-    """The place in a code that windows name together, their share, and where that leaves the manifest's grid, mm."""
+    """The place in a code that most windows give, their fraction, and the resulting offset from the manifest's grid, mm."""
 
     share: float
     code: str
@@ -38,7 +38,7 @@ class _Named:
 
 
 def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
-    """Say in words how parts stand otherwise than a tape has them.
+    """Describe how measured parts differ from a tape's.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
     Returns
     -------
     str or None
-        None where they stand as on the tape.
+        None if they are at the tape's places.
     """
     if len(xy_mm) == 0:
         return "it has no parts"
@@ -76,7 +76,7 @@ def _best(tape: Tape, texture_mm: FloatArray) -> _Named | None:
 
 
 def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarters: int) -> _Named | None:
-    """What the windows name when a mirror and some quarter turns of the tape are taken back."""
+    """The place that the windows give once a mirror and some quarter turns of the tape are undone."""
     upright = texture_mm @ np.linalg.matrix_power(_QUARTER, -quarters).T
     if mirrored:
         upright = upright @ _MIRROR
@@ -106,7 +106,7 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
     kinds, times = np.unique(said, axis=0, return_counts=True)
     sector, origin_column, origin_row = kinds[times.argmax()].tolist()
     plane = np.array([origin_column, origin_row]) - tape.origin
-    rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # a phase is off where symbols are uneven
+    rest_mm = np.median(moved - tape.displacement_mm * DIRECTIONS_XY[shown], axis=0)  # uneven symbols bias the phase
     offset = phase_mm + rest_mm + (first - plane) * tape.pitch_mm
     return _Named(
         share=float(times.max() / whole.sum()),
@@ -120,7 +120,7 @@ def _named(tape: Tape, texture_mm: FloatArray, name: str, mirrored: bool, quarte
 
 
 def _places_in_matrix(tape: Tape, symbols: SymbolArray) -> WindowPlaces:
-    """Where windows stand in the tape's own matrix, which is all that there is to know of its code."""
+    """Places of the windows in the tape's own matrix; for a touch code nothing else is known."""
     side = get_code(tape.code).window
     known = windows_of(tape.symbols, np.ones_like(tape.placed), side, turns=1, directions=tape.directions)
     seen = windows_of(symbols, np.ones(symbols.shape, dtype=bool), side, turns=1, directions=tape.directions)
@@ -156,7 +156,7 @@ def _in_words(tape: Tape, named: _Named) -> str | None:
 
 
 def _shares(tape: Tape, x_mm: float, y_mm: float) -> str:
-    """The same in pitches, where that is a plain number of halves."""
+    """The offset in pitches if it is a whole number of half pitches."""
     halves = 2 * np.array([x_mm, y_mm]) / tape.pitch_mm
     if np.abs(halves - np.rint(halves)).max() > 0.01:
         return ""

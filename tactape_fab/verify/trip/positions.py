@@ -1,4 +1,4 @@
-"""Where the parts of a written kit stand, from each file that says so: CPL, copper, STL."""
+"""Positions of the parts of a written kit, from each file that holds them: CPL, copper, STL."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tactape_fab.verify.models.raised import RAISED_SHARE
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Source:
-    """Parts as one file of the kit has them: its name for the user, and centres and rotations in the board frame."""
+    """Parts in one file of the kit: the file's name for the user, and centres (mm) and rotations (deg) in the board frame."""
 
     name: str
     parts: Parts
 
 
 def cpl_source(cpl: CplContent) -> Source:
-    """Parts where the CPL places them."""
+    """Parts at their CPL places."""
     return Source(name="CPL", parts=Parts(xy_mm=cpl.xy_mm.copy(), rotation_deg=cpl.rotation_deg.copy()))
 
 
@@ -39,7 +39,7 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
     offset_mm, rotation_deg : float
         Half the distance of a pair, and its direction: tried as it is, mirrored, and turned by a right angle.
     pairs : LandPairs, optional
-        Those found in that direction, where they are known.
+        Pairs found in that direction, if known.
     """
     tried = [pair_lands(flash_xy_mm, offset_mm, rotation_deg) if pairs is None else pairs]
     for turn_deg in dict.fromkeys((180.0 - rotation_deg, rotation_deg + 90.0)):
@@ -52,7 +52,7 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
 
 
 def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
-    """Elements of a solid: each patch of its mesh that lies well above the base, wherever it stands."""
+    """Elements of a solid: each connected patch of its mesh well above the base, at any place."""
     points = unwrapped(mesh.vertices_mm, tape, form)
     height_mm = tape.part.body_mm[2]
     high = points[:, 2] > RAISED_SHARE * height_mm
@@ -70,7 +70,7 @@ def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
 
 
 def _patches(count: int, faces: IntArray) -> IntArray:
-    """The least vertex of the patch of triangles that each vertex belongs to; shape (count,)."""
+    """Lowest vertex index of the patch of triangles that each vertex belongs to; shape (count,)."""
     patch = np.arange(count)
     while True:
         least = patch[faces].min(axis=1)

@@ -1,4 +1,4 @@
-"""Round trip: parts where a written file has them -> depth maps of contacts -> decoded, and held against the truth.
+"""Round trip: parts at the places of a written file -> depth maps of contacts -> decoded -> compared with the truth.
 
 `quick_trip` decodes by the paper's method: nothing has to be compiled or loaded for it. `full_trips` uses `Localizer`.
 """
@@ -35,30 +35,30 @@ Locate = Callable[[FloatImage], "Localization"]
 Excuse = Callable[[int, FloatArray], int]
 
 RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST, WRONG = range(7)
-"""What became of a contact: located at its place; not located where error-free symbols would not do either; nor would they as the
-sensor's noise shows them; nor with room to spare, unless it is given which of the lower tops are parts; not located though they
-do, which is the decoder's own miss; the same where the file does not have the parts in their places; located elsewhere.
+"""Outcome of a contact. RIGHT: located at its place. LIMITED: not located, nor would error-free symbols suffice. NOISY: nor would
+the symbols as the sensor's noise shows them. BARELY: they suffice only without a margin, or if it is known which lower tops are
+parts. MISSED: they suffice, so the decoder missed it. LOST: the same, with parts misplaced in the file. WRONG: located elsewhere.
 """
 
 INSIDE, EDGE = 96, 48
-"""Contacts of the full round trip, dealt out to the sources: wholly on the field, and hanging over its edge."""
+"""Number of contacts of the full round trip, divided among the sources: wholly on the field, and over its edge."""
 MANY_SECTORS, FEWER = 1000, 4
-"""A code of many sectors holds every contact against all of them: so many times fewer contacts."""
+"""A code with more sectors than this compares each contact with all of them, and gets so many times fewer contacts."""
 QUICK = 6
 
 _SEED = 0
 _STEP = "round trip: contact"
 _RIGHT_PITCHES, _RIGHT_DEG = 0.25, 10.0
 _QUICK_TOLERATED = 0.34
-"""The paper's method gives no bound, and misses a contact now and then, most where a tape is hardly wider than a window."""
+"""Tolerated fraction of failures: the paper's method gives no bound and misses some contacts, mostly on narrow tapes."""
 _QUICK_PITCH_PX = 24.0
 _QUICK_MARGIN = 2
-"""Grid points around a window that the quick round trip's sensor sees."""
+"""Grid points around a window in the view of the quick round trip's sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trip:
-    """Contacts with the parts of one source, and what became of them.
+    """Contacts with the parts of one source, and their outcomes.
 
     Attributes
     ----------
@@ -93,26 +93,26 @@ class Trip:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contact:
-    """What touches the tape: the sensor, and the scene, which says how large the contact is."""
+    """Contact settings: the sensor, and the scene, which holds the size of the contact."""
 
     sensor: SensorProfile
     scene: Scene
 
 
 def read_contact(sensor: str = "gelsight-mini", size: object = None) -> Contact:
-    """A contact from what a user asked for.
+    """Build a contact from a user's values.
 
     Parameters
     ----------
     sensor : str
         Profile name or the path of its TOML file.
     size : (float, float) or "pad", optional
-        Axes of an ellipse, mm, or the whole field; 11 x 9 mm when left out.
+        Axes of an ellipse, mm, or the whole field; default 11 x 9 mm.
 
     Raises
     ------
     SpecError
-        Every value that cannot be used, all together.
+        With every invalid value.
     """
     problems: list[Problem] = []
     profile, scene = None, None
@@ -138,7 +138,7 @@ def quick_trips(tape: Tape, sources: Sequence[Source]) -> list[Trip]:
 def quick_trip(tape: Tape, source: Source) -> Trip:
     """A few contacts, decoded by the paper's method on a sensor that sees a whole window in any direction.
 
-    The touch code has no windows for it to read: its contacts are decoded with all that is in them, among the tape's places.
+    That method cannot read the touch code, which has no windows: these contacts are decoded with all their dots.
     """
     px_per_mm = _QUICK_PITCH_PX / tape.pitch_mm
     side_px = ceil(sqrt(2) * (get_code(tape.code).window + _QUICK_MARGIN) * _QUICK_PITCH_PX)
@@ -152,13 +152,13 @@ def quick_trip(tape: Tape, source: Source) -> Trip:
 
     poses = draw_poses(tape, QUICK, _SEED, sensor, scene)
     trip = replace(_trip(tape, source, poses, sensor, scene, locate, excuse, lambda: None), tolerated=_QUICK_TOLERATED)
-    if trip.failed and explain(tape, source.parts.xy_mm) is None:  # what this method misses of parts in their places is its own
+    if trip.failed and explain(tape, source.parts.xy_mm) is None:  # parts in their places: a limit of the method
         return replace(trip, tolerated=1.0)
     return trip
 
 
 def _quick_methods(tape: Tape, sensor: SensorProfile) -> tuple[Locate, Callable[[FloatArray], Localization]]:
-    """How a quick trip locates a depth map, and dots."""
+    """Functions with which a quick trip locates a depth map, and dots."""
     if get_code(tape.code).plane is None:
         from tactape_fab.sense.decode.localizer import Localizer
 
@@ -185,7 +185,7 @@ def full_trips(
     *,
     counts: tuple[int, int] = (INSIDE, EDGE),
 ) -> list[Trip]:
-    """Contacts over the whole field and its edges, others for every source, decoded with all that is in them.
+    """Contacts over the whole field and its edges, different for every source, decoded with all their dots.
 
     Parameters
     ----------
@@ -193,9 +193,9 @@ def full_trips(
         As the manifest has it.
     sources : sequence of Source
     contact : Contact, optional
-        `read_contact`'s when left out.
+        Default: that of `read_contact`.
     progress : callable
-        Told of every contact.
+        Called for every contact.
     counts : (int, int)
         Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
     """
@@ -274,7 +274,7 @@ def _is_right(tape: Tape, frame: Frame, fix: Localization) -> bool:
 
 
 def trip_checks(tape: Tape, sources: Sequence[Source], trips: Sequence[Trip]) -> list[Check]:
-    """One line for each source; where some fail and others do not, it says which of them is to blame."""
+    """One line for each source; if only some fail, the line names the file at fault."""
     return [_line(tape, source, trip, trips) for source, trip in zip(sources, trips, strict=True)]
 
 

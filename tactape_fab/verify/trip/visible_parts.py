@@ -15,8 +15,8 @@ from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.texture.tape import Tape
 
 SWALLOWED_MM = 1.0
-"""Parts nearer to the outline have no top of their own where the contact hangs over the board's edge, or hardly one: at 0.84 to
-1.0 mm half of them, farther off none was lost."""
+"""Distance to the outline, mm, below which parts may have no top of their own where the contact is over the board's edge: at 0.84
+to 1.0 mm half of them had none, farther away all had one."""
 ERROR_FREE = DotErrors(
     sigma_px=0.0,
     rim_sigma_px=0.0,
@@ -29,11 +29,11 @@ ERROR_FREE = DotErrors(
 )
 """Dots where the parts inside the contact really stand."""
 IN_PLACE_MM = 0.01
-"""A part that stands so near to where the tape has it is in its place: hardly more than what a decoder errs by."""
+"""Largest distance, mm, at which a part counts as in its place: hardly more than a decoder's error."""
 
 
 def parts_shown(tape: Tape, pose: FloatArray, scene: Scene, sensor: SensorProfile) -> IntArray:
-    """Which of a tape's parts a contact shows: those inside its outline that the edge's own imprint does not swallow.
+    """Mask of the parts that a contact shows: those inside its outline that the imprint of the board's edge does not cover.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def parts_shown(tape: Tape, pose: FloatArray, scene: Scene, sensor: SensorProfil
 
 
 def in_place(tape: Tape, shown: IntArray, parts: Parts) -> bool:
-    """Whether a file's parts stand where the tape has those that are shown, and no others among them."""
+    """Whether a file's parts are at the places of the tape's visible parts, with no others among them."""
     apart = tape.part_xy_mm()[shown][:, None] - parts.xy_mm[None]
     distance = np.hypot(apart[..., 0], apart[..., 1])
     return bool(((distance < tape.pitch_mm / 2).sum(axis=1) == 1).all() and (distance.min(axis=1) <= IN_PLACE_MM).all())
