@@ -1,4 +1,4 @@
-"""Facts that an order rests on, gathered from layout, fab profile and findings: what the order notes say in words."""
+"""Facts for the order notes, gathered from layout, fab profile and findings."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
 TAPES_AN_ORDER = (1, 5, 20)
-"""Sizes of an order that an estimate is made for."""
+"""Order quantities for which a cost is estimated."""
 LANDS_PER_PART = 2
 _INK_CLEAR_MM = 0.5
 _LEAST_AREA_MM = 1.5
 _TENTHS = 10
 
 Box = tuple[float, float, float, float]
-"""x from, y from, x to, y to: board frame, mm."""
+"""Least x, least y, largest x, largest y: board frame, mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """A threshold in play that no fab has confirmed."""
+    """A relevant threshold that no fab has confirmed."""
 
     rule: str
     message: str
@@ -41,7 +41,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """Assembly of a tape: ``once`` and ``each`` are sums of an order and of a tape in the profile's currency."""
+    """Assembly cost in the profile's currency: ``once`` for each order and ``each`` for each tape."""
 
     joints: int
     minutes: float
@@ -63,7 +63,7 @@ class OrderedTape:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedPanel:
-    """Facts about a panel for the order notes."""
+    """Facts of a panel for the order notes."""
 
     words: str
     tape_mm: tuple[float, float]
@@ -75,33 +75,33 @@ class OrderedPanel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderFacts:
-    """Everything that a template of order notes may say.
+    """Values available to a template of order notes.
 
     Attributes
     ----------
     name, size_mm, part_count
-        Of what is ordered: the tape, or the panel that `panel` describes, whose first tape `tape` is then.
+        Of the ordered item: the tape, or the panel described by `panel`; `tape` is then its first tape.
     designs : int
-        Different tapes in it.
+        Number of different tapes in it.
     files : mapping of str to str
         Role to path in the kit.
     part_number : str
-        As the assembly house takes it; '' where there is none.
+        In the assembly house's format; '' without one.
     field_mm : Box
         Holds every coverlay opening, rounded outward to 0.1 mm; nothing may be added in it.
     number_mm : Box or None
-        Where the fab may print its order number: in the strip, clear of tag and label; rounded inward,
-        None where there is no room.
+        Area where the fab may print its order number: in the strip, clear of tag and label; rounded inward,
+        None if there is no space.
     slash : str
-        How a part leans seen from above: one of ``- / | \\``.
+        Direction of a part seen from above: one of ``- / | \\``.
     fits_panel : bool
-        Whether the board alone is within what the assembly line takes.
+        Whether the board alone is within the assembly line's limits.
     questions, broken, warnings : tuples
-        Unconfirmed thresholds in play, rules broken that block (the tape was forced), and warnings that rest on no threshold.
+        Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), and warnings without a threshold.
     stiffener, adhesive : str or None
-        What is laminated to the underside: material and thickness in mm.
+        Layer laminated to the underside: material and thickness in mm.
     anchors : str
-        Copper that runs on from the pads under the coverlay: its kind, or ``none``.
+        Kind of the copper that extends from the pads under the coverlay, or ``none``.
     """
 
     name: str
@@ -218,7 +218,7 @@ def _field(layout: Layout) -> Box:
 
 
 def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box | None:
-    """The tallest part of the strip without ink, clear of the field; None without a strip, or where there is no room."""
+    """The tallest area of the strip without ink, clear of the field; None without a strip or without space."""
     tape, legend, edge_mm = layout.tape, layout.legend, fab.legend.edge_mm
     if tape.tag is None:
         return None
@@ -239,7 +239,7 @@ def _number_area(layout: Layout, fab: FabProfile, field_left_mm: float) -> Box |
 
 
 def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, ...]:
-    """A question for each unconfirmed threshold that something was held against."""
+    """A question for each unconfirmed threshold that was used in a check."""
     tables = (fab.panel, fab.parts, fab.anchor, fab.stiffener, fab.adhesive, fab.stencil, fab.bend, fab.legend)
     origins: list[Limit | SizeLimit | Origin] = [*fab.limits.values(), fab.size, fab.parts.smallest_origin]
     origins += [table.origin for table in tables if table is not None]
@@ -252,7 +252,7 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
 
 
 def estimate(parts: int, fab: FabProfile) -> Estimate:
-    """Estimated cost of assembling tapes with so many parts, from the figures of the fab's profile."""
+    """Estimated cost of assembling tapes with this number of parts, from the figures of the fab's profile."""
     costs = {name: assumption.value for name, assumption in fab.order.costs.items()}
     joints = LANDS_PER_PART * parts
     once = costs["setup"] + costs["stencil"] + costs["fixture"] + costs["feeder"]

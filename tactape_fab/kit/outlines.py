@@ -1,4 +1,4 @@
-"""The outlines of one part as it stands on the film: turned once, then only moved."""
+"""Outlines of one part on the film: rotated once, then only moved."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tactape_fab.texture.shapes import placed_outline, rotate
 
 _END_POINTS = 32
 FOOT_POINTS = 128
-"""Vertices of a dome's foot: within 0.1 um of a circle of 0.6 mm."""
+"""Number of vertices of a dome's foot: within 0.1 um of a circle of 0.6 mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartOutlines:
-    """Outlines of one turned part about its centre, as written and measured (mm); each of shape (k, 2).
+    """Outlines of one rotated part about its centre, as written and measured (mm); each of shape (k, 2).
 
     ``pad`` and ``paste`` are one land's outline about its own centre; ``pad_xy`` and ``paste_xy``, shape (2, 2), are
     the centres of lands 1 and 2. ``opening`` is the coverlay opening: the box round both pads and the expansion.
@@ -36,7 +36,7 @@ class PartOutlines:
 
     @property
     def pads(self) -> FloatArray:
-        """Vertices of both pads about the part's centre; shape (2 k, 2)."""
+        """Vertices of both pads about the part's centre, mm; shape (2 k, 2)."""
         return (self.pad_xy[:, None] + self.pad).reshape(-1, 2)
 
 
@@ -67,21 +67,21 @@ def part_outlines(part: PartProfile, fab: FabProfile, rotation_deg: float) -> Pa
 
 
 def opening_size_mm(part: PartProfile, fab: FabProfile) -> tuple[float, float]:
-    """Length and width of a part's coverlay opening: both pads, and the expansion on each side."""
+    """Length and width of a part's coverlay opening, mm: both pads, and the expansion on each side."""
     wider_mm = 2 * fab.coverlay_expansion_mm
     return 2 * part.pads.offset_mm + part.pads.size_mm[0] + wider_mm, part.pads.size_mm[1] + wider_mm
 
 
 def spur_tips(opening_size: tuple[float, float], fab: FabProfile, rotation_deg: float) -> FloatArray:
-    """Middles of the round ends of a part's two spurs about its centre, so far out that the copper runs on for the
-    profile's overlap; shape (2, 2).
+    """Centres of the round ends of a part's two spurs about the part's centre, mm; shape (2, 2). The spurs extend under the
+    coverlay by the profile's overlap.
     """
     tip_mm = opening_size[0] / 2 + fab.anchor.overlap_mm - fab.anchor.web_mm / 2
     return snap_mm(rotate([(-tip_mm, 0.0), (tip_mm, 0.0)], rotation_deg))
 
 
 def copper_outline(outlines: PartOutlines, fab: FabProfile, rotation_deg: float, *, anchored: bool) -> FloatArray:
-    """Points whose hull is a part's copper about its centre: its pads, and its spurs where it has them; shape (k, 2)."""
+    """Points whose hull is a part's copper about its centre: its pads, and its spurs if any, mm; shape (k, 2)."""
     if not anchored:
         return outlines.pads
     angle = np.arange(_END_POINTS) * (2 * pi / _END_POINTS)
@@ -91,7 +91,7 @@ def copper_outline(outlines: PartOutlines, fab: FabProfile, rotation_deg: float,
 
 
 def element_outline(shape: str, body_mm: tuple[float, float, float], rotation_deg: float) -> FloatArray:
-    """Foot of a solid element about its centre, counter-clockwise, not closed; shape (k, 2)."""
+    """Foot outline of a solid element about its centre, counter-clockwise, not closed, mm; shape (k, 2)."""
     if shape == "block":
         return placed_outline(body_mm[:2], 0.0, rotation_deg)
     angle = np.arange(FOOT_POINTS) * (2 * pi / FOOT_POINTS)

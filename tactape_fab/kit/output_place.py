@@ -1,4 +1,4 @@
-"""Whether a place may take a kit: what stands there and may not be replaced."""
+"""Check of a kit's output path: whether something there may not be replaced."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
 
 def refuse_taken(target: Path, *, overwrite: bool) -> None:
-    """Raise SpecError where a kit may not take this place: a bad name, a foreign folder, a kit without `overwrite`."""
+    """Raise SpecError if a kit may not be written here: an invalid name, a foreign folder, a kit without `overwrite`."""
     if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):
         raise SpecError(f"output = {target} is no name for a kit; give a folder that does not begin with '.' and ends otherwise")
     try:
         taken = target.exists() or target.is_symlink()
-    except (OSError, ValueError) as error:  # a name that no system takes
+    except (OSError, ValueError) as error:  # a name that is invalid on every system
         reason = getattr(error, "strerror", None) or error
         raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
     if taken and (target.is_symlink() or not target.is_dir()):
@@ -28,7 +28,7 @@ def refuse_taken(target: Path, *, overwrite: bool) -> None:
 
 
 def _refuse_foreign(target: Path) -> None:
-    """Only a folder that is wholly ours may be replaced: our manifest, and no file that it does not list."""
+    """Only a folder made by this tool may be replaced: it has our manifest, and no file that the manifest does not list."""
     remedy = "nothing was touched; use -o to name another folder"
     try:
         listed = _listed(target, "")

@@ -1,4 +1,4 @@
-"""Outline, strip and margins decide the grid. Everything of Tape is decided here.
+"""Planning of a tape: outline, strip and margins decide the grid. Every value of Tape is decided here.
 
 `plan` is for parts with lands on a film, `plan_texture` for solid elements on a base.
 """
@@ -23,34 +23,34 @@ from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import TAG_FAMILY, Board, Tag, Tape, TapePart
 
 TAG_KEEP_OUT_MM = 0.5
-"""Free film between the tag's ring and the outline, and between the ring and the field."""
+"""Free film between the tag's ring and the outline, and between the ring and the field, mm."""
 TAG_RAISE_MM = 1.0
-"""Distance of the tag's ring from the lower edge."""
+"""Distance of the tag's ring from the lower edge, mm."""
 ORIGIN_STEP_MM = 0.1
 TOLERANCE_MM = 0.0005
 """A threshold is met when value >= limit - 0.5 um."""
 _STEP_SLACK = 1e-6
 ELEMENT_KEYS = ("part", "body_mm", "dome_top_mm", "rotation_deg", "pitch_mm", "displacement_mm")
-"""Keys of a spec that decide its elements and how far apart they stand."""
+"""Keys of a spec that decide its elements and their distances."""
 _FILM_KEYS = (*ELEMENT_KEYS, "fab", "coverlay", "anchor", "tag", "tag_cell_mm")
 _TEXTURE_KEYS = (*ELEMENT_KEYS, "process")
 
 
 def strip_width_mm(spec: TapeSpec) -> float:
-    """Width of the tag strip at the left end; 0 without one."""
+    """Width of the tag strip at the left end, mm; 0 without a strip."""
     return SIDE_CELLS * spec.tag_cell_mm + 2 * TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
 
 
 Rule = tuple[FloatArray, float]
-"""An outline about the part's centre, and the distance that it must keep (mm)."""
+"""An outline about the part's centre, and its least distance to the board's outline and to holes (mm)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Claim:
-    """The room that a part claims: what each of its outlines keeps from the board's outline and from holes.
+    """Clearances of a part: distance of each of its outlines from the board's outline and from holes.
 
     ``widest`` is the outline that reaches furthest; it also keeps clear of the strip. ``needs`` are the keys of a spec that
-    decide all this.
+    decide these values.
     """
 
     edge: tuple[Rule, ...]
@@ -61,12 +61,12 @@ class Claim:
 
     @property
     def furthest_mm(self) -> float:
-        """No rule of the outline looks further than this from a part's centre."""
+        """Largest distance from a part's centre that a rule of the outline uses, mm."""
         return max(reach_mm(self.widest)) + max(limit for _, limit in self.edge)
 
 
 def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, anchored: bool = False) -> Claim:
-    """Space around a part with lands that the fab's rules for copper, body and opening ask for."""
+    """Clearances of a part with lands from the fab's rules for copper, body and opening."""
     outlines = part_outlines(part, fab, rotation_deg)
     copper = copper_outline(outlines, fab, rotation_deg, anchored=anchored)
     limit = {rule: fab.limits[rule].value_mm for rule in ("pad-edge", "body-edge", "opening-edge", "hole-copper", "hole-part")}
@@ -88,7 +88,7 @@ def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, ancho
 
 
 def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: float) -> Claim:
-    """Space around a solid element's foot that the rules of its process ask for."""
+    """Clearances of a solid element's foot from the rules of its process."""
     foot = element_outline(part.shape, part.body_mm, rotation_deg)
     return Claim(
         edge=((foot, process.limits["body-edge"].value_mm),),
@@ -99,14 +99,14 @@ def element_claim(part: ElementProfile, process: ProcessProfile, rotation_deg: f
 
 
 def field_margins_mm(claim: Claim, displacement_mm: float) -> tuple[float, float]:
-    """Least distance of a grid point from the outline along x and y, its part displaced outward: the largest of all rules'."""
+    """Least distance of a grid point from the outline along x and y, mm, its part displaced outward: the largest of all rules."""
     x, y = (max(reach_mm(outline)[axis] + limit for outline, limit in claim.edge) for axis in (0, 1))
     return x + displacement_mm, y + displacement_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Grid:
-    """Where the grid lies on a board of some size, and how many points it has."""
+    """Place of the grid on a board of some size, and its number of points."""
 
     texture_origin_mm: tuple[float, float]
     columns: int
@@ -132,14 +132,14 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
 
     The grid point (0, 0) stands at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
     plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
-    As many columns and rows are taken as keep the margins; leftover width lies at the right end.
+    The grid has as many columns and rows as the margins allow; the remaining width is at the right end.
 
     Raises
     ------
     SpecError
-        When not even one window of the code fits, or the tag does not.
+        If not even one window of the code fits, or the tag does not.
     CapacityError
-        When the grid runs past the code's range.
+        If the grid exceeds the code's range.
     """
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
     claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
@@ -147,7 +147,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
 
 
 def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
-    """Decide a texture of solid elements on a base as thick as the spec says; the grid is decided as in `plan`, without strip.
+    """Decide a texture of solid elements on a base of the spec's thickness; the grid is decided as in `plan`, without strip.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, 
 
 
 def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, avoid: Sequence[Tape] = ()) -> SymbolArray:
-    """The symbols of a grid as the code has them, designed ones away from tapes that exist."""
+    """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
     others = [tape.symbols for tape in avoid]
     return get_code(spec.code).symbols(spec.sector, origin, (grid.rows, grid.columns), others, spec.directions)
 
@@ -211,7 +211,7 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
 
 
 def _has_window(free: BoolArray, code: Code) -> bool:
-    """Whether the parts that can be placed make up at least one whole window."""
+    """Whether the placed parts contain at least one whole window."""
     if min(free.shape) < code.window:
         return False
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
@@ -234,7 +234,7 @@ def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Ite
 
 
 def _strip_height_mm(spec: TapeSpec) -> float:
-    """Least height of a tape that has room for its tag; 0 without one."""
+    """Least height of a tape that holds its tag, mm; 0 without a tag."""
     return SIDE_CELLS * spec.tag_cell_mm + TAG_RAISE_MM + TAG_KEEP_OUT_MM if spec.tag == "strip" else 0.0
 
 
@@ -306,9 +306,9 @@ def _plan_tag(spec: TapeSpec) -> Tag | None:
 
 
 def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray) -> BoolArray:
-    """Whether the part of each grid point keeps every edge and hole rule; shape (rows, columns).
+    """Mask of grid points whose part keeps every edge and hole rule; shape (rows, columns).
 
-    Rounded corners and holes take parts away, straight edges do not: the margins see to those.
+    Parts are omitted at rounded corners and holes, not at straight edges, which the margins cover.
     """
     rows, columns = symbols.shape
     row, column = np.indices((rows, columns))
@@ -334,7 +334,7 @@ def _placeable(spec: TapeSpec, board: Board, claim: Claim, symbols: SymbolArray)
 
 
 def _distance_mm(outline_mm: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
-    """Distance of points from the convex hull of an outline, 0 inside."""
+    """Distance of points from the convex hull of an outline, mm, 0 inside."""
     import shapely
 
     return np.asarray(shapely.distance(shapely.MultiPoint(outline_mm).convex_hull, shapely.points(points_mm)))

@@ -1,4 +1,4 @@
-"""Renderers -> files, hashes, zip, manifest, in a folder that is given."""
+"""Writer of a kit: renderers -> files, hashes, zip, manifest, in a given folder."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
     "bom": render_bom,
     "kicad-pcb": render_kicad,
 }
-"""Renderer of each role; one that a tape has no use for gives no file."""
+"""Renderer of each role; a renderer that does not apply to a tape gives no file."""
 
 _TOOL = {"name": "tactape-fab", "version": __version__}
 
@@ -60,7 +60,7 @@ FAB_ZIP_ROLES = (
 
 
 def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
-    """Every file of a film or a panel but models, notes and manifest: layers, lists, previews drawn from those, the zip."""
+    """Every file of a film or a panel except models, notes and manifest: layers, lists, previews drawn from those, the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
     artifacts += render_preview(artifacts, fab)
     artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
@@ -69,7 +69,7 @@ def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
 
 def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[Artifact]:
     """The 3D models; a film's with its assembly, a texture of solid elements (`fab` None) with previews of the mesh."""
-    from tactape_fab.kit.render.models import render_assembly, render_solid  # only kits with models load what draws them
+    from tactape_fab.kit.render.models import render_assembly, render_solid  # imported here: only kits with models need it
     from tactape_fab.kit.render.solid_preview import render_solid_preview
 
     models = render_solid(tape, form)
@@ -79,7 +79,7 @@ def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[A
 
 
 def _fab_zip(name: str, artifacts: Iterable[Artifact]) -> Artifact:
-    """The zip with fixed dates and order, the same bytes every time."""
+    """The zip, with fixed dates and order so that its bytes are reproducible."""
     stream = io.BytesIO()
     date = zip_date()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
@@ -93,12 +93,12 @@ def _fab_zip(name: str, artifacts: Iterable[Artifact]) -> Artifact:
 
 
 def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifact]) -> dict[str, Any]:
-    """Content of manifest.json: the tape, what it was made with, and every file with size and SHA-256.
+    """Content of manifest.json: the tape, profiles and options, and every file with size and SHA-256.
 
     Parameters
     ----------
     made_by : mapping
-        What `film_record` or `texture_record` gives.
+        Result of `film_record` or `texture_record`.
     """
     return {
         "format": MANIFEST_FORMAT,
@@ -124,7 +124,7 @@ def with_file(content: Mapping[str, Any], artifact: Artifact) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedKit:
-    """A kit on a panel: its manifest's path and bytes, where it lies, and the number of its first designator."""
+    """A kit on a panel: its manifest's path and bytes, its place, and the number of its first designator."""
 
     tape: Tape
     manifest: str
@@ -136,7 +136,7 @@ class PlacedKit:
 def panel_manifest(
     name: str, panel: Panel, kits: Iterable[PlacedKit], made_by: Mapping[str, Any], artifacts: Iterable[Artifact]
 ) -> dict[str, Any]:
-    """Content of a panel's manifest.json: its tapes and where they lie, what it was made with, and its own files."""
+    """Content of a panel's manifest.json: its tapes and their places, profiles and options, and its own files."""
     return {
         "format": PANEL_FORMAT,
         "name": name,
@@ -209,7 +209,7 @@ def texture_record(spec: TapeSpec, process: ProcessProfile) -> dict[str, Any]:
 
 
 def search_record(choice: Choice | None, avoided: Sequence[str]) -> dict[str, Any]:
-    """Record of a search for the origin, or of the tapes that a design was kept apart from."""
+    """Record of a search for the origin, or of the tapes that a design was kept different from."""
     if choice is None:
         return {"avoided": list(avoided)} if avoided else {}
     return {"search": {**asdict(choice), "origin": list(choice.origin), "avoided": list(avoided)}}
@@ -225,7 +225,7 @@ def _models_record(form: SolidForm | None, process: ProcessProfile | None) -> di
 
 
 def _land_pattern(part: PartProfile, fab: FabProfile) -> dict[str, Any]:
-    """Land pattern as `verify` needs it without the part's profile."""
+    """Land pattern in the form that `verify` reads without the part's profile."""
 
     def land(pattern: LandPattern) -> dict[str, Any]:
         return {

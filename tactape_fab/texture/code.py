@@ -1,7 +1,7 @@
-"""The codes of textures: what every code has and does, and the codes that there are.
+"""Codes of textures: the interface of a code, and all existing codes.
 
-A code is an object. Whoever needs to know how codes differ asks an attribute or a method of it, never for its name. To add a code
-is to add an object to `CODES`.
+A code is an object. Differences between codes are attributes and methods; no caller tests a code's name. To add a code, add an
+object to `CODES`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tactape_fab.texture.touch.designed import DesignedCode
 
 
 class Code(Protocol):
-    """What every code has and does.
+    """Interface of a code.
 
     Attributes
     ----------
@@ -34,14 +34,14 @@ class Code(Protocol):
     most_points : int
         Grid points that a tape has at most.
     directions : tuple of int
-        How many directions its parts may point in.
+        Allowed numbers of displacement directions.
     plane : PlaneCode or None
-        The plane in which a tape shows a place, at an origin that may be given or searched for. None where each tape's matrix
-        is designed: its origin is (0, 0), another size is another texture, and nothing but the tape itself knows its symbols.
+        The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
+        its origin is (0, 0), another size gives another texture, and its symbols are stored only in the tape itself.
     vouched : str
-        What vouches for a tape's symbols, after "symbols ...".
+        Proof of a tape's symbols, for messages after "symbols ...".
     another : str
-        The option that gives a tape another texture.
+        Option that gives a tape another texture.
     """
 
     @property
@@ -64,24 +64,24 @@ class Code(Protocol):
     def another(self) -> str: ...
 
     def default_origin(self, sector: int) -> tuple[int, int]:
-        """(column, row) of a sector's tape where no origin is given."""
+        """Default (column, row) of a sector's tape."""
 
     def symbols(
         self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
     ) -> SymbolArray:
-        """Symbols of a new tape of so many rows and columns; a designed one keeps away from the symbols of other tapes."""
+        """Symbols of a new tape of that shape (rows, columns); a designed one differs from the symbols of other tapes."""
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
-        """The symbols of a texture on a grid of so many rows and columns, which holds those of equal textures."""
+        """The symbols of a texture on a grid of that shape (rows, columns); equal textures share them."""
 
     def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
-        """What two tapes have in common where no touch can tell them apart, but for grid, pitch and displacement."""
+        """Key that two tapes share if no touch can tell them apart, apart from grid, pitch and displacement."""
 
     def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
-        """What a manifest holds beside the symbols to vouch for them."""
+        """Manifest entries that prove the symbols."""
 
     def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
-        """Refuse symbols of a manifest that are not the code's there, or not those vouched for.
+        """Refuse symbols of a manifest that are not the code's at that place, or do not match their proof.
 
         Raises
         ------
@@ -119,7 +119,7 @@ CODES = {code.name: code for code in _CODES}
 """Every code by its name."""
 ALL_CODE_NAMES = tuple(CODES)
 CODE_NAMES = tuple(code.name for code in _CODES if code.plane is not None)
-"""Codes with a plane, in which a tape shows a place."""
+"""Codes with a plane."""
 
 
 def get_code(name: str) -> Code:
@@ -128,7 +128,7 @@ def get_code(name: str) -> Code:
     Raises
     ------
     SpecError
-        When no code has that name.
+        If no code has that name.
     """
     if name not in CODES:
         raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(ALL_CODE_NAMES)}"))
@@ -141,7 +141,7 @@ def get_plane(name: str) -> PlaneCode:
     Raises
     ------
     SpecError
-        When no code with a plane has that name.
+        If no code with a plane has that name.
     """
     plane = CODES[name].plane if name in CODES else None
     if plane is None and name in CODES:
@@ -153,7 +153,7 @@ def get_plane(name: str) -> PlaneCode:
 
 
 def has_plane(name: object) -> bool:
-    """Whether tapes of a code that was asked for have a place in a plane; what is no code's name counts as one that has."""
+    """Whether the code of that name has a plane; an unknown name counts as one that has."""
     return not isinstance(name, str) or name not in CODES or CODES[name].plane is not None
 
 
@@ -161,7 +161,7 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
     """Default (column, row) in the code plane of a sector's tape.
 
     Tapes of up to 166 x 166 points at the default origins of two sectors never overlap in the plane, so that sectors are not
-    shifts of one another (`PlaneCode.default_origin`). A code without a plane has tapes that begin at (0, 0).
+    shifts of one another (`PlaneCode.default_origin`). Tapes of a code without a plane begin at (0, 0).
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
     Raises
     ------
     SpecError
-        When the code is unknown or the sector out of its range.
+        If the code is unknown or the sector out of its range.
     """
     of = get_code(code)
     given: object = sector
@@ -191,7 +191,7 @@ def default_origin(code: str, sector: int) -> tuple[int, int]:
 
 
 def read_directions(table: Fields, code: Code | None) -> int:
-    """How many directions the parts point in, `USUAL_DIRECTIONS` where nothing is said; any known number where no code is."""
+    """Number of displacement directions; `USUAL_DIRECTIONS` if not given, any known number if there is no code."""
     directions = table.values.get("directions", USUAL_DIRECTIONS)
     if isinstance(directions, bool) or not isinstance(directions, int) or directions not in DIRECTIONS:
         known = " nor ".join(map(str, DIRECTIONS))

@@ -1,6 +1,6 @@
-"""The pick-and-place list (CPL): what each assembly house wants of it, and the one reader of it.
+"""Pick-and-place lists (CPL): the format of each assembly house, and their reader.
 
-A column is a pair: its header, and what stands in it.
+A column is a pair: its header, and the key of its content.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ _MOST_DEG = 360.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacementTable:
-    """A pick-and-place list.
+    """Format of a pick-and-place list.
 
     Attributes
     ----------
     columns : tuple of (str, str)
-        What may stand in one: ``designator``, ``x``, ``y``, ``rotation``, ``side``, ``value``, ``footprint``,
+        Keys of the content: ``designator``, ``x``, ``y``, ``rotation``, ``side``, ``value``, ``footprint``,
         ``part_number``, ``length`` and ``width`` (of the unturned lands), or a key of ``fixed``.
     ending : str
-        What follows the tape's name in the file's.
+        Text after the tape's name in the file name.
     style : {"csv", "tab", "kicad"}
-        Commas, tabs with the header as a comment, or aligned as KiCad does it.
+        Commas, tabs with the header as a comment, or aligned columns as in KiCad.
     unit : {"mm", "mil"}
-        Of coordinates and lengths.
+        Unit of coordinates and lengths.
     side : str
         The house's word for the top side.
     clockwise : bool
-        Rotations grow clockwise instead of counter-clockwise; both seen from above, 0 is the long axis along board x.
+        Rotations are clockwise instead of counter-clockwise; both seen from above, 0 is the long axis along board x.
     half_turns : bool
-        Rotations lie in (-180, 180] instead of [0, 360).
+        Rotations are in (-180, 180] instead of [0, 360).
     fixed : tuple of (str, str)
         Cells that are the same for every part of every tape.
     """
@@ -71,7 +71,7 @@ class PlacementTable:
         return MM_PER_MIL if self.unit == "mil" else 1.0
 
     def written_deg(self, rotation_deg: float) -> float:
-        """A rotation, counter-clockwise in degrees, as this list has it."""
+        """A counter-clockwise rotation in degrees, converted to this list's convention."""
         turned = round((-rotation_deg if self.clockwise else rotation_deg) % 360.0, 4) % 360.0
         return turned - 360.0 if self.half_turns and turned > 180.0 else turned
 
@@ -86,7 +86,7 @@ PLACEMENTS: Mapping[str, PlacementTable] = {
     "jlcpcb": _COMMON,
     # KiKit (kikit/fab/pcbway.py).
     "pcbway": _COMMON,
-    # Eurocircuits' upload pages: the first row names the columns, which are free; these are its own words for them.
+    # Eurocircuits' upload pages: the first row names the columns, in any wording; these are its own names for them.
     "eurocircuits": PlacementTable(
         columns=(
             ("Reference designator", "designator"),
@@ -143,24 +143,24 @@ ASSEMBLY_FORMATS = tuple(PLACEMENTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CplContent:
-    """Rows of a pick-and-place file, in the board frame whatever the house's conventions are.
+    """Rows of a pick-and-place file, converted to the board frame.
 
     Attributes
     ----------
     table : PlacementTable
-        The known list that the file's header fits best.
+        The known format that the file's header fits best.
     headers : tuple of str
         The file's own columns, in its order.
     lines : tuple of int
-        Where each row stands in the file, counted from 1.
+        Line number of each row in the file, from 1.
     designators : tuple of str
     xy_mm : ndarray, shape (n, 2)
     sides : tuple of str
-        ``Top``, or the file's word where it is not the house's for the top.
+        ``Top``, or the file's word if it is not the house's word for the top.
     rotation_deg : ndarray, shape (n,)
         Counter-clockwise.
     texts : dict of str to tuple of str
-        Cells of the table's other columns, by what stands in them.
+        Cells of the table's other columns, by the key of their content.
     """
 
     table: PlacementTable
@@ -174,15 +174,15 @@ class CplContent:
 
 
 def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
-    """Read a pick-and-place file of any known house, which its header tells; other columns are passed over.
+    """Read a pick-and-place file of any known house, recognised by its header; other columns are ignored.
 
     Returns
     -------
     CplContent or None
-        None where there is no table; NaN stands for a number that cannot be read.
+        None if there is no table; an unreadable number is NaN.
 
-    ``problems`` gets what is wrong with it, at most twenty: no text, no such table, rows that are not whole, and
-    coordinates (10 m) or rotations (a turn) that are not finite or too large.
+    ``problems`` receives at most twenty faults: not a text, not such a table, incomplete rows, and coordinates (10 m) or
+    rotations (a turn) that are not finite or too large.
     """
     try:
         style, ((_, header), *rows) = _rows(data)
@@ -225,14 +225,14 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
 
 
 def _rows(data: bytes) -> tuple[Style, list[tuple[int, list[str]]]]:
-    """Style, and header and rows, each with the number of its line; blank lines are passed over."""
+    """Style, header and rows, each with its line number; blank lines are skipped."""
     if len(data) > MOST_CPL_BYTES:
         raise _refused(f"is larger than {MOST_CPL_BYTES} bytes; it is no pick-and-place file")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise _refused(f"is not UTF-8: {error.reason} at byte {error.start}; write it again") from error
-    # KiCad begins with comments, a table with tabs has its header as its first comment.
+    # KiCad's files begin with comments; a table with tabs has its header as the first comment.
     style: Style = "kicad" if text.startswith("##") else "tab" if text.startswith("#") else "csv"
     rows = list(_kicad_rows(text) if style == "kicad" else _csv_rows(text.removeprefix("#"), "\t" if style == "tab" else ","))
     if not rows:
@@ -275,7 +275,7 @@ def _table_of(style: Style, header: Sequence[str]) -> PlacementTable:
 
 
 def _numbers(cells: Sequence[str]) -> FloatArray:
-    """Cells as numbers, with or without 'mm' after them; NaN where one is none."""
+    """Cells as numbers, with or without 'mm' after them; NaN for a cell that is not a number."""
     try:
         return np.array(cells, dtype=np.float64)
     except ValueError:

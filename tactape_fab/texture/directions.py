@@ -1,4 +1,4 @@
-"""How many directions the parts of a tape point in, and everything that follows from that number."""
+"""Displacement directions of a tape's parts, and the values derived from their number."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray, IntAr
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Directions:
-    """The symbols of tapes whose parts point in so many directions: the first so many values of `frames.LETTERS`.
+    """The symbols of tapes with `count` displacement directions: the first `count` values of `frames.LETTERS`.
 
     Attributes
     ----------
     gray_codes : ndarray of uint8, shape (count,)
-        Bits of each symbol value as one number, so that neighbouring directions differ in one bit.
+        Bits of each symbol value as one number; neighbouring directions differ in one bit.
     clockwise : ndarray of int64, shape (count,)
-        Symbol values as they follow each other clockwise from E.
+        Symbol values in clockwise order from E.
     reads_within : float
-        A part shows a symbol where it stands nearer than that to the symbol's place, in displacements: less than half the
+        Largest distance, in displacements, of a part from a symbol's place at which it shows the symbol: less than half the
         distance of neighbouring places.
     usual : bool
-        The paper's four, of which manifests, commands and reports say nothing.
+        Whether these are the paper's four, which manifests, commands and reports do not mention.
     """
 
     gray_codes: SymbolArray
@@ -57,12 +57,12 @@ class Directions:
 
     @property
     def spacing(self) -> float:
-        """Distance of neighbouring places as a share of that of four directions: chords of one circle."""
+        """Distance of neighbouring places over that of four directions: chords of one circle."""
         return sin(pi / self.count) / sin(pi / 4.0)
 
     @property
     def reach_diagonal(self) -> float:
-        """How far a part moves towards a diagonal, in displacements along an axis: the largest |x| + |y|."""
+        """Largest |x| + |y| of a part's displacement, in displacements along an axis."""
         return float(np.abs(self.xy).sum(axis=1).max())
 
 
@@ -75,5 +75,5 @@ DIRECTIONS = {
         reads_within=1.0 / 3.0,
     ),
 }
-"""By how many there are. Of four directions the Gray codes are the symbol values themselves, x and y bit."""
+"""Directions by their number. For four directions the Gray codes are the symbol values themselves, x and y bit."""
 USUAL_DIRECTIONS = next(count for count, directions in DIRECTIONS.items() if directions.usual)

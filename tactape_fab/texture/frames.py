@@ -20,7 +20,7 @@ LETTERS = "NWESnwes"
 """Letter of each symbol value.
 
 The first four are ``x_bit + 2 * y_bit``: N = (0, 0), W = (1, 0), E = (0, 1), S = (1, 1); a tape of four directions has no others.
-Each of the last four lies 45 degrees clockwise of the same letter's large one: n = NE, w = NW, e = SE, s = SW.
+Each of the last four is 45 degrees clockwise of the capital letter: n = NE, w = NW, e = SE, s = SW.
 """
 
 _HALF = float(np.sqrt(0.5))
@@ -31,7 +31,7 @@ DIRECTIONS_XY: FloatArray = np.array(
 DIRECTIONS_XY.setflags(write=False)
 
 TURNED: SymbolArray = np.argmax((DIRECTIONS_XY @ np.array([(0.0, -1.0), (1.0, 0.0)])) @ DIRECTIONS_XY.T, axis=1).astype(np.uint8)
-"""Symbol that each becomes when the texture is turned by 90 degrees counter-clockwise, seen from above: N to W to S to E."""
+"""New value of each symbol after a turn of the texture by 90 degrees counter-clockwise, seen from above: N to W to S to E."""
 TURNED.setflags(write=False)
 
 NM_PER_MM = 1_000_000
@@ -111,7 +111,7 @@ def rows_to_symbols(rows: Sequence[str], directions: int = 4) -> SymbolArray:
     Raises
     ------
     ValueError
-        When the rows differ in length or hold another letter.
+        If the rows differ in length or hold another letter.
     """
     known = ", ".join("NESWnesw"[:directions])
     if not rows or len({len(row) for row in rows}) != 1:

@@ -1,4 +1,4 @@
-"""Where a manifest is and what it holds as a mapping; `texture.tape` and `texture.panel_manifest` read its tables."""
+"""Manifest files: path and content as a mapping; `texture.tape` and `texture.panel_manifest` read the tables."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def find_manifest(path: str | Path) -> Path:
     Raises
     ------
     SpecError
-        When there is none, or the folder is one that an interrupted run left unfinished.
+        If there is no manifest, or the folder was left unfinished by an interrupted run.
     """
     place = Path(path)
     try:
@@ -40,7 +40,7 @@ def find_manifest(path: str | Path) -> Path:
         file = place / MANIFEST_NAME if is_folder else place
         unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
         there = file.is_file()
-    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, a name that no system takes
+    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or a name that is invalid on every system
         reason = getattr(error, "strerror", None) or error
         raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit") from error
     if unfinished:
@@ -57,7 +57,7 @@ def read_manifest(file: Path) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        When the file is too large, no JSON, or not of this format.
+        If the file is too large, not JSON, or not of this format.
     """
     content = read_any_manifest(file)
     if content["format"] == PANEL_FORMAT:
@@ -71,7 +71,7 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        When the file is too large, no JSON, or of neither format.
+        If the file is too large, not JSON, or of neither format.
     """
     try:
         if file.stat().st_size > _MANIFEST_BYTES:

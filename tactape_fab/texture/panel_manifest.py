@@ -1,4 +1,4 @@
-"""The manifest of a panel: which kits stand on it, and where. `Tape` knows nothing of it."""
+"""The manifest of a panel: its kits and their places. `Tape` does not use it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PlacedTape:
     manifest : str
         Path of its kit's manifest, relative to the panel's folder.
     sha256 : str
-        Of that manifest.
+        Digest of that manifest.
     offset_mm : (float, float)
     rotation_deg : float
     first_designator : str
@@ -74,17 +74,17 @@ def read_placed(table: Fields) -> tuple[PlacedTape, ...]:
 
 
 def kits_of(path: Path) -> list[Path]:
-    """The kits of a panel, given its folder or manifest; only the path itself where it is no panel.
+    """The kits of a panel, given its folder or manifest; only the path itself if it is not a panel.
 
     Raises
     ------
     SpecError
-        When it is a panel whose manifest cannot be read.
+        If it is a panel whose manifest cannot be read.
     """
     try:
         file = find_manifest(path)
         content = read_any_manifest(file)
-    except SpecError:  # whoever reads it as a kit says what is wrong
+    except SpecError:  # reported when it is read as a kit
         return [path]
     if not is_panel(content):
         return [path]

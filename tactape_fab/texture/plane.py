@@ -1,4 +1,4 @@
-"""Codes with a plane: encode a patch of the code plane, and find a patch's place again, window by window.
+"""Codes with a plane: encode a patch of the code plane, and decode a patch's place window by window.
 
 SPEC of the code plane, with M the main sequence (length L, order n), d(k) the difference at plane index k and
 (u, v) = divmod(sector, L):
@@ -30,7 +30,7 @@ MOST_POINTS = 500_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneCode:
-    """A two-dimensional position code: a tape shows a place of its plane. See `texture.code.Code` for what every code has.
+    """A two-dimensional position code: a tape shows a patch of its plane. `texture.code.Code` is the interface of every code.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class PlaneCode:
     secondary: tuple[NumberSequence, ...]
     least_difference: int
     origin_stride: int
-    directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)  # x and y bit: the plane has no third
+    directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)  # x and y bit only: a plane code has four directions
     most_points: ClassVar[int] = MOST_POINTS
     another: ClassVar[str] = "--origin best"
 
@@ -64,7 +64,7 @@ class PlaneCode:
 
     @property
     def window(self) -> int:
-        """Side of the smallest window that names its place, in grid points."""
+        """Side of the smallest window that determines its place, in grid points."""
         return self.main.order
 
     @property
@@ -79,15 +79,15 @@ class PlaneCode:
     def default_origin(self, sector: int) -> tuple[int, int]:
         """``(stride * s, stride * (17 * s mod sectors))``.
 
-        Any two sectors stand at least one stride apart on both axes, and tapes of up to 166 x 166 points never overlap in the
-        plane, so that sectors are not shifts of one another.
+        The origins of any two sectors are at least one stride apart on both axes, and tapes of up to 166 x 166 points never
+        overlap in the plane, so that sectors are not shifts of one another.
         """
         return self.origin_stride * sector, self.origin_stride * (17 * sector % self.sectors)
 
     def symbols(
         self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
     ) -> SymbolArray:
-        """The patch of the plane at `origin`, see `encode`; where that lies keeps it away from other tapes."""
+        """The patch of the plane at `origin`, see `encode`; `origin` alone separates it from other tapes."""
         return encode(self, sector, origin, shape)
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
@@ -115,7 +115,7 @@ class PlaneCode:
 
     @cached_property
     def weights(self) -> tuple[int, ...]:
-        """Weight of each secondary digit in the difference: a mixed-radix number, so that a difference names them all."""
+        """Weight of each secondary digit in the difference, a mixed-radix number, so that a difference determines all digits."""
         return tuple(prod(s.base for s in self.secondary[:i]) for i in range(len(self.secondary)))
 
     @cached_property
@@ -142,7 +142,7 @@ def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[i
     origin : (int, int)
         Column and row of the patch's first point in the code plane.
     shape : (int, int)
-        Rows and columns of the patch. Nothing longer than the patch is ever built, wherever it lies.
+        Rows and columns of the patch. No array longer than the patch is built, at any origin.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[i
     Raises
     ------
     CapacityError
-        When the patch runs past the code's range or the sector does not exist.
+        If the patch exceeds the code's range or the sector does not exist.
     """
     rows, columns = shape
     length = code.main.length
@@ -183,12 +183,12 @@ def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[i
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WindowPlaces:
-    """What each window of a patch says of its place, all arrays of shape (rows - n + 1, columns - n + 1).
+    """Decoded place of each window of a patch, all arrays of shape (rows - n + 1, columns - n + 1).
 
     Attributes
     ----------
     valid : ndarray of bool
-        Whether the window is one that the code contains in this rotation.
+        Whether the code contains the window in this rotation.
     column, row, sector : ndarray of int64
         Place of the window's first point in the code plane, and its sector; -1 where not valid.
     """
@@ -220,7 +220,7 @@ def _places_along_columns(code: PlaneCode, bits: IntArray) -> tuple[IntArray, In
 
 
 def locate_windows(code: PlaneCode, symbols: SymbolArray) -> WindowPlaces:
-    """Read the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
+    """Decode the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Paths that a user gives -> tapes: kits, panels, manifests, folders of them. The one place where paths become a registry."""
+"""Reader of registries: a user's paths (kits, panels, manifests, folders of them) to tapes. All commands use it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_TAPES = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registered:
-    """A tape, where its kit stands, and the name of the fab or process profile that it was made for."""
+    """A tape, the path of its kit, and the name of the fab or process profile that it was made for."""
 
     path: Path
     tape: Tape
@@ -28,7 +28,7 @@ class Registered:
 
 
 TapeLike = Tape | str | PathLike[str]
-"""A tape, or the path of a kit, a panel, a manifest, or a folder of such."""
+"""A tape, or the path of a kit, a panel, a manifest, or a folder of these."""
 
 
 def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
@@ -53,7 +53,7 @@ def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
 
 
 def as_tapes(tapes: object) -> list[Tape]:
-    """Tapes as they are, and those of paths as `read_tapes` reads them; a single one as a list of one.
+    """List of tapes from tapes or paths (see `read_tapes`), or from a single one.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
 
 
 def labels(entries: Sequence[Registered]) -> tuple[str, ...]:
-    """What each tape is called: its name, with the place of its kit where another has the same name."""
+    """Names of the tapes, each with the path of its kit if another tape has the same name."""
     names = Counter(e.tape.name for e in entries)
     return tuple(e.tape.name if names[e.tape.name] == 1 else f"{e.tape.name} ({shown_path(e.path)})" for e in entries)
 
@@ -125,6 +125,6 @@ def _kits_at(path: Path) -> list[Path]:
         if not path.is_dir() or (path / MANIFEST_NAME).exists():
             return kits_of(path)
         inside = sorted(p for p in path.iterdir() if (p / MANIFEST_NAME).is_file() and not p.name.endswith(UNFINISHED_SUFFIX))
-    except (OSError, ValueError):  # Tape.load says what is wrong
+    except (OSError, ValueError):  # Tape.load raises the error
         return [path]
     return [kit for place in inside for kit in kits_of(place)] or [path]

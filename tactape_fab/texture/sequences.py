@@ -1,6 +1,6 @@
 """Number sequences: de Bruijn sequences by construction, Anoto's as data.
 
-A sequence of order n over k digits shows every cyclic window of n digits at most once, so a window names its place.
+A sequence of order n over k digits contains every cyclic window of n digits at most once, so a window determines its place.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class NumberSequence:
 
     @cached_property
     def place_of_window(self) -> IntArray:
-        """Place where each window value stands, -1 where it does not occur; shape (base ** order,)."""
+        """Place of each window value, -1 if it does not occur; shape (base ** order,)."""
         table = np.full(self.base**self.order, -1, dtype=np.int64)
         table[self.window_values()] = np.arange(self.length)
         table.setflags(write=False)

@@ -1,4 +1,4 @@
-"""Polygons and distances of the board: small vectorised geometry that plan, layout and rules share (mm)."""
+"""Polygons and distances of the board: vectorised geometry functions shared by plan, layout and rules (mm)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy.typing as npt
 from tactape_fab.texture.frames import FloatArray, snap_mm
 
 CORNER_POINTS = 9
-"""Vertices per rounded corner of a land: a 0.1 mm corner is then 0.1 % of a pad's area from exact."""
+"""Vertices per rounded corner of a land: the error of a 0.1 mm corner is then 0.1 % of a pad's area."""
 CHORD_ERROR_MM = 0.0005
-"""How far a polyline may leave the arc of the board's outline."""
+"""Largest distance of a polyline from the arc of the board's outline, mm."""
 
 
 def rotate(xy_mm: npt.ArrayLike, angle_deg: float) -> FloatArray:
@@ -47,18 +47,18 @@ def rounded_rectangle(
 
 
 def placed_outline(size_mm: tuple[float, float], corner_radius_mm: float, rotation_deg: float) -> FloatArray:
-    """Vertices of a turned rounded rectangle, snapped to 1 nm: the outline that is written and measured."""
+    """Vertices of a rotated rounded rectangle, snapped to 1 nm: the outline that is written and measured."""
     return snap_mm(rotate(rounded_rectangle(size_mm, corner_radius_mm), rotation_deg))
 
 
 def reach_mm(outline_mm: FloatArray) -> tuple[float, float]:
-    """Largest |x| and |y| of an outline about its own origin."""
+    """Largest |x| and |y| of an outline about its own origin, mm."""
     x, y = np.abs(outline_mm).max(axis=0)
     return float(x), float(y)
 
 
 def area_mm2(outline_mm: FloatArray) -> float:
-    """Area of a simple polygon, shape (k, 2), whichever way round."""
+    """Area of a simple polygon, shape (k, 2), of either orientation."""
     x, y = outline_mm.T
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 

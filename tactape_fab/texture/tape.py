@@ -1,4 +1,4 @@
-"""Tape: what was made and what can be found. The one object that fabrication and localization share."""
+"""Tape: the made texture with its board. Fabrication and localization both use this object."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_HOLES = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
-    """The film: outline, where the texture lies on it, and its holes (board frame, mm).
+    """The film: outline, place of the texture on it, and its holes (board frame, mm).
 
     ``holes`` are (x, y, diameter).
     """
@@ -77,10 +77,10 @@ class Tag:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """The user's own part that a texture stands on instead of a board.
+    """The user's own part that carries a texture instead of a board.
 
     ``source`` and ``sha256`` name its file; ``centre_mm`` is the point under the middle of the grid, ``up`` the direction
-    of board +y there (the part's coordinates); ``radius_mm`` is that of the patch, None where it is neither sphere nor
+    of board +y there (the part's coordinates); ``radius_mm`` is that of the patch, None if it is neither sphere nor
     cylinder.
     """
 
@@ -100,7 +100,7 @@ class Tape:
     name : str
         Name of the tape and of its files.
     sector : int
-        Sector of the code that it shows.
+        Sector of the code.
     code : str
         Name of the code, such as ``"microdots-4x4"``.
     origin : (int, int)
@@ -108,9 +108,9 @@ class Tape:
     columns, rows : int
         Grid points along x and y.
     pitch_mm, displacement_mm : float
-        The paper's W and Delta, mm.
+        W and Delta in the paper, mm.
     symbols : ndarray of uint8, shape (rows, columns)
-        Read-only. The code's symbol at every grid point, the omitted ones too.
+        Read-only. The code's symbol at every grid point, including omitted ones.
     omitted : ndarray of int64, shape (k, 2)
         Read-only (column, row) of grid points that carry no part, row-major.
     board : Board
@@ -118,11 +118,11 @@ class Tape:
     part : TapePart
         Shape, size and rotation of the element on every grid point.
     tag : Tag or None
-        The printed AprilTag; None where there is none.
+        The printed AprilTag, if any.
     surface : Surface or None
-        Where the texture stands on a part of the user's own: board positions then mean nothing.
+        The user's part that carries the texture, if any: board positions then have no meaning.
     directions : int
-        How many directions parts are displaced in: 4, or 8 of a touch code.
+        Number of displacement directions: 4, or 8 for a touch code.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Tape:
 
     @property
     def placed(self) -> BoolArray:
-        """Whether a grid point carries a part; shape (rows, columns)."""
+        """Mask of the grid points that carry a part; shape (rows, columns)."""
         placed = np.ones((self.rows, self.columns), dtype=bool)
         placed[self.omitted[:, 1], self.omitted[:, 0]] = False
         return placed
@@ -159,17 +159,17 @@ class Tape:
 
     @property
     def points_in(self) -> Directions:
-        """The directions that parts point in."""
+        """The displacement directions."""
         return DIRECTIONS[self.directions]
 
     @property
     def in_directions(self) -> str:
-        """What is said of the displacement beside its length; nothing of four directions."""
+        """Text about the directions after the displacement's length; empty for four directions."""
         return "" if self.points_in.usual else f" in {self.directions} directions"
 
     @property
     def texture_key(self) -> tuple[Hashable, ...]:
-        """Equal where no touch can tell two tapes apart, but for grid, pitch and displacement."""
+        """Key, equal for two tapes that no touch can tell apart, apart from grid, pitch and displacement."""
         return get_code(self.code).texture_key(self.sector, self.origin, self.symbols)
 
     def cells(self) -> IntArray:
@@ -189,7 +189,7 @@ class Tape:
         return [f"R{i}" for i in range(1, self.part_count + 1)]
 
     def to_mapping(self) -> dict[str, Any]:
-        """The tape's share of manifest.json."""
+        """The tape's entries of manifest.json."""
         return {
             "name": self.name,
             "sector": self.sector,
@@ -211,7 +211,7 @@ class Tape:
 
     @classmethod
     def from_mapping(cls, manifest: Mapping[str, Any]) -> Tape:
-        """Read the tape out of a manifest's content, trusting nothing in it.
+        """Read the tape from a manifest's content; every value is checked.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class Tape:
         Raises
         ------
         SpecError
-            When there is no kit at `path`, or its manifest cannot be read or contradicts itself.
+            If there is no kit at `path`, or its manifest cannot be read or contradicts itself.
         """
         return cls.from_mapping(read_manifest(find_manifest(path)))
 

@@ -1,4 +1,4 @@
-"""The square windows of a grid of symbols as machine words, in all four turns, and how many symbols two of them differ by."""
+"""Square windows of a grid of symbols as machine words, in all four turns, and their Hamming distances in symbols."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WordArray = npt.NDArray[np.uint64]
 
 WORD_BITS = 64
 _LOW_BITS = {2: np.uint64(0x5555_5555_5555_5555), 3: np.uint64(0x1249_2492_4924_9249)}
-"""The lowest bit of every symbol of a word, by bits of a symbol."""
+"""Mask of the lowest bit of every symbol of a word, by the number of bits of a symbol."""
 _PAIRS, _FOURS, _EIGHTS, _BYTES = (
     np.uint64(mask) for mask in (0x5555_5555_5555_5555, 0x3333_3333_3333_3333, 0x0F0F_0F0F_0F0F_0F0F, 0x0101_0101_0101_0101)
 )
@@ -22,7 +22,7 @@ _PAIRS, _FOURS, _EIGHTS, _BYTES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
-    """All whole windows of one size: those whose every grid point carries a part.
+    """All whole windows of one size: those with a part at every grid point.
 
     Attributes
     ----------
@@ -31,9 +31,8 @@ class Windows:
     corner_rc : ndarray of int64, shape (n, 2)
         Row and column of each window's upper left grid point, row-major.
     words : tuple of ndarray of uint64, each of shape (turns, n)
-        Two bits per symbol, 32 symbols per word, row-major; of eight directions three bits, 21 symbols: Gray codes. ``[k]`` is
-        how the window reads after it was turned by k times 90 degrees counter-clockwise, seen from above: its points and its
-        symbols.
+        Two bits per symbol, 32 symbols per word, row-major; for eight directions three bits, 21 symbols: Gray codes. ``[k]``
+        is the window turned by k times 90 degrees counter-clockwise, seen from above: its points and its symbols.
     bits : int
         Of a symbol.
     """
@@ -59,10 +58,10 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
         Whether a grid point carries a part.
     side : int
     turns : int
-        How many turns are wanted, from 0 on. Three suffice to compare windows with each other: turning both by the same
+        Number of turns, from 0 on. Three suffice to compare windows with each other: turning both by the same
         angle changes nothing, so three quarter turns of one are a quarter turn of the other.
     directions : int
-        How many directions the symbols have, or those of other windows that these are compared with.
+        Number of directions of the symbols, or of other windows that these are compared with.
     """
     high, wide = symbols.shape[0] - side + 1, symbols.shape[1] - side + 1
     bits = DIRECTIONS[directions].bits
@@ -84,7 +83,7 @@ def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int
 
 
 def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: int = 2) -> npt.NDArray[np.uint8]:
-    """In how many symbols of so many bits windows differ (Hamming distance), element by element."""
+    """Hamming distance of windows in symbols of `bits` bits, element by element."""
     total = np.zeros(np.broadcast(a[0], b[0]).shape, dtype=np.uint8)
     for word_a, word_b in zip(a, b, strict=True):
         differing = word_a ^ word_b
@@ -95,7 +94,7 @@ def symbol_distance(a: tuple[WordArray, ...], b: tuple[WordArray, ...], bits: in
 
 
 def bit_count(words: WordArray) -> npt.NDArray[np.uint8]:
-    """How many bits of each word are set; numpy has `bitwise_count` from 2.0 on, before it they are summed by 2, 4 and 8."""
+    """Number of set bits of each word; numpy has `bitwise_count` from 2.0 on, otherwise they are summed by 2, 4 and 8."""
     if hasattr(np, "bitwise_count"):
         return np.asarray(np.bitwise_count(words), dtype=np.uint8)
     words = np.asarray(words, dtype=np.uint64)

@@ -1,4 +1,4 @@
-"""Anchors: copper that runs on from each pad under the coverlay, as spurs alone or tied to a mesh of webs."""
+"""Anchors: copper that extends from each pad under the coverlay, as spurs alone or connected to a mesh of webs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 
 _REACHES_MM = (0.3, 0.6, 2.0, 20.0)
-"""How far round a line is looked for openings, in turn."""
+"""Search radii round a line for openings, tried in this order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Anchors:
-    """Copper lines beside the pads.
+    """Copper lines of the anchors.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Anchors:
     web_mm : float
         Width of every line.
     spurs_mm : ndarray, shape (2 n, 2, 2)
-        From the middle of each pad outward; R1 land 1, R1 land 2, R2 land 1 ...
+        From the centre of each pad outward; R1 land 1, R1 land 2, R2 land 1 ...
     webs_mm : ndarray, shape (m, 2, 2)
         The mesh between the openings; empty for spurs.
     """
@@ -61,7 +61,7 @@ class AnchorPlan:
 
 
 def anchor_plan(mode: str, fab: FabProfile, outlines: PartOutlines) -> AnchorPlan:
-    """The numbers of a fab profile that anchors rest on."""
+    """The anchor values of a fab profile."""
     return AnchorPlan(
         mode=mode,
         web_mm=fab.anchor.web_mm,
@@ -80,9 +80,9 @@ def clearance_mm(fab: FabProfile) -> float:
 def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
     """Draw the anchors of every placed part.
 
-    A spur runs along its part, out of the opening. In a mesh the webs are bricks: lines half way between the diagonals
-    of the grid, tied across where two parts face each other, and every spur runs on to its tie. Webs that would come too
-    near to the outline or a hole are left out; a spur without its tie ends as a spur alone does.
+    A spur runs along its part, out of the opening. In a mesh the webs form a brick pattern: lines half way between the
+    diagonals of the grid, with ties across where two parts face each other, and every spur is extended to its tie. Webs too
+    near to the outline or a hole are left out; a spur without its tie ends as without a mesh.
     """
     rotation_deg = tape.part.rotation_deg
     axis = rotate((1.0, 0.0), rotation_deg)
@@ -100,7 +100,7 @@ def build_anchors(plan: AnchorPlan, tape: Tape, pads: LandPattern) -> Anchors:
 
 
 def _mesh(plan: AnchorPlan, tape: Tape) -> tuple[FloatArray, np.ndarray, FloatArray]:
-    """Webs (m, 2, 2) in the board frame; whether each pad's tie is there; where it lies along the part. Shapes (n, 2)."""
+    """Webs (m, 2, 2) in the board frame; whether each pad's tie exists; its distance along the part. Shapes (n, 2)."""
     rotation_deg, half_mm = tape.part.rotation_deg, tape.pitch_mm / sqrt(2)
     origin = np.array(tape.board.texture_origin_mm)
     points = texture_to_board(tape.cells() * tape.pitch_mm, (0.0, 0.0))
@@ -129,7 +129,7 @@ def _clear_of_outline_and_holes(plan: AnchorPlan, tape: Tape, webs_mm: FloatArra
 
 
 def foreign_openings_mm(anchors: Anchors, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> tuple[float, FloatArray]:
-    """Least distance of the copper lines from openings that are not their own pad's, and where; inf where none is near."""
+    """Least distance of the copper lines from openings other than their own pad's, mm, and its place; inf if none is near."""
     boxes = shapely.polygons(parts_xy_mm[:, None] + opening_mm)
     return nearest_foreign(anchors, boxes)
 
@@ -139,7 +139,7 @@ def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, Floa
     lines = shapely.linestrings(anchors.lines_mm)
     owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
     tree = shapely.STRtree(openings)
-    for reach in _REACHES_MM:  # nearly always the first one holds the worst
+    for reach in _REACHES_MM:  # the first one nearly always contains the least distance
         line, box = tree.query(lines, predicate="dwithin", distance=reach)
         foreign = owner[line] != box
         line, box = line[foreign], box[foreign]
@@ -151,7 +151,7 @@ def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, Floa
 
 
 def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
-    """Least gap between spurs of two parts, and where; inf where no two are near. In a mesh they hang together."""
+    """Least gap between spurs of two parts, mm, and its place; inf if no two are near. In a mesh they are connected."""
     lines = shapely.linestrings(anchors.spurs_mm)
     tree = shapely.STRtree(lines)
     for reach in _REACHES_MM:
@@ -166,7 +166,7 @@ def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
 
 
 def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tape: Tape) -> tuple[Mode, ...]:
-    """From which pitch on spurs and mesh are legal, whatever the symbols."""
+    """Least pitch, mm, at which spurs and mesh are legal for any symbols."""
     rotation_deg, displacement_mm = tape.part.rotation_deg, tape.displacement_mm
     rules, (a, b) = fab.anchor, outlines.opening_size_mm
     plan = anchor_plan("spur", fab, outlines)

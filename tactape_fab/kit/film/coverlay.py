@@ -1,7 +1,7 @@
-"""How the coverlay is opened, and from which pitch on each way is legal: closed forms for any arrangement of symbols.
+"""Ways to open the coverlay, and the least legal pitch of each: closed forms for any arrangement of symbols.
 
-Openings are boxes that are turned once and then only moved, so two of them are apart by at least L exactly where the
-shift between them lies outside a box of twice their size whose sides are moved out by L and whose corners are round.
+All openings are one rotated box at different places. Two of them are at least L apart exactly if the shift between them
+lies outside a box of twice their size, offset outward by L with round corners.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rotate, 
 from tactape_fab.texture.tape import Board
 
 _REACH = 3
-"""Neighbours further away than this many grid points are never the nearest ones: their shifts grow with the distance."""
+"""Neighbours farther than this many grid points are never the nearest ones: their shifts grow with the distance."""
 _LEAST_STEP_MM = 0.001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """One way to open the coverlay, or to anchor pads under it.
+    """A way to open the coverlay, or to anchor pads under it.
 
-    ``least_pitch_mm`` is the pitch from which on it is legal at this displacement, whatever the symbols; 0 where it is
-    legal at any, None where no pitch makes it so. ``reason`` says in words what stands against it, and what would help.
+    ``least_pitch_mm`` is the least pitch at which it is legal at this displacement, for any symbols; 0 if it is legal at any
+    pitch, None if at no pitch. ``reason`` describes the obstacle and the remedy.
     """
 
     name: str
@@ -69,16 +69,16 @@ def least_pitch_mm(
     *,
     directions: int = 4,
 ) -> float:
-    """The pitch from which on no shift of a neighbour lies in a rounded box, over all pairs of symbols.
+    """Least pitch, mm, above which no shift of a neighbour lies in a rounded box, over all pairs of symbols.
 
     Parameters
     ----------
     half_mm : (float, float)
-        Half the sides of the box along and across the part, before it is widened.
+        Half the sides of the box along and across the part, before the offset.
     radius_mm : float
-        By how much it is widened; the radius of its corners.
+        Outward offset of the box, and the radius of its corners.
     centre_mm : (float, float)
-        Its middle, along and across the part.
+        Its centre, along and across the part.
     directions : int
         Of the symbols.
     """
@@ -94,7 +94,7 @@ def least_pitch_mm(
 
 
 def _through_sides(d: FloatArray, e: FloatArray, a: float, b: float, radius_mm: float) -> list[float]:
-    """Pitches at which lines e + t d meet the two straight sides at +-(a + radius)."""
+    """Pitches t at which lines e + t d meet the two straight sides at +-(a + radius)."""
     found = []
     for side in (a + radius_mm, -a - radius_mm):
         t = (side - e[:, 0]) / d[:, 0]
@@ -104,7 +104,7 @@ def _through_sides(d: FloatArray, e: FloatArray, a: float, b: float, radius_mm: 
 
 
 def _through_corner(d: FloatArray, e: FloatArray, corner: FloatArray, half: FloatArray, radius_mm: float) -> list[float]:
-    """Pitches at which lines e + t d meet the round corner, the later of each line's two."""
+    """Pitches t at which lines e + t d meet the round corner, the larger of each line's two."""
     f = e - corner
     dd, df, ff = (d * d).sum(axis=1), (d * f).sum(axis=1), (f * f).sum(axis=1) - radius_mm**2
     t = (-df + np.sqrt(df * df - dd * ff)) / dd
@@ -115,14 +115,14 @@ def _through_corner(d: FloatArray, e: FloatArray, corner: FloatArray, half: Floa
 
 
 def whole_um_up(pitch_mm: float) -> float:
-    """A pitch rounded up to whole micrometres, for a message that is true as it stands."""
+    """A pitch rounded up to whole micrometres, so that the figure in a message is legal itself."""
     return round(ceil(round(pitch_mm / _LEAST_STEP_MM, 3)) * _LEAST_STEP_MM, 3)
 
 
 def coverlay_modes(
     fab: FabProfile, part: PartProfile, *, pitch_mm: float, displacement_mm: float, rotation_deg: float, directions: int = 4
 ) -> tuple[Mode, ...]:
-    """Every way to open the coverlay, judged for a fab, a part and a grid."""
+    """Every way to open the coverlay, checked for a fab, a part and a grid."""
     size_mm = opening_size_mm(part, fab)
     bridge, least_size = fab.limits["opening-bridge"], fab.limits["opening-size"]
     gap_mm = worst_box_gap_mm(size_mm, rotation_deg, pitch_mm, displacement_mm, directions)
@@ -150,13 +150,13 @@ def coverlay_modes(
 
 
 def first_legal(modes: Sequence[Mode], fab: FabProfile) -> CoverlayMode:
-    """The fab's first way that is legal; its first one where none is."""
+    """The fab's first legal way; its first one if none is legal."""
     legal = {mode.name for mode in modes if mode.legal}
     return next((name for name in fab.coverlay_modes if name in legal), fab.coverlay_modes[0])
 
 
 def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> FloatArray:
-    """One opening for all parts: the box round their openings, within the outline drawn inward as far as they allow.
+    """One opening for all parts: the box round their openings, within the outline offset inward as far as they allow.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Drawing: what one set of fabrication files shows, a tape alone or several on a panel. The one thing that renderers draw."""
+"""Drawing: content of one set of fabrication files, of a single tape or of a panel. It is the only input of the renderers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Offset = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fiducials:
-    """Marks for the assembly line's cameras: discs of bare copper in wider openings.
+    """Fiducial marks for the assembly line's cameras: discs of bare copper in wider openings.
 
     Attributes
     ----------
@@ -49,13 +49,13 @@ class Drawing:
         The outline, and the same with rounded corners as polylines, shape (k, 2).
     holes : tuple of (x, y, diameter)
     parts_xy_mm, pads, paste, openings, bodies
-        As of `Layout`, those of several tapes one after the other: R1 ... Rn run on.
+        As in `Layout`, those of several tapes one after the other with consecutive designators R1 ... Rn.
     windows_mm : tuple of ndarray
         One coverlay opening per tape in place of `openings`, in mode gang.
     backed_mm : tuple of ndarray
         Areas that stiffener and adhesive are laminated to.
     slots_mm : tuple of ndarray, each (k, 2)
-        What is cut out of it round the tapes of a panel; empty for a tape alone.
+        Slots cut round the tapes of a panel; empty for a single tape.
     fiducials : Fiducials or None
     """
 
@@ -96,7 +96,7 @@ def _key(tape: Tape) -> str:
 
 
 def tape_drawing(layout: Layout) -> Drawing:
-    """The drawing of a tape alone."""
+    """The drawing of a single tape."""
     tape = layout.tape
     return Drawing(
         project=Project(name=tape.name, key=_key(tape)),
@@ -123,7 +123,7 @@ def tape_drawing(layout: Layout) -> Drawing:
 
 
 def joined(drawings: Sequence[Drawing], offsets_mm: Sequence[Offset]) -> Drawing:
-    """Drawings of equal part and rotation moved to their places and drawn as one; outline and name are the first's."""
+    """Drawings with the same part and rotation moved to their places and joined; outline and name are the first's."""
     pairs = list(zip(drawings, [np.array(offset) for offset in offsets_mm], strict=True))
     first = drawings[0]
 
@@ -166,7 +166,7 @@ def _moved(shapes: Iterable[FloatArray], offset: FloatArray) -> list[FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """Identity of one set of files: its name, the text that decides its GUID, and the kind of board (.Part)."""
+    """Identity of one set of files: its name, the text from which its GUID is derived, and the kind of board (.Part)."""
 
     name: str
     key: str
@@ -179,5 +179,5 @@ class Project:
 
     @property
     def guid(self) -> uuid.UUID:
-        """A GUID in the form of RFC 4122 version 4 whose bits `key` alone decides; also the .SameCoordinates."""
+        """A GUID in the form of RFC 4122 version 4, derived from `key` alone; also the value of .SameCoordinates."""
         return uuid.UUID(bytes=hashlib.sha256(self.key.encode()).digest()[:16], version=4)

@@ -1,4 +1,4 @@
-"""Many outlines at once as shapely's geometries."""
+"""Distances between many outlines at once, as shapely geometries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import shapely
 from tactape_fab.texture.frames import FloatArray
 
 Geometries = npt.NDArray[Any]
-"""Geometries of shapely, one an element."""
+"""Array of shapely geometries, one per element."""
 
 
 def polygons(outlines_mm: Sequence[FloatArray]) -> Geometries:
@@ -23,7 +23,7 @@ def polygons(outlines_mm: Sequence[FloatArray]) -> Geometries:
 
 
 def pen_strokes(lines_mm: Sequence[FloatArray], width_mm: float | FloatArray) -> Geometries:
-    """Area that a round pen covers along each polyline, shapes (k, 2), k >= 2; one width, or one for each."""
+    """Area that a round pen covers along each polyline, shapes (k, 2), k >= 2; one width for all or one for each, mm."""
     if not lines_mm:
         return np.empty(0, dtype=object)
     lines = shapely.linestrings(np.concatenate(lines_mm), indices=_numbers(lines_mm))
@@ -31,7 +31,7 @@ def pen_strokes(lines_mm: Sequence[FloatArray], width_mm: float | FloatArray) ->
 
 
 def gaps_mm(shapes: Geometries, ink: Geometries) -> FloatArray:
-    """Distance of each shape from the nearest piece of ink; shape of `shapes`, infinite where there is no ink."""
+    """Distance of each shape from the nearest piece of ink, mm; shape of `shapes`, infinite without ink."""
     gaps = np.full(len(shapes), np.inf)
     (asked, _), distance = shapely.STRtree(ink).query_nearest(shapes, return_distance=True, all_matches=False)
     gaps[asked] = distance
@@ -39,5 +39,5 @@ def gaps_mm(shapes: Geometries, ink: Geometries) -> FloatArray:
 
 
 def _numbers(lines_mm: Sequence[FloatArray]) -> npt.NDArray[np.intp]:
-    """The number of the line that each point of all belongs to."""
+    """Index of the line to which each point belongs, for all lines' points joined."""
     return np.repeat(np.arange(len(lines_mm)), [len(line) for line in lines_mm])

@@ -19,10 +19,10 @@ _DELTA = (
     (np.array([(9.0, 21.0), (1.0, 0.0)]), np.array([(9.0, 21.0), (17.0, 0.0)]), np.array([(1.0, 0.0), (17.0, 0.0)])),
     18.0,
 )
-"""Strokes and advance of Delta in the Hershey Greek simplex font, which takes as long to load as the one with all the rest."""
+"""Strokes and advance of Delta, copied from the Hershey Greek simplex font, because loading that font takes long."""
 
 LINE_PITCH = 1.65
-"""Distance of two lines of text in capital heights: a capital, the descender (a third of it), the ink and a gap."""
+"""Line spacing in capital heights: a capital, the descender (a third of it), the ink and a gap."""
 ARROW_MM = 3.0
 ARROW_GAP_MM = 1.0
 
@@ -84,7 +84,7 @@ class Label:
 
 
 def _placed(strokes_mm: tuple[FloatArray, ...], at_mm: tuple[float, float], rotation_deg: float) -> list[FloatArray]:
-    """Strokes turned counter-clockwise about their origin, then moved to `at_mm`."""
+    """Strokes rotated counter-clockwise about their origin, then moved to `at_mm`."""
     return [rotate(stroke, rotation_deg) + at_mm for stroke in strokes_mm]
 
 
@@ -98,7 +98,7 @@ def _arrow() -> tuple[FloatArray, ...]:
 
 
 def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) -> tuple[list[str], list[str]]:
-    """Spread fields over lines in order, the longest line as short as can be; the last fields are left out until it fits."""
+    """Distribute fields over lines in order, the longest line as short as possible; last fields are left out until it fits."""
     for kept in range(len(fields), 0, -1):
         splits = combinations(range(1, kept), min(lines, kept) - 1)
         spread = [["  ".join(fields[i:j]) for i, j in pairwise((0, *split, kept))] for split in splits]
@@ -111,14 +111,14 @@ def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) ->
 def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tuple[float, float], cap_mm: float) -> Label:
     """Text that reads upward, and above it an arrow that points to board +y.
 
-    Where there is no room for both, the arrow costs one field of text at most.
+    If there is not enough space for both, at most one field of text is left out for the arrow.
 
     Parameters
     ----------
     fields : sequence of str
         What to print, most important first.
     x_mm, y_mm : (float, float)
-        The room: from left to right and from low to high.
+        Available area: left and right, low and high.
     cap_mm : float
         Height of a capital letter.
     """

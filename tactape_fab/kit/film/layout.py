@@ -1,4 +1,4 @@
-"""build_layout(tape, ...) -> Layout: every shape that is written, as arrays in the board frame (mm)."""
+"""build_layout(tape, ...) -> Layout: every written shape, as arrays in the board frame (mm)."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Flashes:
     Attributes
     ----------
     outline_mm : ndarray, shape (k, 2)
-        About the flash's own origin, counter-clockwise, not closed.
+        Relative to the flash's own origin, counter-clockwise, not closed.
     xy_mm : ndarray, shape (m, 2)
-        Where it is flashed, snapped to 1 nm.
+        Places of the flashes, snapped to 1 nm.
     """
 
     outline_mm: FloatArray
@@ -57,7 +57,7 @@ class Legend:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Layout:
-    """A tape drawn: all its layers.
+    """The drawn layers of a tape.
 
     Attributes
     ----------
@@ -72,9 +72,9 @@ class Layout:
     window_mm : ndarray, shape (m, 2), or None
         The one coverlay opening in place of `openings`, in mode gang.
     anchors : Anchors or None
-        Copper that runs on from the pads under the coverlay.
+        Copper that extends from the pads under the coverlay.
     stiffener, adhesive : str or None
-        What is laminated to the whole underside: material and thickness in mm.
+        Layer laminated to the whole underside: material and thickness in mm.
     """
 
     tape: Tape

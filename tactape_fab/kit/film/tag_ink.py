@@ -1,4 +1,4 @@
-"""AprilTag 36h11: cells to areas of ink that a legend printer can hold."""
+"""AprilTag 36h11: cells to areas of ink within the limits of a legend printer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactape_fab.texture.tag import SIDE_CELLS, tag_cells
 class Ink:
     """Areas to print, each a polygon without holes, about the tag's centre (mm, y up).
 
-    Their union is the printed image; areas that were cut to lose a hole overlap along the cut.
+    Their union is the printed image; areas that were cut to remove a hole overlap along the cut.
     """
 
     areas_mm: tuple[FloatArray, ...]
@@ -26,7 +26,7 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
     """Areas of ink that show the tag.
 
     A light legend prints the light cells and the ring, a dark one the dark cells. Where two inked cells meet in a
-    corner only, both are chamfered, so that `gap_mm` stays free between them after the ink has run by `bleed_mm`.
+    corner only, both are chamfered, so that `gap_mm` stays free between them after an ink bleed of `bleed_mm`.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Panel: tapes of one size in columns and rows within rails, held by tabs, with the marks and holes that assembly asks for.
+"""Panel: tapes of one size in columns and rows within rails, held by tabs, with fiducials and tooling holes for assembly.
 
-Frame: x right, y up from the panel's lower left corner, mm. A slot as wide as the gap goes round every tape, but for tabs.
+Frame: x right, y up from the panel's lower left corner, mm. A slot of the gap's width surrounds every tape, interrupted by tabs.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Size = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """Where everything of a panel lies.
+    """Geometry of a panel.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Panel:
     rail_mm, gap_mm, tab_mm : float
         Widths of the rails, of the slot round every tape, and of a tab.
     tabs_x, tabs_y : int
-        Tabs on each left and right, and on each lower and upper side of a tape.
+        Number of tabs on each left and right, and on each lower and upper side of a tape.
     fiducials_mm : tuple of (x, y)
     fiducial_mm, fiducial_opening_mm : float
         Diameters of their copper and of its opening.
@@ -106,11 +106,11 @@ def panel_size_mm(tape_mm: Size, arrangement: tuple[int, int], rail_mm: float, g
     return width, height
 
 
-# Which arrangement
+# Choice of the arrangement
 
 
 def within(size_mm: Size, fab: FabProfile) -> bool:
-    """Whether assembly and fab take a board of this size."""
+    """Whether assembly and fab accept a board of this size."""
     longer, shorter = max(size_mm), min(size_mm)
     least, most, board = fab.panel.smallest_mm, fab.panel.largest_mm, fab.size.largest_mm
     largest = (min(most[0], board[0]), min(most[1], board[1]))
@@ -119,7 +119,7 @@ def within(size_mm: Size, fab: FabProfile) -> bool:
 
 
 def arrangements(tape_mm: Size, fab: FabProfile) -> list[tuple[int, int]]:
-    """Every arrangement that fab and assembly take: the fewest tapes first, then the smallest area, then the squarest."""
+    """Every arrangement that fab and assembly accept: the fewest tapes first, then the smallest area, then the squarest."""
     longest = min(fab.panel.largest_mm[0], fab.size.largest_mm[0])
     columns, rows = (min(MOST_ALONG, int(longest // side)) for side in tape_mm)
     sizes = {
@@ -132,12 +132,12 @@ def arrangements(tape_mm: Size, fab: FabProfile) -> list[tuple[int, int]]:
 
 
 def choose_arrangement(tape_mm: Size, fab: FabProfile, count: int | None) -> tuple[int, int]:
-    """The arrangement of the fewest tapes that assembly takes, or of exactly `count`.
+    """The arrangement of the fewest tapes that assembly accepts, or of exactly `count`.
 
     Raises
     ------
     SpecError
-        When there is none.
+        If there is no such arrangement.
     """
     fitting = arrangements(tape_mm, fab)
     size = f"{tape_mm[0]:g} x {tape_mm[1]:g} mm"
@@ -169,7 +169,7 @@ def _takes(fab: FabProfile) -> str:
 
 
 def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabProfile) -> Problem | None:
-    """What is wrong with a panel of so many columns and rows of tapes at this fab."""
+    """Problems of a panel of so many columns and rows of tapes at this fab."""
     size = panel_size_mm(tape_mm, arrangement, fab.panel.rail_mm, fab.panel.gap_mm)
     if within(size, fab):
         return None
@@ -180,7 +180,7 @@ def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabPro
     return Problem("panel", f"{said} is {size[0]:g} x {size[1]:g} mm, but {_takes(fab)}; {remedy}")
 
 
-# Where everything lies
+# Geometry
 
 
 def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int], tabs: str, fab: FabProfile) -> Panel:
@@ -189,12 +189,12 @@ def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int
     Parameters
     ----------
     tabs : str
-        Sides of a tape that tabs hold: ``x`` left and right, ``y`` lower and upper, ``xy`` all, ``auto`` those with room.
+        Sides of a tape with tabs: ``x`` left and right, ``y`` lower and upper, ``xy`` all, ``auto`` those with enough space.
 
     Raises
     ------
     SpecError
-        When the tabs, or the marks in the rails, have no room.
+        If there is not enough space for the tabs, or for the marks in the rails.
     """
     rules = fab.panel
     counts = [_tabs_along(side_mm, tape_radius_mm, fab) for side_mm in tape_mm]
@@ -220,12 +220,12 @@ def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int
 
 
 def _least_side_mm(radius_mm: float, count: int, tab_mm: float, gap_mm: float) -> float:
-    """Shortest side that has room for so many tabs, evenly spread: each with the round ends of its slots, off the corners."""
+    """Length of the shortest side that holds so many evenly spaced tabs with the round ends of their slots, clear of corners."""
     return count * (2 * radius_mm + tab_mm + gap_mm)
 
 
 def _tabs_along(side_mm: float, radius_mm: float, fab: FabProfile) -> int:
-    """Tabs of a side: no further apart than the profile says where there is room, 0 where there is none."""
+    """Number of tabs of a side, spaced within the profile's limit if there is space; 0 without space."""
     rules = fab.panel
     wanted = ceil(side_mm / rules.tab_pitch_mm - 1e-9)
     having_room = (
@@ -273,7 +273,7 @@ def _mark_problems(panel: Panel, fab: FabProfile) -> Iterator[Problem]:
 
 
 def _fiducials(size_mm: Size, fab: FabProfile) -> tuple[Offset, ...]:
-    """One in each corner's rail; the last is shifted, so that a panel turned round is seen to be."""
+    """One in each corner's rail; the last is shifted, so that a rotated panel is recognised."""
     corners = _CORNERS[: fab.panel.fiducials]
     first, middle = _first_mark_mm(fab), fab.panel.rail_mm / 2
     marks = []

@@ -1,7 +1,7 @@
-"""Rectangles into sheets, one after the other, each in a free rectangle that is as large as can be.
+"""Packing of rectangles into sheets, one after the other, each in a maximal free rectangle.
 
-MAXRECTS of J. Jylänki, "A Thousand Ways to Pack the Bin" (2010), section 4: all free rectangles that no other holds are kept;
-a rectangle is put into the lower left corner of one of them, which cuts it and those that overlap it.
+MAXRECTS of J. Jylänki, "A Thousand Ways to Pack the Bin" (2010), section 4: all free rectangles not contained in another are
+kept; a rectangle is put into the lower left corner of one of them, and all that it overlaps are split.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 IntArray = npt.NDArray[np.int64]
 Rule = Callable[[IntArray, int, int], IntArray]
-"""From free rectangles (k, 4), and a width and height that fit them, to how well each suits; least is best."""
+"""Function of free rectangles (k, 4), and a width and height that fit them; returns a cost of each, least is best."""
 
 _X0, _Y0, _X1, _Y1 = range(4)
 
@@ -25,21 +25,21 @@ def short_side_fit(free: IntArray, width: int, height: int) -> IntArray:
 
 
 def bottom_left(free: IntArray, _: int, height: int) -> IntArray:
-    """How high the rectangle would reach: MAXRECTS-BL."""
+    """Upper edge of the placed rectangle: MAXRECTS-BL."""
     top: IntArray = free[:, _Y0] + height
     return top
 
 
 def fill_sheets(sides: IntArray, sheet: tuple[int, int], order: Sequence[int], rule: Rule) -> IntArray:
-    """Put rectangles into the first sheet that has room for them, turned by 90 degrees where that suits better.
+    """Put each rectangle into the first sheet with enough space, rotated by 90 degrees if that has a lower cost.
 
     Parameters
     ----------
     sides : ndarray of int64, shape (n, 2)
-        Widths and heights; each fits a sheet, one way round or the other.
+        Widths and heights; each fits a sheet in at least one orientation.
     sheet : (int, int)
     order : sequence of int
-        Which rectangle comes first.
+        Indices of the rectangles in the order of packing.
     rule : callable
         `short_side_fit` or `bottom_left`.
 
@@ -66,7 +66,7 @@ def fill_sheets(sides: IntArray, sheet: tuple[int, int], order: Sequence[int], r
 
 
 def _best(free: IntArray, width: int, height: int, rule: Rule) -> tuple[int, int, bool] | None:
-    """Lower left corner, and whether turned; None where there is no room."""
+    """Lower left corner, and whether rotated; None if it does not fit."""
     best: tuple[int, int, int, bool] | None = None
     for w, h, turned in ((width, height, False), (height, width, True)):
         fitting = free[(free[:, _X1] - free[:, _X0] >= w) & (free[:, _Y1] - free[:, _Y0] >= h)]
@@ -79,7 +79,7 @@ def _best(free: IntArray, width: int, height: int, rule: Rule) -> tuple[int, int
 
 
 def _without(free: IntArray, taken: IntArray) -> IntArray:
-    """What is free once `taken` is not: those that it overlaps are cut into the up to four that it leaves of them."""
+    """Free rectangles after `taken` is occupied: each one that it overlaps is split into the up to four that remain."""
     overlaps = (free[:, :2] < taken[2:]).all(axis=1) & (taken[:2] < free[:, 2:]).all(axis=1)
     pieces = [free[~overlaps]]
     for side, edge in ((_X1, taken[_X0]), (_X0, taken[_X1]), (_Y0, taken[_Y1]), (_Y1, taken[_Y0])):
@@ -89,5 +89,5 @@ def _without(free: IntArray, taken: IntArray) -> IntArray:
     rest = np.unique(np.concatenate(pieces), axis=0)
     low, high = rest[:, :2], rest[:, 2:]
     holds = ((low[:, None] <= low) & (high[:, None] >= high)).all(axis=2).sum(axis=0)
-    outermost: IntArray = rest[holds == 1]  # each holds itself
+    outermost: IntArray = rest[holds == 1]  # each contains itself
     return outermost

@@ -1,4 +1,4 @@
-"""Packs tapes into the sheets that a fab and an assembly line take: rectangles only."""
+"""Packing of tapes into sheets that a fab and an assembly line accept: rectangles only."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from tactape_fab.kit.profiles import FabProfile
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 _UNITS_PER_MM = 1_000_000
-"""Packed in whole nanometres: with floats, neighbours that touch are taken to overlap."""
+"""Packing runs in whole nanometres: with floats, touching neighbours would count as overlapping."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Packing:
-    """Where each of n tapes lies.
+    """Places of n tapes on sheets.
 
     Attributes
     ----------
     sheet_mm : (float, float)
-        Room of a sheet for tapes, without rails.
+        Area of a sheet for tapes, without rails.
     sizes_mm : ndarray, shape (n, 2)
-        Outlines of the tapes as they were given.
+        Outlines of the tapes as given.
     sheet : ndarray of int64, shape (n,)
-        Which sheet each lies on, from 0.
+        Sheet of each tape, from 0.
     xy_mm : ndarray, shape (n, 2)
-        Lower left corner of the room that it takes, from the lower left corner of the sheet's room.
+        Lower left corner of its occupied area, relative to the lower left corner of the sheet's area.
     turned : ndarray of bool, shape (n,)
-        Whether it lies turned by 90 degrees, counter-clockwise.
+        Whether it is rotated by 90 degrees, counter-clockwise.
     """
 
     sheet_mm: tuple[float, float]
@@ -44,29 +44,29 @@ class Packing:
 
     @property
     def sheets(self) -> int:
-        """How many sheets there are."""
+        """Number of sheets."""
         return int(self.sheet.max()) + 1
 
     @property
     def offset_mm(self) -> FloatArray:
-        """Where each tape's board origin comes to lie, so that p_sheet = offset + R_ccw(0 or 90 degrees) p_board; (n, 2)."""
+        """Place of each tape's board origin, mm, so that p_sheet = offset + R_ccw(0 or 90 degrees) p_board; shape (n, 2)."""
         turn_mm = np.stack([np.where(self.turned, self.sizes_mm[:, 1], 0.0), np.zeros(len(self.sheet))], axis=1)
         return np.asarray(self.xy_mm + turn_mm)
 
     def tape_area_mm2(self) -> FloatArray:
-        """Area of the tapes on each sheet, shape (sheets,)."""
+        """Area of the tapes on each sheet, mm^2; shape (sheets,)."""
         return np.bincount(self.sheet, weights=self.sizes_mm.prod(axis=1)).astype(np.float64)
 
 
 def sheet_room_mm(fab: FabProfile) -> tuple[float, float]:
-    """Room for tapes on the largest panel of a fab: rails on all four sides, and a gap along each."""
+    """Area for tapes on the largest panel of a fab, mm: without rails on all four sides and a gap along each."""
     border_mm = 2 * (fab.panel.rail_mm + fab.panel.gap_mm)
     width_mm, height_mm = (side_mm - border_mm for side_mm in fab.panel.largest_mm)
     return width_mm, height_mm
 
 
 def misfit(size_mm: tuple[float, float], fab: FabProfile) -> Problem | None:
-    """The problem of a tape that fits no sheet of a fab, either way round."""
+    """The problem of a tape that fits no sheet of a fab in either orientation."""
     room_mm = sheet_room_mm(fab)
     if max(size_mm) <= max(room_mm) and min(size_mm) <= min(room_mm):
         return None
@@ -80,23 +80,23 @@ def misfit(size_mm: tuple[float, float], fab: FabProfile) -> Problem | None:
 
 
 def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float], gap_mm: float) -> Packing:
-    """Pack tapes into as few sheets as several ways of packing find; of equal ways the one with the emptiest last sheet.
+    """Pack tapes into the fewest sheets that several heuristics find; among equals the one with the emptiest last sheet.
 
-    Tapes may lie turned by 90 degrees. Tapes of one size lie in the order given: by sheet, from the top row down, left to right.
+    Tapes may be rotated by 90 degrees. Tapes of one size keep the given order: by sheet, from the top row down, left to right.
 
     Parameters
     ----------
     sizes_mm : sequence of (float, float)
         Width and height of each tape's outline.
     sheet_mm : (float, float)
-        Room for tapes on a sheet.
+        Area for tapes on a sheet.
     gap_mm : float
         Least gap between two tapes.
 
     Raises
     ------
     SpecError
-        When there is no tape, or one fits no sheet.
+        If there is no tape, or one fits no sheet.
     """
     sizes = np.asarray(sizes_mm, dtype=np.float64).reshape(-1, 2)
     if not len(sizes):
@@ -125,20 +125,20 @@ def _whole(lengths_mm: FloatArray) -> IntArray:
 
 
 def _orders(sides: IntArray) -> list[list[int]]:
-    """The largest first, by area, by longer side, and by shorter side; of equals the first given."""
+    """Orders of packing: largest first, by area, by longer side, and by shorter side; ties in the given order."""
     low, high = sides.min(axis=1), sides.max(axis=1)
     keys = ((low * high,), (high, low), (low, high))  # nanometres: the product of two sides of 1 m is below 2**63
     return [np.lexsort([-k for k in reversed(key)]).tolist() for key in keys]
 
 
 def _cost(places: IntArray, sides: IntArray) -> tuple[int, int, int]:
-    """Sheets, area on the emptiest of them, turned tapes."""
+    """Cost of a packing: number of sheets, area on the emptiest of them, number of rotated tapes."""
     area = np.bincount(places[:, 0], weights=sides.prod(axis=1).astype(np.float64))
     return len(area), int(area.min()), int(places[:, 3].sum())
 
 
 def _in_order(places: IntArray, sizes_mm: FloatArray) -> IntArray:
-    """The same places, the sheet with most area of tapes first, taken by tapes of one size in the order given."""
+    """The same places, fullest sheet first, assigned to tapes of one size in the given order."""
     area = np.bincount(places[:, 0], weights=sizes_mm.prod(axis=1)).round(6)
     rank = np.empty(len(area), dtype=np.int64)
     rank[np.argsort(-area, kind="stable")] = np.arange(len(area))

@@ -1,4 +1,4 @@
-"""What is cut out of a panel, and the drawing of it with its tapes."""
+"""Slots of a panel, and the drawing of a panel with its tapes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, outline_of
 from tactape_fab.texture.frames import FloatArray, snap_mm
 
 _ARC_QUARTER = 16
-"""Lines of a quarter of a slot's round end."""
+"""Number of lines in a quarter of a slot's round end."""
 
 
 def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
-    """Middles of the tabs across upright slots, and across level ones; shapes (k, 2)."""
+    """Centres of the tabs across vertical slots, and across horizontal ones, mm; shapes (k, 2)."""
 
     def along(count: int, side_mm: float, tabs: int) -> FloatArray:
         starts = panel.rail_mm + panel.gap_mm + np.arange(count) * (side_mm + panel.gap_mm)
@@ -38,7 +38,7 @@ def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
 
 
 def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:
-    """A tab across a slot, whose sides are the round ends of the slot."""
+    """Outline of a tab across a slot; its sides are the round ends of the slot."""
     along_mm, half_gap = (panel.tab_mm + panel.gap_mm) / 2, panel.gap_mm / 2
     along = np.array([0.0, 1.0]) if upright else np.array([1.0, 0.0])
     half = along_mm * along + 2 * half_gap * along[::-1]
@@ -47,12 +47,12 @@ def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:
 
 
 def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
-    """Outlines of what is cut out, counter-clockwise, not closed, snapped to 1 nm; from lower left on.
+    """Outlines of the slots, counter-clockwise, not closed, snapped to 1 nm; from the lower left on.
 
     Raises
     ------
     SpecError
-        When a tape would fall out.
+        If a tape would not be held by any tab.
     """
     size, inner_radius = np.array(panel.size_mm), panel.gap_mm / 2
     inner_mm = (float(size[0] - 2 * panel.rail_mm), float(size[1] - 2 * panel.rail_mm))

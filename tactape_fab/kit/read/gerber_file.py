@@ -1,4 +1,4 @@
-"""Reads Gerber files through gerbonara, software that is not ours, into plain arrays (board frame, mm)."""
+"""Reader of Gerber files by gerbonara, an independent library, into plain arrays (board frame, mm)."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
 
 
 class ReadbackError(TactapeError):
-    """A fabrication file that its reader does not accept."""
+    """Error for a fabrication file that its reader does not accept."""
 
 
 def is_on_earth(points_mm: FloatArray) -> bool:
-    """Whether points can be places on a board: finite, and not absurdly far out."""
+    """Whether points are valid board coordinates: finite and within a limit."""
     return bool(np.isfinite(points_mm).all() and np.abs(points_mm).max(initial=0.0) <= FURTHEST_MM)
 
 
@@ -41,7 +41,7 @@ def one_line(error: Exception) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GerberContent:
-    """What a Gerber file draws.
+    """Content of a Gerber file.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class GerberContent:
     areas_mm : tuple of ndarray
         Regions as polygons.
     strokes_mm : tuple of ndarray, each (k, 2)
-        Drawn lines and arcs as polylines, in file order, joined where one begins at the open end of the one before.
+        Drawn lines and arcs as polylines, in file order, joined if one begins at the open end of the one before.
     stroke_width_mm : ndarray, shape (s,)
     clear : bool
         Whether any object is drawn in clear polarity.
@@ -86,7 +86,7 @@ def read_gerber(data: bytes) -> GerberContent:
     Raises
     ------
     ReadbackError
-        When gerbonara refuses the file, warns about it, or finds another unit than millimetres.
+        If gerbonara refuses the file, warns about it, or finds a unit other than millimetres.
     """
     try:
         with collection_paused(), warnings.catch_warnings():
@@ -96,7 +96,7 @@ def read_gerber(data: bytes) -> GerberContent:
             content = _content(*_drawn(text))
     except ReadbackError:
         raise
-    except Exception as error:  # gerbonara raises whatever its parser meets
+    except Exception as error:  # gerbonara raises exceptions of any type
         raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
     shapes = (*content.areas_mm, *content.strokes_mm, *content.aperture_outlines_mm, content.flash_xy_mm)
     if not is_on_earth(np.concatenate(shapes)):
@@ -108,7 +108,7 @@ def read_gerber(data: bytes) -> GerberContent:
 
 @contextmanager
 def collection_paused() -> Iterator[None]:
-    """Reading makes hundreds of thousands of objects and no cycles; the collector would look at them over and over."""
+    """Suspend the garbage collector: reading makes hundreds of thousands of objects and no cycles."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -119,11 +119,11 @@ def collection_paused() -> Iterator[None]:
 
 
 def _drawn(text: str) -> tuple[_Drawn, Mapping[str, Sequence[str]]]:
-    """What gerbonara draws, and the file's attributes.
+    """Objects that gerbonara reads, and the file's attributes.
 
-    Its parser tries one kind of statement after the other: here the most frequent ones come first. That order is no public
-    setting of gerbonara, and by `GerberFile.from_string` alone the default kit's layers take 0.18 s instead of 0.15 s: so
-    pyproject.toml names the last version that this has been tried with, and a test fails when it moves.
+    Its parser tries one kind of statement after the other; here the most frequent ones come first. That order is not a public
+    setting of gerbonara; with `GerberFile.from_string` alone the default kit's layers take 0.18 s instead of 0.15 s. So
+    pyproject.toml names the last version that this was tried with, and a test fails when it changes.
     """
     from gerbonara.rs274x import GerberFile, GerberParser
 
@@ -134,12 +134,12 @@ def _drawn(text: str) -> tuple[_Drawn, Mapping[str, Sequence[str]]]:
     first = {name: known.pop(name) for name in ("coord", "attribute", "aperture") if name in known}
     parser.STATEMENT_REGEXES = {**first, **known}
     parser.parse(text)
-    parser.graphics_state = None  # it knows the parser: without this ring all goes as soon as it is done with
+    parser.graphics_state = None  # it refers to the parser: without this cycle the memory is freed at once
     return drawn, file.file_attrs
 
 
 class _Drawn:
-    """Takes the place of gerbonara's list of objects, which are many times as large as what is asked of them."""
+    """Replacement for gerbonara's list of objects, which needs many times the memory of these arrays."""
 
     def __init__(self) -> None:
         from gerbonara.graphic_objects import Arc, Flash, Line, Region
@@ -180,19 +180,19 @@ class _Drawn:
 
 @cache
 def _remembering_settings() -> Any:
-    """A class of gerbonara's settings that remember the coordinates they have read: on a grid there are few different ones."""
+    """Subclass of gerbonara's settings that caches parsed coordinates: on a grid there are few different ones."""
     from gerbonara.cam import FileSettings
 
     class Remembering(FileSettings):  # type: ignore[misc]
         def __setattr__(self, name: str, value: object) -> None:
             super().__setattr__(name, value)
-            self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # settings decide on it
+            self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # depends on the settings
 
     return Remembering
 
 
 def _refuse_statements(text: str) -> None:
-    """Refuse what gerbonara passes over in silence though a fab would draw by it."""
+    """Refuse statements that gerbonara ignores silently although they change what a fab draws."""
     foreign = sorted(set(re.findall(r"%([A-Z]{2})", text)) - _STATEMENTS)
     if foreign:
         raise ReadbackError(f"it holds %{foreign[0]}, which this tool never writes")
@@ -246,14 +246,14 @@ def _aperture_outline(aperture: Any) -> FloatArray:
 
 
 def _join_strokes(ends: FloatArray, apertures: Sequence[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
-    """Lines as polylines, joined where one begins at the open end of the one before with the same aperture.
+    """Lines as polylines, joined if one begins at the open end of the one before with the same aperture.
 
     Parameters
     ----------
     ends : ndarray, shape (n, 4)
         x and y of where each line begins and ends, mm.
     apertures : sequence
-        gerbonara's, of each line.
+        gerbonara's aperture of each line.
 
     Returns
     -------
@@ -278,14 +278,14 @@ def _join_strokes(ends: FloatArray, apertures: Sequence[Any]) -> tuple[tuple[Flo
 
 
 def _chords(arc: Any) -> list[Any]:
-    """An arc as lines, which begin and end where it does."""
+    """An arc as lines with the same end points."""
     lines: list[Any] = arc.approximate(max_error=_ARC_ERROR_MM)
     lines[0].x1, lines[0].y1, lines[-1].x2, lines[-1].y2 = arc.x1, arc.y1, arc.x2, arc.y2
     return lines
 
 
 def _split_closed(begins: BoolArray, ends: FloatArray) -> None:
-    """Let a line that follows on a closed polyline begin another one."""
+    """Start a new polyline for a line that continues from a closed one."""
     first = np.flatnonzero(begins)
     run = np.cumsum(begins) - 1
     goes_on = ~np.append(begins[1:], True)

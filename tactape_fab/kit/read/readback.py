@@ -1,4 +1,4 @@
-"""Reads drill files through gerbonara, part lists through csv, placement lists through `texture.cpl` (board frame, mm)."""
+"""Readers of drill files (gerbonara), part lists (csv) and placement lists (`texture.cpl`); board frame, mm."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read_drill(data: bytes) -> FloatArray:
     Raises
     ------
     ReadbackError
-        When gerbonara refuses the file or finds anything but round, unplated holes in millimetres.
+        If gerbonara refuses the file or finds anything but round, unplated holes in millimetres.
     """
     from gerbonara.excellon import ExcellonFile
     from gerbonara.graphic_objects import Flash
@@ -34,7 +34,7 @@ def read_drill(data: bytes) -> FloatArray:
             warnings.simplefilter("error")
             text = data.decode("ascii")
             file = ExcellonFile.from_string(text, plated=False)
-    except Exception as error:  # gerbonara raises whatever its parser meets
+    except Exception as error:  # gerbonara raises exceptions of any type
         raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
     if not text.rstrip().endswith("\nM30"):
         raise ReadbackError("its end, M30, is missing")
@@ -65,12 +65,12 @@ def read_cpl(data: bytes) -> CplContent:
 
 
 def read_bom(data: bytes, table: BomTable) -> list[dict[str, str]]:
-    """Rows of a bill of materials by what stands in its columns.
+    """Rows of a bill of materials, by the keys of its columns.
 
     Raises
     ------
     ReadbackError
-        When it is no CSV, its header is not the table's, or a row has another number of cells.
+        If it is not CSV, its header is not the table's, or a row has another number of cells.
     """
     lines = csv_lines(_decoded(data))
     _refuse_header(lines[0], table.headers)
@@ -92,7 +92,7 @@ def _refuse_header(found: Sequence[str], known: tuple[str, ...]) -> None:
 
 
 def csv_lines(text: str) -> list[list[str]]:
-    """Lines of a table as cells, the header first; ReadbackError where it is none, or a row has another number of cells."""
+    """Lines of a table as cells, the header first; ReadbackError if it is not a table, or a row has another number of cells."""
     try:
         lines = list(csv.reader(io.StringIO(text, newline=""), strict=True))
     except csv.Error as error:

@@ -1,4 +1,4 @@
-"""S-expressions, the text of KiCad's files, as nested tuples.
+"""Reader of s-expressions, the format of KiCad's files, as nested tuples.
 
 Not by a library: of a board of 1,984 parts (3.1 MB) sexpdata 1.0.2 takes 0.91 s and kiutils 1.4.8 0.66 s, each more than all of a
 quick verification. Here numpy finds the brackets, and lists of the same text, as most of a footprint's are, are parsed once.
@@ -23,21 +23,21 @@ _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 
 
 def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
-    """The one list that a file holds, its words as they are written, without quotes.
+    """Parse the single list of a file; its words are kept as written, without quotes.
 
     Parameters
     ----------
     data : bytes
-        UTF-8. A backslash, or a '#', with which KiCad begins a comment, may stand in quotes alone.
+        UTF-8. A backslash, or a '#', which starts a comment in KiCad, is allowed only within quotes.
     without : sequence of str
-        Names of lists of one word that are left out wherever they stand, such as ``tstamp``: no two of them are alike.
+        Names of one-word lists that are left out everywhere, such as ``tstamp``, whose values are all different.
 
     Raises
     ------
     ReadbackError
-        When brackets or quotes do not match, lists are nested more than 16 deep, or something stands beside the one list.
+        If brackets or quotes do not match, lists are nested more than 16 deep, or there is text outside the single list.
     """
-    if without:  # as many quotes go as are whole words: what follows stays in or out of quotes
+    if without:  # quotes are removed in pairs only, so that the quoting of the rest does not change
         names = "|".join(without).encode()
         data = re.sub(rb'\(\s*(?:%s)\s+(?:[\w.-]+|"[\w.-]*")\s*\)' % names, b" ", data)
     at, level = _brackets(data)
@@ -53,7 +53,7 @@ def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
 
 
 def _brackets(data: bytes) -> tuple[IntArray, IntArray]:
-    """Where brackets stand that are not in quotes, and how deep the list is that each begins or ends, from 1."""
+    """Places of brackets outside quotes, and the depth, from 1, of the list that each begins or ends."""
     text = np.frombuffer(re.sub(rb"\\.", b"__", data, flags=re.DOTALL) if b"\\" in data else data, dtype=np.uint8)
     quotes = np.flatnonzero(text == ord('"'))
     whole = np.frombuffer(data, dtype=np.uint8)
@@ -72,7 +72,7 @@ def _brackets(data: bytes) -> tuple[IntArray, IntArray]:
 
 
 def _spans(at: IntArray, level: IntArray, depth: int) -> list[tuple[int, int]]:
-    """Where each list of a depth begins and ends, in file order: at one depth, brackets open and close in turn."""
+    """Start and end of each list of a depth, in file order: at one depth, opening and closing brackets alternate."""
     pairs = at[level == depth].reshape(-1, 2)
     return list(zip(pairs[:, 0].tolist(), (pairs[:, 1] + 1).tolist(), strict=True))
 
@@ -102,7 +102,7 @@ def _word(token: str) -> str:
 
 
 def _parsed(text: bytes) -> list[Tree]:
-    """Lists one after the other, token by token."""
+    """Parse lists one after the other, token by token."""
     stack: list[list[str | Tree]] = [[]]
     lists: list[Tree] = []
     for token in _TOKEN.findall(text.decode("utf-8")):

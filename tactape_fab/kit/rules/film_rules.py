@@ -1,4 +1,4 @@
-"""Rules of a film besides gaps and edges: coverlay, anchors, stencil, backing, bending, parts and panel."""
+"""Rules of a film other than gaps and edges: coverlay, anchors, stencil, backing, bending, parts and panel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tactape_fab.texture.shapes import area_mm2, reach_mm
 
 
 def film_problems(spec: TapeSpec, fab: FabProfile) -> list[Problem]:
-    """Options that the fab does not offer."""
+    """Problems of options that the fab does not offer."""
     problems = []
     if spec.coverlay is not None and spec.coverlay not in fab.coverlay_modes:
         other = f"--coverlay {' or '.join(fab.coverlay_modes)}"
@@ -40,7 +40,7 @@ def film_problems(spec: TapeSpec, fab: FabProfile) -> list[Problem]:
 
 
 def fab_for(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> FabProfile:
-    """The fab with its coverlay opened as asked for, or in its first way that is legal."""
+    """The fab with its coverlay opened as requested, or in its first legal way."""
     return fab.in_mode(spec.coverlay or first_legal(_modes(spec, fab, part), fab))  # type: ignore[arg-type]
 
 
@@ -56,7 +56,7 @@ def _modes(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> tuple[Mode, ..
 
 
 def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Finding]:
-    """Every rule of this module, measured; what is legal and what would be, as findings of level info."""
+    """Every rule of this module, measured; legal ways and their limits as findings of level info."""
     modes = _modes(spec, fab, layout.part)
     anchors = anchor_modes(fab, layout.outlines, layout.part.pads, layout.tape)
     return [
@@ -69,7 +69,7 @@ def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Findi
 
 
 def _of_mode(mode: Mode, what: str, pitch_mm: float) -> Finding:
-    """A way as a row: measured W, the W from which on it is legal."""
+    """A way as a finding: the tape's W, and the least legal W."""
     verdict = "legal" if mode.legal else "not legal"
     return Finding(
         rule=f"{what}-{mode.name}",
@@ -116,7 +116,7 @@ def _anchors(
 
 
 def _what_would(spec: TapeSpec, modes: Sequence[Mode], layout: Layout, fab: FabProfile) -> str:
-    """The pitch from which on both the other way to open the coverlay and the anchors under it are legal."""
+    """Least pitch, mm, at which both the other way to open the coverlay and the anchors under it are legal."""
     film = next(mode for mode in modes if mode.name == fab.coverlay_modes[0])
     held = anchor_modes(fab.in_mode(fab.coverlay_modes[0]), layout.outlines, layout.part.pads, layout.tape)
     anchor = next(mode for mode in held if mode.name == spec.anchor)
@@ -166,7 +166,7 @@ def _drawn(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
 
 
 def _chip_size(layout: Layout, fab: FabProfile) -> Finding:
-    """Length of the part against that of the smallest chip that the line is known to place."""
+    """Check the part's length against the smallest chip that the line is known to place."""
     length_mm, least_mm, origin = layout.part.body_mm[0], fab.parts.smallest_mm, fab.parts.smallest_origin
     passed = length_mm >= least_mm - TOLERANCE_MM
     message = f"{layout.part.name} is {length_mm:.2f} mm long, "
@@ -185,7 +185,7 @@ def _chip_size(layout: Layout, fab: FabProfile) -> Finding:
 
 
 def _paste_ratio(layout: Layout, fab: FabProfile) -> Finding:
-    """Area of a stencil aperture over that of its walls."""
+    """Check the area ratio of a stencil aperture: its area over that of its walls."""
     outline = layout.outlines.paste
     around = sum(hypot(*(b - a)) for a, b in zip(outline, [*outline[1:], outline[0]], strict=True))
     rules = fab.stencil
@@ -206,7 +206,7 @@ def _paste_ratio(layout: Layout, fab: FabProfile) -> Finding:
 
 
 def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile, what: str = "tape") -> Iterator[Finding]:
-    """How many parts, and whether what is ordered, a tape alone or a panel, is large enough for the line."""
+    """Check the number of parts, and whether the ordered item, a tape or a panel, is large enough for the line."""
     most = fab.parts.most
     few = count <= most
     yield Finding(

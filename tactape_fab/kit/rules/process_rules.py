@@ -19,7 +19,7 @@ from tactape_fab.texture.tape import Tape
 def check_models(tape: Tape, form: SolidForm, process: ProcessProfile) -> list[Finding]:
     """Measure elements, gaps, height and base of a tape's solid models against a process.
 
-    Of a mould the cavities are the gaps, and the walls between them are the features.
+    In a mould the cavities are the gaps, and the walls between them are the features.
     """
     return list(_model_rules(tape, form, process))
 
@@ -57,7 +57,7 @@ def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile) -> Iterat
 
 
 def _between_elements(tape: Tape) -> Measured | None:
-    """Least gap between the feet of two elements; None where no two stand near each other."""
+    """Least gap between the feet of two elements, mm; None if no two are near each other."""
     foot = element_outline(tape.part.shape, tape.part.body_mm, tape.part.rotation_deg)
     shifts, places = neighbours(tape, 2 * float(np.hypot(*reach_mm(foot))) + 2 * tape.pitch_mm)
     return worst_at(gap_mm(foot, shifts), places) if len(shifts) else None

@@ -1,4 +1,4 @@
-"""check(layout, fab) -> findings: every design rule with its worst measured value and where on the board that is."""
+"""check(layout, fab) -> findings: every design rule with its worst measured value and the place of that value."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tactape_fab.texture.tape import Board, Tape
 _NEAR_LEGEND_MM = 5.0
 
 Measured = tuple[float, tuple[float, float] | None]
-"""The worst value and where it stands (board frame, mm)."""
+"""The worst value and its place (board frame, mm)."""
 
 
 def check(layout: Layout, fab: FabProfile) -> list[Finding]:
@@ -37,7 +37,7 @@ def check(layout: Layout, fab: FabProfile) -> list[Finding]:
 
 
 def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured, what: str, remedy: str) -> Finding:
-    """Hold a measured value against the profile's limit of that rule."""
+    """Compare a measured value with the profile's limit of that rule."""
     value, at_mm = measured
     limit = profile.limits[rule]
     level, least_mm = limit.level, limit.value_mm
@@ -76,7 +76,7 @@ def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
 
 
 def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Centre distances, as vectors, of placed parts that may come nearer than `reach`, and where each is met first.
+    """Centre distances, as vectors, of placed parts that may come nearer than `reach`, and the first place of each.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def _inside(points_mm: FloatArray, board: Board) -> FloatArray:
 def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, limit_mm: float) -> Measured:
     """Least distance of an outline about each part's centre from the board's outline.
 
-    Only the parts nearest to the outline are looked at: enough of them to hold the worst one.
+    Only the parts nearest to the outline are measured: enough of them to contain the worst one.
     """
     inset = inset_mm(parts_xy_mm, board.size_mm, board.corner_radius_mm)
     near = parts_xy_mm[inset <= max(inset.min(), 0.0) + 2 * (limit_mm + max(reach_mm(outline_mm)))]
@@ -186,7 +186,7 @@ def to_outline(parts_xy_mm: FloatArray, outline_mm: FloatArray, board: Board, li
 
 
 def worst_at(values: FloatArray, at_mm: FloatArray) -> Measured:
-    """The least value and where it stands."""
+    """The least value and its place."""
     i = int(np.argmin(values))
     return float(values[i]), (float(at_mm[i, 0]), float(at_mm[i, 1]))
 
@@ -251,7 +251,7 @@ def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
 
 
 def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str) -> Iterator[Finding]:
-    """Holes to the outline, to each other, and their size; `between` is what lies between two of them."""
+    """Check distances of holes to the outline and each other, and their sizes; `between` is the material between two of them."""
     holes = np.array(board.holes)
     centres, radii = holes[:, :2], holes[:, 2] / 2
     edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii

@@ -1,9 +1,9 @@
-"""What the windows of one tape can tell apart: the tape's certificate, exact.
+"""Certificate of a tape: the exact distances between its windows.
 
-Distances are Hamming distances in symbols: at how many grid points two windows show another symbol, over all pairs of whole
+Distances are Hamming distances in symbols: the number of grid points at which two windows differ, over all pairs of whole
 windows of a size and all four turns of one against the other. A turned window's symbols turn with it (N to W to S to E by 90
-degrees counter-clockwise). A window is held against its own turns, too: one that equals itself turned tells its place, but not
-its angle. Windows that hold a grid point without a part do not count.
+degrees counter-clockwise). A window is also compared with its own turns: one that equals itself turned gives its place, but
+not its angle. Windows with a grid point without a part do not count.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ CERTIFICATE_FORMAT = "tactape-certificate/1"
 SIDES = (4, 5, 6)
 """Sides of the windows that are certified, in grid points."""
 LISTED = 20
-"""So many of the nearest pairs are listed, the first ones row by row."""
+"""Number of nearest pairs that are listed, row by row."""
 LEAST_SIDE, MOST_SIDE = 3, 8
-"""Smallest contacts are looked for among squares of these sides."""
+"""Sides of the squares tried as smallest contacts."""
 CORRECTING = 3
-"""Distance at which one wrong symbol leaves a window nearer to the truth than to anything else."""
+"""Least distance at which a window with one wrong symbol is still nearest to the true one."""
 _STEPS = (2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
 
 
@@ -48,7 +48,7 @@ class Closest:
     first_rc, second_rc : ndarray of int64, shape (k, 2)
         Row and column of the upper left grid points of the first `LISTED` of them.
     turn : ndarray of int64, shape (k,)
-        The first reads like the second turned by so many quarters counter-clockwise.
+        Quarter turns counter-clockwise of the second that make it like the first.
     """
 
     side: int
@@ -61,28 +61,28 @@ class Closest:
 
     @property
     def detects(self) -> int | None:
-        """So many wrong symbols never turn a window into another one."""
+        """Largest number of wrong symbols that never turns a window into another one."""
         return None if self.distance is None else max(self.distance - 1, 0)
 
     @property
     def corrects(self) -> int | None:
-        """So many wrong symbols leave a window nearest to what it is."""
+        """Largest number of wrong symbols at which a window is still nearest to the true one."""
         return None if self.distance is None else max((self.distance - 1) // 2, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Certificate:
-    """What the windows of a tape can tell apart.
+    """Distances between the windows of a tape.
 
     Attributes
     ----------
     sizes : tuple of Closest
         One for each of `SIDES`.
     distinct_side, correcting_side : int or None
-        Side of the smallest square, from 3 to 8, whose windows all differ by one symbol at least, and by three; None where
-        even the largest do not, or where the tape holds none of that size.
+        Side of the smallest square, from 3 to 8, whose windows all differ by at least one symbol, and by three; None if
+        even the largest do not, or if the tape has none of that size.
     patches : tuple of PatchDistance
-        Of a touch code what it is designed for, in bits; empty for other codes.
+        For a touch code the distances that it is designed for, in bits; empty for other codes.
     """
 
     tape: Tape
@@ -95,7 +95,7 @@ class Certificate:
         return self.sizes[SIDES.index(side)]
 
     def to_mapping(self) -> dict[str, Any]:
-        """The certificate as the kit's file has it: numbers that follow from the tape alone."""
+        """The certificate as in the kit's file: numbers computed from the tape alone."""
         tape = self.tape
         number = np.cumsum(tape.placed.ravel(), dtype=np.int64)
         return {
@@ -130,13 +130,13 @@ def _size_mapping(size: Closest, number: IntArray, columns: int) -> dict[str, An
 
 
 def pair_words(tape: Tape, size: Closest, i: int) -> str:
-    """The i-th of the nearest pairs in words: designators and cells of the upper left parts, and the turn."""
+    """Description of the i-th nearest pair: designators and cells of the upper left parts, and the turn."""
     first, second = (window_words(tape, *rc.tolist()) for rc in (size.first_rc[i], size.second_rc[i]))
     return f"{first} and {second}{turn_words(int(size.turn[i]))}"
 
 
 def window_words(tape: Tape, row: int, column: int) -> str:
-    """A window by its upper left part."""
+    """Description of a window by its upper left part."""
     number = int(tape.placed.ravel()[: row * tape.columns + column + 1].sum())
     return f"R{number} (column {column}, row {row})"
 
@@ -170,7 +170,7 @@ def certify(tape: Tape) -> Certificate:
 
 
 def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
-    """The smallest side whose windows differ by so much; distances never fall from one side to the next."""
+    """The smallest side whose windows differ by that much; distances never decrease from one side to the next."""
     distance = {size.side: size.distance for size in known}
     for side in range(max(SIDES) + 1, MOST_SIDE + 1) if (distance[max(SIDES)] or 0) < least else ():
         distance[side] = closest(tape, side, distance[side - 1] or 0).distance
@@ -191,7 +191,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
     ----------
     windows : Windows
     at_least : int
-        What is known of the distance, such as that of smaller windows of the same tape: it only saves time.
+        Known lower bound of the distance, such as that of smaller windows of the same tape: it only saves time.
     """
     found: list[Pairs] = []
     least = windows.side**2 + 1
@@ -221,7 +221,7 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
 
 
 def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntArray]:
-    """How far each window of a size is from the nearest other: upper left (row, column), shape (n, 2), and symbols, shape (n,).
+    """Distance of each window of a size to the nearest other: upper left (row, column), shape (n, 2), and symbols, shape (n,).
 
     A distance beyond `most` is given as ``most + 1``.
     """
@@ -239,7 +239,7 @@ def _only(pairs: Pairs, distance: int) -> Pairs:
 
 
 def first_pairs(portions: list[Pairs], count: int) -> Pairs:
-    """The first so many of all pairs, in the order of their windows and turns."""
+    """The first `count` of all pairs, in the order of their windows and turns."""
     first, second, turn, distance = (
         np.concatenate([getattr(p, name) for p in portions]) for name in ("first", "second", "turn", "distance")
     )

@@ -1,4 +1,4 @@
-"""Tapes -> what their windows can tell apart, each alone and all together."""
+"""Certificates of several tapes: distances between windows, within each tape and across all."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tactape_fab.texture.registry import Registered, labels, read_registered
 from tactape_fab.texture.tape import Tape
 
 MOST_IN_MATRIX = 256
-"""Up to so many tapes the JSON of a registry has the distances of every two."""
+"""Most tapes for which the JSON of a registry has the distances of every pair."""
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Certified:
-    """Certificates of tapes, what each is called, and the windows across them; `across` is empty for one tape."""
+    """Certificates of tapes, their names, and the windows across them; `across` is empty for one tape."""
 
     names: tuple[str, ...]
     certificates: tuple[Certificate, ...]
@@ -41,7 +41,7 @@ class Certified:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registry:
-    """Tapes that may be touched, what each is called, how far they are apart, and their conflicts."""
+    """Tapes that may be touched, their names, their distances, and their conflicts."""
 
     entries: tuple[Registered, ...]
     names: tuple[str, ...]
@@ -106,9 +106,9 @@ def certified(tapes: Sequence[Tape], names: Sequence[str] | None = None, progres
     ----------
     tapes : sequence of Tape
     names : sequence of str, optional
-        What each is called; its name where None is given.
+        Names of the tapes in the result; None for the tapes' own names.
     progress : callable
-        Told what is counted, how many are done, and of how many.
+        Called with a text, the number done and the total.
     """
     certificates = []
     for i, tape in enumerate(tapes):
@@ -128,7 +128,7 @@ def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None) 
     Raises
     ------
     SpecError
-        What is wrong with any of the paths.
+        With every problem of the paths.
     """
     entries = read_registered(paths)
     tapes, names = [e.tape for e in entries], labels(entries)
@@ -147,7 +147,7 @@ def _across_all(tapes: Sequence[Tape], progress: Progress) -> tuple[Across, ...]
 
 
 def nearest_tapes(windows: Across, count: int) -> list[tuple[int, int, int]]:
-    """The tapes that are nearest to each other: their numbers and the distance, nearest first."""
+    """Nearest pairs of tapes: their indices and the distance, nearest first."""
     a, b = np.nonzero(np.triu(windows.matrix <= BEYOND, 1))
     distance = windows.matrix[a, b]
     order = np.lexsort((b, a, distance))[:count]

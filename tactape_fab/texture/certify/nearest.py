@@ -1,7 +1,7 @@
 """All pairs of windows that differ in few symbols, without comparing every pair.
 
-If two windows differ in at most d symbols and their points are dealt to p parts, at least p - d parts agree wholly. So for
-each choice of p - d parts the windows are sorted by what they show there, and only those that show the same are compared
+If two windows differ in at most d symbols and their points are split into p parts, at least p - d parts agree fully. So for
+each choice of p - d parts the windows are sorted by their symbols there, and only windows with equal symbols are compared
 (multi-index search, Norouzi, Punjani and Fleet 2012). Nothing is missed: the search is exact, whatever p.
 """
 
@@ -20,17 +20,17 @@ from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.windows import WORD_BITS, WordArray, symbol_distance
 
 _CHUNK = 1 << 19
-"""Pairs that are compared at a time, which bounds the memory."""
+"""Number of pairs compared at a time, which limits the memory."""
 _SECONDS_PER_KEY, _SECONDS_PER_PAIR, _SECONDS_PER_SORT = 1e-7, 2.5e-8, 3e-4
 _BITS_PER_SYMBOL = 1.7
-"""What a symbol tells of the other windows that show the same: less than 2, a code is not noise. Decides only the speed."""
+"""Effective information of a symbol in bits: less than 2, because a code is not random. It affects only the speed."""
 _MOST_SORTS = 300
 _MIX = (np.uint64(0x9E37_79B9_7F4A_7C15), np.uint64(0xC2B2_AE3D_27D4_EB4F), np.uint64(0x1656_67B1_9E37_79F9))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pairs:
-    """Pairs of windows: the first reads like the second turned by ``turn`` quarters counter-clockwise, but for ``distance``.
+    """Pairs of windows: the first is like the second turned by ``turn`` quarters counter-clockwise, except ``distance`` symbols.
 
     All arrays of equal length. Every pair comes once: with turn 0 first < second, with turn 2 first <= second; with turn 1
     any (which is turn 3 the other way round). A window and itself make a pair in turns 1 and 2.
@@ -44,7 +44,7 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """How a search goes: the points of each part, how many parts must agree, and up to which distance nothing is missed."""
+    """Plan of a search: points of each part, number of parts that must agree, distance up to which the search is complete."""
 
     parts: tuple[tuple[int, ...], ...]
     agreeing: int
@@ -52,12 +52,12 @@ class Search:
 
 
 def plan_search(side: int, count: int, most: int) -> Search:
-    """The search that is likely to be the quickest for all pairs up to a distance.
+    """The search that is estimated to be the fastest for all pairs up to a distance.
 
     Parameters
     ----------
     side : int
-        Of the windows.
+        Side of the windows, in grid points.
     count : int
         Number of windows.
     most : int
@@ -81,7 +81,7 @@ def plan_search(side: int, count: int, most: int) -> Search:
 
 @cache
 def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
-    """The points of a window dealt to parts along diagonals: points of one row or column of a code tell much the same."""
+    """Points of a window split into parts along diagonals: points of one row or column of a code are correlated."""
     diagonal = [r * side + (r + shift) % side for shift in range(side) for r in range(side)]
     return tuple(tuple(int(cell) for cell in part) for part in np.array_split(diagonal, parts))
 
@@ -94,9 +94,9 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
     words : tuple of ndarray of uint64, each of shape (turns, n)
         As `Windows` has them, of one tape or of several one after the other: three turns, with `queries` all four.
     queries : int, optional
-        Compare the first so many windows with those after them only, in every turn of these.
+        Compare only the first `queries` windows with those after them, in every turn of these.
     bits : int
-        Of a symbol.
+        Bits of a symbol.
     """
     turns, count = words[0].shape
     flat = tuple(np.ascontiguousarray(w).reshape(turns * count) for w in words)
@@ -112,7 +112,7 @@ def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None
             near = np.flatnonzero(distance <= search.most)
             if len(near) == 0:
                 continue
-            # a pair whose agreeing parts can be chosen in several ways belongs to the first choice only
+            # a pair that agrees in several choices of parts is reported for the first choice only
             for mask in others:
                 agrees = np.ones(len(near), dtype=bool)
                 for w_left, w_right, m in zip(left, right, mask, strict=True):
@@ -133,10 +133,10 @@ def _mask(cells: tuple[int, ...], words: int, bits: int) -> tuple[np.uint64, ...
 
 
 def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]]) -> tuple[IntArray, IntArray]:
-    """Windows sorted so that those which agree under the masks stand together, and where each one's company ends.
+    """Windows sorted so that those which agree under the masks are adjacent, and the end of each one's run.
 
-    Sorted by a hash with the window's own number in its low bits. Strangers with one hash make company, too; their distance
-    shows them up.
+    Sorted by a hash with the window's own number in its low bits. Windows with a hash collision share a run, too; they are
+    removed by their distance.
     """
     n = len(words[0])
     bits = np.uint64(max(n - 1, 1).bit_length())
@@ -162,7 +162,7 @@ def _runs(words: tuple[WordArray, ...], masks: list[tuple[np.uint64, ...]]) -> t
 
 
 def _within_runs(starts: IntArray, ends: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Places of each start with all after it in its run, some at a time."""
+    """Pairs of each start with all after it in its run, in portions."""
     lengths = ends - starts - 1
     starts, lengths = starts[lengths > 0], lengths[lengths > 0]
     total = np.cumsum(lengths)

@@ -1,6 +1,6 @@
-"""Where in the code plane a tape tells its places apart best, and farthest from tapes that exist.
+"""Search for the origin in the code plane with the largest distances between a tape's windows, and from existing tapes.
 
-The search looks at a fixed number of origins in a fixed order, never at a clock: the same question has the same answer.
+The search tries a fixed number of origins in a fixed order and uses no clock: equal inputs give equal results.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from tactape_fab.texture.windows import Windows, windows_of
 
 MOST_CANDIDATES = 160
 MOST_BESIDE_OTHERS = 48
-"""So many origins, or sectors, are compared with tapes that exist."""
+"""Most origins, or sectors, that are compared with existing tapes."""
 _WINDOWS = 300_000
-"""A large tape is tried at fewer origins: so many windows in all."""
+"""Most windows in total, so that a large tape is tried at fewer origins."""
 _SIDE, _NEXT_SIDE = 4, 5
 _STEP_XY = (0.7548776662466927, 0.5698402909980532)
 """Steps of a sequence that fills the unit square evenly: 1/p and 1/p^2 of the plastic number p (Roberts 2018)."""
@@ -34,17 +34,17 @@ Origin = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """An origin that was searched for.
+    """Result of a search for an origin.
 
     Attributes
     ----------
     origin : (int, int)
     candidates : int
-        Number of origins that were looked at.
+        Number of origins tried.
     distance : int
-        Least number of symbols by which 4x4 windows of the tape differ, at that origin.
+        Least number of differing symbols between 4x4 windows of the tape, at that origin.
     default_distance : int or None
-        The same at the sector's default origin; None where the tape runs past the code's range there.
+        The same at the sector's default origin; None if the tape exceeds the code's range there.
     from_others : int or None
         Least distance of its 4x4 windows from those of the tapes to avoid, `BEYOND` for at least that; None without such.
     """
@@ -59,8 +59,8 @@ class Choice:
 def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
     """The origin at which a tape's 4x4 windows are farthest apart, and from those of tapes to avoid before that.
 
-    Of equal ones, that of the largest distance of 5x5 windows, then of the fewest nearest pairs of 4x4, then the first
-    looked at; the sector's default origin is looked at first.
+    Ties are decided by the largest distance of 5x5 windows, then the fewest nearest pairs of 4x4, then the order of trial;
+    the sector's default origin is tried first.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequen
     Raises
     ------
     SpecError
-        When there is no place beside the tapes to avoid.
+        If there is no place outside the tapes to avoid.
     """
     rows, columns = placed.shape
     limit = MOST_BESIDE_OTHERS if avoid else MOST_CANDIDATES
@@ -114,12 +114,12 @@ def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequen
 def choose_sector(code: PlaneCode, placed: BoolArray, avoid: Sequence[Tape]) -> int:
     """The sector, at its default origin, whose 4x4 windows are farthest from those of tapes to avoid.
 
-    Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are looked at.
+    Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are tried.
 
     Raises
     ------
     SpecError
-        When no sector is free.
+        If no sector is free.
     """
     used = {t.sector for t in avoid if t.code == code.name} | {t.tag.id for t in avoid if t.tag is not None}
     free = (s for s in range(code.sectors) if s not in used and _fits(default_origin(code.name, s), code, placed.shape))
@@ -141,10 +141,10 @@ def _fits(origin: Origin, code: PlaneCode, shape: tuple[int, ...]) -> bool:
 
 
 def _origins(code: PlaneCode, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
-    """Origins in the order in which they are looked at: the default one, then spread over the plane.
+    """Origins in the order of trial: the default one, then spread over the plane.
 
-    Places where another sector's tape of that size lies by default are left out as far as possible: sectors at one place
-    are nearly shifts of each other.
+    Default places of other sectors' tapes of that size are left out as far as possible: sectors at one place are nearly
+    shifts of each other.
     """
     default = default_origin(code.name, sector)
     number = 1.0 + sector * MOST_CANDIDATES + np.arange(count - 1)
@@ -157,7 +157,7 @@ def _origins(code: PlaneCode, sector: int, shape: tuple[int, ...], count: int) -
 
 
 def _occupied(origin: Origin, code: PlaneCode, sector: int, shape: tuple[int, ...], avoid: Sequence[Tape]) -> bool:
-    """Whether a tape to avoid shows some of the same places."""
+    """Whether a tape to avoid covers some of the same places."""
     return any(
         t.code == code.name
         and t.sector == sector
@@ -170,7 +170,7 @@ def _occupied(origin: Origin, code: PlaneCode, sector: int, shape: tuple[int, ..
 
 
 def _farthest(cut: Sequence[Windows], avoid: Sequence[Tape]) -> tuple[list[int], int]:
-    """Which tapes' windows are farthest from those of tapes to avoid, with the fewest pairs at that distance; and how far."""
+    """Candidates whose windows are farthest from those of tapes to avoid, with fewest pairs at that distance; the distance."""
     words, tape_of, _ = joined([*cut, *(windows_of(t.symbols, t.placed, _SIDE, turns=4) for t in avoid)])
     queries = sum(w.count for w in cut)
     left = np.arange(len(cut))
@@ -193,7 +193,7 @@ def _windows(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, si
 
 
 def _merit(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
-    """How good an origin is, as numbers of which larger is better; None where 4x4 windows are nearer than `least`."""
+    """Score of an origin as a tuple, larger is better; None if 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
     if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
         return None

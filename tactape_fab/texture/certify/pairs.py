@@ -1,4 +1,4 @@
-"""Several tapes that may be touched: how far every two of them are apart, and what makes them conflict."""
+"""Distances between every two of several tapes, and their conflicts."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import Windows, WordArray, windows_of
 
 EXACT_TO = 4
-"""Distances between tapes are exact so far, and known to be larger beyond."""
+"""Largest exact distance between tapes; beyond it a distance is only known to be larger."""
 BEYOND = EXACT_TO + 1
-"""What stands in a matrix for "at least 5"."""
+"""Value in a matrix for "at least 5"."""
 NO_WINDOWS = 255
-"""What stands in a matrix where one of the tapes has no whole window of the size."""
+"""Value in a matrix if one of the tapes has no whole window of the size."""
 _STEPS = (0, 2, 3, EXACT_TO)
 
 
@@ -32,7 +32,7 @@ class Across:
     ----------
     side : int
     matrix : ndarray of uint8, shape (tapes, tapes)
-        Least number of symbols by which windows of two different tapes differ, in any turn: 0 to `EXACT_TO`, `BEYOND` for
+        Least number of differing symbols between windows of two different tapes, in any turn: 0 to `EXACT_TO`, `BEYOND` for
         more, `NO_WINDOWS`. On the diagonal `NO_WINDOWS`.
     shared : ndarray of int64, shape (tapes, tapes)
         Number of pairs of equal windows of two different tapes, in any turn.
@@ -43,7 +43,7 @@ class Across:
     first, second : ndarray of int64, shape (k, 3)
         Tape, row and column of the upper left grid points of the first `LISTED` of them.
     turn : ndarray of int64, shape (k,)
-        The first reads like the second turned by so many quarters counter-clockwise.
+        Quarter turns counter-clockwise of the second that make it like the first.
     """
 
     side: int
@@ -56,19 +56,19 @@ class Across:
     turn: IntArray
 
     def rows(self) -> list[list[int | None]]:
-        """The matrix as lists, None where there is no distance."""
+        """The matrix as lists, with None for "no distance"."""
         return [[None if d == NO_WINDOWS else d for d in row] for row in self.matrix.tolist()]
 
 
 def joined(windows: Sequence[Windows]) -> tuple[tuple[WordArray, ...], IntArray, IntArray]:
-    """Windows of several tapes one after the other: words, the tape of each, and row and column of its corner."""
+    """Windows of several tapes joined: words, the tape of each, and row and column of its corner."""
     words = tuple(np.concatenate([w.words[i] for w in windows], axis=1) for i in range(len(windows[0].words)))
     tape = np.repeat(np.arange(len(windows)), [w.count for w in windows])
     return words, tape, np.concatenate([w.corner_rc for w in windows])
 
 
 def across(tapes: Sequence[Tape], side: int) -> Across:
-    """How far the windows of every two tapes are apart; memory grows with the number of windows, not of pairs.
+    """Distances between the windows of every two tapes; memory grows with the number of windows, not of pairs.
 
     A distance is the least over all windows and turns. The search goes on with larger distances only among tapes that
     are not yet known to be near another.
@@ -142,7 +142,7 @@ def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:
     first, second = kept[found.first], kept[found.second]
     other = np.flatnonzero(tape_of[first] != tape_of[second])
     first, second, turn = first[other], second[other], found.turn[other]
-    swapped = first > second  # then the second reads like the first turned on by what is missing to a whole turn
+    swapped = first > second  # then the second is like the first turned by the rest of a whole turn
     return Pairs(
         first=np.where(swapped, second, first),
         second=np.where(swapped, first, second),
@@ -153,14 +153,14 @@ def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conflict:
-    """What two tapes have in common, and should not have.
+    """A conflict of two tapes: something they have in common and should not.
 
     Attributes
     ----------
     kind : {"same-tape", "overlap", "windows", "tag"}
-        They show the same place of the code: whole, or in part; they share windows of 4x4; their tags have one id.
+        They show the same place of the code, fully or partly; they share windows of 4x4; their tags have the same id.
     tapes : (int, int)
-        Their numbers in the registry.
+        Their indices in the registry.
     message : str
     """
 
@@ -175,9 +175,9 @@ def conflicts(tapes: Sequence[Tape], names: Sequence[str], windows: Across) -> l
     Parameters
     ----------
     names : sequence of str
-        What each is called.
+        Names of the tapes.
     windows : Across
-        Of the smallest windows, those of `SIDES[0]`.
+        Distances of the smallest windows, those of `SIDES[0]`.
     """
     return [*_plane_conflicts(tapes, names), *_window_conflicts(names, windows), *_tag_conflicts(tapes, names)]
 

@@ -1,9 +1,8 @@
-"""The touch code: a matrix of symbols without structure, designed so that no two small patches of it are nearly alike.
+"""Design of the touch code: a matrix of symbols without structure in which no two small patches are similar.
 
-A random matrix from an integer generator of our own is repaired conflict by conflict (`touch_search`), for one rung of
-distances after the other, each within so many steps: a number, never a clock, so that the same question has the same answer
-everywhere. What was reached last is the matrix. Its symbols follow from nothing shorter than themselves: they stand in the
-tape's manifest.
+A random matrix from this package's own integer generator is repaired conflict by conflict (`climb`), for one rung of
+distances after the other. Each rung has a limit of steps, not of time, so that equal inputs give equal results on every machine.
+The last rung reached gives the matrix. It has no shorter description, so the symbols themselves are in the tape's manifest.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ ALONE: tuple[Bits, ...] = (
     (1, 3, 5, 8, 10),
     (2, 3, 5, 8, 11),
 )
-"""Rungs: fewest bits in which patches of the tape shall differ, by shape as in `patches.PATCHES`."""
+"""Rungs: least number of bits in which patches of the tape shall differ, by shape as in `patches.PATCHES`."""
 BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((0, 1, 2, 4, 6), (0, 0, 1, 2, 4)),
     ((0, 2, 4, 6, 8), (0, 1, 2, 4, 6)),
@@ -43,7 +42,7 @@ BESIDE: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 5, 8, 8), (0, 2, 4, 6, 8)),
     ((1, 3, 5, 8, 10), (0, 2, 4, 7, 9)),
 )
-"""Rungs beside other tapes: the same, and fewest bits between a patch of the tape and one of theirs."""
+"""Rungs with other tapes: the same, and least number of bits between a patch of the tape and one of theirs."""
 ALONE_OF_EIGHT: tuple[Bits, ...] = (
     (0, 2, 4, 7),
     (1, 3, 6, 10),
@@ -53,7 +52,7 @@ ALONE_OF_EIGHT: tuple[Bits, ...] = (
     (4, 7, 11, 15),
     (4, 7, 11, 16),
 )
-"""As `ALONE`, of eight directions: a 5x5, whose bits fill more than a word, keeps what the disc within it has, and is counted."""
+"""As `ALONE`, for eight directions: a 5x5, whose bits exceed one word, has at least the distance of the disc within it."""
 BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 6, 10), (0, 2, 4, 7)),
     ((2, 5, 8, 12), (1, 3, 6, 10)),
@@ -62,31 +61,31 @@ BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
 )
 _ALONE, _BESIDE = {4: ALONE, 8: ALONE_OF_EIGHT}, {4: BESIDE, 8: BESIDE_OF_EIGHT}
 _WORK, _WORK_BESIDE = 60_000_000, 400_000_000
-"""Steps of a rung times the patches that each of them looks through, in grid points: some ten seconds, or a minute.
+"""Limit of a rung's steps times the patches examined per step, in grid points: about ten seconds, or a minute.
 
-The latter beside other tapes, but for the last rung, which many tapes do not reach.
+The latter with other tapes, except for the last rung, which many tapes do not reach.
 """
 _LEAST_STEPS = 1000
 MOST_TOUCH_POINTS = 20_000
 
 
 def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (), directions: int = 4) -> SymbolArray:
-    """The matrix of a tape, read-only; equal questions in a row are answered once.
+    """The matrix of a tape, read-only; the last results are cached.
 
     Parameters
     ----------
     sector : int
-        Another one, another matrix.
+        Seed of the design.
     shape : (int, int)
         Rows and columns.
     avoid : sequence of ndarray of uint8
-        Symbols of tapes that exist, of as many directions, from whose patches those of this one keep away.
+        Symbols of existing tapes with the same number of directions, from whose patches this tape's shall differ.
     directions : int
 
     Raises
     ------
     CapacityError
-        When the tape has more grid points than are ever designed for.
+        If the tape has more grid points than the largest design.
     """
     if shape[0] * shape[1] > MOST_TOUCH_POINTS:
         message = (
@@ -101,7 +100,7 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
 def _designed(
     sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int, ...], bytes], ...], directions: int
 ) -> SymbolArray:
-    from tactape_fab.texture.touch.climb import Patches, fill, new_room, repair, words_of  # loads the compiler
+    from tactape_fab.texture.touch.climb import Patches, fill, new_room, repair, words_of  # imports numba
 
     codes, shapes = DIRECTIONS[directions].gray_codes, patch_shapes(directions)
     others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
@@ -125,14 +124,14 @@ def _designed(
 
 
 def _rungs(beside: bool, directions: int) -> tuple[tuple[Bits, Bits], ...]:
-    """Least bits of the tape's own patches, and of pairs with those of others, one rung after the other."""
+    """Least number of bits of the tape's own patches, and of pairs with those of others, for each rung."""
     if beside:
         return _BESIDE[directions]
     return tuple((own, (0,) * len(own)) for own in _ALONE[directions])
 
 
 def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:
-    """All patches of other tapes (Gray codes) in all turns, and how many of each shape."""
+    """All patches of other tapes (Gray codes) in all turns, and the number of each shape."""
     from tactape_fab.texture.touch.climb import words_of
 
     found = [words_of(symbols, shapes) for symbols in others]

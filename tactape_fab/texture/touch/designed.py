@@ -1,4 +1,4 @@
-"""Codes without a plane: a matrix of symbols is designed for each tape, and stands in the tape's manifest."""
+"""Codes without a plane: a matrix of symbols is designed for each tape, and stored in the tape's manifest."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tactape_fab.texture.touch.design import design
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignedCode:
-    """A code whose tapes are designed one by one; see `texture.code.Code` for what every code has.
+    """A code whose tapes are designed one by one; `texture.code.Code` is the interface of every code.
 
     Attributes
     ----------
     name : str
     window : int
     sectors : int
-        So many designs of a size, one for each sector.
+        Number of designs of a size, one for each sector.
     range : int
     most_points : int
     """
@@ -44,7 +44,7 @@ class DesignedCode:
     def symbols(
         self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
     ) -> SymbolArray:
-        """The design of a sector and a shape, away from tapes that exist."""
+        """The design of a sector and a shape, different from existing tapes."""
         return design(sector, shape, avoid, directions)
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
@@ -57,7 +57,7 @@ class DesignedCode:
         return {"symbols_sha256": symbols_sha256(symbols)}
 
     def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
-        """Refuse symbols, which nothing but their digest vouches for, that are not those that the tape was made of."""
+        """Refuse symbols that do not match their digest, the only proof of a designed matrix."""
         remedy = f"a tape of code '{self.name}' has the digest of its symbols"
         said = table.text("symbols_sha256", pattern=r"[0-9a-f]{64}", remedy=remedy)
         found = symbols_sha256(symbols)

@@ -1,4 +1,4 @@
-"""Patches of a grid of symbols, as small contacts show them, and how many bits any two of them differ in."""
+"""Patches of a grid of symbols, as seen in small contacts, and the number of bits in which any two differ."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _disc(side: int) -> npt.NDArray[np.bool_]:
 
 
 PATCHES = {"3x3": _square(3), "disc-12": _disc(4), "4x4": _square(4), "disc-21": _disc(5), "5x5": _square(5)}
-"""Shapes of patches, smallest first: squares, and discs of so many dots."""
+"""Shapes of patches, smallest first: squares, and discs named by their number of dots."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,12 +39,12 @@ class PatchDistance:
     Attributes
     ----------
     shape : str
-        Of `PATCHES`.
+        One of `PATCHES`.
     patches : int
-        How many there are without a hole.
+        Number of patches without an omitted part.
     bits : int or None
-        Fewest bits in which two of them differ, in any of four turns: one bit where a part points a quarter turn elsewhere,
-        two where it points the other way; of eight directions the bits of `Directions.gray_codes`. None where there is no pair.
+        Least number of bits in which two of them differ, in any of four turns: one bit for a part a quarter turn off, two for
+        the opposite direction; for eight directions the bits of `Directions.gray_codes`. None without a pair.
     pairs : int
         Pairs at that distance.
     """
@@ -59,26 +59,26 @@ class PatchDistance:
 
 
 def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
-    """Those of `PATCHES` whose bits fill no more than a word: all but 5x5 of eight directions."""
+    """Those of `PATCHES` whose bits fit in one word: all except 5x5 of eight directions."""
     return [mask for mask in PATCHES.values() if DIRECTIONS[directions].bits * mask.sum() <= WORD_BITS]
 
 
 @cache
 def patch_shapes(directions: int = 4) -> Shapes:
     """`in_one_word` for a search."""
-    from tactape_fab.texture.touch.climb import shapes_of  # loads the compiler, which tapes of other codes do without
+    from tactape_fab.texture.touch.climb import shapes_of  # imports numba, which other codes do not need
 
     return shapes_of(in_one_word(directions), directions)
 
 
 def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4) -> tuple[PatchDistance, ...]:
-    """How far the patches of a grid are apart, by shape; exact.
+    """Exact distances between the patches of a grid, by shape.
 
     Parameters
     ----------
     symbols : ndarray of uint8, shape (rows, columns)
     placed : ndarray of bool, shape (rows, columns)
-        Patches that hold a grid point without a part do not count.
+        Mask of parts; patches with a grid point without a part do not count.
     directions : int
     """
     from tactape_fab.texture.touch.climb import nearest_of, nearest_of_long, words_of
