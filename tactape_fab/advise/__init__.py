@@ -1,4 +1,4 @@
-"""Which W, Δ and part to make for a contact and a sensor: what the rules leave, and what each design would locate."""
+"""Advice on W, Δ and part for a contact and a sensor: designs within the rules, and the contacts that each can locate."""
 
 from tactape_fab.advise.answer import Advice, Line, advise, checked
 from tactape_fab.advise.question import Question, read_question

@@ -1,4 +1,4 @@
-"""advise: the designs that the rules leave, what each of them locates and costs, the one to take first."""
+"""advise: designs within the rules, the contacts that each locates, and their costs; the recommended one first."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
 LOCATED = 0.9
-"""Share of contacts that a design promises to locate."""
+"""Fraction of contacts that a design is predicted to locate."""
 MOST_LINES, MOST_REACHING = 8, 5
 SIMULATED_LINES, FRAMES = 3, 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """Of so many simulated contacts of the promised size so many were located, and how well: medians, None where none was."""
+    """Simulated contacts of the predicted size: their number, how many were located, and median errors (None if none was)."""
 
     contact_mm: float
     frames: int
@@ -37,20 +37,20 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A design, and what it promises.
+    """A design, and its predicted performance.
 
     Attributes
     ----------
     least_mm : float or None
-        The smallest round contact of which 9 in 10 are located; None where none that the sensor sees whole is.
+        Diameter of the smallest round contact of which 9 in 10 are located; None if none within the sensor's field is.
     error_um, angle_deg : float
-        Median errors of contacts of the size asked for, or of `least_mm` where that is more.
+        Median errors of contacts of the requested size, or of `least_mm` if that is larger.
     parts : int
-        Of one tape.
+        Parts of one tape.
     once, each : float or None
-        Estimate of assembly, for an order and for each tape; None for what is not ordered.
+        Estimated assembly cost, for an order and for each tape; None without assembly.
     height_um, noise_um : float
-        Of a dot, and of the noise about it, as the decoder sees them.
+        Height of a dot, and rms of the noise about it, after the decoder's smoothing.
     """
 
     design: Design
@@ -97,7 +97,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """Lines, the one to take first, and whether that reaches the contact asked for."""
+    """Lines, the recommended one first, and whether it reaches the requested contact."""
 
     question: Question
     lines: tuple[Line, ...]
@@ -125,12 +125,12 @@ class Advice:
 
 
 def advise(question: Question) -> Advice:
-    """Ask the rules which designs they leave, and the model what each of them locates.
+    """Find the designs within the rules, and the contacts that each locates by the model.
 
     Raises
     ------
     SpecError
-        Where no design gives a tape of the size asked for.
+        If no design gives a tape of the requested size.
     """
     making = question.making
     if isinstance(making, FabProfile):
@@ -157,7 +157,7 @@ def advise(question: Question) -> Advice:
 
 
 def seen_of(design: Design, question: Question, points: int) -> Seen:
-    """The design as the sensor of a question sees it."""
+    """The design as seen by the sensor of a question."""
     return Seen(
         pitch_mm=design.pitch_mm,
         displacement_mm=design.displacement_mm,
@@ -173,7 +173,7 @@ def seen_of(design: Design, question: Question, points: int) -> Seen:
 
 
 def _line(design: Design, question: Question) -> Line:
-    """The promise of a design; parts are those of a field without margins, without cost, until `_counted`."""
+    """Prediction for a design; until `_counted`, parts are those of a field without margins, and there is no cost."""
     width_mm, height_mm = question.size_mm
     parts = max(int(width_mm * height_mm / design.pitch_mm**2), 1)
     seen = seen_of(design, question, parts)
@@ -239,13 +239,13 @@ def _best(lines: Sequence[Line], question: Question) -> list[Line]:
 
 
 def _first(line: Line, question: Question) -> list[Line]:
-    """The line to take, if the rules leave the very tape that its command makes."""
+    """The recommended line, if the rules allow the very tape that its command makes."""
     broken = rules_of(line.design, question.size_mm)
     return [] if broken is not None and any(f.blocks for f in broken) else [_counted(line, question)]
 
 
 def _counted(line: Line, question: Question) -> Line:
-    """The line with the parts of a tape of the size asked for, and what they cost."""
+    """The line with the parts of a tape of the requested size, and their cost."""
     spec, making = line.design.spec(question.size_mm), question.making
     parts = profiles_of(spec).plan(spec).part_count
     if not isinstance(making, FabProfile):
@@ -255,13 +255,13 @@ def _counted(line: Line, question: Question) -> Line:
 
 
 def tape_of(line: Line, question: Question, sector: int) -> Tape:
-    """A tape as the line's command makes it, of another sector."""
+    """A tape as made by the line's command, with another sector."""
     spec = line.design.spec(question.size_mm, code=line.code.name, directions=line.design.directions)
     return examine(replace(spec, sector=sector)).tape
 
 
 def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None) -> Advice:
-    """The advice with its first lines held against simulated contacts of the size that each promises."""
+    """The advice with its first lines tested by simulated contacts of each one's predicted size."""
     lines = list(advice.lines)
     asked = [k for k, line in enumerate(lines[:SIMULATED_LINES]) if line.least_mm is not None]
     for done, k in enumerate(asked):
@@ -271,7 +271,7 @@ def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *
 
 
 def simulated(line: Line, question: Question, frames: int, seed: int = 3) -> Simulated:
-    """Contacts of the promised size on a tape of the line, as depth maps, located among as many tapes as were asked for."""
+    """Locate contacts of the predicted size on a tape of the line, as depth maps, among the requested number of tapes."""
     from tactape_fab.sense.decode.localizer import Localizer
     from tactape_fab.sense.simulation.draw import simulate_frames
     from tactape_fab.sense.simulation.scene import Scene
@@ -303,5 +303,5 @@ def simulated(line: Line, question: Question, frames: int, seed: int = 3) -> Sim
 
 
 def _sectors(count: int) -> list[int]:
-    """As many sectors as tapes are registered, of those that every code has, spread over them."""
+    """One sector per registered tape, spread over the sectors that every code has."""
     return [(7 + 37 * k) % 256 for k in range(min(count, 256))]

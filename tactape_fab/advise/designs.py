@@ -1,6 +1,6 @@
-"""Designs that are worth asking about: for each part the smallest pitches that the rules leave, for some shares of it as Δ.
+"""Candidate designs: for each part the smallest legal pitches, for several ratios of Δ to the pitch.
 
-Closed forms say where a pitch becomes legal; the rules themselves then measure a small tape of it, and have the last word.
+Closed forms give the least legal pitch; the rules themselves then measure a small tape of it, and decide.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tactape_fab.texture.tape import TapePart
 FILM = "fpc"
 ROTATION_DEG = 45.0
 SHARES = (0.14, 1.0 / 6.0, 0.2)
-"""Δ as shares of W; of eight directions, which lie nearer to each other, without the first."""
+"""Δ as fractions of W; for eight directions, which are nearer to each other, without the first."""
 FILM_PARTS = ("r0201", "r01005")
 ELEMENTS = (
     ("block", (0.6, 0.3, 0.23)),
@@ -40,15 +40,15 @@ _STEP_MM = 0.01
 _TRIES = 4
 _SECANTS = 6
 _BOARD_MM, _BOARD_PITCHES = 15.0, 8.0
-"""Sides of the small tape that is measured: every pair of symbols stands on it side by side."""
+"""Sides of the small tape that is measured: every pair of symbols is adjacent somewhere on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """W, Δ, a part, and how the coverlay is opened; ``warnings`` are the rules that say more than nothing of it.
+    """A design: W, Δ, part, and coverlay opening; ``warnings`` are the rules that warn of it.
 
-    ``coverlay`` and ``fab`` are None for solid elements, ``process`` for parts with lands, ``body_mm`` where it is the profile's.
-    Of eight directions only solid elements are advised.
+    ``coverlay`` and ``fab`` are None for solid elements, ``process`` for parts with lands, ``body_mm`` if it is the profile's.
+    Eight directions are advised only for solid elements.
     """
 
     part: str
@@ -67,7 +67,7 @@ class Design:
         return DIRECTIONS[self.directions]
 
     def spec(self, size_mm: tuple[float, float], **more: object) -> TapeSpec:
-        """A tape of it, of four directions unless said otherwise: those of eight take a code that takes seconds."""
+        """Spec of a tape of the design, by default with four directions: designing the code of eight takes seconds."""
         values: dict[str, object] = {"part": self.part, "pitch_mm": self.pitch_mm, "displacement_mm": self.displacement_mm}
         if self.fab is not None:
             values |= {"fab": self.fab, "coverlay": self.coverlay}
@@ -76,7 +76,7 @@ class Design:
         return TapeSpec(**{"sector": 7, "size_mm": size_mm, **values, **more})  # type: ignore[arg-type]
 
     def command(self, size_mm: tuple[float, float], code: str, default_fab: str, default_code: str) -> str:
-        """What makes it, to paste."""
+        """Command line that makes the tape."""
         words = ["tactape-fab make --sector 7", f"--w {self.pitch_mm:g} --delta {self.displacement_mm:g}"]
         if self.fab is not None:
             words += [f"--part {self.part}"] if self.part != FILM_PARTS[0] else []
@@ -91,7 +91,7 @@ class Design:
 
 
 def film_designs(fab: FabProfile) -> Iterator[Design]:
-    """Designs of parts with lands: those that just keep what the fab refuses, and those that it takes without a warning."""
+    """Designs of parts with lands: the smallest within the fab's blocking limits, and those without a warning."""
     parts = [part for part in map(read_part, FILM_PARTS) if isinstance(part, PartProfile)]
     for part, mode, share, careful in product(parts, fab.coverlay_modes, SHARES, (True, False)):
         pitch_mm = _settled(partial(_film_pitch_mm, fab.in_mode(mode), part, careful), share)
@@ -99,13 +99,13 @@ def film_designs(fab: FabProfile) -> Iterator[Design]:
 
 
 def usual_design(fab: FabProfile) -> Design:
-    """What `make` makes when nothing is said."""
+    """The default design of `make`."""
     part = read_part(FILM_PARTS[0])
     return replace(_design(part, DEFAULT_PITCH_MM, 1.0 / 6.0), coverlay=fab.coverlay_modes[0], fab=fab.name)
 
 
 def solid_designs(process: ProcessProfile) -> Iterator[Design]:
-    """Designs of solid elements, with and without what the process warns of."""
+    """Designs of solid elements, with and without warnings of the process."""
     parts = {name: part for name, _ in ELEMENTS if isinstance(part := read_part(name), ElementProfile)}
     shares = [(4, share) for share in SHARES] + [(8, share) for share in SHARES[1:]]
     for (name, body_mm), (directions, share), careful in product(ELEMENTS, shares, (True, False)):
@@ -121,8 +121,8 @@ def _design(part: PartProfile | ElementProfile, pitch_mm: float, share: float) -
 
 
 def _settled(least: Callable[[float], float], share: float) -> float:
-    """The pitch from which on a displacement of that share of it is legal, in whole hundredths of a millimetre."""
-    # what a pitch asks of itself is straight in Δ but for a few corners: two steps of the secant and one more
+    """Least pitch at which a displacement of that fraction of it is legal, in whole hundredths of a millimetre."""
+    # the least pitch is piecewise linear in Δ: two secant steps and one more
     low, high = 1.0, 1.5
     at_low, at_high = (least(share * pitch_mm + _STEP_MM / 2.0) - pitch_mm for pitch_mm in (low, high))  # Δ is rounded
     for _ in range(_SECANTS):
@@ -134,7 +134,7 @@ def _settled(least: Callable[[float], float], share: float) -> float:
 
 
 def _film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
-    """From which pitch on pads, bodies, openings and models are apart; careful: courtyards, too, and limits that warn."""
+    """Least pitch, mm, at which pads, bodies, openings and models are apart; careful: also courtyards and warning limits."""
 
     def limit_mm(rule: str) -> float:
         limit = fab.limits[rule]
@@ -165,13 +165,13 @@ def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displa
 
 
 def _cell_mm(part: PartProfile | ElementProfile, displacement_mm: float) -> float:
-    """From which pitch on a displaced body stays in its own cell, as the models ask."""
+    """Least pitch, mm, at which a displaced body stays within its own cell, as the models require."""
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=ROTATION_DEG)
     return 2.0 * (float(max(reach_mm(tape_part))) + displacement_mm + LEAST_CLEARANCE_MM)
 
 
 def judged(design: Design) -> Design | None:
-    """The design as the rules leave it: a little wider where they want it, with what they warn of; None where they refuse it."""
+    """The design after the rules: slightly wider if they require it, with their warnings; None if they refuse it."""
     for step in range(_TRIES):
         wider = replace(design, pitch_mm=round(design.pitch_mm + step * _STEP_MM, 2))
         side_mm = max(_BOARD_MM, _BOARD_PITCHES * wider.pitch_mm)
@@ -179,12 +179,12 @@ def judged(design: Design) -> Design | None:
         if broken is not None and not any(finding.blocks for finding in broken):
             return replace(wider, warnings=tuple(sorted(f.rule for f in broken if f.level == "warn")))
         if broken is not None and any(finding.blocks and finding.rule == "opening-size" for finding in broken):
-            return None  # whatever W is
+            return None  # at any W
     return None
 
 
 def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | None:
-    """What the rules find wrong with a tape of the design; None where there is no such tape."""
+    """Broken rules of a tape of the design; None if there is no such tape."""
     try:
         found = examine(design.spec(size_mm, tag="none", name="t")).findings
     except SpecError:
@@ -195,7 +195,7 @@ def rules_of(design: Design, size_mm: tuple[float, float]) -> list[Finding] | No
 
 
 def _gap_of_eight(design: Design, process: ProcessProfile) -> Finding:
-    """The gap between two blocks at their worst: all else about a tape is as with four directions."""
+    """Rule of the least gap between two blocks: all else about a tape is as with four directions."""
     gap_mm = worst_box_gap_mm(design.body_mm[:2], ROTATION_DEG, design.pitch_mm, design.displacement_mm, design.directions)
     return finding(process, "gap", (gap_mm, None), "gap between two elements", "use a larger --w")
 

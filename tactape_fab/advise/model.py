@@ -1,8 +1,8 @@
 """The smallest contact that a design locates: the decoder's rule on random dots, without a frame being drawn.
 
-A dot stands where its part does, moved by noise and by how it was placed; its height is what the contact imprints of it, over
-that of the noise. What it says of its symbol, and what all of them must say together, is the decoder's own rule
-(`sense.decode.rule`). `Loss` stands for detection and the search for the grid; it is calibrated against simulated frames.
+A dot is at its part's place, moved by noise and placement errors; its height is that of its imprint over the noise's. The
+evidence of a dot, and the evidence required of all dots, are the decoder's own rule (`sense.decode.rule`). `Loss` accounts for
+detection and the search for the grid; it is calibrated against simulated frames.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 _SCENE = Scene()
 BODY_MM = 0.23
-"""Height of an 0201, which the default scene imprints."""
+"""Height of an 0201, mm, which the default scene imprints."""
 IMPRINT_SHARE = _SCENE.texture_mm / BODY_MM
-"""Share of a body's height that the gel takes on before it smooths it."""
+"""Fraction of a body's height that the gel takes on before smoothing."""
 ROLL_OFF_MM = _SCENE.roll_off_mm
-"""Width of a contact's rim."""
+"""Width of a contact's rim, mm."""
 CLEAN = 0.25
-"""Dots that are off by no more than this, in displacements, always show their grid."""
+"""Largest error of dots, in displacements, at which the grid is always found."""
 POSES = 240
 _LATTICE = 33
 _TOPS = 600
 _FIRST_PITCHES, _GROWTH = 4.5, 1.25
-"""The search for the smallest contact begins at so many pitches, and grows so: large contacts take long to ask about."""
+"""First diameter of the search for the smallest contact, in pitches, and its growth: large contacts take long to evaluate."""
 _SEED = 11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Code:
-    """A code: how much alike its places are, and how many points a tape of it may have.
+    """A code: similarity of its places, and largest number of points of a tape.
 
     A place of the same code may have all bits of one axis in common with the answer, so that the other axis alone tells them
     apart. `axis` is ln of how many such places there are in effect; -inf for a code whose places share nothing.
@@ -78,20 +78,20 @@ dots."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loss:
-    """Information that frames lose of that of the random dots.
+    """Loss of information in frames, relative to the random dots.
 
     Attributes
     ----------
     share : float
-        Share of the information that is left.
+        Fraction of the information that remains.
     noise : float
         Median height of the tops of noise over its rms.
     tops : float
-        How many such tops there are in the squared length over which the noise is alike.
+        Number of such tops per squared correlation length of the noise.
     scatter : float
-        Share by which a contact must be larger for every displacement that dots are off by beyond `CLEAN`: grids are missed.
+        Fraction by which a contact must be larger per displacement of dot error beyond `CLEAN`, because grids are missed.
     eight : float
-        As many times larger a contact must be of eight directions: a grid is fitted to dots that may be in any of eight places.
+        Factor by which a contact must be larger for eight directions: a grid is fitted to dots at any of eight places.
     """
 
     share: float
@@ -109,7 +109,7 @@ designs."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """A design as a sensor sees it.
+    """A design as seen by a sensor.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Seen:
     top_mm : float or None
         Diameter of a dome's flat top.
     directions : int
-        That parts are displaced in.
+        Number of displacement directions.
     """
 
     pitch_mm: float
@@ -149,11 +149,11 @@ class Signal:
     Attributes
     ----------
     height_um : float
-        Of its top over the background.
+        Height of its top over the background.
     noise_um, alike_mm : float
-        Rms of the noise about it, smoothed but with its own background, and over which length that is alike.
+        Rms of the noise about it, smoothed but with its own background, and its correlation length.
     error_mm, pull_mm : float
-        How far noise, and how far its neighbours, move its top along one axis.
+        Standard deviations of its top's displacement along one axis, by noise and by its neighbours.
     """
 
     height_um: float
@@ -164,7 +164,7 @@ class Signal:
 
 
 def signal_of(seen: Seen) -> Signal:
-    """Height of a top, rms of the noise about it, and how far the noise moves it along one axis, after the decoder's smoothing.
+    """Height of a top, rms of the noise about it, and its displacement by noise along one axis, after the decoder's smoothing.
 
     The bump is the body smoothed by gel and decoder, less the mean over the pitch; noise is white, and blobs; a top moves by the
     noise's slope over the bump's curvature.
@@ -193,7 +193,7 @@ def signal_of(seen: Seen) -> Signal:
 
 
 def _pull_mm(seen: Seen, s_mm: float) -> float:
-    """Scatter along one axis of how far the two neighbours on it draw a top towards them; all bumps as Gaussians.
+    """Standard deviation, along one axis, of a top's pull towards its two neighbours; all bumps as Gaussians.
 
     All pairs of symbols change the distance along the axis by so many displacements.
     """
@@ -229,7 +229,7 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
 
 
 def _around(directions: int) -> FloatArray:
-    """Directions as they follow each other round a grid point; shape (directions, 2)."""
+    """Directions in their order round a grid point; shape (directions, 2)."""
     of = DIRECTIONS[directions]
     return of.xy[of.clockwise]
 
@@ -253,7 +253,7 @@ def _drawn(directions: int) -> tuple[IntArray, FloatArray, FloatArray, FloatArra
 
 @lru_cache(maxsize=1)
 def _nodes() -> FloatArray:
-    """Grid points by their distance from the middle; shape (k, 2)."""
+    """Grid points sorted by their distance from the centre; shape (k, 2)."""
     span = np.arange(_LATTICE) - _LATTICE // 2
     nodes = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2).astype(np.float64)
     ordered: FloatArray = nodes[np.argsort(np.hypot(*nodes.T), kind="stable")]
@@ -261,7 +261,7 @@ def _nodes() -> FloatArray:
 
 
 def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss) -> float:
-    """Share of round contacts of a diameter, anywhere on the tape, that are located: p_tape + p_place as `rule` has them."""
+    """Fraction of round contacts of a diameter, anywhere on the tape, that are located: p_tape + p_place as in `rule`."""
     gain, per_axis, dots, turn = _information(seen, contact_mm, loss)
     # 1 / (w E): places of even weight, four turns of each, on the best grid
     ln_places = log(4.0 * seen.points * seen.tapes)
@@ -272,7 +272,7 @@ def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss) -> floa
 
 
 def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Nats that each pose's dots say (p,), by axis (p, 2), how many there are (p,), and what shape says of the turn (p,)."""
+    """Evidence of each pose's dots in nats: total (p,), by axis (p, 2), number of dots (p,), and by shape for the turn (p,)."""
     symbols, phases, directions, errors, _ = _drawn(seen.directions)
     pitch, shift, signal = seen.pitch_mm, seen.displacement_mm / seen.pitch_mm, signal_of(seen)
     reach = (contact_mm + ROLL_OFF_MM) / 2.0 / pitch + shift + 0.8
@@ -299,14 +299,14 @@ def _information(seen: Seen, contact_mm: float, loss: Loss) -> tuple[FloatArray,
 
 
 def _away(e: FloatArray, f: FloatArray, shift: float, directions: int) -> FloatArray:
-    """Squared distances to all places round a grid point, the dot's own first, of dots that are off it by so much."""
+    """Squared distances of dots with given errors to all places round a grid point, the dot's own first."""
     return np.stack([(e + shift * (1.0 - x)) ** 2 + (f - shift * y) ** 2 for x, y in _around(directions).tolist()])
 
 
 def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
-    """Nats that dots say of each bit of their symbols, from what they say of all places, their own first.
+    """Evidence of dots for each bit of their symbols, nats, from that for all places, their own first.
 
-    Of four directions one bit is shared with the neighbour on either side. Of eight they are `Directions.gray_codes`.
+    With four directions one bit is shared with the neighbour on either side. With eight they are `Directions.gray_codes`.
     """
     if len(q) == 4:
         return [np.log(2.0 * (q[0] + q[k])) for k in (1, 3)]
@@ -318,11 +318,11 @@ def _said(q: FloatArray, symbols: IntArray) -> list[FloatArray]:
 
 
 _BITS_AROUND = np.array([DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise] >> bit & 1 for bit in range(3)])
-"""Bits of the symbols as they follow each other in `_around`: E, SE, S and on; shape (3, 8)."""
+"""Bits of the symbols in the order of `_around`: E, SE, S, ...; shape (3, 8)."""
 
 
 def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) -> float:
-    """Nats that a top of the noise costs on the mean: it lies anywhere in its cell, and is trusted by its height."""
+    """Mean loss by a top of the noise, nats: it lies anywhere in its cell, and its trust depends on its height."""
     e, f, height, symbol = _drawn(directions)[4].T
     weight = noise * height
     away = np.stack([(e - a * shift) ** 2 + (f - b * shift) ** 2 for a, b in _around(directions).tolist()])
@@ -338,9 +338,9 @@ def _field_mm2(sensor: SensorProfile) -> float:
 
 
 def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: float) -> float | None:
-    """The smallest contact that is located so often, up to a whole tenth of a millimetre; None where none up to `most_mm` is.
+    """The smallest contact located with that probability, rounded up to 0.1 mm; None if none up to `most_mm` is.
 
-    Nothing is promised of parts that are lower than the noise.
+    None for parts lower than the noise.
     """
     signal = signal_of(seen)
     if signal.noise_um > signal.height_um:

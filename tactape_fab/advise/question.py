@@ -1,4 +1,4 @@
-"""What is asked: a contact, a sensor, a way of making; read at the door, all that is wrong with it together."""
+"""Input of `advise` (contact, sensor, fab or process), read from untrusted values with all problems reported together."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """What is to be located, and how it is to be made.
+    """Contacts to be located, and the process that makes the tape.
 
     Attributes
     ----------
     contact_mm : float
-        Diameter of the smallest contact that is to be located.
+        Diameter of the smallest contact to be located.
     sensor : SensorProfile
     making : FabProfile or ProcessProfile
     blur_mm, placement_mm : float
@@ -50,7 +50,7 @@ class Question:
 
 
 def read_question(values: Mapping[str, Any]) -> Question:
-    """A question out of untrusted values; keys that are left out have their defaults.
+    """Read a question from untrusted values; missing keys have their defaults.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def read_question(values: Mapping[str, Any]) -> Question:
     tapes = table.integer("tapes", low=1, high=MOST_TAPES)
     process = table.text("process", choices=PROCESSES)
     size_mm = _size(values.get("size_mm", DEFAULT_SIZE_MM), problems)
-    known = process in PROCESSES  # else it is refused already
+    known = process in PROCESSES  # otherwise it is already refused
     if known and process != FILM and "fab" in values:
         said = f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
         problems.append(Problem("fab", said))
@@ -94,7 +94,7 @@ def read_question(values: Mapping[str, Any]) -> Question:
 
 
 def _size(value: object, problems: list[Problem]) -> tuple[float, float]:
-    """A tape's outline, judged as `make` judges it."""
+    """A tape's outline, checked as in `make`."""
     try:
         return TapeSpec(sector=0, size_mm=value).size_mm  # type: ignore[arg-type]
     except SpecError as refused:

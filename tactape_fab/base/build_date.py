@@ -1,4 +1,4 @@
-"""The date that written files carry: SOURCE_DATE_EPOCH, else 1980-01-01."""
+"""Date of written files: SOURCE_DATE_EPOCH, else 1980-01-01."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from datetime import datetime, timezone
 from tactape_fab.base.errors import SpecError
 
 EPOCH = datetime(1980, 1, 1, tzinfo=timezone.utc)
-"""Date of every file where SOURCE_DATE_EPOCH is not set: the earliest that a zip can hold."""
+"""Date of every file if SOURCE_DATE_EPOCH is not set: the earliest that a zip can hold."""
 
 
 ZIP_LATEST = datetime(2107, 12, 31, tzinfo=timezone.utc)
 
 
 def build_date() -> datetime:
-    """The one date that files carry: SOURCE_DATE_EPOCH (reproducible-builds.org), else 1980-01-01, in UTC.
+    """Date of all written files: SOURCE_DATE_EPOCH (reproducible-builds.org), else 1980-01-01, in UTC.
 
     Raises
     ------
     SpecError
-        When SOURCE_DATE_EPOCH is no whole number of seconds since 1970.
+        If SOURCE_DATE_EPOCH is not a whole number of seconds since 1970.
     """
     text = os.environ.get("SOURCE_DATE_EPOCH")
     if text is None:
@@ -36,5 +36,5 @@ def build_date() -> datetime:
 
 
 def zip_date() -> datetime:
-    """The build date, moved into what a zip can hold: 1980 to 2107."""
+    """The build date, clipped to the range of a zip: 1980 to 2107."""
     return min(max(build_date(), EPOCH), ZIP_LATEST)

@@ -21,19 +21,19 @@ class Finding:
     rule : str
         Stable id of the rule, such as ``pad-pad``.
     level : {"block", "warn", "info"}
-        What a broken rule means: the fab refuses, the fab asks, or a remark.
+        Consequence of a broken rule: the fab refuses, the fab asks, or a remark.
     passed : bool
         Whether the rule holds.
     value, limit : float or None
-        The worst measured value and the threshold it is held against, in `unit`.
+        The worst measured value and its threshold, in `unit`.
     unit : str
         ``"mm"``, ``"mm2"`` or ``""``.
     at_mm : tuple of float or None
-        Where on the board the worst value was measured (board frame, mm).
+        Place of the worst value (board frame, mm).
     message : str
-        Value, limit and remedy in words.
+        Text with value, limit and remedy.
     source : str
-        Where the threshold comes from.
+        Source of the threshold.
     confirmed : bool
         Whether the fab confirmed it.
     """
@@ -69,13 +69,13 @@ class Check:
     passed : bool
         Whether it holds.
     message : str
-        What was compared and found, in words.
+        Text of what was compared and found.
     figure : float or None
         The worst measured value, in `unit`.
     unit : str
         ``"mm"``, another unit, or ``""``.
     warning : bool
-        Whether a line that does not hold is only worth reading, and does not fail the kit.
+        Whether a line that does not hold is a warning, and does not fail the kit.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Check:
 
 
 def _plain_numbers(line: Finding | Check, *names: str) -> None:
-    """Python's own bool and float where numpy's were measured, None where nothing was: every line can be JSON."""
+    """Python's bool and float in place of numpy's, None if nothing was measured, so that every line can be JSON."""
     object.__setattr__(line, "passed", bool(line.passed))
     for name in names:
         value = getattr(line, name)
@@ -102,7 +102,7 @@ def _plain_numbers(line: Finding | Check, *names: str) -> None:
 class Problem:
     """One refused value: the key it belongs to and the sentence for the user.
 
-    ``needs`` are the other keys that it was judged by: where one of them is refused itself, there is nothing to say.
+    ``needs`` are the other keys on which the check depends: if one of them is refused itself, the problem is dropped.
     """
 
     key: str
@@ -116,17 +116,17 @@ class Problem:
 
 
 class ReachProblem(Problem):
-    """A problem of capacity: legal numbers that ask for more than the code has."""
+    """A problem of capacity: valid numbers that exceed the code's range."""
 
 
 def sound(found: Iterable[Problem], known: Sequence[Problem]) -> list[Problem]:
-    """Those of the found problems that do not rest on a value which is refused already."""
+    """The problems that do not depend on a value that is already refused."""
     refused = {problem.root for problem in known} - {""}
     return [problem for problem in found if refused.isdisjoint((problem.root, *problem.needs))]
 
 
 class TactapeError(Exception):
-    """Root of everything this package raises on purpose."""
+    """Base class of all errors of this package."""
 
 
 class SpecError(TactapeError, ValueError):
@@ -136,7 +136,7 @@ class SpecError(TactapeError, ValueError):
     ----------
     problems : tuple of Problem
     findings : tuple of Finding
-        Broken design rules that could be measured beside the problems.
+        Broken design rules that could be measured in spite of the problems.
     """
 
     def __init__(self, problems: str | Problem | Sequence[Problem], findings: Sequence[Finding] = ()) -> None:
@@ -151,11 +151,11 @@ class SpecError(TactapeError, ValueError):
 
 
 class CapacityError(SpecError):
-    """The tape asks for more of the code plane than the code has."""
+    """The tape exceeds the range of the code plane."""
 
 
 def refusal(problems: Sequence[Problem], findings: Sequence[Finding] = ()) -> SpecError:
-    """The error that says them: a CapacityError where the code's reach is all that is lacking."""
+    """The error with these problems: a CapacityError if the code's reach is the only problem."""
     reach_only = all(isinstance(problem, ReachProblem) for problem in problems)
     return (CapacityError if reach_only else SpecError)(problems, findings)
 
@@ -172,7 +172,7 @@ class DesignRuleError(TactapeError):
 
 
 class MissingLibraryError(TactapeError, ImportError):
-    """A library that this installation does not have; the message says what to type."""
+    """A library that is not installed; the message gives the install command."""
 
 
 class RenderError(TactapeError):
@@ -184,7 +184,7 @@ class FrameError(TactapeError, ValueError):
 
 
 class VerifyError(TactapeError):
-    """A written kit differs from what its manifest says.
+    """A written kit differs from its manifest.
 
     Attributes
     ----------

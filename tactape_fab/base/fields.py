@@ -1,4 +1,4 @@
-"""Reads untrusted mappings (options, TOML, JSON) field by field and collects every problem in words."""
+"""Reader of untrusted mappings (options, TOML, JSON), field by field, that collects every problem."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHOWN_PATH = 200
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it: one short line."""
+    """A value as text for a message: one short line."""
     try:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits (sys.int_info)
@@ -25,14 +25,14 @@ def shown(value: object) -> str:
 
 
 def shown_path(path: object) -> str:
-    """A path as a message shows it: its end, which names the file, is never cut off."""
+    """A path as text for a message: its end, which names the file, is never cut off."""
     text = str(path)
     text = text if text.isprintable() else repr(text)
     return text if len(text) <= _SHOWN_PATH else "..." + text[-_SHOWN_PATH:]
 
 
 def _range_text(low: float, high: float, above: float, below: float, of_unit: str) -> str:
-    """Bounds in words, for a message that has no better remedy."""
+    """Text of the bounds, for a message without a better remedy."""
     least = f"from {low:g}" if math.isfinite(low) else f"above {above:g}" if math.isfinite(above) else ""
     most = f"to {high:g}" if math.isfinite(high) else f"and below {below:g}" if math.isfinite(below) else ""
     return " ".join(["a number", *filter(None, (least, most if least else most.removeprefix("and ")))]) + of_unit
@@ -70,7 +70,7 @@ class Fields:
         self.problems.append(Problem(self.where + key, self.where + message))
 
     def refused(self, key: str) -> bool:
-        """Whether a value was refused before: what rests on it cannot be judged."""
+        """Whether a value was refused before, so that values which depend on it cannot be checked."""
         return any(problem.root == key for problem in self.problems)
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
@@ -199,7 +199,7 @@ class Fields:
         default: str = "",
         longest: int = 10_000,
     ) -> str:
-        """A string, one of `choices` where given, wholly matching `pattern` where given."""
+        """A string, one of `choices` if given, fully matching `pattern` if given."""
         if key not in self.values:
             self._missing(key, "one of " + ", ".join(choices) if choices else "a text")
             return default
@@ -228,7 +228,7 @@ class Fields:
         return value
 
     def table(self, key: str, known: Sequence[str] | None = None) -> Fields:
-        """A nested table; its problems are collected here, under ``key.``; keys beside `known` are refused."""
+        """A nested table; its problems are collected here, under ``key.``; keys not in `known` are refused."""
         value = self.values.get(key)
         if not isinstance(value, Mapping):
             what = f"{key} = {shown(value)} is not a table" if key in self.values else f"{key} is missing"
@@ -240,7 +240,7 @@ class Fields:
         return table
 
     def rows(self, key: str, *, longest: int) -> Sequence[Any]:
-        """A list of at most `longest` entries, whatever they are."""
+        """A list of at most `longest` entries of any type."""
         value = self.values.get(key)
         if isinstance(value, str) or not isinstance(value, Sequence):
             what = f"{key} = {shown(value)} is not a list" if key in self.values else f"{key} is missing"

@@ -1,8 +1,8 @@
-"""How every other process is started: isolated, in an empty folder of its own, with little of this one's environment.
+"""Launcher of all child processes: isolated, in an empty folder of their own, with a reduced environment.
 
-A kit from elsewhere is data. Python puts the current folder first on its search path for `-c` and `-m`, so that a file `json.py`
-in a kit would be run by whoever verifies it there. A child is therefore given the modules' folders that this process has, less
-the current one, and starts in a folder where nothing lies.
+A kit from elsewhere is untrusted data. Python puts the current folder first on its search path for `-c` and `-m`, so that a file
+`json.py` in a kit would be executed when the kit is verified there. A child therefore gets the module folders of this process
+without the current one, and starts in an empty folder.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ _KEPT = (
 )
 _KEPT_PREFIXES = ("NUMBA_", "TACTAPE_", "OMP_", "OPENBLAS_", "MKL_")
 _FOLDER_LISTS = ("PATH", "LD_LIBRARY_PATH", "NODE_PATH")
-"""Variables that list folders: an empty or a relative one among them is the current folder, or lies in it."""
+"""Variables that list folders: an empty or relative entry is the current folder, or lies in it."""
 
 
 def installed(names: Sequence[str]) -> str | None:
-    """Path of the first of these programs that there is, in a folder that is named as a whole."""
+    """Path of the first of these programs that exists, searched in absolute folders only."""
     folders = _absolute(os.environ.get("PATH", os.defpath))
     return next((path for name in names if (path := shutil.which(name, path=folders))), None)
 
 
 def environment(scratch: Path) -> dict[str, str]:
-    """Environment variables of a child; its home is `scratch`, so that it reads no settings and leaves none."""
+    """Environment variables of a child; its home is `scratch`, so that it neither reads nor writes the user's settings."""
     kept = {
         name: value for name, value in os.environ.items() if name in _KEPT or name == "PATH" or name.startswith(_KEPT_PREFIXES)
     }
@@ -45,7 +45,7 @@ def environment(scratch: Path) -> dict[str, str]:
         kept["NUMBA_CACHE_DIR"] = str(Path(kept["NUMBA_CACHE_DIR"]).absolute())
     return kept | {
         "HOME": str(scratch),
-        "XDG_CACHE_HOME": cache,  # where numba keeps what it compiled
+        "XDG_CACHE_HOME": cache,  # numba's cache of compiled functions
         "XDG_CONFIG_HOME": str(scratch),
         "PYTHONSAFEPATH": "1",  # for the interpreters inside other programs
     }
@@ -60,7 +60,7 @@ def python_command(code: str, *arguments: str) -> list[str]:
 
 
 def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a program to its end in `scratch`, or in a folder that is removed behind it.
+    """Run a program to its end in `scratch`, or in a temporary folder.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def _scratch(given: Path | None) -> Iterator[Path]:
 
 
 def _module_folders() -> list[str]:
-    """Folders of this interpreter's modules without the current one, which may be a stranger's, and this package's own."""
+    """Folders of this interpreter's modules without the current folder, which is untrusted, and this package's own."""
     here, own = Path.cwd().resolve(), str(Path(__file__).resolve().parents[2])
     found = [p for p in sys.path if Path(p).is_absolute() and (p == own or Path(p).resolve() != here)]
     return found if own in found else [*found, own]

@@ -1,4 +1,4 @@
-"""An executor of isolated processes: a lost process costs one answer, and none outlives the pool."""
+"""Executor of isolated processes: a process that dies fails only its own call, and none outlives the pool."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from tactape_fab.base.launch import python_command, start
 
 R = TypeVar("R")
 _PATIENCE_S = 20.0
-"""How long a process may take to clean up behind itself when it is asked to stop."""
+"""Time that a process may take to clean up when asked to stop, s."""
 
 
 class LostProcessError(Exception):
-    """A process died before it answered, with this exit status (negative: of a signal)."""
+    """A process died before it answered, with this exit status (negative: number of a signal)."""
 
     def __init__(self, exit_status: int) -> None:
         super().__init__(f"a process ended with status {exit_status}")
@@ -38,8 +38,8 @@ class ProcessPool(Executor):
 
     Unlike those of concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.base.launch`: they import
     nothing from the current folder, and never see SIGINT. A process that dies fails its own call alone, with
-    `LostProcessError`. They end by themselves when this process is no more. Used as a context manager, it stops at once when
-    the block is left by an exception.
+    `LostProcessError`. They end by themselves when this process ends. As a context manager, the pool stops at once if the
+    block raises.
     """
 
     def __init__(self, count: int) -> None:
@@ -51,17 +51,17 @@ class ProcessPool(Executor):
         self._stopped = False
 
     def submit(self, function: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """Call a function of a module's top level in another process; arguments and answer are pickled."""
+        """Call a top-level function of a module in another process; arguments and result are pickled."""
         return self._threads.submit(self._ask, function, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the calls end, then the processes."""
+        """Wait for the calls to end, then end the processes."""
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         if wait:
             self._end()
 
     def stop(self) -> None:
-        """Ask processes at work to stop by SIGTERM, which raises SystemExit in them, and wait until all have ended."""
+        """Stop busy processes by SIGTERM, which raises SystemExit in them, and wait until all have ended."""
         with self._lock:
             self._stopped = True
             for child in self._children:
@@ -90,14 +90,14 @@ class ProcessPool(Executor):
         return result
 
     def _child(self) -> subprocess.Popen[bytes]:
-        """The process of this thread."""
+        """Process that belongs to the calling thread."""
         child: subprocess.Popen[bytes] | None = getattr(self._own, "child", None)
         if child is None:
             command = python_command(f"from {__name__} import serve; serve()")
             with self._lock:
                 if self._stopped:
                     raise LostProcessError(-signal.SIGTERM)
-                # a session of its own: the terminal's Ctrl-C is for this process alone
+                # its own session: the terminal's Ctrl-C reaches only the parent
                 child = start(
                     command, Path(self._scratch.name), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
                 )
@@ -143,11 +143,12 @@ def _send(pipe: BinaryIO | Any, value: object) -> None:
 def serve() -> None:
     """Main loop of a process of the pool: answers calls until its input ends.
 
-    Asked to stop it cleans up behind a function at work, and ends at once otherwise: a collector would swallow the exception.
+    A stop request lets a running function clean up; otherwise the process ends at once: the collector would swallow the
+    exception.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asked, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a function prints is no answer
+    os.dup2(2, 1)  # a function's printed output must not mix with the results
     settled = False
     while True:
         try:
@@ -157,14 +158,14 @@ def serve() -> None:
         signal.signal(signal.SIGTERM, _leave)
         try:
             answer: tuple[bool, Any] = (True, function(*args, **kwargs))
-        except Exception as error:  # it is the caller's
+        except Exception as error:  # it is re-raised in the caller
             answer = (False, error)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         try:
             _send(answers, answer)
         except OSError:
             return
-        if not settled:  # what the first answer has loaded stays: the collector need not look at it with each of the others
+        if not settled:  # objects loaded by the first call stay alive: exclude them from later collections
             gc.collect()
             gc.freeze()
             settled = True

@@ -1,4 +1,4 @@
-"""Where profiles are: the data files of templates/, or a user's own TOML by path; and what all kinds of profile hold."""
+"""Location of profiles: the data files of templates/, or a user's own TOML by path; and fields common to all profiles."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def templates_folder() -> Path:
     Returns
     -------
     Path
-        With one folder of TOML files for each kind of profile: ``fabs``, ``parts``, ``processes``, ``sensors``.
+        Folder with one subfolder of TOML files for each kind of profile: ``fabs``, ``parts``, ``processes``, ``sensors``.
 
     Raises
     ------
     FileNotFoundError
-        When the installation has lost it.
+        If the folder is missing from the installation.
     """
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "templates", package.parent / "templates"):
@@ -48,12 +48,12 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
     Raises
     ------
     SpecError
-        When it cannot be opened, is too large, or is no TOML.
+        If it cannot be opened, is too large, or is not TOML.
     """
     try:
         with path.open("rb") as stream:
             data = stream.read(_PROFILE_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a path that no system takes
+    except (OSError, ValueError) as error:  # ValueError: a path that is invalid on every system
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         message = f"{key} = {shown_path(path)} cannot be opened: {reason}; give the path of a TOML file that can be read"
         raise SpecError(Problem(key, message)) from error

@@ -76,7 +76,7 @@ def _advice_lines(advice: Advice) -> list[str]:
 
 
 def _verdict(advice: Advice) -> str:
-    """Whether the contact asked for is reached, in one line."""
+    """One line that says whether the requested contact is reached."""
     from tactape_fab.advise.answer import LOCATED
 
     asked, first = advice.question, advice.lines[0]

@@ -1,4 +1,4 @@
-"""certify: what the windows of tapes can tell apart."""
+"""certify: distances between the windows of tapes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tactape_fab.texture.tape import Tape
 
 MOST_SHOWN = 6
-"""So many nearest pairs are printed; the JSON has more."""
+"""Number of nearest pairs that are printed; the JSON has more."""
 
 
 @click.command()
@@ -55,12 +55,12 @@ def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[l
     ----------
     kits : sequence of path
     options : mapping
-        ``code`` and ``size_mm``, where they are given.
+        ``code`` and ``size_mm``, if given.
 
     Raises
     ------
     SpecError
-        Every problem of any of them.
+        With every problem of all of them.
     """
     if kits and options:
         raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))

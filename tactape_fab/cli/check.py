@@ -30,7 +30,7 @@ def holes(texts: Sequence[str]) -> Any:
 
 
 class _TapeOption(click.Option):
-    """An option that stands for a key of the spec."""
+    """A command-line option for a key of the spec."""
 
     def __init__(self, declarations: Sequence[str], key: str, read: Callable[[Any], Any], **settings: Any) -> None:
         super().__init__([*declarations, key], **settings)
@@ -179,14 +179,14 @@ def given_values(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def spec_values(spec_file: str | None) -> dict[str, Any]:
-    """The values of SPEC.toml; none without one."""
+    """The values of SPEC.toml; empty without one."""
     from tactape_fab.kit.spec.tape_list import read_list_file
 
     return read_list_file(Path(spec_file)) if spec_file is not None else {}
 
 
 def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = ()) -> bool:
-    """Whether several tapes are asked for, each with a kit of its own; the tapes of a panel are one order."""
+    """Whether several tapes are asked for, each with its own kit; the tapes of a panel are one order."""
     from tactape_fab.kit.spec.tape_list import is_list as lists_tapes
 
     if {**values, **given}.get("panel", "none") != "none" or not lists_tapes(values, given):
@@ -226,7 +226,7 @@ def examined_order(
     except SpecError as refused:
         problems += refused.problems
     try:
-        if problems:  # say what else is refused, too
+        if problems:  # report all other problems, too
             of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
             examine({"sector": 0, **of_one}, output=output, overwrite=overwrite)
         else:

@@ -1,4 +1,4 @@
-"""completion: a shell completes commands, options, names of profiles, words of a metavar, and files."""
+"""completion: shell completion of commands, options, names of profiles, words of a metavar, and files."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
     ("code", "CODE"): _plane_codes,
     ("assembly", "HOUSE"): _houses,
 }
-"""Names that the package knows, by a parameter's key and metavar; a CODE is one with a plane. Profiles may be files, too."""
+"""Known names by a parameter's key and metavar; CODE lists codes with a plane. Profiles may also be files."""
 
 
 def offered(param: click.Parameter, incomplete: str) -> list[CompletionItem]:

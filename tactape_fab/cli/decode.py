@@ -1,4 +1,4 @@
-"""decode: files of frames located."""
+"""decode: locates the frames of files."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def decode(
         from tactape_fab.sense.files.jobs import Raw, is_kit, localize, make_locator, prepare
         from tactape_fab.sense.objects.taped_object import refuse_strangers
 
-        if kits:  # --tape A B, as a shell would have it
+        if kits:  # --tape A B, as shells expand patterns
             kits = [*kits, *(f for f in frames if is_kit(f))]
             frames = [f for f in frames if not is_kit(f)]
         options = locating_values(given)
@@ -81,7 +81,7 @@ def _print_answers(
         library("cv2", "--overlay")  # before the first answer
     table = FixTable(job.tapes, on_object=thing is not None)
     count = sum(file.count for file in job.files)
-    show = step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # rows are progress enough
+    show = step_shown() if sys.stdout is not None and not sys.stdout.isatty() else lambda *_: None  # rows show progress
     located, elapsed_ms = 0, []
     for answer in answers:
         fix = answer.fix

@@ -42,7 +42,7 @@ def answers() -> Iterator[None]:
         yield
     except TactapeError as error:
         fail(*answer(error))
-    except ModuleNotFoundError as error:  # an installation without the package's own dependencies, as a robot's
+    except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise
         fail(FAILED, [missing(error.name, "this command")])

@@ -31,7 +31,7 @@ COMMANDS = (
 
 
 class _Text(click.types.StringParamType):
-    """Text as it was typed; what a shell offers for it follows from the parameter's metavar."""
+    """Text parameter; its shell completion depends on the parameter's metavar."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from tactape_fab.cli.completion import offered
@@ -40,7 +40,7 @@ class _Text(click.types.StringParamType):
 
 
 def command(name: str) -> click.Command:
-    """A command by its name in `COMMANDS`, imported now; its texts can be completed by a shell."""
+    """Import a command by its name in `COMMANDS`; its text parameters get shell completion."""
     found: click.Command = getattr(import_module(f"tactape_fab.cli.{name}"), name)
     for parameter in found.params:
         if parameter.type is click.STRING:
@@ -66,13 +66,13 @@ class _Group(click.Group):
         except OSError as error:
             if not _cannot_print(error):
                 raise
-            sys.stdout = None  # what is left in its buffer would fail once more
+            sys.stdout = None  # flushing the rest of its buffer would fail again
             click.echo(f"error: standard output cannot be written: {error.strerror}; give it room, or another place", err=True)
             sys.exit(1)
 
 
 def _cannot_print(error: OSError) -> bool:
-    """Whether click's printing raised it. Files that the package itself cannot write it reports as errors of its own."""
+    """Whether click's printing raised it. Failures to write the package's own files have their own error class."""
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from tactape_fab.texture.certify.origin import Choice
 
 _OBJECTS_A_COLLECTION = 50_000
-"""Loading modules makes many objects and few cycles: the garbage collector would search all of them again and again."""
+"""Garbage collection threshold: loading modules makes many objects and few cycles, and each collection scans all of them."""
 _NAMED = 3
-"""Up to so many tapes of a packed sheet are named."""
+"""Most tapes of a packed sheet that are named."""
 
 
 @tape_options
@@ -78,7 +78,7 @@ def make(
               tactape-fab make --sector 7 --part dome --process sla
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
     """
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a polite end leaves nothing behind
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # SIGTERM removes unfinished files
     gc.set_threshold(_OBJECTS_A_COLLECTION)
     with answers():
         from tactape_fab.kit.examine.tape import Examined
@@ -118,7 +118,7 @@ def _make_list(
     jobs: str | None,
     as_json: bool,
 ) -> None:
-    """Make the kits of a list: a row for each, errors of one beside it; the exit status is the highest of all."""
+    """Make the kits of a list and print a row for each, with its errors; the exit status is the highest of all."""
     from tactape_fab.kit.examine.tape_lists import list_tapes
     from tactape_fab.make.many import DEFAULT_FOLDER, FailedKit, make_kits, pack_tapes
 
@@ -130,7 +130,7 @@ def _make_list(
     packed = pack_tapes(listed.tapes) if pack else []
     table, begin = _KitTable(listed.tapes), time.monotonic()
     rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
-    show = (lambda *_: None) if rows_shown else step_shown()  # rows are progress enough
+    show = (lambda *_: None) if rows_shown else step_shown()  # rows already show the progress
     made, failed, statuses = [], [], [0]
     echo_lines([] if as_json else [table.header()])
     try:
@@ -246,7 +246,7 @@ def _failed_mapping(kit: FailedKit, status: int, lines: Sequence[str]) -> dict[s
 
 
 def _summary(made: int, count: int, folder: Path, seconds: float) -> str:
-    """How many kits of a list were made, and how fast."""
+    """Number of kits of a list that were made, and the rate."""
     rate = f", {made / seconds:.2g} kits/s" if made and seconds > 0.0 else ""
     return f"made {made} of {counted(count, 'kit')} in {folder}; {seconds:.1f} s{rate}"
 

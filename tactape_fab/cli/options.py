@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 SENSOR_HELP = "Sensor profile, or a .toml file.  [default: gelsight-mini]"
 
 
-# Texts to values. A text that cannot be read is passed on as it is: whoever checks the values names it with all others.
+# Texts to values. A text that cannot be read is passed on unchanged: it is reported with all other invalid values.
 
 
 def number(text: str) -> Any:
@@ -46,7 +46,7 @@ def size(text: str) -> Any:
 
 
 def contact_size(text: str) -> Any:
-    """Both axes, or the name; a text that has not two parts is passed on as it is."""
+    """Both axes, or the name; a text that does not have two parts is passed on unchanged."""
     axes = size(text)
     return axes if len(axes) == 2 else text
 
@@ -87,15 +87,15 @@ def locating_options(command: F) -> F:
 
 
 def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a job (`sense.files.jobs.prepare`) from option texts; None where an option is not given."""
+    """The settings of a job (`sense.files.jobs.prepare`) from option texts; None for an option that is not given."""
     names = ("code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale")
     return {n: _LOCATING_TEXTS[n](given[n]) if n in _LOCATING_TEXTS and given[n] is not None else given[n] for n in names}
 
 
 def named_object(file: str | None, settings: Mapping[str, Any]) -> TapedObject | None:
-    """The object that --object names; how well measured corners of its tags fit is printed.
+    """The object of --object; the misfit of its tags' measured corners is printed.
 
-    An object's kits say code, W and Δ: those options beside it are refused.
+    An object's kits give code, W and Δ: these options are refused together with --object.
     """
     if file is None:
         return None

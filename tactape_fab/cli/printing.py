@@ -109,13 +109,13 @@ def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
 
 
 def clear_step() -> None:
-    """Take progress off the line of the terminal that a message is to stand on."""
+    """Clear the progress line of the terminal before a message."""
     if sys.stderr is not None and sys.stderr.isatty():
         click.echo("\r\033[K", err=True, nl=False)
 
 
 def step_shown() -> Callable[[str, int, int], None]:
-    """Progress as one line of a terminal, written over; nothing elsewhere."""
+    """Progress as one line of a terminal that is overwritten; nothing if the output is not a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda *_: None
     return lambda text, done, count: click.echo(f"\r{text} {done} of {count}\033[K", err=True, nl=done == count)

@@ -1,4 +1,4 @@
-"""registry: tapes, their conflicts, and how far they are apart."""
+"""registry: tapes, their conflicts, and their distances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tactape_fab.texture.tape import Tape
 
 MOST_COLUMNS = 12
-"""Up to so many tapes a registry is printed as a matrix, more as its nearest tapes."""
+"""Most tapes for which a registry is printed as a matrix; above it the nearest tapes are printed."""
 MOST_CONFLICTS = 40
 _NEAREST_TAPES = 20
 
@@ -38,7 +38,7 @@ def registry(kits: Sequence[str], as_json: bool) -> None:
 
 
 def registry_lines(result: Registry) -> list[str]:
-    """The tapes, their conflicts, and how far every two are apart."""
+    """Print the tapes, their conflicts, and the distance of every two."""
     names = result.names
     header = ("tape", "sector", "code", "origin", "grid", "size mm", "pitch mm", "tag", "fab")
     lines = [*table_lines(header, [_entry_row(n, e.tape, e.fab) for n, e in zip(names, result.entries, strict=True)]), ""]

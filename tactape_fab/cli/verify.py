@@ -1,4 +1,4 @@
-"""verify: a written kit read back."""
+"""verify: reads a written kit back."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_f
 
 
 def _verified(kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, quick: bool) -> Verification:
-    """The verification of a kit, its map drawn where one is asked for. Values that cannot be used are refused together."""
+    """The verification of a kit; its map is drawn if asked for. All invalid values are refused together."""
     from tactape_fab.verify import read_contact, verify_kit
 
     problems: list[Problem] = []
@@ -62,7 +62,7 @@ def _verified(kit: str, contact: str | None, sensor: str | None, map_file: str |
     if problems:
         raise SpecError(problems)
     verification = verify_kit(kit, quick=quick, contact=touched, progress=step_shown())
-    if path is not None and touched is not None and verification.checks[0].passed:  # its manifest can be read
+    if path is not None and touched is not None and verification.checks[0].passed:  # only if its manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 
         map_kit(kit, path, touched, verification.trips, step_shown())

@@ -1,4 +1,4 @@
-"""watch: frames located as they come."""
+"""watch: locates frames as they arrive."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.objects.taped_object import TapedObject
 
 _TERMINAL_S, _LOG_S = 0.1, 10.0
-"""Time between two status lines of a terminal, where they are written over, and of a file."""
+"""Time between two status lines, s: on a terminal, where they are overwritten, and in a file."""
 
 
 @click.command()
@@ -87,7 +87,7 @@ def _print(thing: TapedObject | None, located: Located) -> bool:
 
 
 def _opened(source: str, kits: Sequence[str], sensor: str, given: Mapping[str, Any]) -> tuple[int | None, Watch]:
-    """Number of answers to end after, None for no end, and the opened source with its job."""
+    """Number of answers after which to end (None: no end), and the opened source with its job."""
     from tactape_fab.base.errors import SpecError
     from tactape_fab.base.fields import Fields
     from tactape_fab.sense.live.extras import missing_extra
@@ -162,7 +162,7 @@ def _run(
 
 
 def _cut(line: str) -> str:
-    """A line as wide as the terminal, which could not write over two."""
+    """A line cut to the terminal's width, because only one line can be overwritten."""
     import shutil
 
     return line[: shutil.get_terminal_size().columns - 1]
@@ -185,7 +185,7 @@ def _end(tally: Tally) -> None:
 
 @contextmanager
 def _ended_by_signals(stop: Event) -> Iterator[None]:
-    """Let Ctrl-C, or a request to end, set an event: the answer in hand is finished, files are closed. Another interrupts."""
+    """Set an event on Ctrl-C or SIGTERM: the current answer is finished, files are closed. A second signal interrupts."""
     before: dict[signal.Signals, Any] = {}
 
     def end(which: int, _: object) -> None:

@@ -46,7 +46,7 @@ STEP_FORMATS = ("step", "stp")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Embossed:
-    """An embossed part that stands under its name.
+    """A finished embossed part.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class _Source:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Made:
-    """The texture on the part, and what only a STEP source has: its face's index and the fused STEP file."""
+    """The texture on the part and, for a STEP source only, its face's index and the fused STEP file."""
 
     laid: LaidOut
     fused: Fused
@@ -116,15 +116,15 @@ def emboss_kit(
     surface_path : str or Path
         The part: a closed mesh (STL, 3MF, OBJ, PLY) or a STEP file of one solid.
     output : str or Path, optional
-        Folder of the result; beside the part as ``<part>-<tape>`` where none is given.
+        Folder of the result; by default ``<part>-<tape>`` beside the part.
     placement : Placement
-        Where on the part, and which way up.
+        Place on the part, and direction of board +y.
     overwrite : bool
-        Replace an older result at `output`. Anything else that stands there is refused.
+        Replace an older result at `output`. Anything else there is refused.
     unit : {"mm", "cm", "m", "inch"}
-        What the numbers of an STL, OBJ or PLY are in. 3MF and STEP say it themselves.
+        Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
     progress : callable
-        Told what is being done, and how many of how many elements are done.
+        Called with the name of the step, the number of finished elements and their total.
 
     Returns
     -------
@@ -133,11 +133,11 @@ def emboss_kit(
     Raises
     ------
     SpecError
-        When the kit or the part cannot be read, the part is no solid, or the texture does not fit on it.
+        If the kit or the part cannot be read, the part is not a solid, or the texture does not fit on it.
     MissingLibraryError
-        When the extra ``cad`` is not installed.
+        If the extra ``cad`` is not installed.
     VerifyError
-        When the written files are not what they should be; nothing stands at `output` then.
+        If the written files fail the verification; nothing is left at `output`.
     """
     manifest_file = find_manifest(kit_path)
     content = read_manifest(manifest_file)

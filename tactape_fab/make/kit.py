@@ -1,4 +1,4 @@
-"""make_kit: the only place where a kit gets its name. Built and verified in a temporary folder, then exchanged into place."""
+"""make_kit: makes a kit in a temporary folder, verifies it there, then moves it to its final name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kit:
-    """A kit that stands under its name.
+    """A finished kit.
 
     Attributes
     ----------
@@ -38,11 +38,11 @@ class Kit:
     findings : tuple of Finding
         Every design rule, measured.
     checks : tuple of Check
-        Every line of its verification; empty where none was asked for.
+        Every line of its verification; empty without verification.
     files : dict of str to str
         Role to path, relative to the folder.
     search : Choice or None
-        What a search for the origin found; None where there was none.
+        Result of the search for the origin; None without a search.
     """
 
     path: Path
@@ -86,18 +86,18 @@ def make_kit(
     ----------
     spec : TapeSpec
     path : str or Path, optional
-        Folder of the kit; the tape's name in the current folder where none is given.
+        Folder of the kit; by default the tape's name in the current folder.
     avoid : sequence of Tape
-        Tapes that exist: the origin is chosen away from them, and the spec's must be ``"best"``; a touch code is designed
+        Existing tapes: the origin is chosen away from them, and the spec's must be ``"best"``; a touch code is designed
         away from them.
     overwrite : bool
-        Replace an older kit of this tool at `path`. Anything else that stands there is refused.
+        Replace an older kit of this tool at `path`. Anything else there is refused.
     verify : bool
         Verify the written files before the kit gets its name.
     force : bool
         Write it in spite of broken design rules; the manifest records them under ``forced``.
     progress : callable
-        Told in words what is being done.
+        Called with the name of each step.
 
     Returns
     -------
@@ -106,11 +106,11 @@ def make_kit(
     Raises
     ------
     SpecError
-        When no tape follows from the spec, or `path` is taken.
+        If no tape can be made from the spec, or `path` is taken.
     DesignRuleError
-        When a rule of the fab profile is broken.
+        If a rule of the fab profile is broken.
     VerifyError
-        When the written files are not what they should be; nothing stands at `path` then.
+        If the written files fail the verification; nothing is left at `path`.
     """
     return make_examined(examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, progress=progress)
 
@@ -137,7 +137,7 @@ def make_examined(
         write_kit(folder, content, artifacts)
         if verify:
             progress("verifying")
-            from tactape_fab.verify import verify_folder  # loads what reads the files back, which takes its time
+            from tactape_fab.verify import verify_folder  # imported here: it takes long to load
 
             verification = verify_folder(folder / MANIFEST_NAME, quick=True)
             verification.raise_if_failed()
@@ -172,9 +172,9 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
 
 
 def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: bool, force: bool) -> list[Finding]:
-    """Refuse a place that is taken, and broken rules unless they are forced; returns the broken ones.
+    """Refuse a path that is taken, and broken rules unless they are forced; returns the broken ones.
 
-    `drawn` is the tape, or any of those on a panel: what cannot be drawn at all is refused all the same.
+    `drawn` is the tape, or any of those on a panel: something that cannot be drawn is refused even if forced.
     """
     blocking = [finding for finding in findings if finding.blocks]
     try:
@@ -189,5 +189,5 @@ def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *,
 
 
 def forced(finding: Finding) -> dict[str, Any]:
-    """A broken rule as the manifest of a kit that was made in spite of it records it."""
+    """A broken rule as recorded in the manifest of a kit made in spite of it."""
     return {"rule": finding.rule, "value": finding.value, "limit": finding.limit, "message": finding.message}

@@ -1,4 +1,4 @@
-"""Many kits: made in several processes, each as `make_kit` makes it, and their tapes packed into panels."""
+"""Many kits: made in several processes, each by `make_kit`, and their tapes packed into panels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DEFAULT_FOLDER = "tactape-kits"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MadeKit:
-    """A kit of a list that stands under its name: what is small of it."""
+    """Summary of a finished kit of a list."""
 
     path: Path
     name: str
@@ -44,7 +44,7 @@ class MadeKit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedKit:
-    """A kit of a list that was not made, and why."""
+    """A kit of a list that was not made, and the reason."""
 
     path: Path
     name: str
@@ -54,7 +54,7 @@ class FailedKit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedFilm:
-    """Tapes that one kind of film can carry, packed into sheets: panels of the fab without their rails."""
+    """Tapes that fit on one kind of film, packed into sheets: panels of the fab without their rails."""
 
     fab: FabProfile
     tapes: tuple[Planned, ...]
@@ -62,7 +62,7 @@ class PackedFilm:
 
     @property
     def shares(self) -> list[float]:
-        """Share of each sheet's area that is tape."""
+        """Fraction of each sheet's area covered by tapes."""
         width_mm, height_mm = self.fab.panel.largest_mm
         return [float(area) / (width_mm * height_mm) for area in self.packing.tape_area_mm2()]
 
@@ -90,7 +90,7 @@ class PackedFilm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Order:
-    """What a process is asked for."""
+    """Request to a process."""
 
     spec: TapeSpec
     path: Path
@@ -110,7 +110,7 @@ def make_kits(
 ) -> Generator[MadeKit | FailedKit]:
     """Make the kits of a list, each in the folder under its tape's name.
 
-    Close the iterator to stop early: kits that are being made leave nothing behind.
+    Close the iterator to stop early: unfinished kits leave no files.
 
     Parameters
     ----------
@@ -125,12 +125,12 @@ def make_kits(
     Yields
     ------
     MadeKit or FailedKit
-        In the order of the list, as soon as it is known.
+        In the order of the list, each as soon as it is known.
 
     Raises
     ------
     TactapeError
-        When the folder cannot be made.
+        If the folder cannot be made.
     """
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
@@ -150,13 +150,13 @@ def make_kits(
                 yield _lost(order, lost)
     finally:
         pool.stop()
-        for parent in missing:  # innermost first; one that holds a kit stays
+        for parent in missing:  # innermost first; a folder that holds a kit is kept
             with suppress(OSError):
                 parent.rmdir()
 
 
 def _make(order: _Order, folder: Path) -> MadeKit | FailedKit:
-    """Make one kit in a process of its own, which works where paths of the order mean what its user meant."""
+    """Make one kit in its own process, in the user's current folder so that relative paths are resolved there."""
     import cv2
 
     os.chdir(folder)
@@ -165,7 +165,7 @@ def _make(order: _Order, folder: Path) -> MadeKit | FailedKit:
         kit = make_examined(examine(order.spec), order.path, overwrite=order.overwrite, verify=order.verify, force=order.force)
     except TactapeError as error:
         return _failed(order, error)
-    except Exception as error:  # the others go on
+    except Exception as error:  # the others continue
         return _failed(order, TactapeError(f"{type(error).__name__}: {error}; this should not happen, please report it"))
     tape = kit.tape
     width_mm, height_mm = tape.board.size_mm

@@ -1,4 +1,4 @@
-"""Panels: several tapes examined together and made with their kits, in one folder that takes its name when it is verified."""
+"""Panels: several tapes made with their kits in one folder, which gets its final name when it is verified."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tactape_fab.texture.tape import Tape
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelKit:
-    """A panel that stands under its name.
+    """A finished panel.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class PanelKit:
     tapes : tuple of Tape
     findings : tuple of Finding
     checks : tuple of Check
-        Of the panel and of every kit in it; empty where none was asked for.
+        Checks of the panel and of every kit in it; empty without verification.
     files : dict of str to str
         Role to path of the panel's own files.
     kits : tuple of str
@@ -84,18 +84,18 @@ def make_panel(
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> PanelKit:
-    """Make a panel: its files, and the whole kit of every tape on it, verified from what was written.
+    """Make a panel: its files, and the complete kit of every tape on it, verified from the written files.
 
     Parameters
     ----------
     examined : ExaminedPanel
         From `examine_order`.
     path : str or Path, optional
-        Folder of the panel; its name in the current folder where none is given.
+        Folder of the panel; by default its name in the current folder.
     overwrite, verify, force : bool
         As for `make_kit`.
     progress : callable
-        Told in words what is being done.
+        Called with the name of each step.
 
     Returns
     -------
@@ -104,11 +104,11 @@ def make_panel(
     Raises
     ------
     SpecError
-        When `path` is taken.
+        If `path` is taken.
     DesignRuleError
-        When a rule of the fab profile is broken.
+        If a rule of the fab profile is broken.
     VerifyError
-        When the written files are not what they should be; nothing stands at `path` then.
+        If the written files fail the verification; nothing is left at `path`.
     """
     target = Path(examined.name if path is None else path)
     findings = examined.findings
@@ -142,7 +142,7 @@ def _kit_folder(tape: Examined) -> str:
 
 
 def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress: Callable[[str], None]) -> list[Check]:
-    """The kit of every tape, whole; each is verified before the next is begun."""
+    """The complete kit of every tape; each is verified before the next one is begun."""
     checks: list[Check] = []
     for number, tape in enumerate(examined.tapes, start=1):
         progress(f"tape {number} of {len(examined.tapes)}")
@@ -168,7 +168,7 @@ def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress
 def _write_panel(
     examined: ExaminedPanel, folder: Path, blocking: Sequence[Finding], progress: Callable[[str], None]
 ) -> tuple[list[Artifact], dict[str, Any]]:
-    """The panel's own files, and what its manifest holds."""
+    """The panel's own files, and the content of its manifest."""
     progress("rendering the panel")
     first, film = examined.tapes[0], examined.tapes[0].film
     assert film is not None

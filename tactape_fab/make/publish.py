@@ -1,4 +1,4 @@
-"""A finished folder takes its name in one step, and whatever interrupts leaves nothing half-written behind."""
+"""Publishing of a finished folder under its final name in one step; an interruption leaves no partial files."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ _AT_FDCWD = -100
 
 @contextmanager
 def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
-    """A new folder beside `target`, which takes its place at the end of the block; nothing stays of it where that is not reached.
+    """Context manager: a new folder beside `target` that replaces it at the end of the block, or is removed after an error.
 
     Parameters
     ----------
     target : Path
     what : str
-        What is written, for the message where that cannot be.
+        Kind of the written folder, for the error message.
     overwrite : bool
         Replace an older kit of this tool.
 
     Raises
     ------
     TactapeError
-        When the folder or a file in it cannot be written.
+        If the folder or a file in it cannot be written.
     """
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]
@@ -50,10 +50,10 @@ def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
 
 
 def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
-    """Leave nothing behind, also when a second signal comes while this is under way."""
+    """Remove everything, even if a second signal arrives meanwhile."""
     try:
         shutil.rmtree(folder, ignore_errors=True)
-        for parent in new_parents:  # innermost first; one that holds a kit stays
+        for parent in new_parents:  # innermost first; a folder that holds a kit is kept
             with suppress(OSError):
                 parent.rmdir()
     except BaseException:
@@ -62,14 +62,14 @@ def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
 
 
 def put_in_place(folder: Path, target: Path, *, overwrite: bool) -> None:
-    """Give a finished folder its name; whoever looks sees the old kit or the new one, never a mixture."""
+    """Give a finished folder its name; other processes see the old kit or the new one, never a mixture."""
     if not (target.exists() or target.is_symlink()):
         folder.rename(target)
         return
-    refuse_taken(target, overwrite=overwrite)  # again: it may have come since
+    refuse_taken(target, overwrite=overwrite)  # again: it may have been created since
     if _exchange(folder, target):
         return
-    # without an exchange in one step: the old kit steps aside under an unfinished name, and back if the new one fails
+    # without an atomic exchange: the old kit gets an unfinished name, and its own again if the new one fails
     aside = folder.with_name(folder.name.removesuffix(UNFINISHED_SUFFIX) + ".old" + UNFINISHED_SUFFIX)
     target.rename(aside)
     try:
@@ -81,7 +81,7 @@ def put_in_place(folder: Path, target: Path, *, overwrite: bool) -> None:
 
 
 def _exchange(a: Path, b: Path) -> bool:
-    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False where the system cannot."""
+    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False if the system does not support it."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError, TypeError):

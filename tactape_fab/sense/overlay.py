@@ -26,11 +26,11 @@ Point = tuple[float, float]
 
 LEAST_SIDE_PX = 720
 WORDS_PX, PANEL_PX = 56, 230
-"""Heights of the bands above and below the enlarged frame."""
+"""Heights of the bands above and below the enlarged frame, px."""
 _SUBPIXEL = 4
 _GRID, _PLAIN, _AGREEING, _OTHER = (120, 95, 60), (235, 235, 235), (240, 190, 90), (50, 110, 245)
 _X_AXIS, _Y_AXIS, _TEXT, _BAND, _FIELD = (60, 230, 245), (215, 150, 225), (255, 255, 255), (36, 36, 36), (95, 95, 95)
-"""Colours, blue first as OpenCV has them; agreeing dots are light blue rings, others orange diamonds: told apart by any eye."""
+"""Colours, BGR as in OpenCV; agreeing dots are light blue rings, others orange diamonds, safe for colour-blind readers."""
 _ERROR_SCALES_UM = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 _ERROR_PX = 78
 
@@ -48,7 +48,7 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     Returns
     -------
     ndarray of uint8, shape (height, width, 3)
-        Words, the canonical image enlarged, and the tape with the contact beside the error; blue first.
+        Text, the enlarged canonical image, and the tape with the contact beside the error; BGR.
     """
     from tactape_fab.sense.decode.dots.detect import band_pass, detect
 
@@ -99,7 +99,7 @@ def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
 
 
 class View:
-    """From the texture to the enlarged picture: the inverse of SPEC's T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
+    """Map from the texture to the enlarged picture: the inverse of SPEC's T = S + (1/R) [[cos, sin], [-sin, cos]] (p - p0)."""
 
     def __init__(self, sensor: SensorProfile, fix: Localization, zoom: int) -> None:
         assert fix.position_mm is not None and fix.theta_deg is not None
@@ -129,7 +129,7 @@ def _zoomed(xy_px: FloatArray, zoom: int) -> FloatArray:
 
 
 def _shades(high: npt.NDArray[np.float32], zoom: int) -> Picture:
-    """Grey levels from the lowest to the highest percentile, enlarged without smoothing."""
+    """Grey image scaled from the lowest to the highest percentile, enlarged without smoothing."""
     low, top = np.percentile(high, (1.0, 99.8))
     grey = np.clip((high - low) / max(float(top - low), 1e-30), 0.0, 1.0) * 200
     enlarged = np.repeat(np.repeat(grey.astype(np.uint8), zoom, axis=0), zoom, axis=1)
@@ -137,7 +137,7 @@ def _shades(high: npt.NDArray[np.float32], zoom: int) -> Picture:
 
 
 def grid_lines_mm(tape: Tape, view: View) -> FloatArray:
-    """Ends of the grid lines as far as the tape and the picture reach, shape (n, 2, 2), texture frame."""
+    """Ends of the grid lines within the tape and the picture, shape (n, 2, 2), texture frame, mm."""
     low = np.clip(np.floor(view.corners_mm.min(axis=0) / tape.pitch_mm), 0, (tape.columns - 1, tape.rows - 1))
     high = np.clip(np.ceil(view.corners_mm.max(axis=0) / tape.pitch_mm), 0, (tape.columns - 1, tape.rows - 1))
     columns = [((column, low[1]), (column, high[1])) for column in np.arange(low[0], high[0] + 1)]
@@ -146,7 +146,7 @@ def grid_lines_mm(tape: Tape, view: View) -> FloatArray:
 
 
 def ellipse_mm(covariance: FloatArray) -> FloatArray:
-    """Two standard deviations of a position round its place, a closed line of shape (n, 2), texture frame."""
+    """Ellipse of two standard deviations of a position, a closed line of shape (n, 2), texture frame, mm."""
     values, axes = np.linalg.eigh(covariance[:2, :2])
     turn = np.linspace(0.0, 2 * np.pi, 73)
     around = 2.0 * np.sqrt(np.maximum(values, 0.0)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
@@ -160,7 +160,7 @@ def _draw_grid(picture: Picture, tape: Tape, view: View) -> None:
 
 
 def _draw_symbols(picture: Picture, tape: Tape, view: View, dots: FloatArray, radius: float) -> None:
-    """Every dot: a ring and its letter where it stands in its part's place, else a diamond; a line comes from the grid point."""
+    """Draw every dot: a ring and its letter if it is at its part's place, else a diamond; with a line from the grid point."""
     cells = tape.cells()
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
     nodes = view.to_px(cells * tape.pitch_mm)
@@ -184,7 +184,7 @@ def _draw_symbols(picture: Picture, tape: Tape, view: View, dots: FloatArray, ra
 
 
 def _draw_pose(picture: Picture, tape: Tape, view: View) -> None:
-    """Texture x and y from the image centre as arrows, two pitches long."""
+    """Draw texture x and y from the image centre as arrows, two pitches long."""
     start = view.to_px(view.position_mm)
     for axis, colour, name in ((0, _X_AXIS, "x"), (1, _Y_AXIS, "y")):
         end = view.to_px(view.position_mm + 2 * tape.pitch_mm * np.eye(2)[axis])
@@ -195,7 +195,7 @@ def _draw_pose(picture: Picture, tape: Tape, view: View) -> None:
 
 
 def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> None:
-    """The whole tape in its box: outline, parts, the sensor's field, an arrow along image u, the dot at the contact."""
+    """Draw the whole tape in its box: outline, parts, the sensor's field, an arrow along image u, the dot at the contact."""
     x0, y0 = tape.board.texture_origin_mm
     width_mm, height_mm = tape.board.size_mm
     low, size_mm = np.array([-x0, y0 - height_mm]), np.array([width_mm, height_mm])
@@ -225,7 +225,7 @@ def _draw_tape(panel: Picture, tape: Tape, view: View, fix: Localization) -> Non
 
 
 def _draw_error(panel: Picture, fix: Localization) -> None:
-    """Ellipse of two standard deviations of the position, texture x to the right and y down, in a box that says its size."""
+    """Draw the ellipse of two standard deviations of the position, texture x right, y down, in a box labelled with its size."""
     cv2 = library("cv2", "drawing a picture")
 
     centre = (panel.shape[1] / 2, 104.0)

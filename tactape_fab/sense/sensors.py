@@ -1,4 +1,4 @@
-"""Sensor profiles: how the frames of a tactile sensor become the canonical image, and its scale."""
+"""Sensor profiles: conversion of a tactile sensor's frames to the canonical image, and its scale."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _VALID_GREY = 128
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorProfile:
-    """A tactile sensor: how its frames become the canonical image, the scale of that image, and its noise.
+    """A tactile sensor: conversion of its frames to the canonical image, the scale of that image, and its noise.
 
     The canonical image shows the tape seen from above its components, u right and v down, a larger value where the
     texture pushes further into the elastomer. A frame becomes it by `canonical`. Profiles that come with the package are read by
@@ -54,7 +54,7 @@ class SensorProfile:
     correlated_px : float
         Standard deviation of the Gaussian that makes the smooth noise smooth, px.
     scale_tolerance : float
-        How far the true scale may be from `px_per_mm`, as a share: 0.1 is 10 %.
+        Largest relative error of `px_per_mm`: 0.1 is 10 %.
     mask : ndarray of bool, shape (height_px, width_px), or None
         Read-only; True where the canonical image carries depth. None: everywhere.
     """
@@ -155,12 +155,12 @@ def load_sensor(name: str | Path) -> SensorProfile:
 
 
 def as_sensor(sensor: object) -> SensorProfile:
-    """A profile as it is, or by name or path; those that come with the package are read once.
+    """A profile itself, or read by name or path; the package's own are read once.
 
     Raises
     ------
     SpecError
-        As `load_sensor`, and where it is none of the three.
+        As `load_sensor`, and if it is none of the three.
     """
     if isinstance(sensor, SensorProfile):
         return sensor
@@ -176,7 +176,7 @@ def _own_sensor(name: str) -> SensorProfile:
 
 
 def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool, rotate90: int) -> npt.NDArray[np.bool_] | None:
-    """The mask as the canonical image has it; problems are collected, with None then."""
+    """The mask in the canonical image; None if it has problems, which are collected."""
     value = image.values["mask"]
     mask = None
     if value == "ellipse":
@@ -205,7 +205,7 @@ def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool
 
 
 def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
-    """A PNG of exactly this (height, width) as grey levels; its header is looked at before anything is unpacked."""
+    """A PNG of exactly this (height, width) as grey levels; its header is checked before anything is unpacked."""
     cv2 = library("cv2", "reading a PNG mask")
 
     try:

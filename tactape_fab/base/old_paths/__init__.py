@@ -1,4 +1,4 @@
-"""Modules of earlier versions that scripts may still import; each name warns and comes from where it is now.
+"""Modules of earlier versions that scripts may still import; each name gives a warning and is taken from its new module.
 
 This folder is on the search path of the package itself: `tactape_fab.decode` is its `decode.py`.
 """
@@ -12,7 +12,7 @@ from typing import Any
 
 
 def moved(module: str, name: str, homes: Mapping[str, str]) -> Any:
-    """A name of an old module from its new home."""
+    """A name of an old module, from its new module."""
     if name not in homes:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
     warnings.warn(

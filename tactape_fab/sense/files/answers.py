@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def fix_json(frame: int, fix: Localization) -> dict[str, Any]:
-    """The keys of an answer; a number that is none is null."""
+    """The keys of an answer; NaN becomes null."""
     return {key: _finite(value) for key, value in fix.to_mapping(frame).items()}
 
 

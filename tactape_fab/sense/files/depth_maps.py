@@ -1,4 +1,4 @@
-"""Files of depth maps: read frame by frame, nothing in them trusted."""
+"""Reader of files of depth maps, frame by frame; their content is untrusted."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ArrayHeader:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameFile:
-    """A file of frames, its header read and checked; the frames themselves come one by one.
+    """A file of frames with its header read and checked; the frames are read one by one.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class FrameFile:
                     yield _read(stream, one)
 
     def time_of(self, frame: int) -> float | None:
-        """Timestamp of a frame; None where there is none."""
+        """Timestamp of a frame, s; None without timestamps."""
         if self.timestamp is None or not isfinite(self.timestamp[frame]):
             return None
         return float(self.timestamp[frame])
@@ -102,12 +102,12 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
         ``.npz`` with ``depth`` (N, h, w) or (h, w), optionally ``timestamp`` (N,) and ``px_per_mm`` (a number, or one along
         u and one along v); ``.npy`` with the same array; one frame as a ``.png`` or ``.tif`` of 16 bits.
     sensor : SensorProfile
-        Whose frames they should be.
+        Sensor of the frames.
 
     Raises
     ------
     SpecError
-        What is wrong with any of the files, all together.
+        With every problem of the files.
     """
     opened: list[FrameFile] = []
     problems: list[Problem] = []
@@ -161,7 +161,7 @@ def open_frame_file(path: str | Path) -> FrameFile:
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Every way in which a file cannot be read as one message that names it."""
+    """Context manager: any failure to read a file becomes a SpecError that names the file."""
     try:
         yield
     except SpecError as error:
@@ -178,7 +178,7 @@ def _refused(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayHeader]]:
-    """An array of a file, its header read and the stream standing before its data."""
+    """An array of a file: header read, stream positioned at its data."""
     with path.open("rb") as stream:
         if path.suffix.lower() == ".npy":
             yield stream, read_array_header(stream)
@@ -195,7 +195,7 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayH
 
 
 def read_array_header(stream: IO[bytes]) -> ArrayHeader:
-    """An array's header; objects, which only pickle can read, are refused.
+    """Read an array's header; object arrays, which need pickle, are refused.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def read_array_header(stream: IO[bytes]) -> ArrayHeader:
             shape, fortran, dtype = read(stream)
     except ZIP_ERRORS:
         raise
-    except Exception as error:  # numpy tokenizes what is no literal, and lets out what comes of it
+    except Exception as error:  # numpy tokenizes an invalid literal, and passes on the tokenizer's exceptions
         raise ValueError(f"the header of an array is damaged ({type(error).__name__})") from error
     if dtype.hasobject or dtype.kind not in "fiub":
         raise SpecError(f"it holds values of type {shown(str(dtype))}, no numbers; {_REMEDY}")
@@ -219,7 +219,7 @@ def read_array_header(stream: IO[bytes]) -> ArrayHeader:
 
 
 def _counted(header: ArrayHeader) -> tuple[int, tuple[int, int]]:
-    """Number of frames and the shape of one; refuses what is no stack of depth maps."""
+    """Number of frames and the shape of one; refuses arrays that are not stacks of depth maps."""
     shape = header.shape
     if len(shape) not in (2, 3):
         raise SpecError(f"depth has shape {shown(shape)}; {_REMEDY}")
@@ -232,7 +232,7 @@ def _counted(header: ArrayHeader) -> tuple[int, tuple[int, int]]:
 
 
 def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
-    """An array's data, of a size that has been looked at."""
+    """Read an array's data, whose size has been checked."""
     size = prod(header.shape) * header.dtype.itemsize
     data = stream.read(size)
     if len(data) != size:
@@ -241,7 +241,7 @@ def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
 
 
 def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> npt.NDArray[np.float64] | None:
-    """An array beside depth, of one of some shapes; None where the file has none."""
+    """Optional array of one of the allowed shapes; None if the file does not have it."""
     with zipfile.ZipFile(path) as archive:
         if name + ".npy" not in archive.namelist():
             return None

@@ -27,7 +27,7 @@ DEFAULT_PITCH_MM = 1.5
 
 
 class Locate(Protocol):
-    """Locates a depth map as the sensor delivers it."""
+    """Function that locates a depth map as the sensor delivers it."""
 
     def __call__(self, depth: npt.ArrayLike, *, timestamp: float | None = None) -> Localization: ...
 
@@ -41,9 +41,9 @@ class Located:
     frame : int
         Counted over all files.
     depth : ndarray, shape (h, w)
-        As the file has it.
+        Depth map as in the file.
     sensor : SensorProfile
-        With the file's scale, where that has one.
+        Sensor profile, with the file's scale if it has one.
     fix : Localization
     """
 
@@ -54,7 +54,7 @@ class Located:
 
 
 def is_kit(path: str) -> bool:
-    """Whether a path that a user gave is meant as a kit: a folder, or a manifest."""
+    """Whether a user's path denotes a kit: a folder, or a manifest."""
     try:
         return path.lower().endswith(".json") or Path(path).is_dir()
     except (OSError, ValueError):
@@ -72,7 +72,7 @@ class BareCode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raw:
-    """Colour images instead of depth maps, and what turns them into some; see `raw_files.open_raw`."""
+    """Colour images instead of depth maps, with background and weights; see `sense.raw.colour_images.open_raw`."""
 
     images: Sequence[str]
     background: str | None
@@ -91,7 +91,7 @@ class Job:
 
 
 def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | None = None, **options: Any) -> Job:
-    """Read everything that can be wrong before the first frame.
+    """Read and check all settings and files before the first frame.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
     Raises
     ------
     SpecError
-        Every value and file that cannot be used, all together.
+        With every invalid value and file.
     """
     problems: list[Problem] = []
     if raw is not None and not raw.images:
@@ -127,14 +127,14 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
 def prepare_without_frames(
     kits: Sequence[str], sensor: str, problems: list[Problem], *, colour: bool = False, **options: Any
 ) -> Job | None:
-    """A job that has no frames yet; what is wrong is added to `problems`. None where there is no sensor.
+    """A job without frames; problems are added to `problems`. None if there is no sensor.
 
     Parameters
     ----------
     colour : bool
         Whether its frames are made of colour images: in mm, and larger where pushed further in.
     **options
-        As `prepare` takes them.
+        As for `prepare`.
     """
     given = {name: value for name, value in options.items() if value is not None and value is not False}
     bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
@@ -156,7 +156,7 @@ def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile) -> Seq
 
 
 def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:
-    """The code that is given instead of kits; W and Delta are `make`'s where they are not given."""
+    """The code given instead of kits; W and Delta default to those of `make`."""
     if kits and bare:
         said = ", ".join(f"--{name}" for name in bare)
         problems.append(Problem("code", f"{said} and --tape are given, but a kit says all of it; give either"))
@@ -176,7 +176,7 @@ def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> 
 
 
 def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
-    """What is wrong with the settings; the paper's method, and a search without tapes, know nothing of some."""
+    """Problems of the settings; some do not apply to the paper's method, or to a search without tapes."""
     table = Fields({"method": "ml", **given})
     method = table.text("method", choices=METHODS, default="ml")
     if method == "paper":
@@ -196,7 +196,7 @@ def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
 
 
 def make_locator(job: Job, sensor: SensorProfile) -> Locate:
-    """A function that locates a sensor's frames for a job.
+    """Build the function that locates a sensor's frames for a job.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_lo
     Raises
     ------
     SpecError, FrameError
-        When a file ends early, or a frame is none.
+        If a file ends early, or a frame is invalid.
     """
     locators: dict[tuple[float, float], Locate] = {}
     frame = 0

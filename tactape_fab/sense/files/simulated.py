@@ -1,4 +1,4 @@
-"""simulate_file: frames of a kit's tape, with the truth beside them, as one file."""
+"""simulate_file: writes frames of a kit's tape with their truth as one file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _SCENE_KEYS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """A written file of frames: how many, of what shape, and of which tape and sensor."""
+    """A written file of frames: number, shape, tape and sensor."""
 
     path: Path
     count: int
@@ -82,9 +82,9 @@ def simulate_file(
     edge : bool
         Spread them along the texture's edge.
     from_cpl : bool
-        Parts stand where the kit's pick-and-place file says.
+        Take the places of parts from the kit's pick-and-place file.
     progress : callable
-        Gets a text, the number of frames done, and their count.
+        Called with a text, the number of frames done and their total.
     **scene
         contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, placement, elastomer, scale_error:
         attributes of `Scene`.
@@ -92,9 +92,9 @@ def simulate_file(
     Raises
     ------
     SpecError
-        Every value that cannot be used, all together.
+        With every invalid value.
     TactapeError
-        When the file cannot be written.
+        If the file cannot be written.
     """
     table = Fields({"count": count, "seed": seed, **({} if pose is None else {"pose": pose})})
     frames_count = table.integer("count", low=1, high=MOST_FRAMES, default=1)
@@ -152,12 +152,12 @@ def _shown(frames: Iterator[Frame], count: int, progress: Progress) -> Iterator[
 
 
 def refuse_taken_file(output: str | Path) -> Path:
-    """The place of a new file of frames; only a simulated one may be replaced.
+    """Check the path of a new file of frames; only a simulated one may be replaced.
 
     Raises
     ------
     SpecError
-        When it does not end with .npz, its folder is not there, or another file stands there.
+        If it does not end with .npz, its folder does not exist, or another file is there.
     """
     path = Path(output)
     if path.suffix.lower() != ".npz":
@@ -180,7 +180,7 @@ def refuse_taken_file(output: str | Path) -> Path:
 
 
 def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: SensorProfile, record: Mapping[str, Any]) -> None:
-    """Write simulated frames as they come; the file has its name once it is whole, and equal input gives equal bytes.
+    """Write frames as they are simulated; the file gets its name when complete, and equal input gives equal bytes.
 
     Its arrays are depth (N, h, w) float32, position_mm (N, 2), theta_deg (N,), px_per_mm (2,) of the profile, and `record` as
     JSON in scene.

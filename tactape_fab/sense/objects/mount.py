@@ -1,8 +1,8 @@
-"""How a film lies on an object: flat, or round a cylinder; from places on the tape to the object's own frame and back.
+"""Mounts of a film on an object, flat or round a cylinder; transforms between tape and object frame.
 
 The board frame in space: x right and y up along the film, z out of it, z = 0 at its top. A cylinder's frame has the axis as z;
-where the film goes round with board x, board point (x, y) is x along the circumference, counter-clockwise seen from +z, from the
-frame's x axis, and at height y; with board y, it is y round from the x axis, and at height -x.
+if board x is the circumference, board point (x, y) is at arc length x, counter-clockwise seen from +z, from the frame's x
+axis, and at height y; if board y is, it is at arc length y from the x axis, and at height -x.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ Around = Literal["x", "y"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mount:
-    """A film on an object.
+    """Mount of a film on an object.
 
     Attributes
     ----------
     surface : {"plane", "cylinder"}
         Whether the film is flat or wrapped.
     rotation : ndarray, shape (3, 3)
-        Of the board frame, or of the cylinder's, in the object frame.
+        Rotation of the board frame, or of the cylinder's, in the object frame.
     position_mm : ndarray, shape (3,)
-        Of its origin there, mm: the lower left corner of the outline, or a point of the axis.
+        Position of its origin there, mm: the lower left corner of the outline, or a point of the axis.
     top_mm : float
-        Of a cylinder, mm: radius of the film's top.
+        Cylinder only: radius of the film's top, mm.
     true_mm : float
-        Of a cylinder, mm: radius of the layer within the film whose length does not change.
+        Cylinder only: radius of the film's neutral layer, whose length does not change, mm.
     around : {"x", "y"}
-        Of a cylinder: the board axis that goes round.
+        Cylinder only: the board axis along the circumference.
     """
 
     surface: Surface
@@ -52,7 +52,7 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectPose:
-    """Where on an object a sensor touches.
+    """Pose of a contact on an object.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.Array
     name : str
         The object's name.
     mount : Mount
-        How the film lies on the object.
+        Mount of the film on the object.
     tape : Tape
     position_mm : (float, float)
         Texture point under the image centre (texture frame, mm), as in a `Localization`.

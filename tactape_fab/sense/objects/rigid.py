@@ -11,7 +11,7 @@ from tactape_fab.texture.frames import FloatArray
 
 
 def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
-    """Rotation matrix of roll, pitch and yaw: turns about the fixed axes x, then y, then z, as URDF has them; shape (3, 3)."""
+    """Rotation matrix of roll, pitch and yaw, rad: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
     out = np.eye(3)
     for axis, angle in enumerate(np.radians(np.asarray(rpy_deg, dtype=np.float64))):
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -23,7 +23,7 @@ def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
 
 
 def from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
-    """Rotation matrix of a quaternion (x, y, z, w), of any length but 0; shape (3, 3)."""
+    """Rotation matrix of a quaternion (x, y, z, w) of any length except 0; shape (3, 3)."""
     x, y, z, w = np.asarray(xyzw, dtype=np.float64) / np.linalg.norm(xyzw)
     return np.array(
         [
@@ -45,14 +45,14 @@ def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
             (r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]),
             (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + np.trace(r)),
         ]
-    )  # 4 q q^T: the longest row is the one that rounding harms least
+    )  # 4 q q^T: the longest row has the least rounding error
     row = products[int(np.argmax(np.diag(products)))]
     x, y, z, w = (row / np.linalg.norm(row) * (1.0 if row[3] >= 0.0 else -1.0)).tolist()
     return x, y, z, w
 
 
 def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """The rotation and translation that bring points nearest to others, by least squares (Kabsch); never a mirror image.
+    """Least-squares rotation and translation from points to others (Kabsch); never a reflection.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, Fl
     rotation : ndarray, shape (3, 3)
     translation : ndarray, shape (3,)
     rms : float
-        Root mean square distance that is left.
+        Root mean square of the remaining distances.
     """
     middle, to_middle = points.mean(axis=0), to_points.mean(axis=0)
     u, _, vt = np.linalg.svd((to_points - to_middle).T @ (points - middle))

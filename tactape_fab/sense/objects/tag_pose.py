@@ -1,7 +1,7 @@
-"""A tag's pose from all its edges: what a detector made of four corners, refined on the picture itself.
+"""A tag's pose from all its edges: a detector's pose from four corners, refined on the picture itself.
 
-Corners of a small tag are found to some tenths of a pixel, and blur pulls them inwards; far from the tag that grows. Here the
-tag as it is printed is held against every pixel of it, with brightness, contrast and blur as the picture has them.
+Corners of a small tag are found to some tenths of a pixel, and blur moves them inwards; far from the tag that error grows.
+Here the printed tag is fitted to every pixel of it, with brightness, contrast and blur of the picture.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from tactape_fab.texture.tape import Tape
 _PX_PER_CELL = 16
 _PAD_CELLS = 2
 _RING_SHARE = 0.5
-"""Share of the light ring that is looked at: beyond it may be film, or the label."""
+"""Fraction of the light ring that is used: beyond it may be film, or the label."""
 _BLUR_PX = 0.7
 _MOST_STEPS = 20
 _SMOOTHING_CELLS = 0.12
 """First smoothing of a large tag's image (standard deviation): unsmoothed edges have no gradient until they nearly meet."""
 _LEAST_PIXELS, _MOST_PIXELS = 60, 1_000_000
 _ENOUGH = 0.02
-"""Steps end where the pose moves by less than this share of a milliradian and of a ten-thousandth of the distance."""
+"""Iteration ends when the pose moves by less than this fraction of a milliradian and of 1e-4 of the distance."""
 _LEAST_FIT = 0.5
 _MOST_BLEED = 0.3
-"""Cells by which light areas may have grown or shrunk."""
+"""Largest growth or shrinkage of light areas, in cells."""
 
 GrayImage = npt.NDArray[np.uint8]
 _F32 = npt.NDArray[np.float32]
@@ -41,14 +41,14 @@ _F32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TagPose:
-    """A tag in the camera's frame.
+    """Pose of a tag in the camera's frame.
 
     Attributes
     ----------
     rotation : ndarray, shape (3, 3)
-        Of the tag in the camera's frame.
+        Rotation of the tag in the camera's frame.
     translation_mm : ndarray, shape (3,)
-        Of its centre there, mm.
+        Position of its centre there, mm.
     fit : float
         Correlation of the picture with the printed tag at this pose; 1 is perfect.
     blur_px : float
@@ -63,7 +63,7 @@ class TagPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """Pixels of the tag: their rays (n, 3) and grey levels (n,); how many there are along a cell; how far they were smoothed."""
+    """Pixels of the tag: their rays (n, 3) and grey levels (n,); pixels per cell; standard deviation of their smoothing."""
 
     rays: FloatArray
     levels: FloatArray
@@ -79,14 +79,14 @@ def refine_tag_pose(
     camera_matrix: npt.ArrayLike,
     distortion: npt.ArrayLike | None = None,
 ) -> TagPose:
-    """Refine the pose that a detector gave, and correct it where it took the mirrored tilt for the true one.
+    """Refine a detector's pose, and correct it if the detector chose the mirrored tilt.
 
     Parameters
     ----------
     tape : Tape
-        With the tag that was seen.
+        Tape with the detected tag.
     image : array_like of uint8, shape (h, w)
-        The picture that the detector saw, gray.
+        The detector's picture, gray.
     rotation : array_like, shape (3, 3)
         Of the tag in the camera's frame, as detectors give it (``pose_R``).
     translation_mm : array_like, shape (3,) or (3, 1)
@@ -103,9 +103,9 @@ def refine_tag_pose(
     Raises
     ------
     SpecError
-        When the tape has no tag, or the pose is none.
+        If the tape has no tag, or the pose is invalid.
     FrameError
-        When the picture is none, or does not show the tag there.
+        If the picture is invalid, or does not show the tag there.
     """
     tag = tag_of(tape)
     camera_to_texture(tape, rotation, translation_mm)
@@ -130,7 +130,7 @@ def refine_tag_pose(
 
 
 def _starts(rotation: FloatArray, translation_mm: FloatArray, side_mm: float) -> list[tuple[FloatArray, FloatArray]]:
-    """The pose itself, and the other one that shows a small square alike."""
+    """The pose itself, and the other one with a similar image of a small square."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
     half = side_mm / 2
@@ -190,7 +190,7 @@ def _pixels(
 
 @lru_cache(maxsize=2)
 def _printed(tag_id: int) -> _F32:
-    """How far each point of the tag is inside what is light, in cells; the film beyond the ring is taken for dark."""
+    """Signed distance of each point of the tag into the light area, in cells; the film beyond the ring counts as dark."""
     cv2 = library("cv2", "fitting a tag to a picture")
 
     light = np.kron(np.pad(tag_cells(tag_id), _PAD_CELLS), np.ones((_PX_PER_CELL, _PX_PER_CELL), dtype=bool)).astype(np.uint8)
@@ -201,7 +201,7 @@ def _printed(tag_id: int) -> _F32:
 def _residual(
     seen: _Seen, tag_id: int, cell_mm: float, rotation: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Grey levels less what the tag would give at a pose, at the best brightness and contrast; and the latter's shape.
+    """Residuals of the grey levels at a pose, with the best brightness and contrast; and the model image.
 
     ``values`` are a small turn (3), the translation (3), ln of the blur in cells, and by how many cells light areas have grown
     (ink that has run).

@@ -1,4 +1,4 @@
-"""The printed tag joins two senses: what a camera sees of a tape, in the texture frame that touch answers in.
+"""Transforms from a camera's view of the printed tag to the texture frame of tactile fixes.
 
 The texture frame in space: x along columns and y along rows, as on the film, and z into it; z = 0 is the film's top. It is
 right-handed, as is AprilRobotics' tag frame: x right and y down on the upright tag, z into it, origin at its centre.
@@ -23,12 +23,12 @@ TAG_CELLS = 8
 
 
 def tag_of(tape: Tape) -> Tag:
-    """The tag of a tape.
+    """Tag of a tape.
 
     Raises
     ------
     SpecError
-        When it has none.
+        If it has no tag.
     """
     if tape.tag is None:
         raise SpecError(Problem("tag", f"tape {tape.name} carries no tag; make it with --tag strip"))
@@ -36,7 +36,7 @@ def tag_of(tape: Tape) -> Tag:
 
 
 def tag_side_mm(tape: Tape) -> float:
-    """Side of a tag's black border: what detectors want as its size.
+    """Side of a tag's black border: the size that detectors expect.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""An object and the tapes on it, from object.toml: fixes come out in the object's own frame."""
+"""An object and the tapes on it, from object.toml: converts fixes to the object's own frame."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ MOST_TAPES = 256
 FARTHEST_MM = 10_000.0
 LARGEST_RADIUS_MM = 10_000.0
 MISFIT_SHARE = 0.15
-"""Share of the tag's side that its measured corners may be off, root mean square."""
+"""Largest rms error of measured tag corners, as a fraction of the tag's side."""
 _POSES = ("rpy_deg", "quaternion_xyzw", "tag_corners_mm")
 _KEYS = ("kit", "surface", "position_mm", *_POSES, "radius_mm", "under_mm", "around")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TapeOnObject:
-    """A tape, where its kit stands, how it lies on the object, and by how much (rms, mm) its measured tag corners are off."""
+    """A tape, the path of its kit, its mount on the object, and the rms error of its measured tag corners, mm."""
 
     kit: Path
     tape: Tape
@@ -56,9 +56,9 @@ class TapedObject:
     tapes: tuple[TapeOnObject, ...]
 
     def locate(self, fix: Localization) -> ObjectPose | None:
-        """A fix in the object's frame; None where it is not located, or on a tape that is not on this object.
+        """A fix in the object's frame; None if it is not located, or on a tape that is not on this object.
 
-        A tape is known by its name, sector and origin, as a fix has them: `refuse_strangers` says where these do not tell.
+        A tape is identified by name, sector and origin, as in a fix: `refuse_strangers` reports tapes with equal ones.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ def read_object(path: str | Path) -> TapedObject:
     Raises
     ------
     SpecError
-        Every problem found in it, in its kits as well.
+        Every problem found in it and in its kits.
     """
     table = Fields(read_toml(Path(path), "object"), f"object {shown_path(Path(path).name)}: ")
     table.refuse_unknown(("name", "tapes"))
@@ -113,7 +113,7 @@ def read_object(path: str | Path) -> TapedObject:
 
 
 def refuse_strangers(thing: TapedObject, tapes: Sequence[Tape]) -> None:
-    """Refuse registered tapes that a fix would not tell from those of an object.
+    """Refuse registered tapes that a fix cannot distinguish from those of an object.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def _place(tape: Tape) -> tuple[str, int, tuple[int, int]]:
 
 
 def _refuse_doubles(tapes: list[TapeOnObject], table: Fields) -> None:
-    """Two tapes with the same texture cannot be told apart, wherever they are; nor can answers be that name them alike."""
+    """Problems of tapes that cannot be told apart: two with the same texture, or with the same name in an answer."""
     textures: dict[tuple[Any, ...], Path] = {}
     places: dict[tuple[Any, ...], Path] = {}
     for entry in tapes:
@@ -240,7 +240,7 @@ def _read_kit(kit: Path, table: Fields) -> Tape | None:
 
 
 def _measured(kit: Path, tape: Tape, mount: Mount, corners: np.ndarray, table: Fields) -> TapeOnObject | None:
-    """The mount that brings the tag's corners to where they were measured."""
+    """The mount that fits the tag's corners to their measured places."""
     if tape.tag is None:
         table.problem("tag_corners_mm", f"tag_corners_mm: {shown_path(kit)} carries no tag; give position_mm and rpy_deg")
         return None

@@ -1,4 +1,4 @@
-"""Depth maps of a tape in contact with a sensor: what the decoder is tested on, and shares no code with.
+"""Simulated depth maps of a tape in contact with a sensor. The decoder is tested on them and shares no code with them.
 
-Nothing here looks at a code or a symbol: parts stand where the tape, or a written CPL, says.
+Nothing here uses a code or a symbol: parts are at the places of the tape, or of a written CPL.
 """

@@ -1,4 +1,4 @@
-"""Where the gel touches, how deep the texture is imprinted there, and the background that the contact leaves.
+"""Contact area of the gel, depth of the texture's imprint in it, and background of the contact's own shape.
 
 Points are (..., 2) in mm from the image centre, right and down.
 """
@@ -18,14 +18,14 @@ FloatImage = npt.NDArray[np.float32]
 
 
 def contact_local(scene: Scene, at_mm: FloatArray) -> FloatArray:
-    """Points from the contact's centre, along and across its axis; shape (..., 2), mm."""
+    """Points relative to the contact's centre, along and across its axis; shape (..., 2), mm."""
     c, s = cos(radians(scene.contact_turn_deg)), sin(radians(scene.contact_turn_deg))
     local: FloatArray = (at_mm - np.asarray(scene.contact_offset_mm)) @ np.array([[c, s], [-s, c]])
     return local
 
 
 def inside_mm(scene: Scene, at_mm: FloatArray) -> FloatArray:
-    """Distance of points from the contact's outline, positive inside; of an ellipse along the ray from its centre."""
+    """Distance of points from the contact's outline, mm, positive inside; for an ellipse along the ray from its centre."""
     local = contact_local(scene, at_mm)
     if scene.contact == "pad":
         return np.full(local.shape[:-1], np.inf)
@@ -37,7 +37,7 @@ def inside_mm(scene: Scene, at_mm: FloatArray) -> FloatArray:
 
 
 def imprint(scene: Scene, at_mm: FloatArray) -> FloatArray:
-    """Share of the texture's height that is imprinted at points: 1 inside, 0 outside, 0.5 on the outline."""
+    """Fraction of the texture's height that is imprinted at points: 1 inside, 0 outside, 0.5 on the outline."""
     inside = inside_mm(scene, at_mm)
     if scene.roll_off_mm == 0.0:
         return np.where(inside >= 0.0, 1.0, 0.0)
@@ -47,7 +47,7 @@ def imprint(scene: Scene, at_mm: FloatArray) -> FloatArray:
 
 
 def inwards(scene: Scene, at_mm: FloatArray) -> FloatArray:
-    """Unit vectors from points straight away from the nearest outline, or zero where there is none; shape (..., 2)."""
+    """Unit vectors at points, directed away from the nearest outline, or zero without one; shape (..., 2)."""
     if scene.contact == "pad":
         return np.zeros(at_mm.shape)
     steps = 1e-3 * np.eye(2)
@@ -58,7 +58,7 @@ def inwards(scene: Scene, at_mm: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def contact_images(scene: Scene, shape: tuple[int, int], px_per_mm: tuple[float, float]) -> tuple[FloatImage, FloatImage]:
-    """Imprint and background (mm) of every pixel, read-only; kept for the scenes used last."""
+    """Imprint and background (mm) of every pixel, read-only; cached for the scenes used last."""
     at_mm = pixels_mm(shape, px_per_mm)
     background = _background(scene, at_mm) + at_mm @ np.asarray(scene.tilt_mm_per_mm)
     images = imprint(scene, at_mm).astype(np.float32), background.astype(np.float32)
@@ -68,7 +68,7 @@ def contact_images(scene: Scene, shape: tuple[int, int], px_per_mm: tuple[float,
 
 
 def pixels_mm(shape: tuple[int, int], px_per_mm: tuple[float, float]) -> FloatArray:
-    """Every pixel's centre from the image centre; shape (height, width, 2), mm."""
+    """Every pixel's centre relative to the image centre; shape (height, width, 2), mm."""
     at = np.empty((*shape, 2))
     at[..., 0] = (np.arange(shape[1]) - (shape[1] - 1) / 2) / px_per_mm[0]
     at[..., 1] = ((np.arange(shape[0]) - (shape[0] - 1) / 2) / px_per_mm[1])[:, None]
@@ -78,8 +78,8 @@ def pixels_mm(shape: tuple[int, int], px_per_mm: tuple[float, float]) -> FloatAr
 def contact_outline_mm(scene: Scene, half_field_mm: FloatArray) -> FloatArray:
     """Points around the part of the contact that the sensor sees; shape (k, 2), mm from the image centre.
 
-    Of a strip these are its corners. What of an ellipse lies outside the field is moved to its border; of a strip that is
-    all outside, the centre is left.
+    For a strip these are its corners. Points of an ellipse outside the field are moved to its border; for a strip that is
+    fully outside only the centre remains.
     """
     corners: FloatArray = half_field_mm * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     if scene.contact == "pad":
@@ -101,7 +101,7 @@ def contact_outline_mm(scene: Scene, half_field_mm: FloatArray) -> FloatArray:
 
 
 def _relative(scene: Scene, local_mm: FloatArray) -> FloatArray:
-    """Distance from the contact's centre as a share of the way to its outline."""
+    """Distance from the contact's centre over that of the outline in the same direction."""
     if scene.contact == "pad":
         return np.zeros(local_mm.shape[:-1])
     if scene.contact == "strip":

@@ -1,4 +1,4 @@
-"""Dots without images: what a detector would have found, for statistics over very many frames."""
+"""Simulated dots without images, as a detector would find them, for statistics over very many frames."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ NOT_A_PART = -1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DotErrors:
-    """How a detector errs. The defaults are those of maxima of a band-pass (Gaussian 2 px, mean 25 px), default scene.
+    """Errors of a detector. The defaults are those of maxima of a band-pass (Gaussian 2 px, mean 25 px), default scene.
 
     Attributes
     ----------
     sigma_px : float
-        Standard deviation per axis of a centre whose part is wholly imprinted.
+        Standard deviation per axis of a centre whose part is fully imprinted.
     rim_sigma_px : float
-        What it grows by towards the rim, times 1 - imprint.
+        Increase of it towards the rim, times 1 - imprint.
     rim_pull_px : float
-        How far centres are drawn inwards at the rim, where one side of a part is imprinted less than the other, times
+        Displacement of centres inwards at the rim, where one side of a part is imprinted less than the other, times
         (1 - imprint) ** 0.75.
     outliers : float
-        Share of dots whose centre is off by up to `outlier_px` per axis, evenly.
+        Fraction of dots whose centre is off by up to `outlier_px` per axis, uniformly distributed.
     outlier_px : float
     lost : float
-        Share of dots that are not found, whatever their imprint.
+        Fraction of dots that are not found at any imprint.
     least_imprint : float
-        Dots with a smaller share of their height imprinted are not found.
+        Dots with a smaller fraction of their height imprinted are not found.
     false_dots : float
         Mean number of dots inside the contact where there is no part (Poisson).
     weight_sigma : float
@@ -59,7 +59,7 @@ class DotErrors:
     weight_sigma: float = 0.1
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing, all of them together."""
+        """Refuse invalid values, all together."""
         table = Fields({f.name: getattr(self, f.name) for f in fields(self)}, "errors.")
         for name in ("outliers", "lost", "least_imprint"):
             table.number(name, low=0.0, high=1.0, unit="")
@@ -74,18 +74,18 @@ DEFAULT_ERRORS = DotErrors()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Dots:
-    """Dots as `locate_dots` takes them, and what they are.
+    """Dots as input for `locate_dots`, with their true parts and centres.
 
     Attributes
     ----------
     xy_px : ndarray, shape (n, 2)
         Canonical image.
     weights : ndarray, shape (n,)
-        1 for a part that is wholly imprinted.
+        1 for a part that is fully imprinted.
     part : ndarray of int64, shape (n,)
-        Index of the part, -1 where there is none.
+        Index of the part, -1 for a false dot.
     true_px : ndarray, shape (n, 2)
-        True centres; NaN where there is no part.
+        True centres; NaN for a false dot.
     """
 
     xy_px: FloatArray

@@ -1,4 +1,4 @@
-"""Frames with the truth beside them: one by `simulate`, many by `iterate_frames` and `simulate_frames`."""
+"""Simulated frames with their truth: one by `simulate`, many by `iterate_frames` and `simulate_frames`."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Frame:
     contact_px : ndarray, shape (2,)
         Contact centre in the canonical image, px.
     dots_px : ndarray, shape (k, 2)
-        True centres in the canonical image of the parts that leave any imprint, as they really stand.
+        True centres in the canonical image of the parts that leave an imprint, with their placement errors.
     dots_part : ndarray of int64, shape (k,)
-        Which part of the tape, or of the parts given, each of them is.
+        Index of each one's part in the tape, or in the given parts.
     dots_imprint : ndarray, shape (k,)
-        Share of its height that is imprinted at each; at least 0.5 inside the contact's outline.
+        Fraction of its height that is imprinted at each; at least 0.5 inside the contact's outline.
     """
 
     depth: FloatImage
@@ -107,23 +107,23 @@ def simulate(
     sensor : str, Path or SensorProfile
         A profile, its name, or the path of its TOML file.
     scene : Scene, optional
-        The contact; the default scene when left out.
+        The contact; by default the default scene.
     seed : int
         Equal seeds give equal frames.
     parts : Parts or array_like, optional
-        Where parts stand, (x, y) or (x, y, rotation) rows in the board frame, instead of the tape's own places.
+        Places of parts, (x, y) or (x, y, rotation) rows in the board frame, instead of the tape's own.
     **options
         Attributes of `Scene` to replace.
 
     Returns
     -------
     ndarray of float32, shape `sensor.frame_shape`
-        Depth in the sensor's unit, mm where it has none; larger where pushed further in, unless the sensor's sign is -1.
+        Depth in the sensor's unit, mm if it has none; larger where pushed further in, unless the sensor's sign is -1.
 
     Raises
     ------
     SpecError
-        For a pose, an option, parts or a sensor that mean nothing.
+        For an invalid pose, option, part or sensor.
     """
     profile, scene = as_sensor(sensor), (scene or DEFAULT_SCENE).changed(options)
     view = make_view(tape, position_mm, theta_deg, profile, scene)
@@ -182,7 +182,7 @@ def frame_at(
     *,
     parts: Parts | npt.ArrayLike | None = None,
 ) -> Frame:
-    """Frame `number` of those that `iterate_frames` makes with this pose there; it raises the same."""
+    """Frame `number` of `iterate_frames` with this pose; it raises the same errors."""
     view = make_view(tape, pose[:2], float(pose[2]), as_sensor(sensor), scene or DEFAULT_SCENE)
     return _frame(view, as_parts(tape, parts), _stream(seed, number))
 
@@ -252,8 +252,8 @@ def draw_poses(
     count, seed : int
         Pose k is the same whatever `count` is.
     edge : bool
-        False: the contact lies wholly over the grid, as far as the grid is large enough; else its middle is over the
-        grid's. True: the contact's centre is near the grid's outline, from 0.9 of its half width inside to 0.2 outside.
+        False: the contact lies fully over the grid if the grid is large enough; else its centre is over the grid's.
+        True: the contact's centre is near the grid's outline, from 0.9 of its half width inside to 0.2 outside.
 
     Returns
     -------
@@ -267,7 +267,7 @@ def draw_poses(
     theta_deg = 180.0 - 360.0 * share[:, 2]
     view = make_view(tape, (0.0, 0.0), 0.0, profile, scene)
     c, s = np.cos(np.radians(theta_deg)), np.sin(np.radians(theta_deg))
-    turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # rows of points in view times this
+    turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # for rows of points: points @ turn
     outline = contact_outline_mm(scene, view.half_field_mm) @ turn
     grid_mm = np.array([tape.columns - 1, tape.rows - 1]) * tape.pitch_mm
     if edge:
@@ -296,7 +296,7 @@ def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) ->
 
 
 def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
-    """One frame; defects and noise come from streams of their own, so that neither changes the other."""
+    """One frame; defects and noise have separate random streams, so that neither changes the other."""
     scene = view.scene
     of_parts, of_noise = (
         np.random.Generator(np.random.PCG64(np.random.SeedSequence(stream.entropy, spawn_key=(*stream.spawn_key, i))))
@@ -324,7 +324,7 @@ def _stream(seed: int, number: int) -> np.random.SeedSequence:
 
 
 def parts_in_view(view: View, parts: Parts, rng: np.random.Generator) -> tuple[IntArray, Parts, FloatArray]:
-    """Parts that the contact can feel, as they really stand: their indices, places on the board, and in view (mm)."""
+    """Parts within reach of the contact, with placement errors: their indices, places on the board, and in view (mm)."""
     scene, tape = view.scene, view.tape
     if scene.mirrored_tape:
         mirrored = parts.xy_mm * (-1.0, 1.0) + (tape.board.size_mm[0], 0.0)
@@ -349,7 +349,7 @@ def _draw_bumps(view: View, rng: np.random.Generator) -> tuple[FloatArray, Float
 
 
 def points_in_contact(view: View, count: int, rng: np.random.Generator) -> FloatArray:
-    """Points evenly over the contact as far as it is seen; shape (count, 2) or fewer, mm from the image centre."""
+    """Points uniformly distributed over the visible contact; shape (count, 2) or fewer, mm from the image centre."""
     outline = contact_outline_mm(view.scene, view.half_field_mm)
     candidates = rng.uniform(outline.min(axis=0), outline.max(axis=0), (32 * count, 2))
     seen = (np.abs(candidates) <= view.half_field_mm).all(axis=1) & (inside_mm(view.scene, candidates) > 0.0)

@@ -1,4 +1,4 @@
-"""From the relief under the gel to the frame that a sensor delivers: smoothing, background, noise, orientation."""
+"""Frame of a sensor from the relief under its gel: smoothing, background, noise, orientation."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ FloatImage = npt.NDArray[np.float32]
 _KERNEL_REACH = 3.5
 """Half the width of a smoothing kernel, in standard deviations."""
 BUMP_FOOT_MM = (0.30, 0.70)
-"""Least and largest diameter of a spurious bump."""
+"""Least and largest diameter of a spurious bump, mm."""
 BUMP_HEIGHT = (0.5, 1.2)
-"""Least and largest height of a spurious bump, as a share of the texture's."""
+"""Least and largest height of a spurious bump, as a fraction of the texture's."""
 
 
 def relief_of(view: View, parts: Parts, bumps_mm: FloatArray, bump_sizes: FloatArray) -> FloatArray:
@@ -32,11 +32,11 @@ def relief_of(view: View, parts: Parts, bumps_mm: FloatArray, bump_sizes: FloatA
     ----------
     view : View
     parts : Parts
-        Those in view.
+        Parts in view.
     bumps_mm : ndarray, shape (k, 2)
         Centres of spurious bumps, mm from the image centre.
     bump_sizes : ndarray, shape (k, 2)
-        Their diameters in mm, and heights as a share of the texture's.
+        Their diameters in mm, and heights as a fraction of the texture's.
     """
     image = np.zeros((view.profile.height_px, view.profile.width_px))
     centres_px = view.to_px(view.from_board(parts.xy_mm))
@@ -75,9 +75,9 @@ def _add_bumps(image: FloatArray, view: View, bumps_mm: FloatArray, sizes: Float
 
 
 def _cut_film(image: FloatArray, view: View) -> None:
-    """Lower what the contact feels beyond the tape's outline by its thickness, as far as the gel reaches down: `Scene.dome_mm`.
+    """Lower the relief outside the tape's outline by the tape's thickness, at most by the gel's reach `Scene.dome_mm`.
 
-    The share of a pixel is that of a straight edge.
+    A pixel's fraction outside is that of a straight edge.
     """
     board, profile = view.tape.board, view.profile
     outline_px = view.to_px(contact_outline_mm(view.scene, view.half_field_mm))
@@ -131,7 +131,7 @@ def _kernel(sigma_px: float) -> FloatImage:
 
 
 def _add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> None:
-    """White noise, and noise smoothed to blobs: drawn beyond the image's edges, so that its rms is the same everywhere."""
+    """White noise and smoothed noise, drawn beyond the image's edges so that its rms is the same everywhere."""
     white_um = profile.white_um if scene.white_um is None else scene.white_um
     correlated_um = profile.correlated_um if scene.correlated_um is None else scene.correlated_um
     blob_px = profile.correlated_px if scene.correlated_px is None else scene.correlated_px

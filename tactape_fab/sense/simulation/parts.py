@@ -1,4 +1,4 @@
-"""Where parts stand on the board: from a tape, from a written CPL, and what is wrong with their placement."""
+"""Places of parts on the board: from a tape or a written CPL, with simulated placement errors."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Parts:
         Parameters
         ----------
         which : ndarray of int or bool
-            Indices, or whether each is taken.
+            Indices, or a mask.
 
         Returns
         -------
@@ -65,7 +65,7 @@ def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
     Raises
     ------
     SpecError
-        For an array of another form, or with values that are no place on a board.
+        For an array of another shape, or with values that are not valid board places.
     """
     if parts is None:
         return parts_of(tape)
@@ -85,7 +85,7 @@ def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
 
 
 def scattered(parts: Parts, scene: Scene, rng: np.random.Generator) -> tuple[Parts, npt.NDArray[np.bool_]]:
-    """Parts as they really stand, and which of them are there; every scene draws the same numbers."""
+    """Parts with placement errors, and a mask of those present; every scene draws the same random numbers."""
     count = len(parts.xy_mm)
     there = rng.random(count) >= scene.missing
     xy_mm = parts.xy_mm + scene.placement_mm * rng.standard_normal((count, 2))
@@ -98,8 +98,8 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     Parameters
     ----------
     source : path or bytes
-        CSV with the columns Designator, Mid X, Mid Y, Layer, Rotation (mm and degrees, board frame), where others are
-        ignored; or a list of any assembly format that kits are made in.
+        CSV with the columns Designator, Mid X, Mid Y, Layer, Rotation (mm and degrees, board frame), other columns
+        ignored; or a list of any assembly format of kits.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     Raises
     ------
     SpecError
-        When it cannot be read, or a row is not whole; twenty problems are named.
+        If it cannot be read, or a row is incomplete; at most twenty problems are listed.
     """
     problems: list[Problem] = []
     cpl = read_cpl(_cpl_bytes(source), problems)

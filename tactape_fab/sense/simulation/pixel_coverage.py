@@ -12,20 +12,20 @@ import numpy as np
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 MOST_SAMPLES = 2_000_000
-"""Bodies are drawn in lots of at most so many samples."""
+"""Most samples drawn at a time."""
 DOME_SAMPLES = 4
-"""Samples per pixel and axis of a dome, whose height has no step."""
+"""Samples per pixel and axis of a dome, whose height is continuous."""
 
 
 def add_quads(image: FloatArray, corners_px: FloatArray, height: float) -> None:
-    """Add `height` times the exact share of each pixel's area that a quadrilateral covers.
+    """Add `height` times the exact fraction of each pixel's area that a quadrilateral covers.
 
     Parameters
     ----------
     image : ndarray, shape (h, w)
         Changed in place.
     corners_px : ndarray, shape (n, 4, 2)
-        Corners of convex quadrilaterals, either way round; they may lie partly or wholly outside.
+        Corners of convex quadrilaterals, in either orientation; they may lie partly or fully outside.
     height : float
     """
     for which, first, size in _windows(corners_px.min(axis=1), corners_px.max(axis=1), image.shape, 1):
@@ -57,7 +57,7 @@ def add_domes(
     height : ndarray, shape (n,)
         Height of the middle, in the image's unit.
     cap_height_mm : float or None
-        Of spherical caps their own height, which with the foot gives the sphere; None for truncated cones.
+        Height of a spherical cap, which with the foot gives the sphere; None for truncated cones.
     """
     scale = np.asarray(px_per_mm)
     reach = foot_mm[:, None] * scale
@@ -74,7 +74,7 @@ def add_domes(
 
 
 def _dome(square_mm2: FloatArray, foot_mm: FloatArray, top_mm: FloatArray, cap_height_mm: float | None) -> FloatArray:
-    """Height of a dome as a share of its middle's, from the square of the distance to its axis."""
+    """Height of a dome over that of its centre, from the square of the distance to its axis."""
     if cap_height_mm is None:
         cone: FloatArray = np.clip((foot_mm - np.sqrt(square_mm2)) / (foot_mm - top_mm), 0.0, 1.0)
         return cone
@@ -87,7 +87,7 @@ def _dome(square_mm2: FloatArray, foot_mm: FloatArray, top_mm: FloatArray, cap_h
 def _windows(
     low_px: FloatArray, high_px: FloatArray, shape: tuple[int, ...], samples: int
 ) -> Iterator[tuple[IntArray, IntArray, tuple[int, int]]]:
-    """Bodies with their windows in the image, in lots of bounded size; those outside the image are left out.
+    """Bodies with their windows in the image, in batches of bounded size; those outside the image are left out.
 
     Yields
     ------
@@ -95,7 +95,7 @@ def _windows(
     first : ndarray, shape (n, 2)
         First pixel (u, v) of each window.
     size : (int, int)
-        Width and height that suit all of them; a window may stand out of the image to the right and below.
+        Width and height for all of them; a window may exceed the image to the right and below.
     """
     last_px = np.array([shape[1] - 1, shape[0] - 1])
     first = np.maximum(np.floor(low_px + 0.5), 0.0)
@@ -111,7 +111,7 @@ def _windows(
 
 
 def _scatter(image: FloatArray, cells: FloatArray, first: IntArray) -> None:
-    """Add windows indexed (body, u, v) to the image, what lies outside it left out."""
+    """Add windows indexed (body, u, v) to the image, clipped to it."""
     u = (first[:, :1] + np.arange(cells.shape[1]))[:, :, None]
     v = (first[:, 1:] + np.arange(cells.shape[2]))[:, None, :]
     inside = (u < image.shape[1]) & (v < image.shape[0])
@@ -120,7 +120,7 @@ def _scatter(image: FloatArray, cells: FloatArray, first: IntArray) -> None:
 
 
 def _area_under(a: FloatArray, b: FloatArray, u_border: FloatArray, v_border: FloatArray) -> FloatArray:
-    """An edge's share of the polygon's area in u <= u_border[i], v <= v_border[j]; shape (n, i, j), signed by direction.
+    """An edge's contribution to the polygon's area in u <= u_border[i], v <= v_border[j]; shape (n, i, j), signed by direction.
 
     It is the integral of max(v_border[j] - v(u), 0) along the edge; over all edges of a polygon the sum is the area, as
     in Green's theorem. The integrand is linear between its zero and its ends, so the result is exact.

@@ -1,4 +1,4 @@
-"""Scene: everything about a contact but the tape, the pose and the sensor."""
+"""Scene: properties of a contact other than the tape, the pose and the sensor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CONTACTS = ("ellipse", "strip", "pad")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """How the tape is touched, and what is wrong with tape and sensor. The defaults are the default scene.
+    """Contact on a tape, and errors of tape and sensor. The defaults are the default scene.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Scene:
     contact_turn_deg : float
         Turn of the ellipse, or of the cylinder's axis from image u, counter-clockwise as the image is looked at.
     roll_off_mm : float
-        Width of the rim over which the texture's imprint fades from whole to none; half of it is left on the contact's
+        Width of the rim over which the texture's imprint decreases from full to none; it is half on the contact's
         outline itself.
     texture_mm : float
-        Height of an imprinted part before the elastomer smooths it. Less than the part's own: the gel bridges.
+        Height of an imprinted part before the elastomer smooths it. Less than the part's height, because the gel bridges.
     elastomer_mm : float
-        Standard deviation of the Gaussian that stands for the elastomer.
+        Standard deviation of the Gaussian that models the elastomer.
     dome_mm : float
-        Height of the background that the contact's own shape leaves.
+        Height of the background from the contact's own shape.
     tilt_mm_per_mm : (float, float)
         Slope of the background along image u and v.
     white_um, correlated_um, correlated_px : float or None
@@ -48,7 +48,7 @@ class Scene:
     noise : float
         Factor on both kinds of noise.
     missing : float
-        Share of parts that are gone, each at random.
+        Fraction of parts that are missing, each at random.
     bumps : int
         Round bumps inside the contact that belong to no tape.
     placement_mm, rotation_deg : float
@@ -82,7 +82,7 @@ class Scene:
     mirrored_tape: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing, all of them together."""
+        """Refuse invalid values, all together."""
         table = Fields({f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}, "scene.")
         table.text("contact", choices=CONTACTS)
         for name, most in _PAIRS.items():
@@ -100,7 +100,7 @@ class Scene:
 
     @property
     def strip_half_mm(self) -> float:
-        """Half the width of a strip."""
+        """Half the width of a strip, mm."""
         if self.strip_width_mm is not None:
             return self.strip_width_mm / 2
         return max(sqrt(2 * self.cylinder_radius_mm * self.dome_mm), _LEAST_CONTACT_MM / 2)
@@ -120,7 +120,7 @@ class Scene:
         Raises
         ------
         SpecError
-            For a name that is none of them, or a value that means nothing.
+            For an unknown name or an invalid value.
         """
         known = [f.name for f in fields(self)]
         unknown = [unknown_key(name, known) for name in options if name not in known]

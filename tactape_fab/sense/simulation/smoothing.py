@@ -27,7 +27,7 @@ def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Lite
     across, down : ndarray of float32
         Symmetric kernels of odd length.
     beyond : {"edge", "constant"}
-        What lies beyond the border: its nearest pixel, or zeros.
+        Values beyond the border: the nearest pixel, or zeros.
 
     Returns
     -------

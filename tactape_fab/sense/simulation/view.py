@@ -1,4 +1,4 @@
-"""One sensor on one tape: the way from board to image, and which parts are in view."""
+"""View of a sensor on a tape: transforms between board and image, and the parts in view."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FARTHEST_MM = 100_000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """A pose of a sensor on a tape, with the scale as it truly is.
+    """A pose of a sensor on a tape, with the true scale.
 
     Points "in view" are mm from the image centre, right and down, as the sensor sees them.
     """
@@ -35,7 +35,7 @@ class View:
 
     @property
     def px_per_mm(self) -> tuple[float, float]:
-        """The true scale along u and v."""
+        """The true scale along u and v, px/mm."""
         x, y = self.profile.px_per_mm
         return x * (1 + self.scene.scale_error), y * (1 + self.scene.scale_error)
 
@@ -50,7 +50,7 @@ class View:
         return np.array([[c, s], [-s, c]])
 
     def to_px(self, in_view_mm: FloatArray) -> FloatArray:
-        """Points in view as pixels of the canonical image; shape (..., 2)."""
+        """Points in view as pixels of the canonical image; shape (..., 2), px."""
         px: FloatArray = in_view_mm * self.px_per_mm + self.profile.centre_px
         return px
 
@@ -60,7 +60,7 @@ class View:
         return bent(self.scene, flat) if self.scene.contact == "strip" else flat
 
     def to_board(self, in_view_mm: FloatArray) -> FloatArray:
-        """Points in view on the board, as if it lay flat; shape (..., 2), mm."""
+        """Board points of points in view, for a flat board; shape (..., 2), mm."""
         return texture_to_board(self.position_mm + in_view_mm @ self.turn.T, self.tape.board.texture_origin_mm)
 
     def in_reach(self, parts: Parts, margin_mm: float) -> npt.NDArray[np.bool_]:
@@ -74,7 +74,7 @@ class View:
 
 
 def bent(scene: Scene, flat_mm: FloatArray) -> FloatArray:
-    """Points of a tape wrapped about a strip's cylinder, as seen from straight above; the image centre stays where it is."""
+    """Points of a tape wrapped about a strip's cylinder, projected from above; the image centre does not move."""
     radius = scene.cylinder_radius_mm
     turn = radians(scene.contact_turn_deg)
     across = contact_local(scene, flat_mm)[..., 1]
@@ -91,7 +91,7 @@ def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile:
     Raises
     ------
     SpecError
-        When the pose is not finite or absurdly far.
+        If the pose is not finite or out of range.
     """
     plain = position_mm.tolist() if isinstance(position_mm, np.ndarray) else position_mm
     table = Fields({"position_mm": plain, "theta_deg": theta_deg})

@@ -17,37 +17,37 @@ from tactape_fab.texture.frames import FloatArray
 
 EventKind = Literal["begin", "end", "lost", "regained", "jump", "slip"]
 LINE_FIXES = 4
-"""Fixes through which the line of constant velocity goes."""
+"""Number of fixes to which constant velocity is fitted."""
 LINE_S = 0.5
-"""Fixes older than this say nothing of the velocity."""
+"""Age, s, above which fixes are not used for the velocity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """How a contact moves on a tape, at most, and when its pose has changed.
+    """Limits of a contact's motion on a tape, and of a change of pose.
 
-    A place is looked for first within ``radius_mm + speed_mm_s * gap`` of where constant velocity has it, and
+    A place is searched first within ``radius_mm + speed_mm_s * gap`` of the constant-velocity prediction, and
     ``angle_deg + turn_deg_s * gap``, with the gap since the last fix; beyond ``reach_mm`` there is no prediction.
 
     Attributes
     ----------
     radius_mm, angle_deg : float
-        How far off a prediction may be after no time.
+        Error of a prediction at gap 0.
     speed_mm_s, turn_deg_s : float
-        How much that grows in a second: about the largest speed on the tape.
+        Growth of it per second: about the largest speed on the tape.
     reach_mm : float
-        Largest radius; a prior that would need more has lapsed.
+        Largest radius; a prior that would need more is dropped.
     slip_sigmas : float
-        Mahalanobis distance of two poses from which one is another: 6 happens once in 10^7 where errors are normal.
+        Least Mahalanobis distance of two poses that counts as a change: 6 occurs once in 10^7 for normal errors.
     floor_mm, floor_deg : float
-        Standard deviation of what changes between two frames of a contact at rest and is in no covariance.
+        Standard deviation of the change between two frames of a contact at rest that no covariance contains.
     patience : int
-        Frames without a trace of a tape after which a contact has ended.
+        Number of frames without a sign of a tape after which a contact has ended.
 
     Raises
     ------
     SpecError
-        When values are out of range, all of them together.
+        If values are out of range, all of them together.
     """
 
     radius_mm: float = 1.5
@@ -77,13 +77,13 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that happened to a contact.
+    """A change of a contact's state.
 
     Attributes
     ----------
     kind : str
-        "begin", "end": a tape is touched, or was for the last time; "lost", "regained": the contact goes on, but its place is
-        not, or again, located; "jump": it is located where no motion can have brought it; "slip": its pose has changed.
+        "begin", "end": the contact begins, or has ended; "lost", "regained": the contact continues, but its place is no longer,
+        or again, located; "jump": it is located out of reach of any motion; "slip": its pose has changed.
     timestamp : float
         Seconds, of the frame that showed it; of "end", of the last frame that showed the tape.
     """
@@ -94,7 +94,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slip:
-    """Change of pose under one contact, since the pose that it is held against: that of the first fixes, or of the last slip.
+    """Change of pose within one contact, relative to its reference pose: that of the first fixes, or of the last slip.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Slip:
     sigmas : float
         Mahalanobis distance of the two poses.
     since : float
-        Time of the pose that it is held against.
+        Time of the reference pose, s.
     total_mm : (float, float)
     total_deg : float
         The same since the contact began.
@@ -132,7 +132,7 @@ class Pose:
 
 
 def pose_of(fix: Localization, timestamp: float) -> Pose | None:
-    """The pose of a fix; None where it has none."""
+    """The pose of a fix; None if it has none."""
     if not fix.located or fix.position_mm is None or fix.theta_deg is None or fix.tape is None or fix.covariance is None:
         return None
     at = np.array([*fix.position_mm, radians(fix.theta_deg)])
@@ -140,14 +140,14 @@ def pose_of(fix: Localization, timestamp: float) -> Pose | None:
 
 
 def difference(new: FloatArray, old: FloatArray) -> FloatArray:
-    """One pose less another, the turn within half a turn."""
+    """Difference of two poses, the angle wrapped to half a turn."""
     out: FloatArray = new - old
     out[2] = (out[2] + np.pi) % (2 * np.pi) - np.pi
     return out
 
 
 def velocity_of(line: Sequence[Pose], motion: Motion) -> FloatArray:
-    """(mm/s, mm/s, rad/s) of the line nearest to the last fixes, no faster than the motion says; zero of a single fix."""
+    """Velocity (mm/s, mm/s, rad/s) fitted to the last fixes, limited to the motion's speed; zero for a single fix."""
     recent = [pose for pose in line if line[-1].timestamp - pose.timestamp <= LINE_S]
     if len(recent) < 2:
         return np.zeros(3)
@@ -162,7 +162,7 @@ def velocity_of(line: Sequence[Pose], motion: Motion) -> FloatArray:
 
 
 def predicted(line: Sequence[Pose], velocity: FloatArray, timestamp: float, motion: Motion) -> Prior | None:
-    """Predicted region of the contact at some time; None if it has been away for too long."""
+    """Predicted region of the contact at some time; None if the last fix is too old."""
     if not line:
         return None
     last = line[-1]
@@ -188,7 +188,7 @@ def within(pose: Pose, prior: Prior) -> bool:
 
 
 def mean_pose(poses: Sequence[Pose]) -> Pose:
-    """The mean of some poses of a contact at rest, as of the first of them."""
+    """The mean of some poses of a contact at rest, with the time of the first."""
     first = poses[0]
     at = first.at + np.mean([difference(pose.at, first.at) for pose in poses], axis=0)
     covariance: FloatArray = np.sum([pose.covariance for pose in poses], axis=0) / len(poses) ** 2
@@ -196,7 +196,7 @@ def mean_pose(poses: Sequence[Pose]) -> Pose:
 
 
 def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion) -> Slip:
-    """How far a pose is from the one that it is held against."""
+    """Change of a pose relative to its reference pose."""
     shift, total = difference(pose.at, anchor.at), difference(pose.at, began.at)
     floor = np.diag([motion.floor_mm**2, motion.floor_mm**2, radians(motion.floor_deg) ** 2])
     spread = pose.covariance + anchor.covariance + floor + 1e-18 * np.eye(3)

@@ -1,4 +1,4 @@
-"""Tracker: frames of one sensor in order; each is located with the last fix in mind, and held against it."""
+"""Tracker: frames of one sensor in order; each is located with a prior from the last fix, and compared with it."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from tactape_fab.sense.track.motion import (
 from tactape_fab.texture.frames import FloatArray
 
 TOUCHES, TRACE = 0.05, 0.5
-"""p_tape below which a frame shows a tape of ours though it is not located, and below which a contact goes on."""
+"""p_tape below which a frame that is not located shows a registered tape, and below which a contact continues."""
 ANCHOR_FIXES = 3
-"""Fixes whose mean a later pose is held against."""
+"""Number of fixes whose mean is the reference pose."""
 STILL_FIXES = 3
-"""Fixes in a row without slip after which the next slip is another one."""
+"""Number of consecutive fixes without slip after which the next slip is a new event."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,20 +45,20 @@ class Track:
     ----------
     timestamp : float
     fix : Localization
-        The localizer's own answer to this frame: never hidden where it is lost, never replaced by a prediction.
+        The localizer's own answer to this frame, also if the contact is lost; never replaced by a prediction.
     prediction : Prior or None
-        Predicted region of the contact before the frame, given to the localizer as prior. None where nothing
-        was known, or had lapsed.
+        Predicted region of the contact before the frame, given to the localizer as prior. None if there was
+        no prediction.
     contact : bool
         Whether a registered tape is touched.
     lost : bool
-        Whether it is touched and not located.
+        Whether a tape is touched and not located.
     events : tuple of Event
         In the order in which they happened.
     slip : Slip or None
-        None where the frame is not located.
+        None if the frame is not located.
     velocity_mm_s : (float, float) or None
-        Of ``position_mm``; None where it is not located, or for the first time.
+        Velocity of ``position_mm``; None if the frame is not located, or for the first fix.
     turn_deg_s : float or None
     """
 
@@ -75,7 +75,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _State:
-    """State before a frame; ``line`` holds the last fixes, ``anchor`` those that slip is measured against."""
+    """State before a frame; ``line`` holds the last fixes, ``anchor`` those of the reference pose for slip."""
 
     timestamp: float | None = None
     contact: bool = False
@@ -94,12 +94,12 @@ _NOTHING = _State(velocity=np.zeros(3))
 
 
 class Tracker:
-    """Follows the contact of one sensor.
+    """Tracker of the contact of one sensor.
 
     Each frame is located with the last fix as a `Prior`: half of the weight of all registered places goes to those near
-    the prediction, the other half stays everywhere. What a located fix promises then:
+    the prediction, the other half is spread over all places. Properties of a located fix:
 
-    - `p_tape` stays a bound, however wrong the prediction is: it was made before the frame was looked at.
+    - `p_tape` stays a bound for any wrong prediction, because the prediction was made before the frame was read.
     - The answer leads over every single other place by the localizer's `kappa` without any prior.
     - `p_place` weighs places by the prior. It bounds the chance of a wrong place as long as the contact really is near the
       prediction at least every other time that there is one.
@@ -109,14 +109,14 @@ class Tracker:
     Parameters
     ----------
     localizer : Localizer
-        Of registered tapes, by method "ml"; its sensor is the one whose frames come.
+        Localizer of registered tapes, with method "ml"; its sensor is the one whose frames are given.
     motion : Motion, optional
-        How fast contacts move.
+        Limits of the motion of contacts.
 
     Raises
     ------
     SpecError
-        When the localizer takes no prior.
+        If the localizer cannot use a prior.
     """
 
     def __init__(self, localizer: Localizer, motion: Motion | None = None) -> None:
@@ -128,7 +128,7 @@ class Tracker:
         self._state = _NOTHING
 
     def reset(self) -> None:
-        """Forget everything, such as before frames of another time."""
+        """Reset the state, such as before frames of another recording."""
         self._state = _NOTHING
 
     def update(self, depth: npt.ArrayLike, timestamp: float) -> Track:
@@ -148,7 +148,7 @@ class Tracker:
         Raises
         ------
         FrameError
-            When it is no depth map of this sensor, or its time is not after the one before; nothing is changed then.
+            If it is not a depth map of this sensor, or its time is not after the previous one; the state is unchanged.
         """
         prior = self._prior(timestamp)
         return self._follow(self.localizer.locate(depth, prior=prior, timestamp=timestamp), prior, timestamp)
@@ -231,7 +231,7 @@ def _contact(
 
 
 def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
-    """Whether a pose is where no motion within the contact can have brought it."""
+    """Whether a pose is out of reach of any motion within the contact."""
     if before.began is None:
         return False
     return pose.tape != before.line[-1].tape or (prior is not None and not within(pose, prior))
