@@ -21,7 +21,7 @@ Colour = tuple[int, int, int]
 _SHADES = np.array(
     [(20, 10, 10), (110, 20, 90), (120, 55, 200), (90, 150, 250), (150, 215, 250), (240, 240, 240)], dtype=np.uint8
 )
-"""Of distances 0, 1, ... and `BEYOND`, blue first as OpenCV has them: lighter is farther, told apart in grey and by all eyes."""
+"""Colours of distances 0, 1, ... and `BEYOND`, BGR as in OpenCV: lighter is farther, also distinct in grey."""
 _PAPER, _INK, _FAINT, _MARK = (255, 255, 255), (40, 40, 40), (215, 215, 215), (178, 114, 0)
 _MARGIN, _LINE, _FONT = 30, 22, 0.5
 _FIELD_PX, _LEAST_WIDTH_PX, _MOST_CELL_PX, _MATRIX_PX = 1240, 900, 24, 420

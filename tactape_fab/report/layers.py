@@ -31,7 +31,7 @@ PASTE = "#aab2bd"
 ELEMENT = "#59616b"
 EDGE = "#6b4a12"
 CUT = ""
-"""In the place of a colour: what is drawn is cut out of everything below it."""
+"""Used as a colour: the shape is cut out of everything below it."""
 
 TITLES: Mapping[str, str] = {
     "profile": "Film and outline",
@@ -46,7 +46,7 @@ TITLES: Mapping[str, str] = {
 }
 """Layers that can be switched, in the order of their switches."""
 HIDDEN = ("paste-top",)
-"""Layers that are not shown before they are asked for."""
+"""Layers that are hidden at the start."""
 
 Stamp = tuple[FloatArray, FloatArray | None]
 
@@ -64,7 +64,7 @@ class Shapes:
     lines: Sequence[FloatArray] = ()
 
     def to_mapping(self) -> dict[str, Any]:
-        """As the page's script takes it."""
+        """Data for the page's script."""
         return {
             "layer": self.layer,
             "fill": self.fill,

@@ -1,4 +1,4 @@
-"""A written kit as one HTML page: what its files hold, drawn and listed, and how it was verified."""
+"""A written kit as one HTML page: the content of its files, drawn and listed, and its verification."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Written:
     files : mapping of str to bytes
         By role: those of `READ_ROLES` that the kit has.
     checks : sequence of Check
-        Lines of its verification; empty where it was not verified.
+        Lines of its verification; empty if it was not verified.
     findings : sequence of Finding
         Its design rules, measured; empty where there are none.
     """

@@ -1,4 +1,4 @@
-"""A written panel as one HTML page: what it looks like, its tapes with their own reports, and how it was verified."""
+"""A written panel as one HTML page: its picture, its tapes with their own reports, and its verification."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _facts(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _tapes(manifest: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """A row for each tape, with the way to its own report."""
+    """A row for each tape, with a link to its own report."""
     for tape in manifest["tapes"]:
         first = int(tape["first_designator"].removeprefix("R"))
         yield {

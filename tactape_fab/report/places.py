@@ -1,4 +1,4 @@
-"""Where the parts stand, which grid points these are, and which symbols they show there."""
+"""Places of the parts, with their grid points and symbols."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Places:
     rotation_deg : ndarray, shape (n,)
         Counter-clockwise.
     on_part : Placed or None
-        Of a texture on a user's own part: where on it each element stands.
+        Place of each element on a user's own part, for a texture on one.
     """
 
     designators: Sequence[str]

@@ -1,4 +1,4 @@
-"""The robot's half: sensors, simulated contacts, colour images, ROS 2 messages, and what a tracker reports.
+"""The robot's half: sensors, simulated contacts, colour images, ROS 2 messages, and a tracker's results.
 
 `Localizer`, `Tracker` and `read_object` are in `tactape_fab` itself.
 """

@@ -27,7 +27,7 @@ LEAST_TURN_DEG = 0.5
 
 
 def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:
-    """Everything that keeps these solid models of a tape from being built, each with its remedy."""
+    """Problems that prevent the building of these solid models of a tape, each with its remedy."""
     problems = list(_cell_problems(tape))
     if form.cylinder is not None:
         problems += _cylinder_problems(tape, form, form.cylinder)
@@ -61,7 +61,7 @@ def foot_reach_mm(tape: Tape, form: SolidForm) -> FloatArray:
 
 
 def _edge_problems(tape: Tape, form: SolidForm) -> Iterator[Problem]:
-    """Feet lie on the base."""
+    """Check that all feet lie on the base."""
     xy, reach = tape.part_xy_mm(), foot_reach_mm(tape, form)
     gap_mm = float(np.minimum(xy - reach, np.array(tape.board.size_mm) - xy - reach).min(initial=np.inf))
     if gap_mm < LEAST_EDGE_MM:
@@ -127,7 +127,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
 
 
 def _seam_problems(tape: Tape, cylinder: Cylinder, shown: str, length_mm: float) -> Iterator[Problem]:
-    """A base that nearly closes on itself leaves a slit that nothing can make; one that is to be closed is."""
+    """Check the slit of a base that nearly closes on itself, and that a closed base is as long as the circumference."""
     gap_mm = cylinder.circumference_mm - length_mm
     if cylinder.shell == "segment" and gap_mm < LEAST_SLIT_MM:
         yield Problem(

@@ -1,4 +1,4 @@
-"""SolidForm: what a user decides of the solid models beside the tape: base, mould, tiling, cylinder."""
+"""SolidForm: options of the solid models other than the tape: base, mould, tiling, cylinder."""
 
 from __future__ import annotations
 

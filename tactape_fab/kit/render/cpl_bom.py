@@ -16,7 +16,7 @@ from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.texture.cpl import PLACEMENTS, PlacementTable
 
 DESIGNATORS_PER_ROW = 200
-"""JLCPCB's limit for one BOM row; nobody is known to take fewer."""
+"""JLCPCB's limit for one BOM row; no known house has a lower one."""
 
 _KICAD_LEAST_WIDTHS = (8, 8, 16)
 

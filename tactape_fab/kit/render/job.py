@@ -21,7 +21,7 @@ _FUNCTIONS = {
 
 
 def render_job(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
-    """The job file of the fabrication layers beside it."""
+    """The job file for the fabrication layers in the same folder."""
     name, guid, revision = drawing.project.id.split(",")
     has_legend = bool(drawing.legend.areas_mm)
     width_mm, height_mm = drawing.size_mm

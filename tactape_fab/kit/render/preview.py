@@ -1,4 +1,4 @@
-"""Previews of what a tape or a panel will look like, drawn from the bytes of the other files: Gerber, drill, and CPL."""
+"""Previews of a tape or a panel, drawn from the bytes of the other files: Gerber, drill, and CPL."""
 
 from __future__ import annotations
 

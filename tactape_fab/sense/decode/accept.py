@@ -1,4 +1,4 @@
-"""A place -> an answer, or the reason why there is none: p_tape, p_place and the pose, held against `rule.Limits`."""
+"""Acceptance of a place: an answer or the reason of refusal, from p_tape, p_place and the pose against `rule.Limits`."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class _Doubt:
 def judge(
     empty: Localization, dots: Dots, reading: Reading, view: View, world: Registry | CodePlane, limits: Limits
 ) -> tuple[Localization, bool]:
-    """Accept or refuse the place that a reading names.
+    """Accept or refuse the place of a reading.
 
     Parameters
     ----------
     empty : Localization
-        What is known of the contact without it.
+        Answer with everything known of the contact without the place.
     dots : Dots
         Places in px of square pixels.
     reading : Reading
@@ -55,15 +55,15 @@ def judge(
     Returns
     -------
     answer : Localization
-        Located, or with the reason why it is not.
+        Located, or with the reason of refusal.
     explained : bool
-        Whether an unregistered tape explains the dots instead.
+        Whether the dots fit an unregistered tape instead.
     """
     place = reading.place
     inside, symbols = _on_tape(place, world)
     p_tape = bound_of(reading.ln_bound)
     doubt = _doubt(place, world, limits, p_tape)
-    # wrong in either of two ways: the texture is none of ours, or it is one of them and lies elsewhere; so at most the sum
+    # two ways to be wrong: an unregistered texture, or another place of a registered one; so at most the sum (union bound)
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
     other = doubt.unregistered is not None
     if inside.sum() < LEAST_DOTS:
@@ -89,7 +89,7 @@ def judge(
 
 
 def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[BoolArray, SymbolArray]:
-    """Which dots lie on a grid point with a part of the answer's tape (n,), and the symbols there (k,).
+    """Mask of the dots on a grid point with a part of the answer's tape (n,), and the symbols there (k,).
 
     In the plane of a code a place is its own tape without an edge, and its bits are x + 2 y.
     """
@@ -106,13 +106,13 @@ def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[Bo
 
 
 def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits, p_tape: float) -> _Doubt:
-    """The answer held against all other places, those of unregistered tapes among them.
+    """Compare the answer with all other places, including those of unregistered tapes.
 
     With rho the weight of all unregistered tapes together, the registered ones weigh 1 - rho, and `others` are multiples of the
     answer's weight: so `rivals` counts places of unregistered tapes rho / (1 - rho) times.
 
-    Where p_tape refuses the answer already, p_place cannot save it: unregistered tapes are then looked at only to name one of
-    them in the reason.
+    If p_tape already refuses the answer, p_place cannot change that: unregistered tapes are then compared only to name one
+    of them in the reason.
     """
     registered = _Doubt(p_place=share_of_others(place.others), lead=place.lead, unregistered=None)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
@@ -127,7 +127,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
         # a smaller precision takes longer: p_place only has to be known to a tenth of what is allowed
         chance = p_tape > _BY_CHANCE * limits.max_p_false
         found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa), beyond=chance)
-    # it is named where it would be accepted itself, and the answer does not lead over it
+    # it is named if it would be accepted itself, and the answer does not lead over it
     sure = found.score > clear and found.lead < log(limits.kappa)
     if refused and not sure:
         return registered
@@ -143,11 +143,11 @@ def _stranger(name: str) -> str:
 
 
 def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:
-    """Why an answer is refused; None where it is accepted. Of so many good dots on the tape so many agree with the pose.
+    """Reason why an answer is refused, None if it is accepted; from the good dots on the tape, and those that fit the pose.
 
     The bounds come first, p_place and p_false as `not p <= limit`, so that NaN is refused. Then the lead, which does not depend
-    on the weights of places: two that look the same are never told apart. Last the pose: dots may fit the symbols of a place
-    and yet not stand as a flat tape has them, where it is bent, or where two tapes lie side by side.
+    on the weights of places: two equal ones are never told apart. Last the pose: dots may fit the symbols of a place but not
+    the geometry of a flat tape, if it is bent, or if two tapes lie side by side.
     """
     p_place, p_false = doubt.p_place, min(1.0, p_tape + doubt.p_place)
     if doubt.unregistered is not None:

@@ -62,29 +62,29 @@ class Localizer:
     Parameters
     ----------
     tapes : Tape, path, or sequence of either
-        The tapes that can be touched: as they are, or as paths of kits, panels, manifests or folders of kits. Tapes of
-        equal code, sector, origin, W and Delta are one tape (the first one's name).
+        The tapes that can be touched, or paths of kits, panels, manifests or folders of kits. Tapes of equal code,
+        sector, origin, W and Delta are one tape (with the first one's name).
     sensor : str, Path or SensorProfile
         Profile name, path of a TOML file, or a profile.
     method : {"ml", "paper"}
-        All dots together, or section III of the paper as it is written, for comparison: no bounds then.
+        All dots together, or section III of the paper as written, for comparison and without bounds.
     max_p_false : float
-        Largest accepted bound on being wrong.
+        Largest accepted bound on the probability of a wrong answer.
     max_p_tape : float or None
-        Largest accepted bound on the texture being none of ours; part of `max_p_false` where None.
+        Largest accepted bound on the probability that the texture is unregistered; None for a part of `max_p_false`.
     world : {"open", "closed"}
-        Whether tapes of the family that nobody registered may be touched.
+        Whether unregistered tapes of the same code may be touched.
     unregistered_share : float
         Prior weight of all unregistered tapes together, in an open world.
     kappa : float
         Least lead, as a factor, over any single other place.
     fixed_scale : bool
-        Take the profile's px/mm as it is; otherwise a frame that says otherwise is believed.
+        Use the profile's px/mm without correction; otherwise a scale measured in the frame replaces it.
 
     Raises
     ------
     SpecError
-        When there is no tape, a path is no kit, tapes differ in W, Delta or directions, or a value is out of range.
+        If there is no tape, a path is not a kit, tapes differ in W, Delta or directions, or a value is out of range.
 
     Attributes
     ----------
@@ -166,9 +166,9 @@ class Localizer:
         kappa: float = KAPPA,
         fixed_scale: bool = False,
     ) -> Localizer:
-        """A localizer that knows no tape, only a code and its W and Delta: every place of the plane in every sector.
+        """A localizer without tapes, for a code with W and Delta: it searches every place of the plane in every sector.
 
-        It asks for many more dots. Its answers have sector, index, theta and ``plane_mm``; no tape, no position on one.
+        It needs many more dots. Its answers have sector, index, theta and ``plane_mm``, but no tape and no position on one.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Localizer:
         Raises
         ------
         SpecError
-            When the code is unknown, its plane too large to search, or a value is out of range.
+            If the code is unknown, its plane too large to search, or a value is out of range.
         """
         problems = [
             Problem(key, f"{key} = {shown(value)} mm is not above 0 and at most {most:g} mm; give it in millimetres")
@@ -222,7 +222,7 @@ class Localizer:
     ) -> None:
         self._world = world
         self.sensor = as_sensor(sensor)
-        self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # what v is stretched by to make pixels square
+        self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # factor on v that makes pixels square
         self._view = View(
             pitch_mm=pitch_mm,
             displacement_mm=displacement_mm,
@@ -235,17 +235,17 @@ class Localizer:
 
     @property
     def tapes(self) -> list[Tape]:
-        """The registered tapes, equal ones once; none where only a code is known."""
+        """The registered tapes, equal ones once; empty if only a code is known."""
         return list(self._world.tapes) if isinstance(self._world, Registry) else []
 
     def _warm(self, texture_mm: FloatArray) -> None:
-        """Compile everything now, so that no frame waits."""
+        """Compile all kernels now, so that no frame waits."""
         xy = (texture_mm - texture_mm.mean(axis=0)) * self._view.px_per_mm + self._view.centre_px
         dots = Dots(xy_px=xy, weights=np.ones(len(xy)), trust=np.ones(len(xy)), elongation=np.zeros((len(xy), 2)))
         v, u = np.mgrid[: self.sensor.height_px, : self.sensor.width_px]
         ripple = np.cos(2 * pi * u / self._view.pitch_px) * np.cos(2 * pi * v / self._view.pitch_px)
         collecting = gc.isenabled()
-        gc.disable()  # a compiler makes millions of objects that live: looking through them takes a sixth of its time
+        gc.disable()  # a compiler makes millions of live objects: garbage collection would take a sixth of its time
         try:
             with search_compiled(needed=_searches_planes(self._world)):
                 rehearse(dots, ripple, self._view)
@@ -262,19 +262,19 @@ class Localizer:
         depth : array_like, shape (h, w)
             As the sensor delivers it; any positive scale, any smooth background.
         prior : Prior, optional
-            Where the contact is believed to be; the bound stays true when that is wrong.
+            Expected region of the contact; the bound stays valid if it is wrong.
         timestamp : float, optional
             Capture time, s; passed through.
 
         Returns
         -------
         Localization
-            A frame that cannot be located is an answer, with `reason`, and no error.
+            A frame that cannot be located gives an answer with `reason`, not an error.
 
         Raises
         ------
         FrameError
-            When it is no depth map of this sensor.
+            If it is not a depth map of this sensor.
         SpecError
             When there is a prior that nothing here can use.
         """
@@ -321,7 +321,7 @@ class Localizer:
         Raises
         ------
         FrameError
-            When shapes do not match, a value is NaN or infinite, or a weight is negative.
+            If shapes do not match, a value is NaN or infinite, or a weight is negative.
         SpecError
             When there is a prior that nothing here can use.
         """
@@ -396,7 +396,7 @@ class Localizer:
         return replace(found, reason=f"the frame is mirrored: it shows {behind} from behind; set mirror in the sensor profile")
 
     def _from_behind(self, empty: Localization, dots: Dots) -> str | int | None:
-        """Tape or sector that the dots show mirrored: no answer, but worth a word."""
+        """Tape or sector whose mirror image the dots show, for the reason of an answer that is not located."""
         flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
         dots = replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation))
         reading = read(dots, self._view, self._world, None, self._limits.on_tape, self._limits.precision)

@@ -1,4 +1,4 @@
-"""Dots -> the place that their symbols name: the likeliest grids, each held against every place of every tape."""
+"""Ranking of places from dots: the likeliest grids, each compared with every place of every tape."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ class View:
     pitch_mm, displacement_mm : float
         W and Delta.
     part : TapePart or None
-        The bodies, if all tapes have the same.
+        The parts, if all tapes have the same.
     px_per_mm : float
         R, from the sensor's profile.
     scale_tolerance : float
-        By how much, as a share, the scale may be off; 0 where it is fixed.
+        Relative tolerance of the scale; 0 if it is fixed.
     centre_px : ndarray, shape (2,)
         The image centre p0.
     directions : int
-        That parts are displaced in.
+        Number of displacement directions.
     """
 
     pitch_mm: float
@@ -82,7 +82,7 @@ class Reading:
 def read(
     dots: Dots, view: View, world: Registry | CodePlane, prior: Prior | None, max_p_tape: float, precision: float
 ) -> Reading | None:
-    """Find the place that some dots name.
+    """Find the place that fits some dots best.
 
     Parameters
     ----------
@@ -91,14 +91,14 @@ def read(
     max_p_tape : float
         Other grids are tried unless the first one's place is clearly better than this asks for.
     prior : Prior or None
-        Where the contact is believed to be.
+        Expected region of the contact.
     precision : float
-        What the weight of other places may be too large by.
+        Largest error, upward, of the weight of other places.
 
     Returns
     -------
     Reading or None
-        None where there is no grid, or no place with enough dots on a tape.
+        None if there is no grid, or no place with enough dots on a tape.
     """
     # the contact's centre (paper, Eq. 2), each dot by its trust: about it, turn and phases of a grid depend least on each other
     middle = dots.trust @ dots.xy_px / dots.trust.sum()

@@ -14,14 +14,14 @@ from tactape_fab.texture.frames import FloatArray
 
 Status = Literal["none", "weak", "solid"]
 SOLID_DOTS = 16
-"""Dots from which a contact is solid (paper, section III-B.2)."""
+"""Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
-"""Places of x, y and the turn about z among the six degrees of freedom."""
+"""Indices of x, y and the turn about z among the six degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Localization:
-    """Where a sensor touches, or why that cannot be said. Fields that are unknown are None.
+    """Pose of a sensor on a tape, or the reason why it is not located. Unknown fields are None.
 
     Angles for people and for scripts are degrees (`theta_deg`); the covariance has its angle in radians, as filters want it.
 
@@ -30,7 +30,7 @@ class Localization:
     status : {"none", "weak", "solid"}
         No dots, fewer than 16, or 16 and more (paper, section III-B.2).
     located : bool
-        Whether the bounds asked for hold; where False, the fields below say what is known nevertheless.
+        Whether the requested bounds hold; if False, the fields below still hold everything known.
     reason : str or None
         Why it is not located.
     tape : str or None
@@ -59,10 +59,10 @@ class Localization:
     n_dots, n_agree : int
         Dots found, and those that fit the answer.
     p_tape, p_place, p_false : float or None
-        Bound on the chance that a texture which is none of ours looks like this; chance that another place or tape is
-        the true one (of a registered one alone, where p_tape refuses the answer already); their sum.
+        Bound on the probability that an unregistered texture looks like this; probability that another place or tape is
+        the true one (of registered ones alone, if p_tape already refuses the answer); their sum.
     elapsed_ms : float
-        Time that locating took.
+        Computing time, ms.
     timestamp : float or None
         Capture time as it came with the frame, s.
     """
@@ -105,7 +105,7 @@ class Localization:
         Returns
         -------
         ndarray, shape (4, 4), or None
-            mm. None where the frame is not located, where only a code is known, or where the texture stands on no board.
+            mm. None if the frame is not located, if only a code is known, or if the texture is not on a board.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class Localization:
         return out
 
     def covariance6(self, frame: str = "board") -> FloatArray | None:
-        """Covariance of `transform`, with the three directions that a contact does not tell.
+        """Covariance of `transform`, including the three degrees of freedom that a contact does not show.
 
         Order and units are (x, y, z) in mm, then small turns about the frame's own x, y and z axes in rad, right-handed.
         `theta_deg` is counter-clockwise seen from above, so in the texture frame, whose z points into the tape, the turn about z

@@ -119,7 +119,7 @@ def simulate_file(
 
 
 def _scene(options: Mapping[str, Any]) -> Scene:
-    """The default scene with some options."""
+    """The default scene with some attributes replaced by options."""
     values = {_SCENE_KEYS[name]: value for name, value in options.items()}
     if "cylinder" in options:
         values["contact"] = "strip"

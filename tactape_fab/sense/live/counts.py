@@ -60,7 +60,7 @@ class Tally:
         self._recent: deque[float] = deque(maxlen=50)
 
     def answer(self, fix: Localization, arrived_s: float) -> None:
-        """Count an answer that all has been done with."""
+        """Count an answer after all its processing."""
         now_s = perf_counter()
         if self.answered == 0:
             self._first_s = now_s

@@ -1,4 +1,4 @@
-"""Frames from a folder that somebody writes files into, each taken as soon as it is whole."""
+"""Frames from a folder into which another process writes files, each taken as soon as it is complete."""
 
 from __future__ import annotations
 

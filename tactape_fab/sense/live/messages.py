@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.objects.taped_object import TapedObject
 
 UNMEASURED = 1e6
-"""Variance (m², rad²) of z, roll and pitch, which no tape tells: so large that a filter takes nothing from them."""
+"""Variance (m², rad²) of z, roll and pitch, which a contact does not show: so large that a filter ignores them."""
 
 _NS = 1_000_000_000
 _LAST_S = 2**31

@@ -30,7 +30,7 @@ _SOURCES = "give a folder, a file of frames, - for standard input, or with --raw
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wishes:
-    """How a source is read, as a user gave it; None is what was not given.
+    """A user's options for reading a source; None if not given.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ def open_watch(
     Raises
     ------
     SpecError
-        Every value and file that cannot be used, all together.
+        With every invalid value and file.
     """
     problems: list[Problem] = []
     if not wishes.raw and (wishes.background is not None or wishes.weights is not None or wishes.crop is not None):

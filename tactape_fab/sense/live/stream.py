@@ -118,7 +118,7 @@ def _array(source: _Bytes) -> npt.NDArray[Any]:
     EOFError
         At the end, with a message where that is in the middle of an array.
     ValueError
-        When it is none that can be used.
+        If the array is invalid.
     """
     mark = source.read(len(MAGIC))
     if not mark:
@@ -129,7 +129,7 @@ def _array(source: _Bytes) -> npt.NDArray[Any]:
         raise ValueError(f"an array of shape {shown(header.shape)} is no frame, and no stack of at most {_MOST_BYTES} bytes")
     data = source.read(size)
     next_one = data.find(MAGIC)
-    if next_one >= 0:  # its writer was stopped, and another has begun
+    if next_one >= 0:  # its writer was stopped, and another one has started
         source.give_back(data[next_one:])
         raise ValueError(f"it ends after {next_one} of {size} bytes")
     if len(data) < size:

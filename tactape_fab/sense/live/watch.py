@@ -131,7 +131,7 @@ def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor:
     Raises
     ------
     FrameError
-        When the image has not the size of the sensor's frames.
+        If the image does not have the size of the sensor's frames.
     """
     expected = (*sensor.frame_shape, 3)
     if image.shape != expected:

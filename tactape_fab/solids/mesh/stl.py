@@ -1,4 +1,4 @@
-"""Reads STL back and asks what every print needs: closed, one body, facing outward. No mesh library is needed."""
+"""Reader of STL that checks what every print needs: closed, one body, facing outward. No mesh library is needed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_stl(data: bytes) -> Mesh:
     Raises
     ------
     MeshError
-        When the data is no binary STL, too large, or holds coordinates that are not finite numbers.
+        If the data is not binary STL, is too large, or holds coordinates that are NaN or infinite.
     """
     corners = stl_corners(data).reshape(-1, 3)
     vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0

@@ -1,4 +1,4 @@
-"""How true a texture lies on a surface: pitch, edges, folds, gaps, curvature, each with the radius where it first fails."""
+"""Distortion of a texture on a surface: pitch, edges, folds, gaps, curvature, each with the radius where it first fails."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def collisions(offset_mm: FloatArray, gap_mm: FloatArray, pairs: IntArray) -> tu
 
 
 def too_curved(part: TapePart, offset_mm: FloatArray, height_mm: FloatArray, on_surface: BoolArray) -> tuple[float, str]:
-    """Elements whose foot would stand in the air, or be drowned, by half their height."""
+    """Least radius of an element whose foot would be off the surface by half its height (inf if none), and the problem's text."""
     most_mm = _STEEPEST * part.body_mm[2]
     off = np.where(on_surface, np.abs(height_mm), 0.0).max(axis=1)
     wrong = off > most_mm

@@ -1,4 +1,4 @@
-"""Where the elements of a texture stand on a surface, as a CSV file: written, and read back with suspicion."""
+"""Placements file: places of a texture's elements on a surface, as CSV. Reading checks every value."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The paper's localization method, section III as written, kept for comparison; every function names its equation.
 
-The text leaves some things open; what was read into it stands in the docstring of the function concerned.
+The text leaves some things open; our reading is given in the docstring of the function concerned.
 """
 
 from __future__ import annotations

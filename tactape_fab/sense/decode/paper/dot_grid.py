@@ -13,12 +13,12 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray
 GridCase = Literal["A", "BC", "D"]
 
 TOLERANCE = 0.3
-"""A distance fits when it is off by at most this share of delta; the paper gives none. Half of 1 would let all fit."""
+"""Largest misfit of a distance, as a fraction of delta; the paper gives none. At 0.5 every distance would fit."""
 LEAST_FITTING = 0.7
 """Share of the dots that must fit a baseline; the paper says all, which one dot torn at the contact's rim would undo.
 Too low for scattered dots to be refused here: they fail at the symbols."""
 DUPLICATE = 0.5
-"""Sorted coordinates nearer than this share of delta are one value."""
+"""Sorted coordinates nearer than this fraction of delta are one value."""
 
 
 def turned(xy: FloatArray, theta_rad: float) -> FloatArray:
@@ -195,7 +195,7 @@ def read_symbols(
     Returns
     -------
     ndarray of int64, shape (side, side)
-        Symbol values in the turned frame, -1 where there is no dot.
+        Symbol values in the turned frame, -1 without a dot.
     """
     cell = np.rint((xy_px - grid_xy_px) / w_px)
     offset = xy_px - grid_xy_px - cell * w_px

@@ -30,7 +30,7 @@ from tactape_fab.texture.tape import Tape
 
 LostAt = Literal["detect", "baseline", "grid", "symbols", "decode", "bounds"]
 MOST_DOTS = 1000
-"""More dots than any sensor's field holds: noise, refused before n x n distances are built."""
+"""Most dots: more than in any sensor's field are noise, refused before n x n distances are built."""
 _LEAST_SCALE, _MOST_SCALE = 1e-3, 1e6  # px/mm
 
 _REASONS: dict[LostAt, str] = {
@@ -45,7 +45,7 @@ _REASONS: dict[LostAt, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PaperTrace:
-    """What each step of the paper's method found in one frame.
+    """Result of each step of the paper's method for one frame.
 
     Attributes
     ----------
@@ -55,14 +55,14 @@ class PaperTrace:
     slope_rad : float or None
         theta_slope (Eq. 5), in [-pi/4, pi/4].
     grid_case : {"A", "BC", "D"} or None
-        The worst case that either axis needed (Eq. 6-8).
+        The worst case needed by either axis (Eq. 6-8).
     symbols : ndarray of int64, shape (side, side), or None
         Symbols around the contact dot as read, before theta_A; -1 where missing.
     votes : tuple of Reading
         Every place that the windows decode to, most windows first.
     chosen : Reading or None
     lost_at : {"detect", "baseline", "grid", "symbols", "decode", "bounds"} or None
-        The step that lost the frame; None where it is located.
+        The step that failed; None if the frame is located.
     """
 
     dots_px: FloatArray
@@ -131,7 +131,7 @@ def locate_paper(
     Raises
     ------
     SpecError
-        When `tapes` is empty, `px_per_mm` no scale of a sensor or `rule` unknown.
+        If `tapes` is empty, `px_per_mm` is not a valid scale or `rule` is unknown.
     """
     start = time.perf_counter()
     _check(tapes, px_per_mm, rule)
@@ -207,7 +207,7 @@ def _kinds(tapes: Sequence[Tape]) -> list[list[Tape]]:
 
 
 def _scale(dots: FloatArray, tape: Tape) -> float | None:
-    """Eq. 14-16, where there are dots to tell by and the answer is a scale at all."""
+    """Scale from Eq. 14-16, px/mm, if there are enough dots and the result is a valid scale."""
     scale = estimate_scale(dots, tape.pitch_mm, tape.displacement_mm) if len(dots) <= MOST_DOTS else None
     return scale if scale is not None and _LEAST_SCALE <= scale <= _MOST_SCALE else None
 
@@ -221,7 +221,7 @@ def _best(answers: list[tuple[Localization, PaperTrace]], start: float) -> tuple
 def _locate(
     dots: FloatArray, tapes: Sequence[Tape], image_size: tuple[float, float], px_per_mm: float | None, rule: Rule
 ) -> tuple[Localization, PaperTrace]:
-    """The pipeline behind the dots, for tapes of one code, W and Delta."""
+    """The pipeline after the dots, for tapes of one code, W and Delta."""
     tape = tapes[0]
     code = get_plane(tape.code)
     trace = PaperTrace(dots_px=dots)

@@ -10,7 +10,7 @@ from tactape_fab.base.libraries import library
 from tactape_fab.texture.frames import FloatArray
 
 REFERENCE_PX_PER_MM = 16.0
-"""The paper's GelSight Mini, 320 px over 20 mm: assumed for the first look at a frame of unknown scale."""
+"""Scale of the paper's GelSight Mini, px/mm (320 px over 20 mm): first assumption for a frame of unknown scale."""
 MEAN_FILTER_MM = 25 / REFERENCE_PX_PER_MM
 """Side of the mean filter of Eq. 1. The paper gives none; a filter of about one W takes away what is wider than a part."""
 STRONGEST_SHARE = 0.995
@@ -18,17 +18,17 @@ STRONGEST_SHARE = 0.995
 THRESHOLD = 0.45
 """Level of the binarisation on that scale; the paper gives none."""
 LEAST_AREA = 0.2
-"""Contours smaller than this share of a part's body are noise, not dots; the paper has no such test and no figure."""
+"""Contours smaller than this fraction of a part's body are noise, not dots; the paper has no such test and no figure."""
 _LEAST_DISTANCE_PX = 1e-6
 
 
 def high_pass(depth: FloatArray, filter_px: int) -> FloatArray:
-    """Take the background off a depth map and stretch the contrast (Eq. 1).
+    """Remove the background of a depth map and stretch the contrast (Eq. 1).
 
     Parameters
     ----------
     depth : ndarray, shape (h, w)
-        Larger is deeper into the elastomer, any unit. What is not finite is taken for the mean of the rest.
+        Larger is deeper into the elastomer, any unit. NaN and infinite values are replaced by the mean of the rest.
     filter_px : int
         Side of the mean filter, px; at most the frame's shorter side is used.
 

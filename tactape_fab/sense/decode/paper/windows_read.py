@@ -13,7 +13,7 @@ from tactape_fab.texture.plane import PlaneCode, encode, locate_windows
 from tactape_fab.texture.tape import Tape
 
 Rule = Literal["literal", "vote", "vote+bounds"]
-"""How the paper's "select the rotation that yields a valid decoding" is read; see `choose`."""
+"""Readings of the paper's "select the rotation that yields a valid decoding"; see `choose`."""
 
 _TURNED_SYMBOL: IntArray = np.array([1, 3, 0, 2], dtype=np.int64)
 """Symbol after a quarter turn counter-clockwise: N -> W, W -> S, E -> N, S -> E."""
@@ -21,7 +21,7 @@ _TURNED_SYMBOL: IntArray = np.array([1, 3, 0, 2], dtype=np.int64)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """A place that windows of a frame decode to.
+    """A place decoded from windows of a frame.
 
     Attributes
     ----------
@@ -31,9 +31,9 @@ class Reading:
     index : (int, int)
         Column and row of the contact dot in the code plane.
     symbol : int
-        The contact dot's symbol in the texture frame; -1 where it has none.
+        The contact dot's symbol in the texture frame; -1 without one.
     windows : int
-        How many windows read this place.
+        Number of windows that decode to this place.
     """
 
     quarter_turns: int
@@ -91,7 +91,7 @@ def read_windows(code: PlaneCode, symbols: IntArray) -> tuple[Reading, ...]:
 
 
 def first_valid(code: PlaneCode, symbols: IntArray) -> Reading | None:
-    """The rule to the letter: window by window, the first rotation that decodes.
+    """The literal rule: window by window, the first rotation that decodes.
 
     A window's four rotations nearly always all decode, so that this is a guess of one in four.
     """
@@ -118,7 +118,7 @@ def on_tape(reading: Reading, code: PlaneCode, tapes: Sequence[Tape]) -> Tape | 
 
 
 def outvoting(readings: Sequence[Reading]) -> Reading | None:
-    """The reading that more windows agree on than on any other; None without readings and on a tie."""
+    """The reading with the most windows; None without readings and on a tie."""
     if not readings or (len(readings) > 1 and readings[1].windows == readings[0].windows):
         return None
     return readings[0]
@@ -127,7 +127,7 @@ def outvoting(readings: Sequence[Reading]) -> Reading | None:
 def choose(
     code: PlaneCode, symbols: IntArray, readings: Sequence[Reading], tapes: Sequence[Tape], rule: Rule
 ) -> tuple[Reading | None, Literal["decode", "bounds"]]:
-    """Choose the rotation and the place (section III-A.4), and say which step fails where none is chosen.
+    """Choose the rotation and the place (section III-A.4), or give the step that fails.
 
     The paper rotates the window "in all four directions and selects the one that yields a valid decoding", and tries four
     windows. With these codes all four rotations of an error-free window decode, so the sentence needs a reading:
@@ -157,7 +157,7 @@ def contact_position_mm(
 
 
 def agreeing(code: PlaneCode, reading: Reading, symbols: IntArray) -> int:
-    """How many symbols of a patch are those that the code has at a reading's place."""
+    """Number of symbols of a patch that agree with the code at a reading's place."""
     side = len(symbols)
     patch = quarter_turned(symbols, reading.quarter_turns)
     start = [at - side // 2 for at in reading.index]
