@@ -103,7 +103,7 @@ class Loss:
 
 LOSS = Loss(share=1.0, noise=0.79, tops=0.04, scatter=0.25, eight=1.09)
 """The values that fit simulated contacts of 24 designs best: `python -m tests.bench.advise --fit`, which asks for `tops` and
-`scatter`. `eight` is what kept the promises of 12 designs of eight directions. Without `--fit` promises are held against other
+`scatter`. `eight` made the predictions for 12 designs of eight directions hold. Without `--fit` predictions are tested on other
 designs."""
 
 

@@ -52,7 +52,7 @@ def decode(
     """
     with answers():
         from tactape_fab.sense.files.jobs import Raw, is_kit, localize, make_locator, prepare
-        from tactape_fab.sense.objects.taped_object import refuse_strangers
+        from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
         if kits:  # --tape A B, as shells expand patterns
             kits = [*kits, *(f for f in frames if is_kit(f))]
@@ -66,7 +66,7 @@ def decode(
             kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
         job = prepare(frames, kits, sensor, colour, **options)
         if thing is not None:
-            refuse_strangers(thing, job.tapes)
+            refuse_ambiguous(thing, job.tapes)
         _print_answers(localize(job, make_locator), job, thing, as_json=as_json, overlay=overlay)
 
 

@@ -59,13 +59,13 @@ def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as
     tally = None
     with answers():
         from tactape_fab.sense.live.counts import Tally
-        from tactape_fab.sense.objects.taped_object import refuse_strangers
+        from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
         thing = named_object(given["object_file"], given)
         own = [] if thing is None else [str(entry.kit) for entry in thing.tapes]
         count, watched = _opened(source, [*own, *kits, *more], sensor, given)
         if thing is not None:
-            refuse_strangers(thing, watched.job.tapes)
+            refuse_ambiguous(thing, watched.job.tapes)
         tally = Tally()
         stop = Event()
         with ExitStack() as stack:

@@ -30,7 +30,7 @@ _NAMED = 24
 
 
 def draw_certified(result: Certified) -> Picture:
-    """Of one tape a map for each window size, of several a matrix for each.
+    """Picture of certificates: for one tape a map for each window size, for several a matrix for each.
 
     Returns
     -------

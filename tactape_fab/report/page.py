@@ -42,7 +42,7 @@ class Written:
     checks : sequence of Check
         Lines of its verification; empty if it was not verified.
     findings : sequence of Finding
-        Its design rules, measured; empty where there are none.
+        Its design rules, measured; empty without any.
     """
 
     manifest: Mapping[str, Any]

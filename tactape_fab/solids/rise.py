@@ -1,4 +1,4 @@
-"""How high an element stands over a cylinder: feet of domes, and volumes, exact or to machine precision."""
+"""Geometry of an element over a cylinder: feet of domes, and volumes, exact or to machine precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where board points lie on the finished solid: flat or round a cylinder, and turned over where it is a mould.
+"""Map from board points to the finished solid: flat or round a cylinder, and turned over for a mould.
 
 Working frame of a cylinder: a along the board axis that becomes arc length, b along the cylinder, z up; right-handed.
 The board's middle line stays where it is, the cylinder's axis lies below it at z = -R.

@@ -1,4 +1,4 @@
-"""Stiffener and adhesive under the film: a layer each, named in words, as large as each tape."""
+"""Stiffener and adhesive under the film: one layer each, named by material, with the outline of each tape."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def _render(drawing: Drawing, fab: FabProfile, role: str, what: str, backing: st
 
 
 def render_stiffener(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:
-    """The stiffener; nothing where none was asked for."""
+    """The stiffener; empty without one."""
     return _render(drawing, fab, "stiffener-bottom", "Stiffener", drawing.stiffener)
 
 
 def render_adhesive(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, ...]:
-    """The adhesive; nothing where none was asked for."""
+    """The adhesive; empty without one."""
     return _render(drawing, fab, "adhesive-bottom", "Adhesive", drawing.adhesive)

@@ -56,7 +56,7 @@ def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, Artifact]
 
 
 def origin_mm(drawing: Drawing) -> tuple[float, float]:
-    """Where the board's lower-left corner lies on KiCad's sheet (y down)."""
+    """Place of the board's lower-left corner on KiCad's sheet (y down), mm."""
     return SHEET_MARGIN_MM, SHEET_MARGIN_MM + drawing.size_mm[1]
 
 

@@ -46,7 +46,7 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
 
 @cache
 def _environment(folder: Path) -> Any:
-    """Where templates are loaded and compiled: once for all the notes of a process."""
+    """Template environment: loads and compiles templates once for all notes of a process."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

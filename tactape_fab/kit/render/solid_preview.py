@@ -23,7 +23,7 @@ MARGIN_MM = 2.0
 EDGE_MM = 0.1
 FOOT_MM = 0.03
 _LEVEL_MM = 0.02
-"""How far from the surface a vertex of it may be told, in a mesh of single precision."""
+"""Tolerance within which a vertex counts as on the surface, mm, in a mesh of single precision."""
 _ELEMENT = "#59616b"
 
 View = tuple[tuple[float, float, float], tuple[float, float, float]]

@@ -166,7 +166,17 @@ class TapeSpec:
         return spec
 
     def but(self, **values: Any) -> TapeSpec:
-        """Copy of the spec with some values replaced. They must be in their final form: nothing is checked."""
+        """Copy of the spec with some values replaced, which are not checked.
+
+        Parameters
+        ----------
+        **values
+            Attributes to their new values, in their final form.
+
+        Returns
+        -------
+        TapeSpec
+        """
         other = object.__new__(TapeSpec)
         other._take({**{key: getattr(self, key) for key in KEYS}, **values})
         return other

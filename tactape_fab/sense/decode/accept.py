@@ -67,7 +67,7 @@ def judge(
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
     other = doubt.unregistered is not None
     if inside.sum() < LEAST_DOTS:
-        seen = "too few dots lie on a tape" if doubt.unregistered is None else _stranger(doubt.unregistered)
+        seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
         return replace(empty, reason=seen, **said), other
     cells = place.cells[inside]
     # C of every dot: where its part stands in the texture frame (paper, Eqs. 9 and 10)
@@ -138,7 +138,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     )
 
 
-def _stranger(name: str) -> str:
+def _unregistered(name: str) -> str:
     return f"looks like {name}, which is not registered"
 
 
@@ -151,7 +151,7 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
     """
     p_place, p_false = doubt.p_place, min(1.0, p_tape + doubt.p_place)
     if doubt.unregistered is not None:
-        return _stranger(doubt.unregistered)
+        return _unregistered(doubt.unregistered)
     if limits.max_p_tape is None and not p_false <= limits.max_p_false:
         what = "may be no tape of ours" if p_tape > p_place else "several places fit"
         return f"{what}: p_false {p_false:.1e} exceeds {limits.max_p_false:.1e}"

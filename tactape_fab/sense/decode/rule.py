@@ -8,7 +8,7 @@ bits b_i, and has the evidence
 
     E(h) = product over i of 2 q_i(b_i).
 
-To a texture that knows nothing of the code the named bits are fair coins, so each factor has the mean
+For a texture independent of the code the named bits are fair coins, so each factor has the mean
 (2 q_i(0) + 2 q_i(1)) / 2 = 1, whatever q is, and so has E(h). Hence, by Markov's inequality, P(E(h) >= t) <= 1/t. With weights
 w(h) that were fixed before any symbol was read and add up to 1 at most, the chance that any h has w(h) E(h) >= 1/p is at most
 the sum of p w(h), which is p: the answer's 1 / (w E) is `p_tape`. All dots count, also those that disagree with the answer.
@@ -55,7 +55,7 @@ LEAST_COLUMNS, LEAST_ROWS = 62, 32
 """Grid points of an unregistered tape, if no registered one is larger: those of the default tape, 100 x 50 mm at W = 1.5 mm."""
 GRID_SHARES = (0.9, 0.05, 0.05)
 """Weights of the grids tried, best first; they add up to 1. The best grid is the one of most power, or the likeliest fit where
-the fit to that one is not as it should be: either is known before any symbol is held against a tape."""
+the fit to that one fails: both are known before any symbol is compared with a tape."""
 LEAST_GRID_POWER = 0.12
 """Least power of a grid, as a share of a perfect one's. Displaced by W/6 dots keep ((1 + cos(pi/3)) / 2)^2 = 0.56 of it; n dots
 that stand anywhere have 1/n on the mean."""

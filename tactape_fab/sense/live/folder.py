@@ -21,7 +21,7 @@ from tactape_fab.sense.raw.colour_images import by_number
 from tactape_fab.sense.raw.image_files import read_colour
 
 PATIENCE_S = 2.0
-"""How long a file that is not whole stays as it is before that is said."""
+"""Time, s, after which an incomplete file that does not change is reported."""
 
 _POLL_S = 0.005
 _SHARE = 5.0

@@ -124,7 +124,7 @@ def pixels_to_texture(
     camera_matrix: npt.ArrayLike,
     distortion: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Where a flat tape is hit by the rays of pixels.
+    """Intersect the rays of pixels with a flat tape.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def texture_to_pixels(
     camera_matrix: npt.ArrayLike,
     distortion: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Where a camera sees points of a flat tape, the inverse of `pixels_to_texture`.
+    """Project points of a flat tape into the camera's image, the inverse of `pixels_to_texture`.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class TapedObject:
     def locate(self, fix: Localization) -> ObjectPose | None:
         """A fix in the object's frame; None if it is not located, or on a tape that is not on this object.
 
-        A tape is identified by name, sector and origin, as in a fix: `refuse_strangers` reports tapes with equal ones.
+        A tape is identified by name, sector and origin, as in a fix: `refuse_ambiguous` reports tapes with equal ones.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ def read_object(path: str | Path) -> TapedObject:
     return TapedObject(name=name, tapes=tuple(tapes))
 
 
-def refuse_strangers(thing: TapedObject, tapes: Sequence[Tape]) -> None:
+def refuse_ambiguous(thing: TapedObject, tapes: Sequence[Tape]) -> None:
     """Refuse registered tapes that a fix cannot distinguish from those of an object.
 
     Raises

@@ -22,7 +22,7 @@ from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rounded_
 from tactape_fab.texture.tape import Tape
 
 CHORD_ERROR_MM = 0.001
-"""How far a triangle may leave a cylinder."""
+"""Largest distance of a triangle from a cylinder, mm."""
 HOLE_CHORD_ERROR_MM = 0.002
 _LEAST_MARGIN_MM = 0.05
 _CLEAR_MM = 0.001

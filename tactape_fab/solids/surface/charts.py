@@ -20,7 +20,7 @@ _FURTHEST_MM = 100_000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Where on the surface a texture goes.
+    """Placement of a texture on a surface.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Chart(Protocol):
         """The middle of the texture: one frame."""
 
     def frames(self, offset_mm: FloatArray) -> Frames:
-        """Where points of the flat board come to lie; `offset_mm`, shape (n, 2), from the middle, board x and y."""
+        """Places of points of the flat board; `offset_mm`, shape (n, 2), from the centre, board x and y."""
 
     def feet(self, frames: Frames, outline_mm: FloatArray) -> tuple[FloatArray, BoolArray]:
         """The surface about places: heights over their tangent planes at `outline_mm`, shape (k, 2).

@@ -108,7 +108,7 @@ def _elements(laid: LaidOut) -> list[Any]:
 
 
 def _facet_loss_mm3(part: TapePart) -> float:
-    """How much less the mesh of an element encloses above its foot than its exact shape."""
+    """Volume above the foot that an element's mesh lacks relative to its exact shape, mm^3."""
     rings = element_rings_mm(part)
     vertices, faces = closed_element(part, SINK_MM)
     buried_mm3 = area_mm2(rings[0, :, :2]) * SINK_MM

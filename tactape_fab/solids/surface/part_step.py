@@ -55,7 +55,7 @@ class StepModel:
 
     @property
     def chord_error_mm(self) -> float:
-        """How far the mesh may leave the faces: 2 um, of a large solid 1e-5 of its size, never more than 10 um."""
+        """Largest distance of the mesh from the faces, mm: 2 um, for a large solid 1e-5 of its size, never more than 10 um."""
         return float(np.clip(1e-5 * self.size_mm.max(), *_CHORD_ERROR_MM))
 
     def tessellated(self) -> Mesh:
@@ -71,7 +71,7 @@ class StepModel:
         return closed_mesh(welded(vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)), crossings=False)
 
     def listing(self) -> str:
-        """The largest faces in words: index, kind, area, centre."""
+        """Description of the largest faces: index, kind, area, centre."""
         largest = sorted(range(len(self.faces)), key=lambda i: -self.faces[i].area)[:_LISTED]
         rows = []
         for i in largest:

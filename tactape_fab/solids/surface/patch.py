@@ -11,7 +11,7 @@ from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tape, TapePart
 
 SINK_MM = 0.05
-"""How far an element's foot reaches below the lowest point of the surface under it."""
+"""Depth of an element's foot below the lowest point of the surface under it, mm."""
 MOST_PITCH_ERROR = 0.10
 """Error of the pitch up to which a place on the surface counts as usable."""
 MOST_PITCH_ERROR_AT_ALL = 0.25

@@ -31,7 +31,7 @@ MOST_ELEMENTS = 50_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distortion:
-    """How true the texture is on its surface.
+    """Distortion of a texture on its surface.
 
     Attributes
     ----------

@@ -109,7 +109,7 @@ def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded) -> 
             *_holes(found, shown),
             *_fiducials(found, shown),
             *_tracks(found, shown),
-            *_strangers(found),
+            *_unexpected(found),
             *_rules(project),
         ]
     except (ReadbackError, ValueError, TypeError, IndexError) as error:
@@ -282,7 +282,7 @@ def _tracks(found: _Board, shown: Shown) -> list[str]:
     return []
 
 
-def _strangers(found: _Board) -> list[str]:
+def _unexpected(found: _Board) -> list[str]:
     """Check that the board has no zones, vias, lines on copper or footprints on the underside: this tool never makes them."""
     strange: Counter[str] = Counter()
     for kind, items in found.lists.items():

@@ -28,7 +28,7 @@ def turned(xy: FloatArray, theta_rad: float) -> FloatArray:
 
 
 def spacing_misfit(distance_px: FloatArray, w_px: float, delta_px: float) -> FloatArray:
-    """How far distances from a baseline are from any ``m w + n delta`` (Eq. 4), px, same shape.
+    """Misfit of distances from a baseline to the nearest ``m w + n delta`` (Eq. 4), px, same shape.
 
     Reading: n runs over -2 ... 2. The paper lists 0, 1, 2 for a distance without a sign; a baseline through dots that
     are displaced to one side has lines at ``m w - 2 delta`` on the other.
