@@ -38,7 +38,7 @@ KAPPA = 30.0
 not."""
 LEAST_DOTS = 6
 """Fewest dots on the answer's tape, and fewest of them that agree with the pose. The evidence of 6 dots of four directions is at
-most 4^6 = 4,096, less than 1 / `MAX_P_FALSE`: fewer are not worth a search."""
+most 4^6 = 4,096, less than 1 / `MAX_P_FALSE`: fewer are not searched."""
 GOOD_TRUST = 0.5
 """A dot of more trust is more likely a part than noise; of those on the tape half must agree with the pose (chosen)."""
 AGREE_SIGMAS = 3.5
@@ -73,7 +73,7 @@ LEAST_ASPECT = 1.25
 GOOD_WEIGHT = 0.8
 """A dot at least this high, over a whole one, is imprinted well: it shows the error of dots, and its body's direction. Chosen."""
 LEAST_GOOD = 4
-"""Good dots from which on the direction of bodies is believed. Chosen; `elongation` weighs it by its scatter besides."""
+"""Least number of good dots at which the direction of bodies is used. Chosen; `elongation` also weighs it by its scatter."""
 
 # What a dot is, and how far it is trusted; set on simulated frames
 
@@ -82,7 +82,7 @@ SMOOTHING_MM = 0.125
 LEAST_HEIGHT = 0.3
 """Least height of a dot over the median of the strongest ones. Bumps of noise are mostly lower."""
 USUAL_NOISE, LEAST_NOISE = 0.15, 0.03
-"""Median height of the bumps of noise over a whole dot's: in the default scene, and the least that is believed."""
+"""Median height of the bumps of noise over a whole dot's: in the default scene, and the least value used."""
 NOISE_MIDDLE, NOISE_WIDTH, MOST_MIDDLE = 1.95, 0.17, 0.6
 """Middle and width of `trusted`, in medians of the noise, and the largest middle, a height over a whole dot's. Fitted to
 simulated frames of the default scene, of twice its noise, and of an elastomer of 0.25 mm."""
@@ -92,8 +92,8 @@ LEAST_TRUST = 0.02
 # How far a dot is from its place: errors along one axis, in pitches; set on simulated frames
 
 LEAST_SIGMA, USUAL_SIGMA, MOST_SIGMA = 0.012, 0.016, 0.06
-"""Standard deviation of a good dot: the least and the most, 18 and 90 um at W = 1.5 mm, and what is believed before a frame is
-seen."""
+"""Standard deviation of a good dot: the least and the most, 18 and 90 um at W = 1.5 mm, and the value assumed before a
+frame is seen."""
 USUAL_COUNT = 4.0
 """Errors that this belief counts as: those of two dots along two axes."""
 LEAST_WEIGHT = 0.25

@@ -71,7 +71,7 @@ def beyond_edge(offset_mm: FloatArray, elements: Frames, on_surface: BoolArray) 
 
 
 def folds(tape: Tape, grid: Frames, offset_mm: FloatArray) -> tuple[float, str]:
-    """Cells that come to lie upside down, and places that are near each other though they are not on the board."""
+    """Folded cells, and places that are near each other on the surface but not on the board."""
     radius = np.hypot(*offset_mm.T)
     index = np.arange(tape.rows * tape.columns).reshape(tape.rows, tape.columns)
     corner, right, below = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel()

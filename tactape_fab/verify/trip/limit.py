@@ -108,8 +108,8 @@ def error_free(rule: Rule, pose: FloatArray, scene: Scene) -> Localization:
 def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, told_parts: bool) -> Localization:
     """The rule's answer for a frame: each top where the frame shows it, on the grid that fits the parts' tops best.
 
-    That grid is fitted with each part at the symbol that it has; so is the error of tops believed. The shape of the tops speaks
-    for the turns that it speaks for in this frame.
+    That grid is fitted with each part at the symbol that it has; so is the assumed error of tops. The shape of the tops
+    counts for the turns as in this frame.
 
     Parameters
     ----------
