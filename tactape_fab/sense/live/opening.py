@@ -42,7 +42,7 @@ class Wishes:
     raw : bool
         The source has colour images.
     background, weights : str or None
-        See `raw_files.open_raw`.
+        See `sense.raw.colour_images.open_raw`.
     crop : sequence of int, or None
         See `camera.Crop`.
     """
@@ -66,7 +66,7 @@ def open_watch(
     source : str
         Folder, file of frames, camera, film, or "-".
     kits, sensor, **options
-        As `localize.prepare` takes them.
+        As `sense.files.jobs.prepare` takes them.
     outputs : sequence of (str, str, path or None)
         Files to be written that must not be there: name of the option, ending, and the path or None.
 
