@@ -247,8 +247,8 @@ def test_stl_comes_back() -> None:
         (b"\0" * 80 + b"\xff\xff\xff\xff", "announces 4294967295 triangles"),
         (stl_bytes(cube(), "t")[:-1], "do not fit"),
         (stl_bytes(cube(), "t") + b"\0", "do not fit"),
-        (stl_bytes(cube(), "t")[:96] + b"\0\0\xc0\x7f" + stl_bytes(cube(), "t")[100:], "no numbers"),
-        (stl_bytes(cube(), "t")[:96] + b"\0\0\x80\x7f" + stl_bytes(cube(), "t")[100:], "no numbers"),
+        (stl_bytes(cube(), "t")[:96] + b"\0\0\xc0\x7f" + stl_bytes(cube(), "t")[100:], "not finite numbers"),
+        (stl_bytes(cube(), "t")[:96] + b"\0\0\x80\x7f" + stl_bytes(cube(), "t")[100:], "not finite numbers"),
     ],
 )
 def test_what_is_no_stl_is_refused(data: bytes, says: str) -> None:
