@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError, tried
 from tactape_fab.base.fields import shown
+from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
@@ -29,7 +30,7 @@ from tactape_fab.sense.decode.search.hypotheses import Registry, register
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
-from tactape_fab.sense.decode.warm import rehearse, search_compiled
+from tactape_fab.sense.decode.warm import announce, rehearse
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
@@ -49,11 +50,6 @@ def _kappa_problems(kappa: object) -> list[Problem]:
     if isinstance(kappa, Real) and float(kappa) >= 1.0:
         return []
     return [Problem("kappa", f"kappa = {shown(kappa)} is not at least 1; give the least lead over any rival, such as 30")]
-
-
-def _searches_planes(world: Registry | CodePlane) -> bool:
-    """Whether tapes of a code with a plane are registered."""
-    return isinstance(world, Registry) and any(len(family.signs) for family in world.families)
 
 
 class Localizer:
@@ -247,9 +243,10 @@ class Localizer:
         collecting = gc.isenabled()
         gc.disable()  # a compiler makes millions of live objects: garbage collection would take a sixth of its time
         try:
-            with search_compiled(needed=_searches_planes(self._world)):
-                rehearse(dots, ripple, self._view)
-            self._locate(dots, None)
+            announce()
+            rehearse(dots, ripple, self._view, self._world if isinstance(self._world, Registry) else None)
+            if COMPILED:
+                self._locate(dots, None)
         finally:
             if collecting:
                 gc.enable()

@@ -36,7 +36,10 @@ def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Lite
     reach_u, reach_v = len(across) // 2, len(down) // 2
     along_rows, down_columns = _along_rows, _down_columns
     if "numba" in sys.modules:  # the same bits four times as fast, but loading a compiler takes longer than a few images
-        from tactape_fab.sense.simulation.compiled_smoothing import along_rows, down_columns
+        from tactape_fab.base.jit import COMPILED
+
+        if COMPILED:
+            from tactape_fab.sense.simulation.compiled_smoothing import along_rows, down_columns
     padded = np.pad(image, ((reach_v, reach_v), (reach_u, reach_u)), mode=beyond)
     rows = np.empty((padded.shape[0], image.shape[1]), dtype=np.float32)
     for first in range(0, len(rows), _BLOCK):

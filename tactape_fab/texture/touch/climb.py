@@ -135,7 +135,7 @@ def next_number(state: WordArray) -> np.uint64:
 
 
 @inner_kernel()
-def _below(state: WordArray, count: int) -> int:
+def _below(state: WordArray, count: int | np.int64) -> int:
     """A whole number from 0 to `count` - 1."""
     return np.int64(((next_number(state) >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))  # type: ignore[return-value]
 
@@ -149,7 +149,9 @@ def fill(symbols: SymbolArray, directions: int, state: WordArray) -> None:
 
 
 @inner_kernel()
-def _find(word: np.uint64, mask: np.uint64, words: WordArray, first: int, last: int, least: int, found: IntArray) -> int:
+def _find(
+    word: np.uint64, mask: np.uint64, words: WordArray, first: int | np.int64, last: int, least: int, found: IntArray
+) -> int:
     """Which words from `first` to `last` - 1 differ from one in fewer than `least` bits under a mask; how many."""
     count = 0
     for start in range(first, last, _BLOCK):
@@ -257,7 +259,7 @@ def repair(
         if count == 0:
             return True
         shape, patch = room.conflicts[chosen, 0], room.conflicts[chosen, 1]
-        if room.conflicts[chosen, 2] != _GIVEN and _below(state, 2) == 1:
+        if room.conflicts[chosen, 2] != _GIVEN and _below(state, np.int64(2)) == 1:
             patch = room.conflicts[chosen, 3]
         cell, wide = shapes.cells[shape, _below(state, shapes.points[shape])], symbols.shape[1] - shapes.side[shape] + 1
         row, column = patch // wide + cell[0], patch % wide + cell[1]
@@ -326,7 +328,8 @@ def _weigh(
     room: Room,
 ) -> int:
     """Weight of all conflicts that each symbol would have at a point, and how many new ones are listed; -1 without room."""
-    now, coming, count, ones = int(symbols[row, column]), 0, 1 << shapes.bits, np.uint64((1 << shapes.bits) - 1)
+    now, count, ones = int(symbols[row, column]), 1 << shapes.bits, np.uint64((1 << shapes.bits) - 1)
+    coming = int(np.int64(0))  # a literal would be another type to compile for
     for value in range(count):
         room.weight[value] = 0
     for shape in range(len(least)):
@@ -343,7 +346,7 @@ def _weigh(
                     words, last, bits = patches.given[shape], patches.given_count[shape], least_given[shape]
                 else:
                     words, last, bits = patches.own[shape, turn], patches.own_count[shape], least[shape]
-                hits = _find(word, mask, words, 0, last, bits, room.found) if bits > 0 else 0
+                hits = _find(word, mask, words, np.int64(0), last, bits, room.found) if bits > 0 else 0
                 if hits == len(room.found):
                     return -1
                 for k in range(hits):

@@ -52,7 +52,8 @@ class Dots:
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
     """What is as wide as a part: smoothed, less a mean over the pitch (paper, Eq. 1, with a smoother kernel)."""
-    return banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
+    band: Image = banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
+    return band
 
 
 def detect(depth: Image, px_per_mm: float) -> Dots:

@@ -129,7 +129,7 @@ def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArr
         return np.nan
     upper = select(ordered[:n], n // 2)
     if n % 2 == 1:
-        return upper
+        return float(upper)
     lower = ordered[0]
     for i in range(1, n // 2):
         lower = max(lower, ordered[i])
@@ -198,7 +198,7 @@ def _fitted(
     position[0] = fit[4] - (fit[0] * fit[2] + fit[1] * fit[3])
     position[1] = fit[5] - (fit[0] * fit[3] - fit[1] * fit[2])
     _sum_up(px, keep, fit, sums)
-    return free
+    return bool(free)
 
 
 @inlined_kernel()

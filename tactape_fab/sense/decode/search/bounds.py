@@ -56,8 +56,9 @@ def no_bounds(m: int, length: int) -> Bounds:
 
 
 @inner_kernel()
-def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int, count: int) -> int:
-    """Where the bounds of the dots from `low` to `high` - 1 along the lines are."""
+def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, dots: tuple[int | np.int64, int], count: int) -> int:
+    """Where the bounds of some dots, the first and the last + 1 along the lines, are."""
+    low, high = dots
     slot = of.slot[turn, axis, low, high]
     if slot < 0:
         if of.used[0] == len(of.pairs):  # begin again
@@ -70,17 +71,16 @@ def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, low: int, high: int
         slot = of.used[0]
         of.used[0] += 1
         of.slot[turn, axis, low, high] = slot
-        bound_pairs(of.pairs[slot], of.pair_most[slot], of.line_most[slot], lines, low, high, count, of.room)
+        bound_pairs(of, slot, lines, dots, count)
     return int(slot)
 
 
 @inner_kernel(fastmath=True)
-def bound_pairs(
-    pairs: Floats, pair_most: FloatArray, line_most: FloatArray, lines: Floats, low: int, high: int, count: int, room: Floats
-) -> None:
+def bound_pairs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64, int], count: int) -> None:
     """Fill `Bounds` for `count` lines (`evidence.add_lines` has the parameters)."""
+    pairs, pair_most, line_most, (low, high) = of.pairs[slot], of.pair_most[slot], of.line_most[slot], dots
     length = pairs.shape[1]
-    one, two = room[:length], room[length:]
+    one, two = of.room[:length], of.room[length:]
     for k in range(0, count, 2):
         for p in range(length):
             one[p] = lines[high, k, p] - lines[low, k, p]
@@ -126,9 +126,9 @@ def bound_starts(out: Floats, pairs: Floats, steps: Steps, lines: int) -> None:
 
 
 @inner_kernel(fastmath=True)
-def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, count: int, first: int, last: int) -> None:
+def most_of_sites(out: FloatArray, values: Floats, table: IntArray, axis: int, count: int, span: tuple[int, int]) -> None:
     """Largest of some values over the places of each site."""
-    for site in range(first, last):
+    for site in range(span[0], span[1]):
         at = table[site, START, axis]
         most = values[at]
         for k in range(at + 1, at + count):
@@ -141,10 +141,7 @@ def bound_lines(
     out: FloatArray,
     bounds: Bounds,
     slot: int,
-    steps: Steps,
-    table: IntArray,
-    axis: int,
-    place: int,
+    where: tuple[Steps, IntArray, int, int],
     lines: tuple[int, int, int],
     sites: tuple[int, int],
     least: float,
@@ -153,8 +150,8 @@ def bound_lines(
 
     Parameters
     ----------
-    place : int
-        Column or row on the tape where the dots' line 0 lies.
+    where : tuple
+        The axis' `Sites.steps`, `Sites.table`, the axis, and the column or row on the tape where the dots' line 0 lies.
     lines : tuple of int
         First line, last + 1, and how many the dots have.
     """
@@ -162,31 +159,28 @@ def bound_lines(
     alone = bounds.line_most[slot, first] if first % 2 == 1 else 0.0
     if last % 2 == 1 and last < count:
         alone += bounds.line_most[slot, last - 1]
-    low, high = (first + 1) // 2, (last + 1) // 2 if last == count else last // 2
-    _follow(out, bounds.pairs[slot], bounds.pair_most[slot], alone, steps, table, axis, place, low, high, sites, least - DEEP)
+    pairs = ((first + 1) // 2, (last + 1) // 2 if last == count else last // 2)
+    _follow(out, (bounds.pairs[slot], bounds.pair_most[slot]), alone, where, pairs, sites, least - DEEP)
 
 
 @inner_kernel(fastmath=True)
 def _follow(
     out: FloatArray,
-    pairs: Floats,
-    pair_most: FloatArray,
+    most: tuple[Floats, FloatArray],
     alone: float,
-    steps: Steps,
-    table: IntArray,
-    axis: int,
-    place: int,
-    low: int,
-    high: int,
+    where: tuple[Steps, IntArray, int, int],
+    span: tuple[int, int],
     sites: tuple[int, int],
     least: float,
 ) -> None:
+    pairs, pair_most = most
+    steps, table, axis, place = where
     whole = alone
-    for k in range(low, high):
+    for k in range(span[0], span[1]):
         whole += pair_most[k]
     for site in range(sites[0], sites[1]):
         at, bound = table[site, START, axis] + place, whole
-        for k in range(low, high):
+        for k in range(span[0], span[1]):
             bound += pairs[k, steps[at + 2 * k]] - pair_most[k]
             if bound < least:
                 break

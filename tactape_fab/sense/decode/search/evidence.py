@@ -206,9 +206,9 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
 
 @inner_kernel(fastmath=True)
 def add_lines(
-    out: Floats, lines: Floats, low: int, high: int, first: int, last: int, phases: IntArray, start: int, length: int
+    out: Floats, lines: Floats, dots: tuple[int, int], span: tuple[int, int], phases: IntArray, start: int, length: int
 ) -> float:
-    """Evidence of lines first ... last - 1 together for every phase, and the largest of it.
+    """Evidence of some lines together for every phase, and the largest of it.
 
     Parameters
     ----------
@@ -216,16 +216,19 @@ def add_lines(
         Overwritten.
     lines : ndarray of float32, shape (m + 1, m, 2 L)
         One turn and axis of `Tables.lines`.
-    low, high : int
-        Dots that count: those from `low` to `high` - 1 along the lines.
+    dots : tuple of int
+        Dots that count: the first and the last + 1 along the lines.
+    span : tuple of int
+        The first line and the last + 1.
     phases : ndarray of int
         Phase of each line of the plane.
     start : int
         Where the dots' line 0 lies in `phases`.
     """
+    low, high = dots
     for p in range(length):
         out[p] = 0.0
-    for k in range(first, last):
+    for k in range(span[0], span[1]):
         shift = phases[start + k]
         above = lines[high, k, shift : shift + length]
         if low > 0:

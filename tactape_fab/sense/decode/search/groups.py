@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
@@ -13,7 +15,55 @@ X, COLUMNS, FIRST_COLUMN, LAST_COLUMN, Y, ROWS, FIRST_ROW, LAST_ROW, OVER = rang
 """Fields of a group: first place on each axis, how many, which of the dots' lines are on the tape; 1 where not all are."""
 
 
-def groups_of(tables: Tables, sizes: IntArray, least: int) -> tuple[IntArray, IntArray, FloatArray]:
+class Groups(NamedTuple):
+    """Groups of places with enough dots on a tape.
+
+    Attributes
+    ----------
+    fields : ndarray of int, shape (n, 9)
+        `X` ... `OVER` of each. The one with all dots on the tape, if there is one, comes first for each turn and size.
+    spans : ndarray of int, shape (4, k, 2)
+        First and last + 1 of each turn and size.
+    limits : ndarray, shape (n, 3)
+        Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
+    """
+
+    fields: IntArray
+    spans: IntArray
+    limits: FloatArray
+
+
+class Weights(NamedTuple):
+    """What places weigh before the dots' bits are looked at.
+
+    Attributes
+    ----------
+    place : ndarray, shape (4, 2)
+        ln of the weight of one place, by turn, with all dots on the tape and with some over its edge.
+    turn : ndarray, shape (4,)
+        ln of what speaks for each turn besides the bits; L = E times it.
+    """
+
+    place: FloatArray
+    turn: FloatArray
+
+
+class Holes(NamedTuple):
+    """What the dots on grid points without a part would say.
+
+    Attributes
+    ----------
+    starts : ndarray of int, shape (n,)
+        Where the part of each site begins, -1 without holes.
+    said : ndarray of float32, shape (4, m)
+        Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
+    """
+
+    starts: IntArray
+    said: Floats
+
+
+def groups_of(tables: Tables, sizes: IntArray, least: int) -> Groups:
     """Groups of places with enough dots on a tape.
 
     Parameters
@@ -22,22 +72,13 @@ def groups_of(tables: Tables, sizes: IntArray, least: int) -> tuple[IntArray, In
         Columns and rows of tapes.
     least : int
         Fewest dots on the tape.
-
-    Returns
-    -------
-    groups : ndarray of int, shape (n, 9)
-        The one with all dots on the tape, if there is one, comes first for each turn and size.
-    spans : ndarray of int, shape (4, k, 2)
-        First and last + 1 of each turn and size.
-    limits : ndarray, shape (n, 3)
-        Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
     """
     m = tables.dots.shape[1]
     spans, largest = np.empty((4, len(sizes), 2), dtype=np.int64), 16 * len(sizes) * (m + 1) ** 2
     groups, limits = np.empty((largest, 9), dtype=np.int64), np.empty((largest, 3))
     cuts = np.empty((2, 2 * m, 4), dtype=np.int64)
     n = _fill_groups(tables.size, tables.dots, tables.most, sizes, least, groups, spans, limits, cuts)
-    return groups[:n], spans, limits[:n]
+    return Groups(groups[:n], spans, limits[:n])
 
 
 @kernel()
@@ -89,10 +130,10 @@ def _cuts(out: IntArray, size: int, dots: int) -> int:
     return n
 
 
-def count_places(groups: IntArray, spans: IntArray, limits: FloatArray, classes: IntArray) -> FloatArray:
+def count_places(groups: Groups, classes: IntArray) -> FloatArray:
     """Places of all tapes by turn: with all dots on the tape, and with some beyond its edge; shape (4, 2)."""
     counts = np.zeros((4, 2))
-    _add_places(groups, spans, classes, counts)
+    _add_places(groups.fields, groups.spans, classes, counts)
     return counts
 
 
@@ -107,18 +148,15 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
 
 
-def hole_evidence(tables: Tables, sites: Sites) -> tuple[IntArray, Floats]:
-    """What the dots on grid points without a part would say: where each site's part begins, -1 without holes, and all of it.
-
-    Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
-    """
+def hole_evidence(tables: Tables, sites: Sites) -> Holes:
+    """What the dots on grid points without a part would say."""
     holed = np.unique(sites.holes[:, 0])
     places = (sites.sizes[sites.size_of[holed]] + 2 * tables.dots.shape[1]).prod(axis=1)
     starts = np.full(len(sites.table), -1, dtype=np.int64)
     starts[holed] = np.cumsum(places) - places
     said = np.zeros((4, places.sum()), dtype=np.float32)
     _add_holes(tables, sites, starts, said)
-    return starts, said
+    return Holes(starts, said)
 
 
 @kernel()

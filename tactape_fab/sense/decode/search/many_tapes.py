@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +19,19 @@ from tactape_fab.sense.decode.search.bounds import (
     survivors,
 )
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
-from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS
+from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, TAPES, Sites
-from tactape_fab.sense.decode.search.tally import Room, Tally, count_bound, least_of, new_tally, weigh_site
+from tactape_fab.sense.decode.search.tally import (
+    BEST,
+    LEAST_SHARE,
+    Candidate,
+    Room,
+    Tally,
+    count_bound,
+    least_of,
+    new_tally,
+    weigh_site,
+)
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _FOUND = 0.5
@@ -57,34 +68,32 @@ class ManyRoom(NamedTuple):
 
 def many_room(tables: Tables, sites: Sites) -> ManyRoom:
     """Room for some dots and sites, no bounds known; none to speak of where no sites are many."""
-    count, lines, most = len(sites.table), sites.phases.shape[1], tables.dots.shape[1] - 1
+    length = len(sites.signs) // 3
     if sites.kinds[2] == 0:
-        count = lines = most = 0
-    known, starts = no_bounds(most, len(sites.signs) // 3), np.empty((4, 2, lines), dtype=np.float32)
-    return ManyRoom(known, starts, np.empty(count), np.empty(count), np.empty(count, dtype=np.int64), new_tally())
+        return _no_room(length)
+    return _room_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1])
+
+
+@cache
+def _no_room(length: int) -> ManyRoom:
+    """Nobody writes to it: all calls share it."""
+    return _room_for(0, length, 0, 0)
+
+
+def _room_for(dots: int, length: int, sites: int, lines: int) -> ManyRoom:
+    starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
+    return ManyRoom(no_bounds(dots, length), starts, np.empty(sites), np.empty(sites), chosen, new_tally())
 
 
 @inlined_kernel()
-def weigh_many(
-    tables: Tables,
-    sites: Sites,
-    groups: IntArray,
-    spans: IntArray,
-    limits: FloatArray,
-    base: FloatArray,
-    cue: FloatArray,
-    tally: Tally,
-    room: Room,
-    more: ManyRoom,
-) -> None:
+def weigh_many(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, room: Room, more: ManyRoom) -> None:
     """The classes of many sites, places with all dots on a tape first."""
-    sums, most_said = tally.sums, NEVER
-    known, starts, bounds, of_rows, chosen = more.known, more.starts, more.bounds, more.of_rows, more.chosen
-    for g in range(len(limits)):
-        most_said = max(most_said, limits[g, 0] + limits[g, 1])
-    _bounds_of_starts(starts, tables, sites, known)
-    if sums[0] < base[0, 0] + _FOUND * most_said:  # nothing that fits is known yet
-        sums[0] = max(sums[0], _first_guess(tables, sites, groups, spans, limits, base, room, more, most_said))
+    starts, bounds, chosen, most_said = more.starts, more.bounds, more.chosen, NEVER
+    for g in range(len(groups.limits)):
+        most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
+    _bounds_of_starts(starts, tables, sites, more.known)
+    if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:  # nothing that fits is known yet
+        tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, room, more, most_said))
     for over in range(2):
         for k in range(len(sites.classes)):
             kind = sites.classes[k]
@@ -92,40 +101,39 @@ def weigh_many(
             if kind[MANY] == 0 or over > kind[OVERHANG]:
                 continue
             for turn in range(4):
-                terms, tapes = (base[turn, over], cue[turn]), np.log(kind[TAPES] * count)
-                for g in range(spans[turn, size, 0], spans[turn, size, 1]):
-                    if groups[g, OVER] != over:
+                terms, tapes = (weights.place[turn, over], weights.turn[turn]), np.log(kind[TAPES] * count)
+                for g in range(groups.spans[turn, size, 0], groups.spans[turn, size, 1]):
+                    group, limit = groups.fields[g], groups.limits[g]
+                    if group[OVER] != over:
                         continue
-                    bound, of = limits[g, 0] + limits[g, 1], limits[g, 2] + tapes
-                    least = least_of(of, terms, sums)
+                    bound, of = limit[0] + limit[1], limit[2] + tapes
+                    least = least_of(of, terms, tally.sums)
                     if bound < least:
-                        count_bound(np.exp(bound + of + terms[0] - sums[0]), bound + terms[1], sums)
+                        count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
                         continue
-                    span, group = (first, last), groups[g]
-                    rest = _bound_sites(bounds, of_rows, known, tables, sites, group, limits[g], turn, span, least, starts)
+                    rest = _bound_sites(tables, sites, (group, limit), turn, (first, last), least, more)
                     left, dropped, most = survivors(chosen, bounds, first, last, least - rest)
-                    count_bound(dropped / count * np.exp(least + of + terms[0] - sums[0]), most + rest + terms[1], sums)
+                    count_bound(
+                        dropped / count * np.exp(least + of + terms[0] - tally.sums[BEST]), most + rest + terms[1], tally.sums
+                    )
                     for c in range(left):
                         site = chosen[c]
-                        start, width, limit = sites.table[site, START, 0], 0, (limits[g, 0], limits[g, 1])
+                        start, width, said = sites.table[site, START, 0], np.int64(0), (limit[0], limit[1])
                         if over == 0:
-                            width, limit = groups[g, COLUMNS], (limits[g, 0], of_rows[site])
-                        weigh_site(
+                            width, said = group[COLUMNS], (limit[0], more.of_rows[site])
+                        candidate = Candidate(
                             starts[turn, 0, start : start + width],
                             tables.lines[turn],
-                            sites.phases,
                             sites.table[site],
-                            sites.barred,
                             (turn, site),
                             group,
-                            limit,
+                            said,
                             of,
                             terms,
-                            tally,
-                            room,
                             starts[turn, 0, :0],
-                            width - width,
+                            np.int64(0),
                         )
+                        weigh_site(candidate, sites.phases, sites.barred, tally, room)
 
 
 @inlined_kernel()
@@ -134,93 +142,81 @@ def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) 
     for turn in range(4):
         for axis in range(2):
             count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
-            slot = slot_of(known, tables.lines[turn, axis], turn, axis, axis - axis, across, count)
+            slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count)
             bound_starts(out[turn, axis], known.pairs[slot], sites.steps[axis], count)
 
 
 @inner_kernel()
 def _bound_sites(
-    out: FloatArray,
-    of_rows: FloatArray,
-    known: Bounds,
     tables: Tables,
     sites: Sites,
-    group: IntArray,
-    limit: FloatArray,
+    of: tuple[IntArray, FloatArray],
     turn: int,
     span: tuple[int, int],
     least: float,
-    starts: Floats,
+    more: ManyRoom,
 ) -> float:
-    """Most that the bits can say for a group of places on each of some sites; what is to be added for those of the other axis.
+    """Fill the most that the bits can say for a group of places on each of some sites; what the other axis adds to all of it.
 
-    With all dots on the tape it is the most of both axes, and `of_rows` has that of the y bits.
+    With all dots on the tape it is the most of both axes, and `ManyRoom.of_rows` has that of the y bits. ``of`` are the group's
+    fields and limits, ``span`` the first site and the last + 1.
     """
+    (group, limit), out, of_rows, starts = of, more.bounds, more.of_rows, more.starts
     if group[OVER] == 0:
         for axis in range(2):
             to, count = (out, group[COLUMNS]) if axis == 0 else (of_rows, group[ROWS])
-            most_of_sites(to, starts[turn, axis], sites.table, axis, count, span[0], span[1])
+            most_of_sites(to, starts[turn, axis], sites.table, axis, count, span)
         for site in range(span[0], span[1]):
             out[site] += of_rows[site]
         return 0.0
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
     count, rest = tables.size[turn, axis], limit[1 - axis]
-    slot = slot_of(known, tables.lines[turn, axis], turn, axis, group[other + 2], group[other + 3], count)
+    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count)
     lines = (group[own + 2], group[own + 3], count)
-    bound_lines(out, known, slot, sites.steps[axis], sites.table, axis, group[own], lines, span, least - rest)
+    bound_lines(out, more.known, slot, (sites.steps[axis], sites.table, axis, group[own]), lines, span, least - rest)
     return float(rest)
 
 
 @inlined_kernel()
 def _first_guess(
-    tables: Tables,
-    sites: Sites,
-    groups: IntArray,
-    spans: IntArray,
-    limits: FloatArray,
-    base: FloatArray,
-    room: Room,
-    more: ManyRoom,
-    most_said: float,
+    tables: Tables, sites: Sites, groups: Groups, weights: Weights, room: Room, more: ManyRoom, most_said: float
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
-    known, starts, bounds, of_rows, guess = more.known, more.starts, more.bounds, more.of_rows, more.guess
-    guess.best[0] = -1
-    for k in range(6):  # nothing is negligible here
+    base, bounds, nothing, guess = weights.place, more.bounds, more.starts[0, 0, :0], more.guess
+    guess.best_place[0] = -1
+    for k in range(LEAST_SHARE + 1):  # nothing is negligible here
         guess.sums[k] = NEVER
     likely = 0 if base[0, 0] >= base[1, 0] else 1
     for over in range(2):
         for turn_k in range(4):
             turn = (2 * turn_k + (turn_k // 2 + likely) % 2) % 4  # the likelier two come first
-            if guess.sums[0] > base[likely, 0] + _FOUND * most_said:
+            if guess.sums[BEST] > base[likely, 0] + _FOUND * most_said:
                 break
             for k in range(len(sites.classes)):
                 kind = sites.classes[k]
                 if kind[MANY] == 0 or over > kind[OVERHANG]:
                     continue
-                for g in range(spans[turn, kind[SIZE], 0], spans[turn, kind[SIZE], 1]):
-                    bound = limits[g, 0] + limits[g, 1]
-                    if groups[g, OVER] != over or bound < _PROMISING * most_said or bound + base[turn, over] < guess.sums[0]:
+                for g in range(groups.spans[turn, kind[SIZE], 0], groups.spans[turn, kind[SIZE], 1]):
+                    group, limit = groups.fields[g], groups.limits[g]
+                    bound = limit[0] + limit[1]
+                    if group[OVER] != over or bound < _PROMISING * most_said or bound + base[turn, over] < guess.sums[BEST]:
                         continue
-                    span, site = (kind[FIRST], kind[LAST]), kind[FIRST]
-                    _bound_sites(bounds, of_rows, known, tables, sites, groups[g], limits[g], turn, span, NEVER, starts)
+                    _bound_sites(tables, sites, (group, limit), turn, (kind[FIRST], kind[LAST]), NEVER, more)
+                    site = kind[FIRST]
                     for other in range(kind[FIRST], kind[LAST]):
                         site = other if bounds[other] > bounds[site] else site
-                    weigh_site(
-                        starts[turn, 0, :0],
+                    candidate = Candidate(
+                        nothing,
                         tables.lines[turn],
-                        sites.phases,
                         sites.table[site],
-                        sites.barred,
                         (turn, site),
-                        groups[g],
+                        group,
                         (_ANYTHING, _ANYTHING),
                         0.0,
                         (base[turn, over], 0.0),
-                        guess,
-                        room,
-                        starts[turn, 0, :0],
-                        site - site,
+                        nothing,
+                        np.int64(0),
                     )
-    return float(guess.sums[0])
+                    weigh_site(candidate, sites.phases, sites.barred, guess, room)
+    return float(guess.sums[BEST])

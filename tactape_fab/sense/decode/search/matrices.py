@@ -20,7 +20,7 @@ import numpy.typing as npt
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.single_place import NO_PART
-from tactape_fab.sense.decode.search.tally import FAR_BELOW, Tally, count_at, count_bound, least_of
+from tactape_fab.sense.decode.search.tally import BEST, FAR_BELOW, LEFT_OUT, Tally, count_at, count_bound, least_of
 from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 
 Words = npt.NDArray[np.uint64]
@@ -141,19 +141,20 @@ def _frame(tables: Tables, matrices: Matrices) -> Frame:
     ranked = np.sort(said[0], axis=1)
     lost = ranked[:, -1] - ranked[:, -2]
     order = np.argsort(-lost, kind="stable")
-    said, cells = said[:, order], tables.cells[:, order]
-    best = said.max(axis=2)
+    # indexing leaves other layouts for one dot than for several, and each would be compiled for
+    said, cells = np.ascontiguousarray(said[:, order]), np.ascontiguousarray(tables.cells[:, order])
+    best = np.ascontiguousarray(said.max(axis=2))
     floor, most = np.empty(len(order) + 1), np.zeros((4, m + 1, m + 1))
     counted = _choose(lost[order], _by_chance(said.shape[2]), floor)
     _fill_most(cells, best, most)
-    rest = np.concatenate([np.cumsum(best[:, ::-1], axis=1)[:, ::-1], np.zeros((4, 1))], axis=1)
+    after = np.cumsum(best[:, ::-1], axis=1)[:, ::-1]
     high, words = int(matrices.sizes[:, 1].max()) + m, matrices.wrong.shape[2]
     return Frame(
         cells=cells,
-        said=np.concatenate([said, np.zeros((4, len(order), 1))], axis=2),
-        fits=said.argmax(axis=2),
+        said=np.ascontiguousarray(np.concatenate([said, np.zeros((4, len(order), 1))], axis=2)),
+        fits=np.ascontiguousarray(said.argmax(axis=2)),
         floor=floor[: counted + 1],
-        rest=rest,
+        rest=np.ascontiguousarray(np.concatenate([after, np.zeros((4, 1))], axis=1)),
         most=most,
         least=np.empty((4, len(matrices.sizes), _PLANES, words, high), dtype=np.uint64),
         counts=np.empty((_PLANES + 1, high), dtype=np.uint64),
@@ -211,31 +212,31 @@ def _fill_most(cells: IntArray, best: FloatArray, most: FloatArray) -> None:
 def _weigh(
     frame: Frame, dots: IntArray, size: IntArray, matrices: Matrices, least: int, base: FloatArray, cue: FloatArray, tally: Tally
 ) -> None:
-    sums, tapes = tally.sums, len(matrices.shown)
+    tapes = len(matrices.shown)
     for k in range(len(_FIRST_LEAST)):
-        if sums[0] > _EVIDENT:
+        if tally.sums[BEST] > _EVIDENT:
             break
         _fill_least(frame, dots, size, matrices.sizes, least, base, _FIRST_LEAST[k])
         for tape in range(tapes):
             for turn in range(4):
-                _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], _FIRST_LEAST[k], tally, False)
+                _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], _FIRST_LEAST[k], tally, np.bool_(False))
     widest = 0
     for of in range(len(matrices.sizes)):
         widest = max(widest, matrices.sizes[of, 0] + frame.most.shape[1] - 1)
     places = np.log(4.0 * tapes * frame.counts.shape[1] * widest)
-    bound = least_of(places, (0.0, 0.0), sums) - _DEEPER
-    if sums[0] <= 0.0:
-        bound = max(bound, sums[0] + _NEGLIGIBLE_TO_NONE - places)
+    bound = least_of(places, (0.0, 0.0), tally.sums) - _DEEPER
+    if tally.sums[BEST] <= 0.0:
+        bound = max(bound, tally.sums[BEST] + _NEGLIGIBLE_TO_NONE - places)
     _fill_least(frame, dots, size, matrices.sizes, least, base, bound)
     for tape in range(tapes):
         for turn in range(4):
-            _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], bound, tally, True)
+            _look(frame, size, matrices, (tape, turn), base[turn], cue[turn], bound, tally, np.bool_(True))
     likelihood = _NEVER
     for turn in range(4):
         for over in range(2):
             if base[turn, over] > _EVIDENT:
                 likelihood = max(likelihood, bound - base[turn, over] + cue[turn])
-    count_bound(np.exp(places + bound - sums[0]), likelihood, sums)
+    count_bound(np.exp(places + bound - tally.sums[BEST]), likelihood, tally.sums)
 
 
 @inner_kernel()
@@ -295,11 +296,14 @@ def _look(
     cue: float,
     bound: float,
     tally: Tally,
-    counted: bool,
+    counted: bool | np.bool_,
 ) -> None:
-    """Add up the evidence at the places of a tape and turn that may reach a bound; count them, or keep the best's weight only."""
-    tape, turn = at
-    of, sums = matrices.size_of[tape], tally.sums
+    """Add up the evidence at the places of a tape and turn that may reach a bound; count them, or keep the best's weight only.
+
+    ``counted`` is a numpy boolean: Python's True and False would be two types, and the kernel compiled for each.
+    """
+    (tape, turn), nowhere = at, int(np.int64(-1))
+    of = matrices.size_of[tape]
     wide, high, columns, rows = size[turn, 0], size[turn, 1], matrices.sizes[of, 0], matrices.sizes[of, 1]
     across, down, stride = columns + wide - 1, rows + high - 1, matrices.wrong.shape[2] * _WORD
     for word in range((across + _WORD - 1) // _WORD):
@@ -318,11 +322,11 @@ def _look(
                     continue
                 score = value + base[over]
                 if not counted:
-                    sums[0] = max(sums[0], score)
-                elif score < sums[0] - FAR_BELOW:
-                    sums[4] = max(sums[4], value + cue)
+                    tally.sums[BEST] = max(tally.sums[BEST], score)
+                elif score < tally.sums[BEST] - FAR_BELOW:
+                    tally.sums[LEFT_OUT] = max(tally.sums[LEFT_OUT], value + cue)
                 else:
-                    count_at(tally, value, 1.0, (base[over], cue), (turn, tape, x, y, -1, -1))
+                    count_at(tally, value, 1.0, (base[over], cue), (turn, tape, x, y, nowhere, nowhere))
 
 
 @inner_kernel()

@@ -112,4 +112,4 @@ def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) 
 @kernel()
 def _add_along(lines: Floats, dots: int, count: int, phases: IntArray, out: Floats) -> None:
     for start in range(len(out)):
-        add_lines(out[start], lines, 0, dots, 0, count, phases, start, out.shape[1])
+        add_lines(out[start], lines, (0, dots), (0, count), phases, start, out.shape[1])

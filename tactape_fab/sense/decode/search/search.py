@@ -15,11 +15,21 @@ from tactape_fab.sense.decode.rule import LEAST_DOTS, PRIOR_SHARE, place_weights
 from tactape_fab.sense.decode.search.all_places import weigh_sites
 from tactape_fab.sense.decode.search.evidence import Tables, tables_of
 from tactape_fab.sense.decode.search.families import Family
-from tactape_fab.sense.decode.search.groups import count_places, groups_of
+from tactape_fab.sense.decode.search.groups import Groups, Weights, count_places, groups_of
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, Matrices, weigh_matrices
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, TAPES, Sites
 from tactape_fab.sense.decode.search.single_place import evidence_at, places_near
-from tactape_fab.sense.decode.search.tally import NEGLIGIBLE, Tally, new_tally
+from tactape_fab.sense.decode.search.tally import (
+    BEST,
+    BOUNDED,
+    LEFT_OUT,
+    NEGLIGIBLE,
+    NEXT_STRONGEST,
+    STRONGEST,
+    TOTAL,
+    Tally,
+    new_tally,
+)
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
@@ -123,7 +133,7 @@ class Place:
     lead: float
     most_said: float
     tables: tuple[Tables, ...]
-    groups: tuple[tuple[IntArray, IntArray, FloatArray], ...]
+    groups: tuple[Groups, ...]
     turn_weights: FloatArray
 
 
@@ -185,7 +195,7 @@ def search(
     if tables[0].size.max() > LARGEST_CONTACT:
         return None
     groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
-    counts = sum(count_places(*g, family.registered.classes) for g, family in zip(groups, families, strict=True))
+    counts = sum(count_places(g, family.registered.classes) for g, family in zip(groups, families, strict=True))
     near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
     base = place_weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
     cue = np.log(turn_weights)
@@ -196,18 +206,18 @@ def search(
             if isinstance(family.registered, Matrices):
                 weigh_matrices(t, family.registered, LEAST_DOTS, base, cue, tally)
             else:
-                weigh_sites(t, family.registered, g, base, cue, tally)
-        of = max(range(len(tallies)), key=lambda k: tallies[k].sums[0])
-        best = float(tallies[of].sums[0])
-        if tallies[of].best[0] < 0:
+                weigh_sites(t, family.registered, g, Weights(base, cue), tally)
+        of = max(range(len(tallies)), key=lambda k: tallies[k].sums[BEST])
+        best = float(tallies[of].sums[BEST])
+        if tallies[of].best_place[0] < 0:
             return None
-        total = sum(float(t.sums[1]) * exp(t.sums[0] - best) for t in tallies)
-        bounded = sum(float(t.sums[7]) * exp(t.sums[0] - best) for t in tallies)
+        total = sum(float(t.sums[TOTAL]) * exp(t.sums[BEST] - best) for t in tallies)
+        bounded = sum(float(t.sums[BOUNDED]) * exp(t.sums[BEST] - best) for t in tallies)
         enough = _enough(precision, best)
         if last or bounded <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
         negligible = _strict(groups, enough)
-    answer = (of, *(int(v) for v in tallies[of].best[:4]))
+    answer = (of, *(int(v) for v in tallies[of].best_place[:4]))
     if near is not None:
         without, raised = _raised(near, turn_weights, base)
         top = int(raised.argmax())
@@ -265,9 +275,9 @@ def rivals(
         found, bounded = _NO_RIVALS, 0.0
         for t, g, sites, family in others:
             tally = new_tally(place.score + place.weight, negligible, likely)
-            weigh_sites(t, sites, g, base, cue, tally)
+            weigh_sites(t, sites, g, Weights(base, cue), tally)
             found = _strongest(found, tally, family, place, cue)
-            bounded += float(tally.sums[7]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
+            bounded += float(tally.sums[BOUNDED]) * exp(min(tally.sums[BEST] - place.score - place.weight, 600.0))
         if bounded <= enough or found.weight - bounded > _PLENTY or negligible <= strict:
             return found
         negligible = max(negligible - log(2.0 * bounded / enough), strict)
@@ -284,18 +294,35 @@ def strangers(families: Sequence[Family], place: Place, share: float, least_scor
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     even = np.where(np.isfinite(base), 0.0, base)  # every place counts by its evidence
     found = _NO_RIVALS
-    for t, (groups, spans, limits), sites, family in others:
+    for t, g, sites, family in others:
         tapes = (sites.classes[:, LAST] - sites.classes[:, FIRST]) * sites.classes[:, TAPES]
-        single = np.column_stack([limits[:, :2], np.full(len(limits), -log(tapes.min()))])
+        single = np.column_stack([g.limits[:, :2], np.full(len(g.limits), -log(tapes.min()))])
         tally = new_tally(least_score, negligible=-_ROUNDING)
-        weigh_sites(t, sites, (groups, spans, single), even, cue, tally)
-        tally.sums[4] = -inf
-        tally.sums[0] += base.max()
+        weigh_sites(t, sites, g._replace(limits=single), Weights(even, cue), tally)
+        tally.sums[LEFT_OUT] = -inf
+        tally.sums[BEST] += base.max()
         found = _strongest(found, tally, family, place, cue)
     return found
 
 
-_Others = list[tuple[Tables, tuple[IntArray, IntArray, FloatArray], Sites, Family]]
+def rehearse_search(families: Sequence[Family], directions: int) -> None:
+    """Call every kernel that a search of these tapes needs, with a single dot, which is nowhere."""
+    nodes, q = np.zeros((1, 2), dtype=np.int64), np.full((1, directions), 1.0 / directions)
+    base, cue = np.zeros((4, 2)), np.zeros(4)
+    for family in families:
+        tables = tables_of(nodes, q, family.signs, LARGEST_CONTACT)
+        groups = groups_of(tables, family.registered.sizes, LEAST_DOTS)
+        count_places(groups, family.registered.classes)
+        evidence_at(tables, family.shown[0], 0, 0, 0)
+        if isinstance(family.registered, Matrices):
+            weigh_matrices(tables, family.registered, LEAST_DOTS, base, cue, new_tally())
+            continue
+        for sites in (family.registered, family.unregistered):
+            if sites is not None:
+                weigh_sites(tables, sites, groups, Weights(base, cue), new_tally())
+
+
+_Others = list[tuple[Tables, Groups, Sites, Family]]
 
 
 def _unregistered(families: Sequence[Family], place: Place, *, beyond: bool) -> _Others:
@@ -310,19 +337,19 @@ def _unregistered(families: Sequence[Family], place: Place, *, beyond: bool) -> 
 
 def _unregistered_weights(others: _Others, place: Place, share: float) -> FloatArray:
     """`place_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
-    counts = sum(count_places(*g, sites.classes) for _, g, sites, _ in others)
+    counts = sum(count_places(g, sites.classes) for _, g, sites, _ in others)
     return place_weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
 
 
 def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:
     """What was found of other families, and what a tally says of this one."""
-    weight = found.weight + float(tally.sums[1]) * exp(min(tally.sums[0] - place.score - place.weight, 600.0))
-    lead = min(found.lead, place.score + float(cue[place.turn]) - max(float(tally.sums[2]), float(tally.sums[4])))
+    weight = found.weight + float(tally.sums[TOTAL]) * exp(min(tally.sums[BEST] - place.score - place.weight, 600.0))
+    lead = min(found.lead, place.score + float(cue[place.turn]) - max(float(tally.sums[STRONGEST]), float(tally.sums[LEFT_OUT])))
     score, name = found.score, found.name
-    turn, _, _, _, u, v = tally.strongest.tolist()
-    if turn >= 0 and tally.sums[2] - cue[turn] > score:
+    turn, _, _, _, u, v = tally.strongest_place.tolist()
+    if turn >= 0 and tally.sums[STRONGEST] - cue[turn] > score:
         length = len(family.signs) // 3
-        score, name = float(tally.sums[2] - cue[turn]), f"sector {u * length + v} of {family.code}"
+        score, name = float(tally.sums[STRONGEST] - cue[turn]), f"sector {u * length + v} of {family.code}"
     return Rivals(weight=weight, lead=lead, score=score, name=name)
 
 
@@ -331,17 +358,17 @@ def _enough(precision: float, ln_bound: float) -> float:
     return max(precision - 0.1 * exp(-max(ln_bound, 0.0)), 0.01 * precision)
 
 
-def _strict(groups: Sequence[tuple[IntArray, IntArray, FloatArray]], precision: float) -> float:
+def _strict(groups: Sequence[Groups], precision: float) -> float:
     """What is negligible (ln) so that all groups together add no more than a share of `precision`."""
-    return log(precision) - log(10.0 * sum(len(of_family) for of_family, _, _ in groups) + 1.0)
+    return log(precision) - log(10.0 * sum(len(g.fields) for g in groups) + 1.0)
 
 
 def _next_best(tallies: Sequence[Tally], answer: tuple[int, ...]) -> float:
     """Ln L of the strongest registered place that is not the answer."""
     values = []
     for k, tally in enumerate(tallies):
-        is_answer = k == answer[0] and tuple(tally.strongest[:4].tolist()) == answer[1:]
-        values += [float(tally.sums[3 if is_answer else 2]), float(tally.sums[4])]
+        is_answer = k == answer[0] and tuple(tally.strongest_place[:4].tolist()) == answer[1:]
+        values += [float(tally.sums[NEXT_STRONGEST if is_answer else STRONGEST]), float(tally.sums[LEFT_OUT])]
     return max(values)
 
 

@@ -38,12 +38,6 @@ def places_near(
     return places[enough], values[enough]
 
 
-def compile_near() -> None:
-    """Compile what holds dots against single places, for no dots and no places."""
-    none = np.empty((0, 2), dtype=np.int64)
-    _add_evidence(none, np.empty((0, 3)), np.empty((0, 0), dtype=np.uint8), none, np.empty(0), none[:, 0].copy())
-
-
 def _evidence(tables: Tables, shown: SymbolArray, turn: int, places: IntArray) -> tuple[FloatArray, IntArray]:
     """Ln E of the dots' corner on some columns and rows (n, 2) of a tape, and how many dots lie on it."""
     values, dots = np.empty(len(places)), np.empty(len(places), dtype=np.int64)

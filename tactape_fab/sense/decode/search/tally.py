@@ -19,28 +19,74 @@ FAR_BELOW = 32.0
 """Single places that far (ln) below the answer are left out."""
 
 
+BEST, TOTAL, STRONGEST, NEXT_STRONGEST, LEFT_OUT, LEAST_SHARE, LIKELY, BOUNDED = range(8)
+"""Fields of `Tally.sums`: ln of the best weight, and the weight of all places together as a multiple of it; ln L of the strongest
+place, of the next, and its bound at all that were not looked at; ln of the share of the best weight that is negligible, and the
+ln L from which on a place is looked at however little it weighs; the part of the weight of all that is of bounds."""
+
+
+_NO_SUMS = np.array([-np.inf, 0.0, -np.inf, -np.inf, -np.inf, NEGLIGIBLE, np.inf, 0.0])
+_NOWHERE = np.full(6, -1, dtype=np.int64)
+
+
 class Tally(NamedTuple):
     """What was found so far.
 
     Attributes
     ----------
     sums : ndarray, shape (8,)
-        ln of the best weight, the weight of all together as a multiple of it, ln L of the strongest place and of the next,
-        the bound of ln L of all that were not looked at, what is negligible, the ln L from which on a place is looked at
-        however little it weighs, and the share of the weight that is of bounds.
-    best, strongest : ndarray of int, shape (6,)
+        `BEST` ... `BOUNDED`. An array: a call with a tuple that holds a record takes numba 15 us more.
+    best_place, strongest_place : ndarray of int, shape (6,)
         Turn, site, column, row, u and v of the place of most weight, and of that of largest L.
     """
 
     sums: FloatArray
-    best: IntArray
-    strongest: IntArray
+    best_place: IntArray
+    strongest_place: IntArray
 
 
 def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: float = np.inf) -> Tally:
     """A tally with nothing in it; weights are held against `floor` from the start, and places as `likely` are looked at."""
-    sums = np.array([floor, 0.0, -np.inf, -np.inf, -np.inf, negligible, likely, 0.0])
-    return Tally(sums, np.full(6, -1, dtype=np.int64), np.full(6, -1, dtype=np.int64))
+    sums = _NO_SUMS.copy()
+    sums[BEST], sums[LEAST_SHARE], sums[LIKELY] = floor, negligible, likely
+    return Tally(sums, _NOWHERE.copy(), _NOWHERE.copy())
+
+
+class Candidate(NamedTuple):
+    """One group of places on one site, and what is known of it.
+
+    Attributes
+    ----------
+    known : ndarray of float32
+        Bounds of what the x bits say at each column of the group, which are looked at one by one then; or empty.
+    lines : ndarray of float32
+        `Tables.lines` of the turn.
+    place : ndarray of int, shape (3, 2)
+        The site's entry in `Sites.table`.
+    at : tuple of int
+        Turn and site.
+    group : ndarray of int, shape (9,)
+        From `groups.groups_of`.
+    limit : tuple of float
+        Bounds of what the x and the y bits say.
+    of : float
+        ln of the number of places of the group on all sites.
+    terms : tuple of float
+        ln of the weight of each place, and ln of what speaks for its turn besides the bits.
+    hole, stride : ndarray of float32, int
+        `groups.hole_evidence` from the group's first place on, and its width; 0 without holes.
+    """
+
+    known: Floats
+    lines: Floats
+    place: IntArray
+    at: tuple[int, int]
+    group: IntArray
+    limit: tuple[float, float]
+    of: float
+    terms: tuple[float, float]
+    hole: Floats
+    stride: int | np.int64
 
 
 class Room(NamedTuple):
@@ -64,7 +110,7 @@ class Room(NamedTuple):
 @inner_kernel()
 def least_of(of: float, terms: tuple[float, float], sums: FloatArray) -> float:
     """The least ln E that may matter in a group of places; `drop` has the parameters."""
-    return float(min(sums[0] + sums[5] - of - terms[0], sums[6] - terms[1]))
+    return float(min(sums[BEST] + sums[LEAST_SHARE] - of - terms[0], sums[LIKELY] - terms[1]))
 
 
 @inner_kernel()
@@ -82,50 +128,22 @@ def drop(bound: float, places: float, of: float, terms: tuple[float, float], sum
     """
     if bound >= least_of(of, terms, sums):
         return False
-    count_bound(places * np.exp(bound + terms[0] - sums[0]), bound + terms[1], sums)
+    count_bound(places * np.exp(bound + terms[0] - sums[BEST]), bound + terms[1], sums)
     return True
 
 
 @inner_kernel()
 def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
     """Add places that are not looked at, at a bound of their weight and of their ln L."""
-    sums[1] += weight
-    sums[7] += weight
-    sums[4] = max(sums[4], likelihood)
+    sums[TOTAL] += weight
+    sums[BOUNDED] += weight
+    sums[LEFT_OUT] = max(sums[LEFT_OUT], likelihood)
 
 
 @inner_kernel()
-def weigh_site(
-    known: Floats,
-    lines: Floats,
-    phases: IntArray,
-    place: IntArray,
-    barred: IntArray,
-    at: tuple[int, int],
-    group: IntArray,
-    limit: tuple[float, float],
-    of: float,
-    terms: tuple[float, float],
-    tally: Tally,
-    room: Room,
-    hole: Floats,
-    stride: int,
-) -> None:
-    """One group of places on one site: the axis with fewer places first, the other only if that may matter.
-
-    Parameters
-    ----------
-    known : ndarray
-        Bounds of what the x bits say at each column of the group, which are looked at one by one then; or empty.
-    place : ndarray of int, shape (3, 2)
-        The site's entry in `Sites.table`; `at` is turn and site.
-    limit : tuple of float
-        Bounds of what the x and the y bits say.
-    of : float
-        ln of the number of places of the group on all sites.
-    hole, stride : ndarray, int
-        `groups.hole_evidence` from the group's first place on, and its width; 0 without holes.
-    """
+def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray, tally: Tally, room: Room) -> None:
+    """One group of places on one site: the axis with fewer places first, the other only if that may matter."""
+    known, place, group, limit, terms = candidate.known, candidate.place, candidate.group, candidate.limit, candidate.terms
     length = room.lines.shape[2]
     every = place[SECTOR, 0] < 0
     places = float(group[COLUMNS] * group[ROWS] * (length * length if every else 1))
@@ -135,15 +153,14 @@ def weigh_site(
         most = NEVER
         for k in range(group[own + 1]):
             room.most[axis, k] = NEVER
-            if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], places / group[COLUMNS], of, terms, tally.sums):
+            each = places / group[COLUMNS]
+            if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], each, candidate.of, terms, tally.sums):
                 continue
             value = add_lines(
                 room.lines[axis, k],
-                lines[axis],
-                group[other + 2],
-                group[other + 3],
-                group[own + 2],
-                group[own + 3],
+                candidate.lines[axis],
+                (group[other + 2], group[other + 3]),
+                (group[own + 2], group[own + 3]),
                 phases[axis],
                 place[START, axis] + group[own] + k,
                 length,
@@ -151,50 +168,38 @@ def weigh_site(
             room.most[axis, k] = value
             most = max(most, value)
         bound += most - limit[axis]
-        if most == NEVER or (stride == 0 and drop(bound, places, of, terms, tally.sums)):
+        if most == NEVER or (candidate.stride == 0 and drop(bound, places, candidate.of, terms, tally.sums)):
             return
         axis = 1 - axis
-    row, column = place[ORIGIN, 1] + group[Y], place[ORIGIN, 0] + group[X]
-    where = (at[0], at[1], group[X], group[Y])
     if every:
-        _count_every_sector(where, group[COLUMNS], group[ROWS], row, column, barred, of, terms, tally, room)
+        _count_every_sector(candidate, barred, tally, room)
     else:
-        phase = (row + place[SECTOR, 0], column + place[SECTOR, 1])
-        _count_sector(where, group[COLUMNS], group[ROWS], phase, place[SECTOR], terms, tally, room, hole, stride)
+        _count_sector(candidate, tally, room)
 
 
 @inlined_kernel()
-def _count_sector(
-    at: tuple[int, int, int, int],
-    columns: int,
-    rows: int,
-    phase: tuple[int, int],
-    sector: IntArray,
-    terms: tuple[float, float],
-    tally: Tally,
-    room: Room,
-    hole: Floats,
-    stride: int,
-) -> None:
-    """Places of a group where one sector lies."""
-    length, sums, y_best = room.lines.shape[2], tally.sums, NEVER
-    for j in range(rows):
+def _count_sector(candidate: Candidate, tally: Tally, room: Room) -> None:
+    """Places of a group where one sector lies: the x phase is that of the first row, the y phase that of the first column."""
+    place, group, terms, stride = candidate.place, candidate.group, candidate.terms, candidate.stride
+    row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
+    length, y_best = room.lines.shape[2], NEVER
+    for j in range(group[ROWS]):
         y_best = max(y_best, room.most[1, j])
-    for i in range(columns):
+    for i in range(group[COLUMNS]):
         best = room.most[0, i] + y_best
-        if stride == 0 and best + terms[0] < sums[0] - FAR_BELOW and best + terms[1] < sums[3]:
+        if stride == 0 and best + terms[0] < tally.sums[BEST] - FAR_BELOW and best + terms[1] < tally.sums[NEXT_STRONGEST]:
             continue
         if room.most[0, i] == NEVER:
             continue
-        y_phase, x_phase = (phase[1] + i) % length, phase[0] % length
-        for j in range(rows):
+        y_phase, x_phase = (column + i) % length, row % length
+        for j in range(group[ROWS]):
             value = float(room.lines[0, i, x_phase]) + float(room.lines[1, j, y_phase])
             x_phase = x_phase + 1 if x_phase + 1 < length else 0
             if stride > 0:
-                value -= float(hole[j * stride + i])
-            if value + terms[0] > sums[0] - FAR_BELOW or value + terms[1] > sums[3]:
-                place = (at[0], at[1], at[2] + i, at[3] + j, sector[0], sector[1])
-                count_at(tally, np.float64(value), 1.0, terms, place)  # single precision would be another function to compile
+                value -= float(candidate.hole[j * stride + i])
+            if value + terms[0] > tally.sums[BEST] - FAR_BELOW or value + terms[1] > tally.sums[NEXT_STRONGEST]:
+                at = (candidate.at[0], candidate.at[1], group[X] + i, group[Y] + j, place[SECTOR, 0], place[SECTOR, 1])
+                count_at(tally, np.float64(value), 1.0, terms, at)  # single precision would be another function to compile
 
 
 @inner_kernel()
@@ -202,43 +207,33 @@ def count_at(
     tally: Tally, value: float, weight: float, terms: tuple[float, float], at: tuple[int, int, int, int, int, int]
 ) -> None:
     """Add a place, or several that together weigh so many times the best of them."""
-    sums = tally.sums
     score, likelihood = value + terms[0], value + terms[1]
-    if score > sums[0] or (tally.best[0] < 0 and score > sums[0] - 1e-6):
-        sums[1] *= np.exp(sums[0] - score)
-        sums[7] *= np.exp(sums[0] - score)
-        sums[0] = score
+    if score > tally.sums[BEST] or (tally.best_place[0] < 0 and score > tally.sums[BEST] - 1e-6):
+        tally.sums[TOTAL] *= np.exp(tally.sums[BEST] - score)
+        tally.sums[BOUNDED] *= np.exp(tally.sums[BEST] - score)
+        tally.sums[BEST] = score
         for k in range(6):
-            tally.best[k] = at[k]
-    sums[1] += weight * np.exp(score - sums[0])
-    if likelihood > sums[2]:
-        sums[3] = sums[2]
-        sums[2] = likelihood
+            tally.best_place[k] = at[k]
+    tally.sums[TOTAL] += weight * np.exp(score - tally.sums[BEST])
+    if likelihood > tally.sums[STRONGEST]:
+        tally.sums[NEXT_STRONGEST] = tally.sums[STRONGEST]
+        tally.sums[STRONGEST] = likelihood
         for k in range(6):
-            tally.strongest[k] = at[k]
-    elif likelihood > sums[3]:
-        sums[3] = likelihood
+            tally.strongest_place[k] = at[k]
+    elif likelihood > tally.sums[NEXT_STRONGEST]:
+        tally.sums[NEXT_STRONGEST] = likelihood
 
 
 @inlined_kernel()
-def _count_every_sector(
-    at: tuple[int, int, int, int],
-    columns: int,
-    rows: int,
-    row: int,
-    column: int,
-    barred: IntArray,
-    of: float,
-    terms: tuple[float, float],
-    tally: Tally,
-    room: Room,
-) -> None:
+def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, room: Room) -> None:
     """Places of a group where any sector may lie but the barred ones: every pair of phases is one sector."""
+    at, group, of, terms = candidate.at, candidate.group, candidate.of, candidate.terms
+    row, column = candidate.place[ORIGIN, 1] + group[Y], candidate.place[ORIGIN, 0] + group[X]
     length = room.lines.shape[2]
-    for i in range(columns):
+    for i in range(group[COLUMNS]):
         if room.most[0, i] == NEVER:
             continue
-        for j in range(rows):
+        for j in range(group[ROWS]):
             most = room.most[0, i] + room.most[1, j]
             if drop(most, float(length * length), of, terms, tally.sums):
                 continue
@@ -255,7 +250,7 @@ def _count_every_sector(
             if among or out > total:
                 most, total, u, v = _without(room, (i, j), row + j, column + i, barred, at[1])
             if total > 0.0:
-                count_at(tally, most, total, terms, (at[0], at[1], at[2] + i, at[3] + j, u, v))
+                count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))
 
 
 @inner_kernel()
@@ -282,7 +277,8 @@ def _without(
     for k in range(len(barred)):
         if barred[k, 0] == site:
             allowed[(row + barred[k, 1]) % length, (column + barred[k, 2]) % length] = False
-    most, total, u, v = NEVER, 0.0, row - row, row - row
+    most, total = NEVER, 0.0
+    u = v = 0
     for p in range(length):
         for r in range(length):
             value = float(x[p]) + float(y[r])

@@ -1,4 +1,4 @@
-"""The first time ever: half of the decoder is compiled by another process."""
+"""The first time ever: every kernel is compiled once, before the first frame, and a word says so."""
 
 from __future__ import annotations
 
@@ -6,92 +6,54 @@ import logging
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tactape_fab.sense.decode import warm
+
+PROGRAM = """
+import numba.core.event as events
 from tactape_fab import Localizer
-from tactape_fab.base import jit as kernels
-from tactape_fab.sense.decode import warm as ahead
-from tactape_fab.sense.decode.search.all_places import _weigh
-from tactape_fab.sense.decode.search.single_place import _add_evidence, compile_near
 from tests.contacts import tape_of
+from tests.unit.sense.decode.test_touch import contacts, touch
 
-
-class Process:
-    """One that compiles for ever, unless it is told how long."""
-
-    def __init__(self) -> None:
-        self.told: list[str] = []
-
-    def wait(self, timeout: float | None = None) -> None:
-        self.told.append("wait")
-
-    def poll(self) -> int | None:
-        return 0 if "wait" in self.told else None
-
-    def kill(self) -> None:
-        self.told.append("kill")
-
-
-@pytest.fixture
-def process(monkeypatch: pytest.MonkeyPatch) -> Process:
-    """Nothing is on the disk, and another process is at work."""
-    found = Process()
-    monkeypatch.setattr(ahead, "compiled", lambda: False)
-    monkeypatch.setattr(ahead, "_started", lambda *_: found)
-    return found
-
-
-def test_what_is_compiled_ahead_is_what_is_called() -> None:
-    ahead.compile_search()
-    compile_near()
-    Localizer([tape_of(7)])
-    assert len(_weigh.signatures) == len(_add_evidence.signatures) == 1
-
-
-def test_it_is_said_and_waited_for(process: Process, caplog: pytest.LogCaptureFixture) -> None:
-    with ahead.search_compiled():
-        assert "compiles its decoder" in caplog.text
-        assert process.told == []
-    assert process.told == ["wait"]
-
-
-def test_no_process_is_left_behind(process: Process) -> None:
-    with pytest.raises(KeyboardInterrupt), ahead.search_compiled():
-        raise KeyboardInterrupt
-    assert process.told[0] == "kill"
-
-
-def test_what_is_on_the_disk_is_not_compiled_again(
-    process: Process, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(ahead, "compiled", lambda: True)
-    with caplog.at_level(logging.DEBUG), ahead.search_compiled():
+class Compiled(events.Listener):
+    names = []
+    def on_start(self, event):
+        self.names.append("{0.__module__}.{0.__qualname__}".format(event.data["dispatcher"].py_func))
+    def on_end(self, event):
         pass
-    assert caplog.text == "" and process.told == []
+
+tapes = [tape_of(7), touch(1)]
+depths = [depth for _, depth in contacts(tapes[0], 3, 3)]
+heard = Compiled()
+events.register("numba:compile", heard)
+localizer = Localizer(tapes)
+ours = [name for name in heard.names if name.startswith("tactape_fab.")]
+assert len(ours) == len(set(ours)), sorted(ours)
+count = len(heard.names)
+assert count > 20
+assert any(localizer.locate(depth).located for depth in depths)
+assert heard.names[count:] == []
+"""
 
 
-@pytest.mark.parametrize(("name", "value"), [("frozen", True), ("executable", "/opt/blender/blender"), ("executable", None)])
-def test_a_program_that_is_no_python_is_not_started_again(monkeypatch: pytest.MonkeyPatch, name: str, value: Any) -> None:
-    monkeypatch.setattr(sys, name, value, raising=False)
-    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("it was started"))
-    assert ahead._started(Path()) is None
+def test_no_kernel_is_compiled_twice_and_none_by_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "compiles its decoder" in done.stderr
 
 
-def test_where_nothing_can_be_kept_nothing_is_compiled_ahead(
-    process: Process, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(ahead, "KEPT", False)
-    with ahead.search_compiled():
-        assert "NUMBA_CACHE_DIR" in caplog.text
-    assert process.told == [] and ahead.cache_folder() is None
+def test_nothing_is_said_of_what_is_on_the_disk(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr(warm, "compiled", lambda: True)
+    with caplog.at_level(logging.DEBUG):
+        warm.announce()
+    assert caplog.text == ""
 
 
-def test_a_folder_that_nothing_can_be_kept_in_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any, **__: Any) -> Any:
-        raise RuntimeError("cannot cache function '_probe': no locator available")
-
-    assert kernels._can_be_kept()
-    monkeypatch.setattr(kernels, "njit", refuse)
-    assert not kernels._can_be_kept()
+def test_where_nothing_can_be_kept_it_is_said(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr(warm, "compiled", lambda: False)
+    monkeypatch.setattr(warm, "KEPT", False)
+    warm.announce()
+    assert "NUMBA_CACHE_DIR" in caplog.text and warm.cache_folder() is None

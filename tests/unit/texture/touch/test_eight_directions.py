@@ -26,7 +26,7 @@ from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, matrices_of, weigh_matrices
 from tactape_fab.sense.decode.search.single_place import evidence_at, shown_by
-from tactape_fab.sense.decode.search.tally import new_tally
+from tactape_fab.sense.decode.search.tally import BEST, TOTAL, new_tally
 from tactape_fab.texture.certify.nearest import near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import across
 from tactape_fab.texture.code import TOUCH_CODE
@@ -330,10 +330,10 @@ def test_the_search_finds_the_place_that_a_plain_sum_finds_and_weighs_all_others
             if within.sum() >= 6:
                 weights.append((value - (6.0 if inside else 9.0), (turn, 0, x, y)))
     best = max(weights)
-    assert tuple(tally.best[:4].tolist()) == best[1] == (0, 0, 5, 7)
-    assert tally.sums[0] == pytest.approx(best[0], abs=1e-4)
+    assert tuple(tally.best_place[:4].tolist()) == best[1] == (0, 0, 5, 7)
+    assert tally.sums[BEST] == pytest.approx(best[0], abs=1e-4)
     total = sum(np.exp(weight - best[0]) for weight, _ in weights)
-    assert tally.sums[1] == pytest.approx(total, abs=1e-4) and tally.sums[1] >= total - 1e-6
+    assert tally.sums[TOTAL] == pytest.approx(total, abs=1e-4) and tally.sums[TOTAL] >= total - 1e-6
 
 
 SCENE = Scene(contact_mm=(5.5, 5.5))

@@ -1,0 +1,58 @@
+"""Kernels as plain Python: without numba, and with its compiler switched off, answers are the same and one warning says so."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactape_fab import Localizer
+from tactape_fab.base import jit
+from tactape_fab.sense import simulate
+from tests.contacts import POSE, dots, tape_of
+
+DECODE = """
+import json, sys
+if sys.argv[1] == "without":
+    sys.modules["numba"] = None
+from tests.unit.base.test_jit import answers
+print(json.dumps(answers()))
+"""
+EXACT, OF_PIXELS = 1e-9, 1e-6
+"""Compiled, sums over pixels in single precision are added in another order: places differ by some nanometres."""
+
+
+def answers() -> list[tuple[float, dict[str, Any]]]:
+    """Answers to dots and to a depth map, and how near another's must be."""
+    localizer = Localizer([tape_of(7)])
+    depth = simulate(tape_of(7), *POSE)
+    found = [(EXACT, localizer.locate_dots(dots())), (OF_PIXELS, localizer.locate(depth))]
+    return [(near, fix.to_mapping(0) | {"elapsed_ms": 0.0}) for near, fix in found]
+
+
+@pytest.mark.parametrize("numba", ["without", "switched off"])
+def test_plain_functions_give_the_same_answers_and_one_warning(numba: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = answers()
+    if numba == "switched off":
+        monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    done = subprocess.run([sys.executable, "-c", DECODE, numba], capture_output=True, text=True, encoding="utf-8", check=True)
+    assert done.stderr.count("plain Python") == 1 and done.stderr.count("\n") == 1
+    assert all(answer["located"] for _, answer in expected)
+    for (near, answer), (_, plain) in zip(expected, json.loads(done.stdout), strict=True):
+        assert np.allclose(plain.pop("covariance"), answer.pop("covariance"), rtol=1e3 * near, atol=0.0)
+        for key, value in answer.items():
+            numeric = isinstance(value, float | tuple)
+            assert plain[key] == (pytest.approx(value, rel=near, abs=near) if numeric else value), key
+
+
+def test_a_folder_that_nothing_can_be_kept_in_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise RuntimeError("cannot cache function '_probe': no locator available")
+
+    assert jit._can_be_kept()
+    monkeypatch.setattr(jit, "njit", refuse)
+    assert not jit._can_be_kept()
