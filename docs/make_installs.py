@@ -1,6 +1,6 @@
 """Writes into docs/install.md what each installation takes here, and where pip's resolver finds wheels for it.
 
-`python docs/make_installs.py`; a registry has to be reached, and it takes minutes.
+`python docs/make_installs.py [sizes | cells]`; a registry has to be reached, and it takes minutes.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tests.installs import (  # noqa: E402
     PYTHONS,
     ROBOT,
     built_wheel,
+    cad_glibc,
     fresh_environment,
     installable,
 )
@@ -46,7 +47,7 @@ def sizes(scratch: Path) -> list[str]:
 def cells(scratch: Path) -> list[str]:
     """A row for each Python and machine: what resolves with numpy 1.26, and with numpy 2."""
     wanted = [(p, m, n) for p in PYTHONS for m in MACHINES for n in NUMPYS]
-    with ThreadPoolExecutor(6) as pool:
+    with ThreadPoolExecutor(4) as pool:
         found = dict(zip(wanted, pool.map(lambda cell: _cell(*cell, scratch), wanted), strict=True))
     rows = ["| Python | machine | numpy 1.26 | numpy 2 |", "|---|---|---|---|"]
     return rows + [f"| {p} | {m} | {' | '.join(found[p, m, n] for n in NUMPYS)} |" for p in PYTHONS for m in MACHINES]
@@ -57,16 +58,20 @@ def _cell(python: str, machine: str, numpy: str, scratch: Path) -> str:
         return f"no: numpy {numpy} has no wheel for Python {python}"
     found = installable(python, machine, numpy, scratch / "none")
     missing = [name for name, answer in found.items() if isinstance(answer, str)]
-    if missing:
+    if "default" in missing or "robot" in missing:
         return "no: " + "; ".join(f"{name}: {found[name]}" for name in missing)
     versions = next(answer for answer in found.values() if not isinstance(answer, str))
-    return f"yes: numpy {versions['numpy']}, numba {versions['numba']}"
+    yes = f"yes: numpy {versions['numpy']}, numba {versions['numba']}"
+    if missing:
+        return f"{yes}; not `[cad]`: build123d asks for numpy 2"
+    return yes if (glibc := cad_glibc(python)) == 28 else f"{yes}; `[cad]` on glibc 2.{glibc}"
 
 
 def main() -> None:
     text = PAGE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as scratch:
-        for name, make in (("sizes", sizes), ("cells", cells)):
+        tables = {"sizes": sizes, "cells": cells}
+        for name, make in ((name, tables[name]) for name in sys.argv[1:] or tables):
             rows = "\n".join(make(Path(scratch)))
             print(rows, flush=True)
             pattern = rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)"

@@ -32,7 +32,9 @@ markers.default_environment = lambda: {**here(), **there}
 sys.argv = ["pip", *sys.argv[3:]]
 runpy.run_module("pip", run_name="__main__", alter_sys=True)
 """
-_GLIBC = (*(f"manylinux_2_{minor}" for minor in range(28, 4, -1)), "manylinux2014", "manylinux2010", "manylinux1")
+_OLDER_NAMES = ("manylinux2014", "manylinux2010", "manylinux1")
+_FOR_NUMPY_1 = "opencv-python-headless<4.12"
+"""Newer ones ask for numpy 2. Said at once, pip does not have to find it by trying every version."""
 _VENDORED = ("pip", "setuptools", "pkg_resources", "_distutils_hack")
 """What a fresh environment has before anything is installed."""
 
@@ -55,8 +57,16 @@ def registry_answers() -> bool:
     return subprocess.run(command, env=clean_environment(), capture_output=True, check=False).returncode == 0
 
 
-def resolved(python: str, machine: str, wanted: Sequence[str], target: Path) -> Mapping[str, str] | str:
-    """Versions by name that pip would install from wheels alone on glibc 2.28, or why it cannot.
+def cad_glibc(python: str) -> int:
+    """Minor version of the oldest glibc with wheels for [cad].
+
+    build123d 0.13 has a kernel built for 2.28, and asks for Python 3.11; the kernel of older ones was built for 2.31.
+    """
+    return 31 if python == "3.10" else 28
+
+
+def resolved(python: str, machine: str, wanted: Sequence[str], target: Path, glibc: int = 28) -> Mapping[str, str] | str:
+    """Versions by name that pip would install from wheels alone, or why it cannot.
 
     Parameters
     ----------
@@ -66,8 +76,11 @@ def resolved(python: str, machine: str, wanted: Sequence[str], target: Path) -> 
         Requirements.
     target : Path
         A folder that pip wants to hear of; nothing is written.
+    glibc : int
+        Minor version of the glibc there.
     """
-    platforms = [word for tag in _GLIBC for word in ("--platform", f"{tag}_{machine}")]
+    tags = (*(f"manylinux_2_{minor}" for minor in range(glibc, 4, -1)), *_OLDER_NAMES)
+    platforms = [word for tag in tags for word in ("--platform", f"{tag}_{machine}")]
     command = [sys.executable, "-c", _PIP_ELSEWHERE, python, machine, "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["--only-binary=:all:", *platforms, "--python-version", python, "--implementation", "cp"]
     command += ["--target", str(target), "--report", "-", *wanted]
@@ -79,19 +92,23 @@ def resolved(python: str, machine: str, wanted: Sequence[str], target: Path) -> 
 
 
 def installable(python: str, machine: str, numpy: str, target: Path) -> dict[str, Mapping[str, str] | str]:
-    """The three installations: the robot's half, the default, and with [cad]. Where a list resolves, parts of it do."""
-    lists = {
-        "[cad]": [NUMPYS[numpy], *requirements("cad")],
-        "default": [NUMPYS[numpy], *requirements()],
-        "robot": [NUMPYS[numpy], *ROBOT],
-    }
+    """The three installations: the robot's half and the default on glibc 2.28, and [cad] on `cad_glibc`.
+
+    Where a list resolves, parts of it do.
+    """
+    lists = {"[cad]": requirements("cad"), "default": requirements(), "robot": [*ROBOT]}
+    if (
+        numpy == "1.26"
+    ):  # no build123d takes it, and pip finds that sooner in a short list; what a part has not, the whole has not
+        lists = {"[cad]": ["build123d>=0.10"], "default": [_FOR_NUMPY_1, *requirements()], "robot": [*ROBOT]}
     found: dict[str, Mapping[str, str] | str] = {}
-    whole: Mapping[str, str] | None = None
+    solved: dict[int, Mapping[str, str]] = {}
     for name, wanted in lists.items():
-        answer = whole if whole is not None else resolved(python, machine, wanted, target)
+        glibc = cad_glibc(python) if name == "[cad]" else 28
+        answer = solved.get(glibc) or resolved(python, machine, [NUMPYS[numpy], *wanted], target, glibc)
         found[name] = answer
         if not isinstance(answer, str):
-            whole = answer
+            solved[glibc] = answer
     return found
 
 

@@ -161,7 +161,10 @@ def test_a_robot_locates_with_three_libraries(
 @only_thorough
 @pytest.mark.usefixtures("registry")
 def test_wheels_can_be_had_for_every_python_and_machine(tmp_path: Path) -> None:
-    """Robot's half, default and [cad], as pip's resolver answers; numpy 1.26 was never built for Python 3.13 and newer."""
+    """Robot's half, default and [cad], as pip's resolver answers.
+
+    numpy 1.26 was never built for Python 3.13 and newer, and build123d asks for numpy 2.
+    """
     with ThreadPoolExecutor(6) as pool:
         asked = {
             (python, machine, numpy): pool.submit(installable, python, machine, numpy, tmp_path / "none")
@@ -170,5 +173,5 @@ def test_wheels_can_be_had_for_every_python_and_machine(tmp_path: Path) -> None:
         found = {cell: future.result() for cell, future in asked.items()}
     for (python, machine, numpy), answers in found.items():
         refused = {name for name, answer in answers.items() if isinstance(answer, str)}
-        expected = set(answers) if (python, numpy) in NO_WHEEL else set()
+        expected = set(answers) if (python, numpy) in NO_WHEEL else {"[cad]"} if numpy == "1.26" else set()
         assert refused == expected, (python, machine, numpy, answers)

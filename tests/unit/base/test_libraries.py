@@ -14,18 +14,40 @@ from tactape_fab.base.errors import MissingLibraryError, TactapeError
 from tactape_fab.base.launch import python_command, run
 from tactape_fab.base.libraries import library
 
-_HIDE = """
-for name in ("scipy", "shapely", "cv2", "trimesh", "gerbonara", "jinja2", "build123d", "manifold3d", "HersheyFonts", "OCP",
-             "rtree", "matplotlib", "mcap", "rerun", "kornia_rs", "pupil_apriltags"):
-    sys.modules[name] = None
-"""
-_COMMAND = f"exec({_HIDE!r}); from tactape_fab.cli import main; main(sys.argv[1:], prog_name='tactape-fab')"
+NOT_BY_DEFAULT = ("build123d", "OCP", "manifold3d", "scipy", "matplotlib", "mcap", "rerun", "pupil_apriltags")
+NOT_ON_A_ROBOT = (*NOT_BY_DEFAULT, "shapely", "cv2", "trimesh", "gerbonara", "jinja2", "HersheyFonts", "rtree", "kornia_rs")
+_HIDE = "sys.modules.update(dict.fromkeys({names!r})); "
+
+
+def without(names: tuple[str, ...], line: str, folder: Path) -> tuple[int, str, str]:
+    """Exit status, output and errors of a command where these libraries cannot be imported."""
+    program = _HIDE.format(names=names) + "from tactape_fab.cli import main; main(sys.argv[1:], prog_name='tactape-fab')"
+    done = run(python_command(program, *line.split()), timeout_s=300.0, scratch=folder)
+    return done.returncode, done.stdout, done.stderr
 
 
 def robot(line: str, folder: Path) -> tuple[int, str, str]:
-    """Exit status, output and errors of a command where none of those libraries can be imported."""
-    done = run(python_command(_COMMAND, *line.split()), timeout_s=300.0, scratch=folder)
-    return done.returncode, done.stdout, done.stderr
+    """A command on a robot."""
+    return without(NOT_ON_A_ROBOT, line, folder)
+
+
+@pytest.mark.parametrize("options", ["", "--part block"])
+def test_the_default_installation_makes_and_verifies_with_no_cad_kernel(options: str, tmp_path: Path) -> None:
+    status, _, errors = without(NOT_BY_DEFAULT, f"make --sector 7 --size 20x20 -o kit {options}", tmp_path)
+    assert status == 0, errors
+    for line in ("verify kit", "verify kit --quick"):
+        status, output, errors = without(NOT_BY_DEFAULT, line, tmp_path)
+        assert (status, "fail" in output) == (0, False), output + errors
+        warned = [row for row in output.splitlines() if row.startswith("warn") and "OCCT" in row]
+        assert len(warned) == ("--quick" not in line)
+        assert all(row.endswith('the models were not read with it; pip install "tactape-fab[cad]"') for row in warned)
+
+
+def test_the_default_installation_says_what_embossing_takes(small_kit: Kit, tmp_path: Path) -> None:
+    model = next(small_kit.path.glob("models/*.stl"))
+    status, output, errors = without(NOT_BY_DEFAULT, f"emboss {small_kit.path} {model}", tmp_path)
+    said = 'error: emboss needs manifold3d, which is not installed; pip install "tactape-fab[cad]"\n'
+    assert (status, output, errors) == (1, "", said)
 
 
 def test_a_robot_simulates_decodes_watches_certifies_and_lists(small_kit: Kit, tmp_path: Path) -> None:
@@ -45,7 +67,8 @@ def test_a_robot_simulates_decodes_watches_certifies_and_lists(small_kit: Kit, t
 
 
 def test_the_public_names_of_the_robots_half_need_nothing_else(small_kit: Kit, tmp_path: Path) -> None:
-    program = f"exec({_HIDE!r}); from tactape_fab import Localizer, Tape, Tracker, read_object; Tape.load(sys.argv[1])"
+    program = _HIDE.format(names=NOT_ON_A_ROBOT)
+    program += "from tactape_fab import Localizer, Tape, Tracker, read_object; Tape.load(sys.argv[1])"
     done = run(python_command(program, str(small_kit.path)), timeout_s=300.0, scratch=tmp_path)
     assert done.returncode == 0, done.stderr
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,8 @@ from click.testing import CliRunner, Result
 
 from tactape_fab import Kit, Tape, TapeSpec, make_kit
 from tactape_fab.base.errors import DesignRuleError, Finding, SpecError
+from tactape_fab.base.launch import python_command
+from tactape_fab.base.launch import run as run_program
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
@@ -435,7 +435,8 @@ def test_kits_with_models_load_no_cad_kernel_and_no_mesh_library(tmp_path: Path)
         "    make_kit(TapeSpec(**{'sector': 7, 'size_mm': (14.0, 11.0), **values}), f'kit{i}', verify=False)\n"
         "print(*sorted({name.split('.')[0] for name in sys.modules}))"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = run_program(python_command(program), timeout_s=300.0, scratch=tmp_path)
+    assert done.returncode == 0, done.stderr
     modules = set(done.stdout.split())
     assert "tactape_fab" in modules
     assert not modules & {"build123d", "OCP", "trimesh", "manifold3d", "scipy"}
