@@ -71,17 +71,22 @@ def read_colour(path: Path) -> npt.NDArray[np.uint8]:
     return picture
 
 
+_SILENT = 0
+"""OpenCV's level at which nothing is written to stderr."""
+
+
 def _unpacked(data: bytes, how: int) -> npt.NDArray[Any] | None:
     cv2 = library("cv2", "reading a picture")
 
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    logs = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, which numpy 1.26 needs, and 5
+    level = logs.getLogLevel()
+    logs.setLogLevel(_SILENT)
     try:
         picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how)
     except cv2.error:
         return None
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        logs.setLogLevel(level)
     return None if picture is None else np.asarray(picture)
 
 

@@ -15,6 +15,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.texture.code import ALL_CODE_NAMES
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
 from tactape_fab.texture.frames import DIRECTIONS_XY
+from tactape_fab.texture.windows import bit_count
 
 SCHEMA = json.loads((Path(__file__).parents[3] / "docs" / "manifest.schema.json").read_text(encoding="utf-8"))
 
@@ -35,7 +36,7 @@ def test_clockwise_from_east_each_next_symbol_differs_in_one_bit(count: int, dir
     angles = np.degrees(np.arctan2(*DIRECTIONS_XY[order].T[::-1]))  # y is down, so that angles grow clockwise as they are seen
     assert np.allclose(angles % 360.0, np.arange(count) * 360.0 / count)
     codes = directions.gray_codes[order]
-    assert np.bitwise_count(codes ^ np.roll(codes, 1)).tolist() == [1] * count
+    assert bit_count(codes ^ np.roll(codes, 1)).tolist() == [1] * count
 
 
 @every_count
