@@ -84,7 +84,7 @@ def resolved(python: str, machine: str, wanted: Sequence[str], target: Path, gli
     command = [sys.executable, "-c", _PIP_ELSEWHERE, python, machine, "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["--only-binary=:all:", *platforms, "--python-version", python, "--implementation", "cp"]
     command += ["--target", str(target), "--report", "-", *wanted]
-    run = subprocess.run(command, env=clean_environment(), capture_output=True, text=True, check=False)
+    run = subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=False)
     if run.returncode != 0:
         errors = [line for line in run.stderr.splitlines() if line.startswith("ERROR:")]
         return errors[-1].removeprefix("ERROR: ") if errors else run.stderr[-200:]
@@ -131,7 +131,9 @@ def fresh_environment(folder: Path, *installs: Sequence[str | Path], interpreter
     start = perf_counter()
     for words in installs:
         command = [python, "-m", "pip", "install", "--quiet", "--no-compile", *words]
-        run = subprocess.run([str(w) for w in command], env=clean_environment(), capture_output=True, text=True, check=False)
+        run = subprocess.run(
+            [str(w) for w in command], env=clean_environment(), capture_output=True, encoding="utf-8", check=False
+        )
         if run.returncode != 0:
             raise RuntimeError(f"{command}\n{run.stderr}")
     seconds = perf_counter() - start

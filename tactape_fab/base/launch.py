@@ -73,7 +73,7 @@ def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None
             command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             errors="replace",
             timeout=timeout_s,
             check=False,

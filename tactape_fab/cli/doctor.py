@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -31,6 +32,7 @@ EXTRAS = {
 }
 """Extras of pyproject.toml, and what each adds."""
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:\[(?P<extras>[\w,\s-]*)\])?")
+_PYTHON = re.compile(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""")
 _IN_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
 _PATIENCE_S = 20.0
 
@@ -116,6 +118,16 @@ def diagnose() -> Diagnosis:
     )
 
 
+def _of_this_python(condition: str) -> bool:
+    """Whether a requirement's marker admits this version of Python, as far as it speaks of one."""
+    own = sys.version_info[:2]
+    for sign, major, minor in _PYTHON.findall(condition):
+        named = (int(major), int(minor))
+        if not {"<": own < named, ">=": own >= named}[sign]:
+            return False
+    return True
+
+
 def _required() -> dict[str, list[str]]:
     """Distributions that this package asks for, by extra; those that it always needs under the empty name.
 
@@ -129,7 +141,7 @@ def _required() -> dict[str, list[str]]:
     for line in lines:
         requirement, _, condition = line.partition(";")
         found, extra = _REQUIREMENT.match(requirement), _IN_EXTRA.search(condition)
-        if found is None:
+        if found is None or not _of_this_python(condition):
             continue
         names = rows.setdefault(extra["extra"] if extra else "", [])
         names += [f"[{inner.strip()}]" for inner in found["extras"].split(",")] if found["extras"] else [found["name"]]

@@ -79,7 +79,7 @@ def peak_memory_mb(arguments: Sequence[str], folder: Path) -> float:
     A small interpreter starts it: the figure of a process would otherwise hold the memory of the one that started it.
     """
     launcher = [sys.executable, "-I", "-S", "-c", _PEAK_OF_CHILD]
-    run = subprocess.run([*launcher, *arguments], check=True, capture_output=True, text=True, cwd=folder)
+    run = subprocess.run([*launcher, *arguments], check=True, capture_output=True, encoding="utf-8", cwd=folder)
     unit = 1 if sys.platform == "darwin" else 1024
     return int(run.stdout) * unit / 1e6
 

@@ -116,7 +116,7 @@ def peer_input(tape: Tape) -> dict[str, Any]:
 
 
 def answer(program: str, *arguments: str) -> dict[str, float]:
-    done = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, encoding="utf-8", check=True)
     lines = [line for line in done.stdout.splitlines() if line.startswith("ANSWER ")]
     content: dict[str, float] = json.loads(lines[-1].removeprefix("ANSWER "))
     return content

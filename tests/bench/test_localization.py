@@ -210,7 +210,7 @@ def test_the_first_start_ever_takes_ten_seconds_of_processor_time(
 
     def ready() -> tuple[float, str]:
         environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-        done = subprocess.run([sys.executable, "-c", program], env=environment, check=True, capture_output=True, text=True)
+        done = subprocess.run([sys.executable, "-c", program], env=environment, check=True, capture_output=True, encoding="utf-8")
         return float(done.stdout), done.stderr
 
     first_s, word = run(benchmark, ready, rounds=1)

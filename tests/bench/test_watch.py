@@ -77,7 +77,7 @@ def test_a_replay_at_a_hundred_frames_a_second(benchmark: BenchmarkFixture, defa
 
     def whole() -> str:
         with (recording.parent / "answers.jsonl").open("wb") as stream:
-            return subprocess.run(arguments, stdout=stream, stderr=subprocess.PIPE, check=True, text=True).stderr
+            return subprocess.run(arguments, stdout=stream, stderr=subprocess.PIPE, check=True, encoding="utf-8").stderr
 
     said = run(benchmark, whole, rounds=1)
     found = SUMMARY.search(said)

@@ -45,7 +45,7 @@ def test_page_runs_from_top_to_bottom(page: str, tmp_path: Path) -> None:
             continue
         commands = [[sys.executable, "-c", text]] if language == "python" else [shlex.split(line) for line in text.splitlines()]
         for command in commands:
-            run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+            run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8", check=False)
             assert run.returncode == 0, f"{' '.join(command)}\n{run.stdout}{run.stderr}"
             if "decode" in command:
                 assert "located 0 of" not in run.stderr, f"{' '.join(command)}\n{run.stdout}"

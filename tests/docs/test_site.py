@@ -76,7 +76,7 @@ def test_every_page_can_be_reached() -> None:
 @pytest.mark.skipif(find_spec("zensical") is None, reason="zensical is missing; pip install .[docs], with Python 3.11 or newer")
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, str(DOCS / "site" / "build.py"), str(tmp_path)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     page = (tmp_path / "api" / "index.html").read_text(encoding="utf-8")
     assert 'id="tactape_fab.Localizer.locate"' in page and "array_like" in page

@@ -122,7 +122,7 @@ def record(folder: Path) -> None:
     said.mkdir()
     for index, line in enumerate(COMMANDS.strip().splitlines()):
         run = subprocess.run(
-            [program, *shlex.split(line)], cwd=folder, env=environment, capture_output=True, text=True, check=False
+            [program, *shlex.split(line)], cwd=folder, env=environment, capture_output=True, encoding="utf-8", check=False
         )
         text = f"$ {line}\nexit {run.returncode}\n--- stdout\n{run.stdout}--- stderr\n{run.stderr}"
         (said / f"{index:02d}-{line.split()[0]}.txt").write_text(_TIMES.sub("TIME", text), encoding="utf-8")

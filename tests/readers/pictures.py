@@ -55,7 +55,7 @@ def gerbonara_svg(path: Path, window: Window) -> str:
 
 def tracespace_svg(node: str, path: Path, window: Window) -> str:
     """The SVG of npm's gerber-to-svg with its view box moved to the window."""
-    run = subprocess.run([node, "-e", _GERBER_TO_SVG, str(path)], capture_output=True, text=True, check=True)
+    run = subprocess.run([node, "-e", _GERBER_TO_SVG, str(path)], capture_output=True, encoding="utf-8", check=True)
     flip = re.search(r'<g transform="translate\(0,(-?[\d.]+)\) scale\(1,-1\)"', run.stdout)
     assert flip is not None, "gerber-to-svg drew nothing"
     left, top = window.left_mm * 1000, float(flip[1]) - window.top_mm * 1000
@@ -89,7 +89,7 @@ def gerbv_image(
     frame.write_text("\n".join([*head, *lines, "G37*", "M02*"]) + "\n")
     look = ["-x", "png", "-B", "0", "-D", str(round(PX_PER_MM * 25.4)), "-b", film, "-f", ink + "ff", "-f", film + "ff"]
     run = subprocess.run(
-        [gerbv, *look, "-o", str(target), str(path), str(frame)], capture_output=True, text=True, timeout=60, check=True
+        [gerbv, *look, "-o", str(target), str(path), str(frame)], capture_output=True, encoding="utf-8", timeout=60, check=True
     )
     complaints = [line for line in run.stderr.splitlines() if line.strip() and not re.search("extension found %T[FAOD]%", line)]
     image = read_gray(target)[-window.height_px :, : window.width_px]  # it adds a pixel at the top and at the right

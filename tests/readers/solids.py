@@ -120,7 +120,7 @@ def write_assembly(path: Path) -> Tape:
 
 
 def read_with_occt(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
-    run = subprocess.run([sys.executable, "-c", _OCCT, *paths], capture_output=True, text=True, check=True)
+    run = subprocess.run([sys.executable, "-c", _OCCT, *paths], capture_output=True, encoding="utf-8", check=True)
     found = re.search(r"^ANSWER (.*)$", run.stdout, re.MULTILINE)
     assert found is not None, run.stdout[-2000:]
     answer: dict[str, dict[str, Any]] = json.loads(found[1])
@@ -130,7 +130,7 @@ def read_with_occt(paths: Sequence[str]) -> dict[str, dict[str, Any]]:
 def read_with_freecad(program: str, paths: Sequence[str], folder: Path) -> dict[str, dict[str, Any]]:
     script, answer = folder / "read.py", folder / "answer.json"
     script.write_text(_FREECAD.format(paths=list(paths), answer=str(answer)), encoding="utf-8")
-    run = subprocess.run([program, str(script)], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    run = subprocess.run([program, str(script)], capture_output=True, encoding="utf-8", check=False, stdin=subprocess.DEVNULL)
     assert answer.exists(), run.stdout[-2000:] + run.stderr[-2000:]
     found: dict[str, dict[str, Any]] = json.loads(answer.read_bytes())
     return found
@@ -138,5 +138,5 @@ def read_with_freecad(program: str, paths: Sequence[str], folder: Path) -> dict[
 
 def slicer_info(program: str, path: str) -> dict[str, str]:
     """What `prusa-slicer --info` says of a file: a value for each key."""
-    run = subprocess.run([program, "--info", path], capture_output=True, text=True, check=True)
+    run = subprocess.run([program, "--info", path], capture_output=True, encoding="utf-8", check=True)
     return dict(re.findall(r"^(\w+) =\s*(\S+)", run.stdout, re.MULTILINE))

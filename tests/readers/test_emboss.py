@@ -33,7 +33,7 @@ def freecad() -> str:
 
 
 def slicer_info(prusa_slicer: str, path: Path) -> dict[str, str]:
-    run = subprocess.run([prusa_slicer, "--info", str(path)], capture_output=True, text=True, check=True, timeout=120)
+    run = subprocess.run([prusa_slicer, "--info", str(path)], capture_output=True, encoding="utf-8", check=True, timeout=120)
     return dict(re.findall(r"^(\w+) = +(\S+)$", run.stdout, re.MULTILINE))
 
 
@@ -62,7 +62,7 @@ print("RESULT", len(shape.Solids), len(shape.Faces), solid.isValid(), solid.isCl
 def freecad_reads(freecad: str, made: Embossed, folder: Path) -> list[str]:
     script = folder / "read.py"
     script.write_text(FREECAD_SCRIPT.format(path=str(made.path / made.files["step-solid"])))
-    run = subprocess.run([freecad, str(script)], capture_output=True, text=True, check=False, timeout=300, cwd=folder)
+    run = subprocess.run([freecad, str(script)], capture_output=True, encoding="utf-8", check=False, timeout=300, cwd=folder)
     found = re.search(r"^RESULT (.*)$", run.stdout, re.MULTILINE)
     assert found, run.stdout + run.stderr
     return found[1].split()

@@ -84,7 +84,7 @@ def verdicts(kicad_python: str) -> list[tuple[dict[str, bool], dict[str, int]]]:
     """For each design: our broken rules, and KiCad's violations by kind."""
     cases = designs()
     text = json.dumps([as_json(*case) for case in cases])
-    run = subprocess.run([kicad_python, str(JUDGE)], input=text, capture_output=True, text=True, check=False)
+    run = subprocess.run([kicad_python, str(JUDGE)], input=text, capture_output=True, encoding="utf-8", check=False)
     assert run.returncode == 0, run.stderr[-2000:]
     ours = [{f.rule: f.passed for f in check(layout, fab) if f.rule in KINDS} for layout, fab in cases]
     return list(zip(ours, json.loads(run.stdout), strict=True))

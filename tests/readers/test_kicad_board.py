@@ -55,7 +55,7 @@ def seen(kits: dict[str, Kit], python_of_kicad: str, tmp_path_factory: pytest.Te
     paths["raised"] = str(raised)
     script = Path(__file__).parent / "kicad_board.py"
     run = subprocess.run(
-        [python_of_kicad, script], input=json.dumps(list(paths.values())), capture_output=True, text=True, check=False
+        [python_of_kicad, script], input=json.dumps(list(paths.values())), capture_output=True, encoding="utf-8", check=False
     )
     assert run.returncode == 0, run.stderr[-2000:]
     found = json.loads(run.stdout[run.stdout.index("{") :])

@@ -47,7 +47,7 @@ def test_kicad_writes_the_same_lines(rotation_deg: float, kicad_python: str) -> 
     parts = [[f"R{i}", part.value, part.footprint, x, y, rotation_deg] for i, (x, y) in enumerate(xy_mm, start=1)]
     environment = {**os.environ, "PYTHONPATH": ""}
     run = subprocess.run(
-        [kicad_python, "-c", EXPORT], input=json.dumps(parts), capture_output=True, text=True, check=True, env=environment
+        [kicad_python, "-c", EXPORT], input=json.dumps(parts), capture_output=True, encoding="utf-8", check=True, env=environment
     )
     kicad = run.stdout.splitlines()
     assert len(lines) == len(xy_mm) + 6

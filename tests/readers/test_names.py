@@ -60,7 +60,7 @@ def test_whats_that_gerber_knows_every_name_in_the_zip(tape_6x4: Sample, node_mo
     with zipfile.ZipFile(tape_6x4.path("fab-zip")) as archive:
         names = archive.namelist()
     script = "process.stdout.write(JSON.stringify(require('whats-that-gerber')(process.argv.slice(1))))"
-    run = subprocess.run([node, "-e", script, *names], capture_output=True, text=True, check=True)
+    run = subprocess.run([node, "-e", script, *names], capture_output=True, encoding="utf-8", check=True)
     kinds = {name: (kind["type"], kind["side"]) for name, kind in json.loads(run.stdout).items()}
     roles = {path.rsplit("/", 1)[-1]: role for role, path in tape_6x4.kit.files.items()}
     assert kinds == {name: _KINDS[roles[name]] for name in names}
@@ -107,7 +107,9 @@ def test_whats_that_gerber_knows_each_profiles_layers_and_one_outline(
     node = node_module("whats-that-gerber")
     script = "process.stdout.write(JSON.stringify(JSON.parse(process.argv[1]).map(require('whats-that-gerber'))))"
     archives = {name: zipfile.ZipFile(kit.path / kit.files["fab-zip"]).namelist() for name, kit in zips.items()}
-    run = subprocess.run([node, "-e", script, json.dumps(list(archives.values()))], capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [node, "-e", script, json.dumps(list(archives.values()))], capture_output=True, encoding="utf-8", check=True
+    )
     for (name, kit), kinds in zip(zips.items(), json.loads(run.stdout), strict=True):
         roles = {path.rsplit("/", 1)[-1]: role for role, path in kit.files.items()}
         found = {roles[file]: (kind["type"], kind["side"]) for file, kind in kinds.items()}

@@ -109,7 +109,7 @@ def test_occt_finds_the_centre_of_mass_where_it_should_be(
 def assembly(tmp_path_factory: pytest.TempPathFactory) -> tuple[Tape, Any]:
     path = tmp_path_factory.mktemp("assembly") / "tape.step"
     tape = write_assembly(path)
-    run = subprocess.run([sys.executable, "-c", _READ_ASSEMBLY, str(path)], capture_output=True, text=True, check=True)
+    run = subprocess.run([sys.executable, "-c", _READ_ASSEMBLY, str(path)], capture_output=True, encoding="utf-8", check=True)
     found = re.search(r"^ANSWER (.*)$", run.stdout, re.MULTILINE)
     assert found is not None
     return tape, json.loads(found[1])
@@ -158,7 +158,7 @@ def test_a_file_that_is_no_step_gives_no_solid(tmp_path: Path) -> None:
     run = subprocess.run(
         [sys.executable, "-m", "tactape_fab.verify.models.occt_reader", str(tmp_path / "x.step"), "-"],
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         check=False,
     )
     found = re.search(r"^ANSWER (.*)$", run.stdout, re.MULTILINE)

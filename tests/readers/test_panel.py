@@ -165,7 +165,7 @@ def test_kicad_opens_the_board_and_finds_it_legal(
     run = subprocess.run(
         [kicad_python, str(script), str(board), str(tmp_path / "report.txt")],
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         check=False,
         env={**os.environ, "PYTHONPATH": ""},
     )

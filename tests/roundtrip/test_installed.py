@@ -61,7 +61,9 @@ def interpreter(version: str) -> str | None:
 def run(command: list[str | Path], cwd: Path, path: str = os.defpath) -> str:
     """Output of a command that knows nothing of this checkout."""
     environment = {**clean_environment(), "PATH": path}
-    done = subprocess.run([str(word) for word in command], cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(word) for word in command], cwd=cwd, env=environment, capture_output=True, encoding="utf-8", check=False
+    )
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     return done.stdout
 

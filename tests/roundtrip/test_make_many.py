@@ -115,7 +115,7 @@ def started(folder: Path, args: str, **options: Any) -> subprocess.Popen[str]:
         env=os.environ | {MARK: str(folder)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
+        encoding="utf-8",
         start_new_session=True,
         **options,
     )

@@ -355,7 +355,7 @@ def test_quick_needs_no_compiler(tmp_path: Path) -> None:
         "kit = make_kit(TapeSpec(sector=7, size_mm=(20, 20), models=False), sys.argv[1])\n"
         "print([c.name for c in kit.checks if c.name.startswith('round trip')], 'numba' in sys.modules)"
     )
-    run = subprocess.run([sys.executable, "-c", script, str(tmp_path / "kit")], capture_output=True, text=True, check=True)
+    run = subprocess.run([sys.executable, "-c", script, str(tmp_path / "kit")], capture_output=True, encoding="utf-8", check=True)
     assert run.stdout.strip() == "['round trip from CPL', 'round trip from copper'] False"
 
 

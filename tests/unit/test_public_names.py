@@ -88,13 +88,13 @@ def test_a_package_shows_its_names_and_says_them_to_type_checkers(package: str) 
 
 def test_to_import_a_package_is_to_load_nothing_of_weight() -> None:
     program = f"import sys, {', '.join(PACKAGES)}; print(*sorted({{m.partition('.')[0] for m in sys.modules}}))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, encoding="utf-8", check=True)
     assert not {"numpy", "numba", "cv2", "scipy", "shapely", "click", "build123d"} & set(done.stdout.split())
 
 
 def test_solids_are_found_without_a_cad_kernel() -> None:
     program = "import sys; from tactape_fab.solids import texture_part; print('build123d' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, encoding="utf-8", check=True)
     assert done.stdout.strip() == "False"
 
 

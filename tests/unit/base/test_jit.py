@@ -39,7 +39,7 @@ def test_plain_functions_give_the_same_answers_and_one_warning(numba: str, monke
     expected = answers()
     if numba == "switched off":
         monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-    done = subprocess.run([sys.executable, "-c", DECODE, numba], capture_output=True, text=True, encoding="utf-8", check=True)
+    done = subprocess.run([sys.executable, "-c", DECODE, numba], capture_output=True, encoding="utf-8", check=True)
     assert done.stderr.count("plain Python") == 1 and done.stderr.count("\n") == 1
     assert all(answer["located"] for _, answer in expected)
     for (near, answer), (_, plain) in zip(expected, json.loads(done.stdout), strict=True):

@@ -51,7 +51,9 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def pip(*args: str | Path) -> None:
     """Run pip without a network, with the build backend that is installed."""
     quiet = ("--disable-pip-version-check", "--no-input", "--quiet")
-    done = subprocess.run([sys.executable, "-m", "pip", *quiet, *map(str, args)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", *quiet, *map(str, args)], capture_output=True, encoding="utf-8", check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -124,7 +126,7 @@ def test_wheel_holds_the_package_and_its_templates_and_nothing_else(checkout: Pa
 
 def test_sdist_holds_the_tests_and_what_they_read_and_gives_the_same_wheel(checkout: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path)]
-    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=checkout, capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     (sdist,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:

@@ -638,7 +638,7 @@ def test_a_file_that_is_no_manifest_fails_the_verification(content: str, said: s
 )
 def test_a_refused_process_says_why_on_stderr_only(args: str, status: int, said: str, tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tactape_fab", *args.split()], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "tactape_fab", *args.split()], cwd=tmp_path, capture_output=True, encoding="utf-8", check=False
     )
     assert done.returncode == status
     assert said in done.stderr

@@ -76,7 +76,7 @@ def test_a_command_imports_no_other(name: str, tmp_path: Path) -> None:
     program = (
         f"import sys; from tactape_fab.cli import main; main(['{name}', '--help'], standalone_mode=False); print(*sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, encoding="utf-8", check=True)
     assert {other for other in COMMANDS if f"tactape_fab.cli.{other}" in done.stdout.split()} == {name}
 
 
@@ -251,7 +251,7 @@ def test_millimetres_may_be_written_out(here: Path) -> None:
 def imported(code: str, cwd: Path) -> set[str]:
     """Top-level modules that a fresh interpreter has imported after some code."""
     program = f"import sys\n{code}\nprint(*sorted({{name.split('.')[0] for name in sys.modules}}), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=cwd, capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", program], cwd=cwd, capture_output=True, encoding="utf-8", check=True)
     return set(done.stderr.split())
 
 
@@ -309,7 +309,7 @@ def test_whole_process_is_done_in_time(args: tuple[str, ...], target_s: float, s
 @pytest.mark.parametrize("args", [("profiles",), ("--version",), ("profiles", "--json")])
 def test_a_full_disk_is_said_in_one_line(args: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run([*PROGRAM, *args], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run([*PROGRAM, *args], stdout=full, stderr=subprocess.PIPE, encoding="utf-8", check=False)
     assert done.returncode == 1
     assert done.stderr.splitlines() == [
         "error: standard output cannot be written: No space left on device; give it room, or another place"

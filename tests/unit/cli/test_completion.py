@@ -90,7 +90,7 @@ def test_the_script_is_one_that_the_shell_reads(shell: str, tmp_path: Path) -> N
     program = found(shell)
     script = tmp_path / "script"
     script.write_text(result.stdout, encoding="utf-8")
-    done = subprocess.run([program, "-n", str(script)], capture_output=True, text=True, check=False)
+    done = subprocess.run([program, "-n", str(script)], capture_output=True, encoding="utf-8", check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -115,14 +115,14 @@ def found(shell: str) -> str:
 def test_bash_completes_in_earnest(environment: dict[str, str]) -> None:
     lines = 'eval "$(tactape-fab completion bash)"; COMP_WORDS=(tactape-fab make --fab pc) COMP_CWORD=3'
     command = [found("bash"), "-c", f'{lines}; _tactape_fab_completion tactape-fab; echo "${{COMPREPLY[@]}}"']
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, encoding="utf-8", check=False)
     assert (done.stdout.split(), done.stderr) == (["pcbway-fpc", "pcbway-fr4"], "")
 
 
 def test_fish_completes_in_earnest(environment: dict[str, str]) -> None:
     lines = 'tactape-fab completion fish | source; complete -C "tactape-fab make --fab pc"'
     command = [found("fish"), "--no-config", "-c", lines]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, encoding="utf-8", check=False)
     assert (done.stdout.split(), done.stderr) == (["pcbway-fpc", "pcbway-fr4"], "")
 
 

@@ -351,7 +351,7 @@ def test_help_loads_nothing_of_weight(name: str) -> None:
         f"main(['{name}', '--help'], standalone_mode=False)\n"
         "print(sorted({'numba', 'numpy', 'cv2', 'scipy', 'build123d', 'trimesh'} & set(sys.modules)))"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True)
     assert out.stdout.splitlines()[-1] == "[]"
 
 
@@ -361,5 +361,5 @@ def test_decoding_loads_no_cad_and_no_mesh_library(default_kit: Kit, frames: Pat
         f"main(['decode', {str(frames)!r}, '--tape', {str(default_kit.path)!r}], standalone_mode=False)\n"
         "print(sorted({'build123d', 'trimesh', 'manifold3d', 'gerbonara', 'shapely'} & set(sys.modules)))"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True)
     assert out.stdout.splitlines()[-1] == "[]"

@@ -110,7 +110,7 @@ def test_json_holds_the_same() -> None:
 
 def test_it_answers_where_nothing_can_be_written(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tactape_fab", "doctor"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(f"tactape-fab {__version__}, ")
     assert list(tmp_path.iterdir()) == []

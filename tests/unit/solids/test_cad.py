@@ -74,5 +74,5 @@ def test_what_cannot_be_built_is_a_spec_error() -> None:
 
 def test_importing_the_module_imports_no_kernel() -> None:
     program = "import sys; import tactape_fab.solids.cad; print('build123d' in sys.modules, 'OCP' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, encoding="utf-8", check=True)
     assert done.stdout.split() == ["False", "False"]

@@ -12,7 +12,7 @@ HEAVY = ("numpy", "shapely", "cv2", "gerbonara", "numba", "tactape_fab.verify.ki
 
 def test_naming_the_package_loads_nothing_heavy() -> None:
     code = f"import sys, tactape_fab.verify as v; assert v.__all__; print(*[m for m in {HEAVY} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, encoding="utf-8")
     assert done.stdout.split() == []
 
 

@@ -40,7 +40,7 @@ assert heard.names[count:] == []
 
 def test_no_kernel_is_compiled_twice_and_none_by_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     assert "compiles its decoder" in done.stderr
 

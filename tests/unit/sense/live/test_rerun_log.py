@@ -68,7 +68,7 @@ def rows(path: Path) -> Rows:
 def test_rerun_itself_finds_the_file_sound(recording: Path) -> None:
     program = Path(sysconfig.get_path("scripts")) / "rerun"
     run = subprocess.run(
-        [str(program), "rrd", "verify", str(recording / "slide.rrd")], capture_output=True, text=True, check=False
+        [str(program), "rrd", "verify", str(recording / "slide.rrd")], capture_output=True, encoding="utf-8", check=False
     )
     assert run.returncode == 0, run.stderr
 

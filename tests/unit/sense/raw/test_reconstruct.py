@@ -334,7 +334,7 @@ def test_the_page_runs_as_it_stands(tmp_path: Path, raw: Taken, default_kit: Kit
     blocks = re.findall(r"^```(sh|python)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert [language for language, _ in blocks] == ["sh", "python"]
     check(run(blocks[0][1].removeprefix("tactape-fab ") + " --json"), poses)
-    script = subprocess.run([sys.executable, "-c", blocks[1][1]], capture_output=True, text=True, check=True)
+    script = subprocess.run([sys.executable, "-c", blocks[1][1]], capture_output=True, encoding="utf-8", check=True)
     np.testing.assert_allclose(ast.literal_eval(script.stdout), poses[0, :2], atol=0.02)
     for picture_of_it in re.findall(r"!\[[^]]+\]\(([^)]+)\)", page):
         assert picture(Path(__file__).parents[4] / "docs" / picture_of_it).shape == (360, 1456, 3)

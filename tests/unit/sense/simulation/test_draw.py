@@ -312,4 +312,4 @@ def test_far_off_the_tape_there_is_nothing_but_noise(tape: Tape) -> None:
 def test_importing_the_simulator_loads_no_library_of_weight() -> None:
     heavy = ("cv2", "scipy", "shapely", "build123d", "trimesh", "click", "tactape_fab.sense.decode", "tactape_fab.kit")
     code = f"import sys, tactape_fab.sense.simulation; print([m for m in {heavy!r} if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True).stdout.strip() == "[]"
