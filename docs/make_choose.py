@@ -71,7 +71,7 @@ def measure() -> dict[str, Any]:
             count, error_um = located(tape, SENSORS[0], Scene(contact_mm=(10.0, 10.0), placement_mm=placement_mm))
             cells.append({"placement_mm": placement_mm, "located": count, "error_um": round(error_um, 2) if count else None})
         displacements.append({"displacement_mm": displacement_mm, "cells": cells})
-    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-contrib-python-headless")}
+    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-python-headless")}
     about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), **libraries}
     about |= {"seed": SEED, "frames": FRAMES}
     return {"about": about, "pitch": pitches, "displacement": displacements}

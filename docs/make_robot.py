@@ -129,7 +129,7 @@ def made_anew(text: str, content: dict[str, Any]) -> str:
 
 
 def main(parts: list[str]) -> None:
-    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-contrib-python-headless")}
+    libraries = {name: version(name) for name in ("numpy", "numba", "opencv-python-headless")}
     about = {"tactape_fab": __version__, "python": platform.python_version(), "machine": platform.machine(), **libraries}
     for name in parts or MEASURES:
         found = MEASURES[name]()

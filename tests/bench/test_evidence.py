@@ -84,6 +84,10 @@ def test_a_point_holds_both_worlds_and_the_paper_s_method() -> None:
 
 
 def test_the_baseline_finds_contacts_now_and_then() -> None:
+    try:
+        table_two.create_brisk()
+    except RuntimeError as error:  # `.ci/run` runs this test again, with OpenCV's contributed modules
+        pytest.skip(str(error))
     found = table_two.measure_setting("tuned", 8)
     assert found["ours"]["right"] == found["frames"] == 8
     assert found["baseline"]["right"] >= 3

@@ -11,11 +11,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 import tactape_fab
 from tests.bench.evidence.job import Job, Result
 from tests.bench.localization_rows import SEED
 
-LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless")
+LIBRARIES = ("numpy", "numba", "scipy")
 
 
 def about() -> dict[str, Any]:
@@ -30,6 +32,7 @@ def about() -> dict[str, Any]:
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}, {_processor()}",
         **{name: version(name) for name in LIBRARIES},
+        "opencv": cv2.__version__,
     }
 
 

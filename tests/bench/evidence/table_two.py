@@ -125,13 +125,31 @@ def _contact(grey: Grey) -> Grey:
     return np.where(busy > 0.4 * busy.max(), np.uint8(255), np.uint8(0))
 
 
+def create_brisk() -> Callable[..., Any]:
+    """OpenCV's maker of BRISK detectors: one of the main modules up to OpenCV 4, of the contributed ones since.
+
+    Raises
+    ------
+    RuntimeError
+        When this OpenCV has none.
+    """
+    modules: tuple[Any, ...] = (cv2, getattr(cv2, "xfeatures2d", None))
+    for module in modules:
+        if hasattr(module, "BRISK_create"):
+            found: Callable[..., Any] = module.BRISK_create
+            return found
+    raise RuntimeError(
+        f"OpenCV {cv2.__version__} has no BRISK; pip install --no-deps --target contrib opencv-contrib-python-headless, "
+        "and start with PYTHONPATH=contrib"
+    )
+
+
 class Baseline:
     """BRISK and RANSAC in one setting."""
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
-        contrib: Any = cv2.xfeatures2d
-        self._brisk = contrib.BRISK_create(setting.threshold, setting.octaves, setting.scale)
+        self._brisk = create_brisk()(setting.threshold, setting.octaves, setting.scale)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
         self._map, self._middle_mm = _texture_map(setting.whole)
         self._known = self._features(self._map, None) if setting.cached else None
