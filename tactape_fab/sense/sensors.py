@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +15,14 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.libraries import library
 from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
+from tactape_fab.sense.geometry import Camera, Gel, Geometry, camera
 from tactape_fab.texture.frames import FloatArray
 
 MOST_PX = 4096
 _MASK_BYTES = 32 * 1024 * 1024
 _PNG_HEADER = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 _VALID_GREY = 128
+_UNCALIBRATED, _UNKNOWN_GEL = Geometry(), Gel()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,6 +61,12 @@ class SensorProfile:
         Largest relative error of `px_per_mm`: 0.1 is 10 %.
     mask : ndarray of bool, shape (height_px, width_px), or None
         Read-only; True where the canonical image carries depth. None: everywhere.
+    slope_noise : float or None
+        White noise of the measured slopes, root mean square a pixel, which `simulate` integrates to depth; None: `simulate` adds
+        the white and the smooth noise above.
+    geometry : Geometry
+        Aspect, shear and lens, and how well they and the scale are known.
+    gel : Gel
     """
 
     name: str
@@ -73,6 +83,14 @@ class SensorProfile:
     correlated_px: float = 6.0
     scale_tolerance: float = 0.1
     mask: npt.NDArray[np.bool_] | None = None
+    slope_noise: float | None = None
+    geometry: Geometry = _UNCALIBRATED
+    gel: Gel = _UNKNOWN_GEL
+
+    @property
+    def camera(self) -> Camera:
+        """The camera model: points on the gel to pixels of the canonical image, and back."""
+        return camera(self.px_per_mm, (self.width_px, self.height_px), self.geometry)
 
     @property
     def frame_shape(self) -> tuple[int, int]:
@@ -120,10 +138,11 @@ def load_sensor(name: str | Path) -> SensorProfile:
     """
     table = profile_table("sensors", "sensor", str(name))
     folder = Path(name).parent if str(name).endswith(".toml") else templates_folder() / "sensors"
-    table.refuse_unknown(("name", "title", "image", "orientation", "depth", "noise"))
+    table.refuse_unknown(("name", "title", "image", "orientation", "depth", "noise", "geometry", "gel"))
     image = table.table("image", ("width_px", "height_px", "px_per_mm", "scale_tolerance", "mask"))
     orientation = table.table("orientation", ("sign", "mirror", "rotate90"))
-    noise = table.table("noise", ("white_um", "correlated_um", "correlated_px"))
+    noise = table.table("noise", ("slope", "white_um", "correlated_um", "correlated_px"))
+    slope_noise = noise.number("slope", low=0.0, high=10.0, unit="") if "slope" in noise.values else None
     unit_mm = None
     if "depth" in table.values:
         unit_mm = table.table("depth", ("unit_mm",)).number("unit_mm", above=0.0, high=1000.0)
@@ -144,14 +163,62 @@ def load_sensor(name: str | Path) -> SensorProfile:
         mirror=mirror,
         rotate90=rotate90,
         depth_unit_mm=unit_mm,
-        white_um=noise.number("white_um", low=0.0, high=1000.0, unit="um"),
-        correlated_um=noise.number("correlated_um", low=0.0, high=1000.0, unit="um"),
-        correlated_px=noise.number("correlated_px", low=1.0, high=100.0, unit="px"),
+        **_smooth_noise(noise, slope_noise is None),
         scale_tolerance=image.number("scale_tolerance", low=0.0, high=0.5, unit=""),
         mask=_read_mask(image, folder, (height_px, width_px), mirror, rotate90) if "mask" in image.values else None,
+        slope_noise=slope_noise,
+        geometry=_read_geometry(table, (width_px, height_px)),
+        gel=_read_gel(table),
     )
     refuse_problems(table)
     return profile
+
+
+def _given(table: Fields, bounds: Mapping[str, tuple[float, float, str]]) -> dict[str, float]:
+    """The numbers of a table that are there; those left out keep their defaults."""
+    return {
+        key: table.number(key, low=low, high=high, unit=unit) for key, (low, high, unit) in bounds.items() if key in table.values
+    }
+
+
+def _smooth_noise(noise: Fields, wanted: bool) -> dict[str, float]:
+    """White and smooth noise: all three figures where there is no slope noise, else those that are there."""
+    bounds = {"white_um": (0.0, 1000.0, "um"), "correlated_um": (0.0, 1000.0, "um"), "correlated_px": (1.0, 100.0, "px")}
+    if not wanted:
+        return _given(noise, bounds)
+    return {key: noise.number(key, low=low, high=high, unit=unit) for key, (low, high, unit) in bounds.items()}
+
+
+def _read_geometry(table: Fields, size_px: tuple[int, int]) -> Geometry:
+    if "geometry" not in table.values:
+        return Geometry()
+    read = table.table("geometry", [field.name for field in fields(Geometry)])
+    remedy = "give the difference from 1: 0.03 for 3 %"
+    found: dict[str, Any] = {
+        key: read.number(key, low=-0.2, high=0.2, unit="", remedy=remedy if key == "aspect" else "")
+        for key in ("aspect", "shear", "k1")
+        if key in read.values
+    }
+    if "center_px" in read.values:
+        at = read.numbers("center_px", 2, low=-float(max(size_px)), high=2.0 * max(size_px), unit="px")
+        found["center_px"] = (at[0], at[1])
+    sigmas = {"sigma_px_per_mm": (0.0, 1000.0, "px/mm")} | dict.fromkeys(
+        ("sigma_aspect", "sigma_shear", "sigma_k1"), (0.0, 0.2, "")
+    )
+    return Geometry(**(found | _given(read, sigmas)))
+
+
+def _read_gel(table: Fields) -> Gel:
+    if "gel" not in table.values:
+        return Gel()
+    read = table.table("gel", [field.name for field in fields(Gel)])
+    bounds = {
+        "thickness_mm": (0.1, 100.0, "mm"),
+        "modulus_kpa": (1.0, 1e5, "kPa"),
+        "displacement_um": (0.0, 1000.0, "um"),
+        "correlation_mm": (0.1, 100.0, "mm"),
+    }
+    return Gel(**_given(read, bounds))
 
 
 def as_sensor(sensor: object) -> SensorProfile:

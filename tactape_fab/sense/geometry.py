@@ -1,0 +1,140 @@
+"""Camera model of a tactile sensor: pixels of points that lie on its gel, and how well each parameter is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.texture.frames import FloatArray
+
+_NEWTON_STEPS = 4
+"""Newton's steps for the radius: below 1e-9 px within twice the corner's radius for |k1| up to 0.05, at the corner up to 0.2."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Geometry:
+    """What a sensor's image has beside its scale, and the standard deviation of each parameter.
+
+    A point q (mm right and down of the centre) is seen at p = centre + (1 + k1 r^2 / r_corner^2) M q, with r = |M q| and r_corner
+    half the image's diagonal, both in px, and M = [[R_u (1 + aspect / 2), R_u shear], [0, R_v (1 - aspect / 2)]] for the
+    profile's px/mm (R_u, R_v). Horizontal lines stay horizontal: theta is the turn of image u.
+
+    Attributes
+    ----------
+    aspect : float
+        Stretch along u over that along v, less 1.
+    shear : float
+        Shift along u for each unit along v.
+    k1 : float
+        Radial distortion at the image's corner; positive is pincushion.
+    center_px : (float, float) or None
+        Centre of the distortion, canonical image; None: the image centre.
+    sigma_px_per_mm : float or None
+        Standard deviation of the scale, px/mm; None: half the profile's `scale_tolerance`.
+    sigma_aspect, sigma_shear, sigma_k1 : float
+        Standard deviations of the other parameters. The defaults are those of a sensor that nobody calibrated.
+    """
+
+    aspect: float = 0.0
+    shear: float = 0.0
+    k1: float = 0.0
+    center_px: tuple[float, float] | None = None
+    sigma_px_per_mm: float | None = None
+    sigma_aspect: float = 0.03
+    sigma_shear: float = 0.02
+    sigma_k1: float = 0.03
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gel:
+    """Elastomer of a sensor; None where it is not known.
+
+    Attributes
+    ----------
+    thickness_mm : float or None
+        Thickness of the layer.
+    modulus_kpa : float or None
+        Young's modulus.
+    displacement_um : float
+        Smooth displacement of the gel's surface along itself under load: root mean square along each axis, micrometres.
+    correlation_mm : float
+        Standard deviation of the Gaussian that correlates it from place to place.
+    """
+
+    thickness_mm: float | None = None
+    modulus_kpa: float | None = None
+    displacement_um: float = 0.0
+    correlation_mm: float = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Camera:
+    """The camera model with its numbers put in.
+
+    Attributes
+    ----------
+    centre_px : ndarray, shape (2,)
+        Centre of the distortion.
+    matrix : ndarray, shape (2, 2)
+        M, px/mm.
+    k1 : float
+    corner_px : float
+        r_corner, half the image's diagonal.
+    """
+
+    centre_px: FloatArray
+    matrix: FloatArray
+    k1: float
+    corner_px: float
+
+    def to_px(self, at_mm: npt.ArrayLike) -> FloatArray:
+        """Pixels of points on the gel.
+
+        Parameters
+        ----------
+        at_mm : array_like, shape (..., 2)
+            Right and down of the centre, mm.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            (u, v) of the canonical image, px.
+        """
+        straight = np.asarray(at_mm, dtype=np.float64) @ self.matrix.T
+        squares = (straight**2).sum(axis=-1, keepdims=True) / self.corner_px**2
+        px: FloatArray = self.centre_px + straight * (1.0 + self.k1 * squares)
+        return px
+
+    def from_px(self, px: npt.ArrayLike) -> FloatArray:
+        """Points on the gel that are seen at pixels: the inverse of `to_px`.
+
+        Parameters
+        ----------
+        px : array_like, shape (..., 2)
+            (u, v) of the canonical image, px.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            Right and down of the centre, mm.
+        """
+        seen = np.asarray(px, dtype=np.float64) - self.centre_px
+        if self.k1 != 0.0:
+            radius = np.sqrt((seen**2).sum(axis=-1, keepdims=True)) / self.corner_px
+            root = radius
+            for _ in range(_NEWTON_STEPS):
+                root = root - (root * (1.0 + self.k1 * root**2) - radius) / (1.0 + 3.0 * self.k1 * root**2)
+            seen = seen / (1.0 + self.k1 * root**2)
+        at_mm: FloatArray = seen @ np.linalg.inv(self.matrix).T
+        return at_mm
+
+
+def camera(px_per_mm: tuple[float, float], size_px: tuple[int, int], geometry: Geometry) -> Camera:
+    """The camera model of an image of a size (width, height) in px."""
+    u, v = px_per_mm
+    matrix = np.array([[u * (1 + geometry.aspect / 2), u * geometry.shear], [0.0, v * (1 - geometry.aspect / 2)]])
+    middle = (np.array(size_px) - 1) / 2
+    centre = middle if geometry.center_px is None else np.array(geometry.center_px)
+    return Camera(centre_px=centre, matrix=matrix, k1=geometry.k1, corner_px=float(np.hypot(*middle)))
