@@ -80,7 +80,7 @@ def load_network(path: str | Path) -> Network:
         return SpecError(Problem("weights", f"weights {shown_path(path)} {what}; {remedy}"))
 
     if not 1 <= count <= MOST_LAYERS or sorted(tensors) != sorted(names):
-        raise refuse(f"hold {shown(', '.join(sorted(tensors)))}, which are no 1 to {MOST_LAYERS} layers of weights and biases")
+        raise refuse(f"hold {shown(', '.join(sorted(tensors)))}, not weights and biases of 1 to {MOST_LAYERS} layers")
     layers = [(tensors[f"fc{i + 1}.weight"], tensors[f"fc{i + 1}.bias"]) for i in range(count)]
     sizes = [INPUTS]
     for i, (weight, bias) in enumerate(layers):
@@ -91,7 +91,7 @@ def load_network(path: str | Path) -> Network:
     if sizes[-1] != OUTPUTS or not 1 <= min(sizes) <= max(sizes) <= MOST_WIDTH:
         raise refuse(f"are of a network with {' - '.join(map(str, sizes))} neurons, at most {MOST_WIDTH} may stand in a layer")
     if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
-        raise refuse("hold values that are no numbers")
+        raise refuse("hold values that are NaN or infinite")
     return make_network(layers)
 
 

@@ -244,7 +244,7 @@ def _storage(pid: Any) -> _Storage:
     if word != "storage" or not isinstance(kind, _Name) or kind.text not in _STORAGES:
         raise TypeError("no storage")
     if not (_text(key).isascii() and key.isdigit() and len(key) < 10):
-        raise SpecError(f"names a storage {shown(key)}, which is no number; {_REMEDY}")
+        raise SpecError(f"names a storage {shown(key)}, which is not a number; {_REMEDY}")
     return _Storage(kind=_STORAGES[kind.text], key=key, count=_count(count))
 
 
