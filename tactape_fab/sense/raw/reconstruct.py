@@ -152,7 +152,7 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
 
 @cache
 def _inverse_laplacian(h: int, w: int) -> Floats:
-    """What the difference operator of five points multiplies each cosine by, inverted; zero for the mean."""
+    """Inverse eigenvalues of the five-point Laplacian in the cosine basis, 0 for the mean; shape (h, w)."""
     v, u = (4.0 * np.sin(np.pi * np.arange(n) / (2 * n)) ** 2 for n in (h, w))
     total = v[:, None] + u
     total[0, 0] = np.inf
@@ -179,7 +179,7 @@ class Reconstruction:
     px_per_mm: tuple[float, float]
 
     def depth(self, image: npt.ArrayLike) -> Floats:
-        """How far each point is pushed in, mm, mean zero: larger is further in; as the image lies.
+        """Depth map in the image's own orientation: indentation of each pixel in mm, mean zero, larger = further in.
 
         Parameters
         ----------
