@@ -17,7 +17,7 @@ from tactape_fab.texture.tape import TapePart
 USUAL_SCATTER, USUAL_DOTS = 0.1, 4.0
 """Scatter of one dot's elongation that is believed before a frame is seen, and how many dots this belief counts as."""
 COMMON_ERROR = 0.04
-"""What all dots of a frame may share: a sensor whose pixels are 2 % more oblong than its profile says gives half of it."""
+"""Standard error that all dots of a frame share: pixels 2 % more oblong than the sensor's profile says give half of it."""
 
 
 def square_pixels(elongation: FloatArray | None, aspect: float) -> FloatArray | None:
@@ -49,7 +49,7 @@ def turn_weights(
         Heights over that of a whole dot.
     trust : ndarray, shape (n,)
     grid : ndarray, shape (4,)
-        From `symbols.fit_grid`.
+        From `fit.fit_grid`.
     part : TapePart
         Of the tape in question; a round one gives even weights.
     """

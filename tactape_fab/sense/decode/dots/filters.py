@@ -1,7 +1,7 @@
-"""What detection does to every pixel, in single precision and row by row so that compilers make vector instructions of it.
+"""Kernels of detection that visit every pixel: in single precision and row by row, so that compilers vectorise them.
 
-No image here may hold values that are no numbers. All of it is in one file: numba takes a function from its cache as long as
-the function's own file is as old, whatever it calls.
+All values of an image must be finite. The kernels are in one file: numba takes a function from its cache as long as the
+function's own file is as old, whatever it calls.
 """
 
 from __future__ import annotations
@@ -268,7 +268,7 @@ def _centres(
 
 @inner_kernel()
 def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, across: float) -> float:
-    """How deep it is beside a ridge in a direction, over the ridge's height; 0 where it does not go on both ways."""
+    """Depth of the trough beside a ridge along (du, dv), over the ridge's height; 0 where the ridge does not go on both ways."""
     h, w = high.shape
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side

@@ -1,4 +1,4 @@
-"""What comes in: frames and dots that anybody may hand over, as plain arrays or refused with a clear word."""
+"""Validation of frames and dots from callers: plain arrays, or a `FrameError` that says what is invalid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LARGE = 1e9
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """A frame as the canonical image; values that are no numbers become the median of the others.
+    """A frame as the canonical image; NaN and infinite values become the median of the others.
 
     It is the frame's own memory where nothing has to be changed: only to be read.
 
@@ -52,7 +52,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
 
 
 def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
-    """Least and largest value; no number where one value is none."""
+    """Least and largest value; NaN where a value is NaN."""
     with np.errstate(invalid="ignore"):
         return float(image.min()), float(image.max())
 

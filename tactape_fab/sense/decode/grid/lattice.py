@@ -68,7 +68,7 @@ def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tu
 def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, room: FloatArray, power: FloatArray) -> None:
     """Fill in the power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
 
-    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is room to work in.
+    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is a buffer.
     """
     cu, cv, real, imaginary = room[0], room[1], room[2], room[3]
     for j in range(2 * ANGLES):
@@ -99,7 +99,7 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
 
 @inlined_kernel()
 def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: FloatArray, few_weights: FloatArray) -> None:
-    """Fill in places and weights of the strongest dots, as many as there is room for; `ordered` is room to work in."""
+    """Fill in places and weights of the strongest dots, as many as fit into `few`; `ordered` is a work buffer."""
     n, least = len(weights), 0.0
     count = equal = len(few)
     if count < n:
@@ -160,7 +160,7 @@ def _fill_lattices(
     marks: IntArray,
     found: FloatArray,
 ) -> int:
-    """Fill what `find_lattices` returns; how many there are. Between them and the dots' is room to work in."""
+    """Fill what `find_lattices` returns, and return how many there are. The arrays from `few` to `marks` are work buffers."""
     steps = int(np.ceil(tolerance / _SCALE_STEP))
     _choose(xy, weights, ordered, few, few_weights)
     power, best, which, taken = powers[0], powers[1], marks[0], marks[1]

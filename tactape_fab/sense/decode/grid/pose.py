@@ -22,7 +22,7 @@ ONE_PLACE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """Where the image centre lies on the texture.
+    """Pose of the image centre on the texture, with its covariance.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def _squares(px: FloatArray, mm: FloatArray, fit: FloatArray, out: FloatArray) -
 
 @inlined_kernel()
 def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArray) -> float:
-    """Root of the median of squares with a weight; `ordered` is room to work in."""
+    """Median distance of the dots with a weight, from squared distances; `ordered` is a work buffer."""
     n = 0
     for i in range(len(squares)):
         if weights[i] > 0.0:
@@ -163,7 +163,7 @@ def _fitted(
 ) -> bool:
     """Fill `fit` (of `_similarity`, then a dot's error), the covariance's sums, the place and who agrees; whether R is free.
 
-    `room` is room to work in.
+    `room` is a work buffer.
     """
     n = len(weights)
     base, keep, squares, ordered = room[0], room[1], room[2], room[3]
@@ -205,7 +205,7 @@ def _fitted(
 def _scaled(
     px: FloatArray, weights: FloatArray, px_per_mm: float, fixed_scale: bool, sigma: float, count: float, fit: FloatArray
 ) -> bool:
-    """Whether the fit's own scale is believed; it gets the profile's otherwise."""
+    """Whether the fit keeps its own scale; otherwise it is given the profile's."""
     spread = total = 0.0
     for i in range(len(weights)):
         spread += weights[i] * ((px[i, 0] - fit[2]) ** 2 + (px[i, 1] - fit[3]) ** 2)

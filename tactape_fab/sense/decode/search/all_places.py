@@ -1,4 +1,4 @@
-"""Every place of many tapes held against the dots: the best one, what all others weigh together, and the strongest of them.
+"""Comparison of the dots with every place of many tapes: the best one, the weight of all others, and the strongest of them.
 
 Places are taken in groups, by which of the dots' columns and rows lie on the tape: all of them, or some where the contact
 hangs over an edge. A group that cannot matter is counted at its bound; all others are evaluated place by place.
@@ -20,7 +20,7 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
-    """Hold the dots against every place of every site, and add what is found to a tally."""
+    """Compare the dots with every place of every site, and add the places to a tally."""
     holes = hole_evidence(tables, sites) if len(sites.holes) else _no_holes(len(sites.table))
     _weigh(tables, sites, *groups, *weights, tally, _room(sites), many_room(tables, sites), *holes)
 

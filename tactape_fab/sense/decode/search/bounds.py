@@ -1,4 +1,7 @@
-"""Bounds of what the dots can say on many tapes at once, from how the phases of neighbouring lines differ."""
+"""Upper bounds of the dots' evidence on many tapes at once, from how the phases of neighbouring lines differ.
+
+The difference is the plane's own, the same in all sectors: delta in docs/codes.md, the offset in the paper (section II-A).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ class Bounds(NamedTuple):
     Attributes
     ----------
     slot : ndarray of int, shape (4, 2, m + 1, m + 1)
-        Where those of a turn, axis and range are; -1 before.
+        Slot of a turn, axis and range; -1 before it is made.
     used : ndarray of int, shape (1,)
         How many there are.
     pairs : ndarray of float32, shape (k, (m + 1) // 2, L)
@@ -31,7 +34,7 @@ class Bounds(NamedTuple):
     pair_most, line_most : ndarray, shapes (k, (m + 1) // 2) and (k, m)
         Most of them, and of each line.
     room : ndarray of float32, shape (3 L,)
-        Written over and over.
+        Work buffer.
     """
 
     slot: IntArray
@@ -57,7 +60,7 @@ def no_bounds(m: int, length: int) -> Bounds:
 
 @inner_kernel()
 def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, dots: tuple[int | np.int64, int], count: int) -> int:
-    """Where the bounds of some dots, the first and the last + 1 along the lines, are."""
+    """Slot of the bounds for a range of dots along the lines (first, last + 1); made when first asked for."""
     low, high = dots
     slot = of.slot[turn, axis, low, high]
     if slot < 0:

@@ -116,9 +116,9 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     Parameters
     ----------
     nodes : ndarray of int, shape (n, 2)
-        From `symbols.fit_grid`.
+        From `fit.fit_grid`.
     q : ndarray, shape (n, 4) or (n, 8)
-        From `symbols.posteriors`.
+        From `fit.posteriors`.
     signs : ndarray of float32, shape (3 L,)
         From `signs_of`; none for tapes without a code plane, of which there are no lines then.
     most : int

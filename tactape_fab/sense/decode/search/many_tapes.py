@@ -43,7 +43,7 @@ _ANYTHING = 1e6
 
 
 class ManyRoom(NamedTuple):
-    """Room to work in, for many sites.
+    """Work buffers for many sites.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class ManyRoom(NamedTuple):
 
 
 def many_room(tables: Tables, sites: Sites) -> ManyRoom:
-    """Room for some dots and sites, no bounds known; none to speak of where no sites are many."""
+    """Buffers for some dots and sites, no bounds known; empty ones where no class has many sites."""
     length = len(sites.signs) // 3
     if sites.kinds[2] == 0:
         return _no_room(length)
@@ -76,7 +76,7 @@ def many_room(tables: Tables, sites: Sites) -> ManyRoom:
 
 @cache
 def _no_room(length: int) -> ManyRoom:
-    """Nobody writes to it: all calls share it."""
+    """Empty buffers; nothing writes to them, so all calls share them."""
     return _room_for(0, length, 0, 0)
 
 
@@ -156,7 +156,7 @@ def _bound_sites(
     least: float,
     more: ManyRoom,
 ) -> float:
-    """Fill the most that the bits can say for a group of places on each of some sites; what the other axis adds to all of it.
+    """Fill the largest evidence that a group of places can have on each of some sites; the bound of an axis left out is returned.
 
     With all dots on the tape it is the most of both axes, and `ManyRoom.of_rows` has that of the y bits. ``of`` are the group's
     fields and limits, ``span`` the first site and the last + 1.

@@ -30,7 +30,7 @@ _NOWHERE = np.full(6, -1, dtype=np.int64)
 
 
 class Tally(NamedTuple):
-    """What was found so far.
+    """Running result of a search: the best place, and the weight of all.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: fl
 
 
 class Candidate(NamedTuple):
-    """One group of places on one site, and what is known of it.
+    """One group of places on one site, with its bounds and prior weights.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Candidate(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room to work in, written over and over: kernels make no arrays.
+    """Work buffers, overwritten for each candidate: kernels allocate no arrays.
 
     Attributes
     ----------
