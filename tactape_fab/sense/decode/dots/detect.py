@@ -82,9 +82,11 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     if len(order) == 0:
         return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
     falling = height[order]
+    # the unit of height is a whole dot: the depth map's own scale may be anything
     scale = _middle(falling[:STRONGEST])
     kept = order[: min(int(np.searchsorted(-falling, -LEAST_HEIGHT * scale, side="right")), MOST_DOTS)]
     weights = height[kept] / scale
+    # most tops are bumps of noise: their median stands for the height of the noise
     noise = max(_middle(falling) / scale, LEAST_NOISE)
     return Dots(xy_px=xy[kept], weights=weights, trust=trusted(weights, noise), elongation=elongation[kept])
 

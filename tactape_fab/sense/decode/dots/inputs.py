@@ -44,6 +44,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
         finite = np.isfinite(image)
         image = np.where(finite, image, np.median(image[finite]) if finite.any() else 0.0).astype(np.float32)
         low, high = _span(image)
+    # only relative heights matter: extreme ones are scaled to 0 ... 1, well within single precision
     if high == low:
         image = np.zeros_like(image)
     elif max(abs(low), abs(high)) > LARGE or high - low < 1.0 / LARGE:

@@ -128,22 +128,26 @@ def _settle(
             square = du * du + dv * dv + _SAME
             crowd += 1.0 if square < nearest * nearest and heights[k] > weights[i] else 0.0
             distance = np.sqrt(square)
+            # weight 1 / (1 + r^2)^2; divided by r, so that u and v sum unit vectors
             near = amounts[k] / ((1.0 + square) * (1.0 + square) * distance)
             near = near if square > 2.0 * _SAME else 0.0  # the dot itself
             support += near * distance
             u += near * du
             v += near * dv
+        # length of the mean direction: near 0 amid neighbours, near 1 with all of them to one side
         mean = np.sqrt(u * u + v * v) / (support + 1e-9)
         company = 1.0 / (1.0 + np.exp((SUPPORT - support) / SUPPORT_STEP))
         gain = LONELY + (COMPANY - LONELY) * company + (CROWDED if crowd > 0.0 else 0.0)
         low = 1.0 - share[i]
-        if low > LOW_SCATTERS * scatter - 4.0 * LOW_STEP:
+        if low > LOW_SCATTERS * scatter - 4.0 * LOW_STEP:  # below this the step is under 2 %
             hole = 1.0 / (1.0 + np.exp((mean - AMID) / AMID_STEP))
             gain += HOLE * company * hole / (1.0 + np.exp((LOW_SCATTERS * scatter - low) / LOW_STEP))
+        # Bayes' rule in odds: the prior's log odds and the terms add up
         odds = trust[i] * np.exp(gain)
         believed[i] = odds / (odds + 1.0 - trust[i])
         low -= BELIEVED_SCATTERS * scatter
         if low > 0.0:
+            # outwards, away from the neighbours; amid others (u, v) is short, and so is the shift
             pull = PULL * pitch_px * low / max(mean, ONE_SIDED) / (support + 1e-9)
             moved[i, 0] -= pull * u
             moved[i, 1] -= pull * v

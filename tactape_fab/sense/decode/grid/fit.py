@@ -208,6 +208,7 @@ def _fitted(
 ) -> tuple[Grid, float, float]:
     """The best grid from a start, a good dot's error, and the ln of the likelihood; `room` is a work buffer."""
     n = len(weights)
+    # the widest error first: a start that is somewhat off still explains its dots
     grid, sigma, value = start, MOST_SIGMA, 0.0
     for step in range(FIT_STEPS):
         value, square, count = 0.0, USUAL_COUNT * USUAL_SIGMA**2, USUAL_COUNT
@@ -229,15 +230,19 @@ def _fitted(
                 to_south += HALF * down
             common = e * e + f * f + shift * shift
             part = trust[i] * (1.0 - OUTLIER_SHARE)
+            # E step: the density of `rule.posteriors`, and the probability that the dot stands at one of its places
             density = part * np.exp(-0.5 * common / variance) * total / (2.0 * directions * np.pi * variance)
             fits = density / (density + 1.0 - part)
+            # displacement expected under the posteriors of the directions (s Delta of paper, Eq. 9, not decided yet)
             along, across = shift * to_east / total, shift * to_south / total
             room[i, 0], room[i, 1], room[i, 2] = node_k + along, node_j + across, fits / variance
             if step == FIT_STEPS - 1:
                 value += np.log(density + 1.0 - part)
             if weights[i] >= GOOD_WEIGHT:
+                # expected squared distance from the place; it has two axes
                 square += fits * (common - 2.0 * (along * e + across * f))
                 count += 2.0 * fits
+        # M step: sigma as `rule.sigma_of`, not from the start's distances; then the grid
         if step > 0:
             sigma = min(max(np.sqrt(square / count), LEAST_SIGMA), MOST_SIGMA)
         if step < FIT_STEPS - 1:
@@ -258,6 +263,7 @@ def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
 @inlined_kernel()
 def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma: float, value: float) -> bool:
     """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
+    # of a part d^2 / 2 variance has mean 1 and standard deviation 1 (two normal axes): sqrt(n) for n dots
     expected = 0.0
     for i in range(len(weights)):
         if trust[i] > 0.5:
@@ -282,6 +288,7 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
         sx += w * xy[i, 0]
         sy += w * xy[i, 1]
     mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
+    # normal equations of x = a u - b v, y = b u + a v about the weighted middles
     num_a = num_b = den = 0.0
     for i in range(len(xy)):
         u, v, w = ideal[i, 0] - mu, ideal[i, 1] - mv, ideal[i, 2]
@@ -311,6 +318,7 @@ def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: Flo
 def _fill_posteriors(
     nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float, q: FloatArray
 ) -> None:
+    """`rule.posteriors` of each dot; another dot on its grid point that is likelier makes it an outlier."""
     n, places = len(weights), squares.shape[1]
     for i in range(n):
         part = trust[i] * (1.0 - OUTLIER_SHARE)

@@ -1,7 +1,8 @@
 """Dots -> the grid they stand on: angle, pitch and phase from all dots at once, without knowing any symbol.
 
 Dots are displaced by a sixth of the pitch or so along one axis; the first harmonic of the grid survives that, so the power
-of the dots at the grid's wave vector shows angle and pitch, and its phase the grid itself.
+of the dots at the grid's wave vector shows angle and pitch, and its phase the grid itself. All dots count, where the paper
+looks for one baseline and one grid point (Eqs. 4 to 8). `rule.LEAST_GRID_POWER` derives how much power remains.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ _SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
 @inner_kernel(fastmath=True)
 def _cos_sin(turns: float) -> tuple[float, float]:
     """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
+    # Taylor series of half the angle, at most pi / 2, in Horner's form; then the formulas of the double angle
     half = pi * (turns - np.rint(turns))
     z = half * half
     c = _COS[8]
@@ -94,6 +96,7 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
         power = ar * ar + ai * ai + br * br + bi * bi
         slope -= k * power
         bend += power if k != 0 else -2.0 * power
+    # no step where the powers bend upwards: the parabola has no top
     return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
 
 
@@ -196,6 +199,7 @@ def _fill_lattices(
         ar, ai, br, bi = _sums(xy, weights, angle, pitch)
         found[n, 0], found[n, 1] = angle, pitch
         found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)
+        # a perfect grid has total^2 at each of both wave vectors
         found[n, 4] = (ar * ar + ai * ai + br * br + bi * bi) / (2.0 * total * total)
         n += 1
     return n

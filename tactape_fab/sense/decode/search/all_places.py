@@ -77,6 +77,7 @@ def _weigh_few(tables: Tables, sites: Sites, groups: Groups, weights: Weights, t
                     if group[OVER] != over:
                         continue
                     bound = limit[0] + limit[1]
+                    # ln of the places of the group on all tapes: together they have to be negligible
                     of = limit[2] + np.log(float(kind[TAPES] * (last - first)))
                     if holes.starts[first] < 0 and bound < least_of(of, terms, tally.sums):
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)

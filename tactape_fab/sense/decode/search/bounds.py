@@ -96,6 +96,7 @@ def bound_pairs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64
         for p in range(2 * length):
             two[p] = lines[high, k + 1, p] - lines[low, k + 1, p]
         line_most[k + 1] = _most(two, length)
+        # whatever the sector, the phases differ by the plane's step: the best phase for each step bounds both lines
         for step in range(length):
             most = one[0] + two[step]
             for p in range(1, length):
@@ -176,6 +177,7 @@ def _follow(
     sites: tuple[int, int],
     least: float,
 ) -> None:
+    """`bound_lines` for whole pairs: the sum of their most, lowered pair by pair to the most at their step."""
     pairs, pair_most = most
     steps, table, axis, place = where
     whole = alone
@@ -201,7 +203,7 @@ def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: f
             count += 1
             continue
         most = max(most, bound)
-        if bound < least - DEEP:
+        if bound < least - DEEP:  # perhaps not followed to its end: counted as if only so deep
             deep += 1
         else:
             shallow += np.exp(bound - least)

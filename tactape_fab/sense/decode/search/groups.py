@@ -143,7 +143,7 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
         for k in range(len(classes)):
             tapes = (classes[k, 1] - classes[k, 0]) * classes[k, 3]
             for g in range(spans[turn, classes[k, 2], 0], spans[turn, classes[k, 2], 1]):
-                if groups[g, OVER] > classes[k, OVERHANG]:
+                if groups[g, OVER] > classes[k, OVERHANG]:  # only the first group has all dots on the tape
                     break
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
 
@@ -162,6 +162,7 @@ def hole_evidence(tables: Tables, sites: Sites) -> Holes:
 @kernel()
 def _add_holes(tables: Tables, sites: Sites, starts: IntArray, said: Floats) -> None:
     pad, length = tables.dots.shape[1], len(sites.signs) // 3
+    # X[r, c] and Y[r, c] of docs/codes.md: a line's phase, the place along it, and u or v of the sector
     for k in range(len(sites.holes)):
         site, column, row = sites.holes[k, 0], sites.holes[k, 1], sites.holes[k, 2]
         place = sites.table[site]

@@ -111,6 +111,7 @@ def weigh_many(tables: Tables, sites: Sites, groups: Groups, weights: Weights, t
                     if bound < least:
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
                         continue
+                    # the group may matter as a whole; the bounds of its single sites are lower
                     rest = _bound_sites(tables, sites, (group, limit), turn, (first, last), least, more)
                     left, dropped, most = survivors(chosen, bounds, first, last, least - rest)
                     count_bound(
@@ -169,6 +170,7 @@ def _bound_sites(
         for site in range(span[0], span[1]):
             out[site] += of_rows[site]
         return 0.0
+    # over an edge there is one place along at least one axis: only that one's lines are bounded
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
     count, rest = tables.size[turn, axis], limit[1 - axis]

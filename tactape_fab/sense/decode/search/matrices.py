@@ -181,6 +181,7 @@ def _choose(lost: FloatArray, by_chance: FloatArray, floor: FloatArray) -> int:
     """Choose how many dots to count, and fill `Frame.floor`; ``lost`` is in falling order."""
     counted, least = 0, 2.0
     for k in range(1, min(len(lost), _MOST_COUNTED) + 1):
+        # the most wrong symbols whose least loss, that of the w smallest, leaves a place in the search
         total, w = 0.0, 0
         while w < k and total + lost[k - 1 - w] <= _USUAL_LOSS:
             total += lost[k - 1 - w]
@@ -212,6 +213,7 @@ def _fill_most(cells: IntArray, best: FloatArray, most: FloatArray) -> None:
 def _weigh(
     frame: Frame, dots: IntArray, size: IntArray, matrices: Matrices, least: int, base: FloatArray, cue: FloatArray, tally: Tally
 ) -> None:
+    """Find the best weight first, then count every place that may matter beside it, and all others at their bound."""
     tapes = len(matrices.shown)
     for k in range(len(_FIRST_LEAST)):
         if tally.sums[BEST] > _EVIDENT:
@@ -312,7 +314,7 @@ def _look(
         for j in range(down):
             left = frame.counts[_PLANES, j]
             while left != 0:
-                lowest = left & (~left + _ONE)
+                lowest = left & (~left + _ONE)  # the lowest bit that is set
                 left ^= lowest
                 x, y = word * _WORD + _index(lowest) - wide + 1, j - high + 1
                 over = 0 if 0 <= x <= columns - wide and 0 <= y <= rows - high else 1
@@ -347,6 +349,7 @@ def _count_wrong(frame: Frame, wrong: Words, turn: int, word: int, size: tuple[i
         for j in range(down):
             a = (low1[j] >> down1) | (high1[j] << up1)
             b = ((low2[j] >> down2) | (high2[j] << up2)) & both
+            # a full adder of a, b and the ones; the carry ripples through the other digits
             half = a ^ b
             carry = (a & b) | (half & one[j])
             one[j] ^= half
@@ -368,6 +371,7 @@ def _compare(counts: Words, least: Words, word: int, down: int) -> None:
     for plane in range(_PLANES):
         count, limit = counts[plane], least[plane, word]
         for j in range(down):
+            # from the lowest digit up: a higher one overrules, equal ones leave it as it was
             remain[j] = (~count[j] & limit[j]) | (~(count[j] ^ limit[j]) & remain[j])
 
 

@@ -211,6 +211,7 @@ def search(
         best = float(tallies[of].sums[BEST])
         if tallies[of].best_place[0] < 0:
             return None
+        # the sum of pi L over all places, in multiples of the best (docs/trust.md)
         total = sum(float(t.sums[TOTAL]) * exp(t.sums[BEST] - best) for t in tallies)
         bounded = sum(float(t.sums[BOUNDED]) * exp(t.sums[BEST] - best) for t in tallies)
         enough = _enough(precision, best)
@@ -422,6 +423,7 @@ def _near(
 def _raised(near: _Near, turn_weights: FloatArray, base: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ln of the weighted evidence of places near a prior, as it is without the prior and with it."""
     turn = near.places[:, 1]
+    # the prior weight of a place is a sum: its part of all places, and its part of `PRIOR_SHARE` by its turn
     without, share = base[turn, near.over], PRIOR_SHARE * turn_weights[turn] / turn_weights[turn].sum()
     return near.evidence + without, near.evidence + np.log(np.exp(without) + share)
 
