@@ -134,7 +134,7 @@ def advise(question: Question) -> Advice:
     """
     making = question.making
     if isinstance(making, FabProfile):
-        found: Iterable[Design] = [usual_design(making), *film_designs(making)]
+        found: Iterable[Design] = [replace(d, fab=question.profile) for d in (usual_design(making), *film_designs(making))]
     else:
         found = solid_designs(making)
     legal = {design: None for tried in dict.fromkeys(found) if (design := judged(tried)) is not None}

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from math import ceil
+from shlex import quote
 
 from tactape_fab.base.errors import Finding, SpecError
 from tactape_fab.kit.examine.tape import examine
@@ -80,7 +81,7 @@ class Design:
         words = ["tactape-fab make --sector 7", f"--w {self.pitch_mm:g} --delta {self.displacement_mm:g}"]
         if self.fab is not None:
             words += [f"--part {self.part}"] if self.part != FILM_PARTS[0] else []
-            words += [f"--fab {self.fab}"] if self.fab != default_fab else []
+            words += [f"--fab {quote(self.fab)}"] if self.fab != default_fab else []
             words += [f"--coverlay {self.coverlay}"]
         else:
             size = self.body_mm if self.shape == "block" else self.body_mm[1:]

@@ -32,6 +32,8 @@ class Question:
         Diameter of the smallest contact to be located.
     sensor : SensorProfile
     making : FabProfile or ProcessProfile
+    profile : str
+        Its name, or the path of its file, as it was given: what a spec and a command line take.
     blur_mm, placement_mm : float
         Standard deviations of the gel's smoothing, and of the parts' places along each axis.
     tapes : int
@@ -43,6 +45,7 @@ class Question:
     contact_mm: float
     sensor: SensorProfile
     making: FabProfile | ProcessProfile
+    profile: str
     blur_mm: float
     placement_mm: float
     tapes: int
@@ -86,6 +89,7 @@ def read_question(values: Mapping[str, Any]) -> Question:
         contact_mm=contact_mm,
         sensor=sensor,
         making=making,
+        profile=str(values.get("fab", DEFAULT_FAB)) if process == FILM else process,
         blur_mm=blur_mm,
         placement_mm=placement_mm,
         tapes=tapes,

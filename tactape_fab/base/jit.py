@@ -1,8 +1,8 @@
-"""How kernels are compiled: kept on disk, divisions as numpy has them, and the interpreter's lock released while they run.
+"""Compilation of kernels: cached on disk, divisions as in numpy, and the interpreter's lock released while they run.
 
-Kernels make no arrays but where it is said: they are given buffers by each call, so that any number of threads may run one at
-the same time; and counting references is left out of what is compiled then. No kernel has an entry from C, which nobody uses:
-an entry is a function more to compile. All other options are the same for all: numba compiles its own functions anew for others.
+Kernels allocate no arrays, except those of `making_kernel`: each call hands over its buffers, so that any number of threads may
+run one at the same time, and reference counting is left out of the compiled code. No kernel has an entry from C: nothing uses
+it, and it would have to be compiled. All other options are the same for all, as numba compiles its own functions anew for others.
 
 Where numba cannot be imported, or ``NUMBA_DISABLE_JIT=1`` is set, kernels are the plain Python functions: the same answers,
 some thousand times slower.
@@ -34,13 +34,13 @@ Function = Callable[..., Any]
 
 
 class Decorator(Protocol):
-    """What makes a kernel of a function."""
+    """Decorator that makes a kernel of a function."""
 
     def __call__(self, **options: Any) -> Callable[[Function], Any]: ...
 
 
 def _probe() -> None:
-    """What numba is asked about; never called."""
+    """Function for which numba is asked for a cache folder; never called."""
 
 
 def _can_be_kept() -> bool:
@@ -77,7 +77,7 @@ def _plain(**_options: Any) -> Callable[[Function], Any]:
 
 
 def _untouched(**_options: Any) -> Callable[[Function], Any]:
-    """What only kernels call, as it is; under numba's name for that as well."""
+    """A function that only kernels call, unchanged; also as its own `py_func`, as on a compiled one."""
 
     def decorate(function: Function) -> Function:
         function.py_func = function  # type: ignore[attr-defined]
@@ -87,16 +87,16 @@ def _untouched(**_options: Any) -> Callable[[Function], Any]:
 
 
 KEPT = COMPILED and _can_be_kept()
-"""Where nothing can be kept, as for a user without a home in a read-only installation, every process compiles for itself."""
+"""Whether compiled functions are cached on disk; else, as in a read-only installation without a home, each process compiles."""
 
 kernel: Decorator = _plain
-"""For what Python calls."""
+"""For functions that Python calls."""
 inner_kernel: Decorator = _untouched
-"""For what only kernels call: it has no entry from Python either."""
+"""For functions that only kernels call: no entry from Python either."""
 making_kernel: Decorator = _plain
-"""For what Python calls and what returns an array all the same."""
+"""For functions that Python calls and that allocate and return an array."""
 inlined_kernel: Decorator = _untouched
-"""For what one kernel calls in one place, and no loop of which needs `fastmath`: it is compiled as a part of that kernel."""
+"""For functions called in one place of one kernel, without a loop that needs `fastmath`: compiled as a part of that kernel."""
 if COMPILED:
     kernel = partial(njit, cache=KEPT, nogil=True, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
     inner_kernel = partial(kernel, cache=False, no_cpython_wrapper=True)  # a kernel on the disk holds what it calls

@@ -20,7 +20,7 @@ _INSTALLED_BY = {
     "scipy": '"tactape-fab[raw]"',
     "tomli": "tomli",
 }
-"""What pip is asked for, by the name of the module; all others come with the package's own dependencies."""
+"""Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
 _OWN = "tactape-fab"
 
 
@@ -47,6 +47,6 @@ def library(module: str, use: str) -> Any:
 
 
 def missing(module: str, use: str) -> str:
-    """That a library is not installed, and the line to type."""
+    """Message that a library is not installed, with the command that installs it."""
     name = module.partition(".")[0]
     return f"{use} needs {name}, which is not installed; pip install {_INSTALLED_BY.get(name, _OWN)}"

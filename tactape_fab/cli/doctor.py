@@ -119,7 +119,7 @@ def diagnose() -> Diagnosis:
 
 
 def _of_this_python(condition: str) -> bool:
-    """Whether a requirement's marker admits this version of Python, as far as it speaks of one."""
+    """Whether a requirement's marker admits this version of Python; true where it names none."""
     own = sys.version_info[:2]
     for sign, major, minor in _PYTHON.findall(condition):
         named = (int(major), int(minor))
@@ -198,7 +198,7 @@ def _programs() -> tuple[Program, ...]:
 
 
 def _node_module(name: str) -> str | None:
-    """Where Node.js finds a module; None without it or without Node.js."""
+    """Path of a Node.js module; None without the module or without Node.js."""
     node = installed(("node",))
     if node is None:
         return None

@@ -72,7 +72,7 @@ class _Group(click.Group):
 
 
 def _cannot_print(error: OSError) -> bool:
-    """Whether click's printing raised it. Failures to write the package's own files have their own error class."""
+    """Whether click's printing raised the error. Failures to write the package's own files have their own error class."""
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next

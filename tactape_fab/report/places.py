@@ -40,7 +40,7 @@ class Places:
     on_part: Placed | None = None
 
     def to_mapping(self) -> dict[str, Any]:
-        """As the page's script takes it."""
+        """Mapping for the page's script, arrays packed as base64 text."""
         return {
             "designators": "\n".join(self.designators),
             "xy_mm": packed(self.xy_mm, "<f8"),

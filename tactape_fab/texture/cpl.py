@@ -207,7 +207,7 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
         numbers.append(_numbers(cells[content]))
         name = next(name for name, of in table.columns if of == content)
         wrong += [
-            (lines[i], f"{name} = {shown(cells[content][i])} is no number from {-most:g} to {most:g} {unit}")
+            (lines[i], f"{name} = {shown(cells[content][i])} is not a number from {-most:g} to {most:g} {unit}")
             for i in np.flatnonzero(~(np.abs(numbers[-1]) <= most)).tolist()
         ]
     problems += [Problem("cpl", f"cpl line {line}: {what}; correct it") for line, what in sorted(wrong)[:MOST_PROBLEMS]]

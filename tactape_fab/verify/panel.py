@@ -221,7 +221,7 @@ def _check_cut(content: GerberContent, panel: Panel) -> Check:
     expected = slots_mm(panel)
     open_ended = [stroke for stroke in strokes if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9]
     if len(content.flash_xy_mm) or len(content.areas_mm) or open_ended:
-        return Check(name=name, passed=False, message="objects that are no closed contours")
+        return Check(name=name, passed=False, message="objects that are not closed contours")
     if len(strokes) != 1 + len(expected):
         return Check(name=name, passed=False, message=f"{len(strokes)} contours instead of {1 + len(expected)}")
     drawn = [shapely.Polygon(stroke) for stroke in strokes]

@@ -59,7 +59,7 @@ def legal(values: dict[str, Any]) -> Examined:
     return examined
 
 
-@settings(deadline=None, derandomize=True, max_examples=some(15))
+@settings(deadline=None, derandomize=True, max_examples=some(8))
 @given(values=specs())
 def test_any_legal_spec_becomes_a_verified_kit(values: dict[str, Any]) -> None:
     examined = legal(values)

@@ -14,6 +14,7 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tests.readers.conftest import Sample, layout_of
 from tests.readers.pictures import Picture, read_gray
 from tests.readers.raster import LAYERS, PX_PER_MM, Window, coverage, iou, layer_edges_mm
+from tests.thorough import thorough
 
 _OVERSAMPLING = 20  # PyGerber draws on whole pixels: one of them must be little of the profile's line
 _MARGIN_PX = 20
@@ -52,7 +53,7 @@ def tape_without_strip(tmp_path_factory: pytest.TempPathFactory) -> Sample:
     return sample
 
 
-@pytest.mark.parametrize("layer", LAYERS)
+@pytest.mark.parametrize("layer", ["copper-top", *(thorough(layer) for layer in LAYERS if layer != "copper-top")])
 def test_pygerber_draws_the_layer_as_laid_out(tape_without_strip: Sample, tape_6x4: Sample, layer: str, tmp_path: Path) -> None:
     sample = tape_6x4 if layer == "legend-top" else tape_without_strip
     picture, window = _drawn(sample.path(layer), tmp_path)

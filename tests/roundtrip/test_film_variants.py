@@ -121,7 +121,7 @@ CASES = [
     case("spur", "a spur gone", text_of("copper-top", last_line_deleted), "anchors", says="missing"),
     case("spur", "a line more", text_of("copper-top", last_line_doubled), "anchors", says="not an anchor"),
     case("spur", "wider lines", replaced("copper-top", "C,0.100000*", "C,0.140000*"), "anchors", says="0.140 mm wide"),
-    case("spur", "not in the manifest", manifest(lambda m: m.pop("anchor")), "copper-top pairs", says="no pads"),
+    case("spur", "not in the manifest", manifest(lambda m: m.pop("anchor")), "copper-top pairs", says="not pads"),
     case(
         "spur",
         "an opening at a spur",

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tests.thorough import thorough
 
 NAMES = (
     *("json", "re", "os", "io", "abc", "typing", "pathlib", "tempfile", "subprocess", "multiprocessing", "threading", "signal"),
@@ -80,7 +81,7 @@ def tactape_fab() -> str:
     return found
 
 
-@pytest.mark.parametrize("search", ["absolute", "with the current folder"])
+@pytest.mark.parametrize("search", [thorough("absolute"), "with the current folder"])
 def test_nothing_that_lies_in_the_folder_is_run(hostile: Kit, search: str) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     if search == "with the current folder":

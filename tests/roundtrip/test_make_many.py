@@ -21,6 +21,7 @@ from tactape_fab import TapeSpec, make_kit, verify_kit
 from tactape_fab.cli import main
 from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 from tests.roundtrip.test_interrupted import Files, contents
+from tests.thorough import thorough
 
 SMALL = "--size 20x20 --no-3d"
 PATIENCE_S = 60.0
@@ -194,7 +195,7 @@ def assert_whole_only(folder: Path, least: int) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
-@pytest.mark.parametrize("kits", [0, 1, 5])
+@pytest.mark.parametrize("kits", [thorough(0), 1, thorough(5)])
 def test_ctrl_c_leaves_whole_kits_and_no_process(kits: int, tmp_path: Path) -> None:
     status, stderr = stop_at_work(tmp_path, lambda pid: os.killpg(pid, signal.SIGINT), kits)
     assert status == 1

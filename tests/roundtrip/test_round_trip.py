@@ -52,6 +52,7 @@ from tactape_fab.verify.trip.round_trip import (
 )
 from tactape_fab.verify.trip.visible_parts import ERROR_FREE, in_place, parts_shown
 from tests.roundtrip.kits import Edit, OpenKit, Point, failed, flashes, mirror, mirrored, moved
+from tests.thorough import thorough
 
 Copy = Callable[[Kit], Path]
 
@@ -122,7 +123,7 @@ def test_the_decoder_finds_the_copper_half_a_pitch_off(flat_kit: Kit, copied: Co
 
 
 @pytest.mark.parametrize("quick", [True, False], ids=["quick", "full"])
-@pytest.mark.parametrize("turned", [False, True], ids=["upright", "turned by 180 deg"])
+@pytest.mark.parametrize("turned", [False, thorough(True)], ids=["upright", "turned by 180 deg"])
 def test_parts_of_another_sector_are_named(turned: bool, quick: bool, flat_kit: Kit, other: OpenKit, copied: Copy) -> None:
     kit = OpenKit(copied(flat_kit))
     kit.data.update({role: other.data[role] for role in ("cpl", "copper-top")})

@@ -222,8 +222,8 @@ FILE_CHANGES = [
     case("CPL: part on the bottom", cell(PART, 3, "Bottom"), "cpl rows", says="not on layer Top"),
     case("CPL: row repeated", rows("cpl", lambda t: t.insert(PART, t[PART])), "cpl rows", says=f"repeats R{PART}"),
     case("CPL: missing cell", rows("cpl", lambda t: t[PART].pop()), "cpl", says=f"line {PART + 1}: it has 4 cells"),
-    case("CPL: no number", cell(PART, 1, "8,4"), "cpl", says="no number"),
-    case("CPL: NaN", cell(PART, 2, "nan"), "cpl", says="Mid Y = 'nan' is no number"),
+    case("CPL: no number", cell(PART, 1, "8,4"), "cpl", says="not a number"),
+    case("CPL: NaN", cell(PART, 2, "nan"), "cpl", says="Mid Y = 'nan' is not a number"),
     case("CPL: column renamed", cell(0, 1, "Ref X"), "cpl", says="Mid X"),
     case("CPL: empty", bytes_of("cpl", lambda b: b""), "cpl", says="empty"),
     # bill of materials

@@ -135,7 +135,7 @@ def foreign_openings_mm(anchors: Anchors, parts_xy_mm: FloatArray, opening_mm: F
 
 
 def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, FloatArray]:
-    """As `foreign_openings_mm`, of openings as polygons in designator order."""
+    """`foreign_openings_mm` of openings that are given as polygons, in designator order."""
     lines = shapely.linestrings(anchors.lines_mm)
     owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
     tree = shapely.STRtree(openings)

@@ -250,6 +250,6 @@ def load_fab(name: str) -> FabProfile:
 
 def _file_name(files: Fields, role: str) -> str:
     if role in BACKING_ROLES:
-        remedy = "give a file name in words, with {name} for the tape's and {material} for material and thickness"
+        remedy = "give a file name of letters and digits, with {name} for the tape's and {material} for material and thickness"
         return files.text(role, pattern=_BACKING_NAME, remedy=remedy)
     return files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")

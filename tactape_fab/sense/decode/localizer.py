@@ -344,7 +344,7 @@ class Localizer:
 
     @property
     def takes_prior(self) -> bool:
-        """Whether `locate` can use a prior: with method "ml" and registered tapes."""
+        """Whether `locate` can use a prior: only with method "ml" and registered tapes."""
         return self._method == "ml" and isinstance(self._world, Registry)
 
     def _refuse_prior(self, prior: object) -> None:

@@ -195,7 +195,7 @@ def turn_shares(ln_ratio: float) -> FloatArray:
 
 
 def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
-    """Whether bodies (length, width, height) are so long that the dots show how they lie."""
+    """Whether bodies (length, width, height in mm) are long enough for the dots to show their direction."""
     return shape == "block" and max(body_mm[:2]) >= LEAST_ASPECT * min(body_mm[:2])
 
 

@@ -1,4 +1,4 @@
-"""The first time ever: all kernels that a registry needs are compiled before its first frame."""
+"""Compilation of all kernels that a registry needs, before its first frame."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def announce() -> None:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled functions are kept; None where no folder can be written."""
+    """Folder of the compiled functions; None where none can be written."""
     return Path(str(turned.stats.cache_path)) if KEPT else None
 
 

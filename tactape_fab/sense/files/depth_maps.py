@@ -212,7 +212,7 @@ def read_array_header(stream: IO[bytes]) -> ArrayHeader:
     except Exception as error:  # numpy tokenizes an invalid literal, and passes on the tokenizer's exceptions
         raise ValueError(f"the header of an array is damaged ({type(error).__name__})") from error
     if dtype.hasobject or dtype.kind not in "fiub":
-        raise SpecError(f"it holds values of type {shown(str(dtype))}, no numbers; {_REMEDY}")
+        raise SpecError(f"it holds values of type {shown(str(dtype))}, not real numbers; {_REMEDY}")
     if any(n < 0 for n in shape):
         raise ValueError(f"its shape is {shape}")
     return ArrayHeader(shape=shape, fortran=fortran and len(shape) > 1, dtype=dtype)

@@ -1,4 +1,4 @@
-"""Whether what writes logs is installed."""
+"""Check that the packages which write logs are installed."""
 
 from __future__ import annotations
 

@@ -89,7 +89,9 @@ def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Even
     while not stop.is_set():
         skipped = source.skip_to(MAGIC)
         if skipped:
-            yield Trouble(kind="stream damaged", message=f"skipped {skipped} bytes that are no .npy array, before frame {number}")
+            yield Trouble(
+                kind="stream damaged", message=f"skipped {skipped} bytes that are not a .npy array, before frame {number}"
+            )
         came = clock()
         try:
             array = _array(source)

@@ -85,7 +85,7 @@ def open_raw(images: Sequence[str], background: str | None, weights: str | None,
 def open_reconstruction(
     background: str | None, weights: str | None, sensor: SensorProfile, problems: list[Problem], *, make: bool = True
 ) -> Reconstruction | None:
-    """What turns a sensor's colour images into depth maps; None, and `problems` are longer, where it cannot be had.
+    """Reconstruction of depth maps from a sensor's colour images; None where it cannot be made, which adds to `problems`.
 
     Parameters
     ----------

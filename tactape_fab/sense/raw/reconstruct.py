@@ -80,7 +80,7 @@ def load_network(path: str | Path) -> Network:
         return SpecError(Problem("weights", f"weights {shown_path(path)} {what}; {remedy}"))
 
     if not 1 <= count <= MOST_LAYERS or sorted(tensors) != sorted(names):
-        raise refuse(f"hold {shown(', '.join(sorted(tensors)))}, which are no 1 to {MOST_LAYERS} layers of weights and biases")
+        raise refuse(f"hold {shown(', '.join(sorted(tensors)))}, not weights and biases of 1 to {MOST_LAYERS} layers")
     layers = [(tensors[f"fc{i + 1}.weight"], tensors[f"fc{i + 1}.bias"]) for i in range(count)]
     sizes = [INPUTS]
     for i, (weight, bias) in enumerate(layers):
@@ -91,7 +91,7 @@ def load_network(path: str | Path) -> Network:
     if sizes[-1] != OUTPUTS or not 1 <= min(sizes) <= max(sizes) <= MOST_WIDTH:
         raise refuse(f"are of a network with {' - '.join(map(str, sizes))} neurons, at most {MOST_WIDTH} may stand in a layer")
     if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
-        raise refuse("hold values that are no numbers")
+        raise refuse("hold values that are NaN or infinite")
     return make_network(layers)
 
 
@@ -152,7 +152,7 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
 
 @cache
 def _inverse_laplacian(h: int, w: int) -> Floats:
-    """What the difference operator of five points multiplies each cosine by, inverted; zero for the mean."""
+    """Inverse eigenvalues of the five-point Laplacian in the cosine basis, 0 for the mean; shape (h, w)."""
     v, u = (4.0 * np.sin(np.pi * np.arange(n) / (2 * n)) ** 2 for n in (h, w))
     total = v[:, None] + u
     total[0, 0] = np.inf
@@ -179,7 +179,7 @@ class Reconstruction:
     px_per_mm: tuple[float, float]
 
     def depth(self, image: npt.ArrayLike) -> Floats:
-        """How far each point is pushed in, mm, mean zero: larger is further in; as the image lies.
+        """Depth map in the image's own orientation: indentation of each pixel in mm, mean zero, larger = further in.
 
         Parameters
         ----------

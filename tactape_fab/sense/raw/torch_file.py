@@ -30,7 +30,7 @@ MOST_VALUES = 1 << 19
 _REMEDY = "give the file that torch.save wrote of the network's state_dict"
 _NEEDLESS = f"which no table of tensors needs; nothing was run; {_REMEDY}"
 _DAMAGED = (zipfile.BadZipFile, EOFError, OSError, ValueError, RuntimeError, NotImplementedError, struct.error, OverflowError)
-"""What reading a damaged zip raises."""
+"""Exceptions of reading a damaged zip archive."""
 
 _TABLE, _TENSOR = "collections.OrderedDict", "torch._utils._rebuild_tensor_v2"
 _STORAGES = {"torch.FloatStorage": "f4", "torch.DoubleStorage": "f8"}
@@ -129,7 +129,7 @@ def _tensor(archive: zipfile.ZipFile, top: str, order: str, tensor: _Planned) ->
 
 
 def _table_of(data: bytes) -> dict[str, _Planned]:
-    """What a pickle builds, where that is a table of tensors."""
+    """Table of tensors that a pickle builds; any other object is refused."""
     try:
         table = _built(data)
     except SpecError:
@@ -201,7 +201,7 @@ def _combine(name: str, argument: Any, stack: list[Any]) -> None:
 
 
 def _marked(stack: list[Any]) -> list[Any]:
-    """What was pushed since the last mark; it and the mark leave the stack."""
+    """Pop the values above the last mark, and the mark."""
     start = len(stack) - 1
     while stack[start] is not _MARK:  # runs out of the stack where there is none
         start -= 1
@@ -223,7 +223,7 @@ def _known(name: str) -> _Name:
 
 
 def _made(called: Any, arguments: Any) -> Any:
-    """What a call that the pickle asks for stands for."""
+    """Value of a call in the pickle, an empty table or a tensor; nothing is run."""
     if called == _Name(text=_TABLE) and arguments == ():
         return {}
     if called != _Name(text=_TENSOR):
@@ -244,7 +244,7 @@ def _storage(pid: Any) -> _Storage:
     if word != "storage" or not isinstance(kind, _Name) or kind.text not in _STORAGES:
         raise TypeError("no storage")
     if not (_text(key).isascii() and key.isdigit() and len(key) < 10):
-        raise SpecError(f"names a storage {shown(key)}, which is no number; {_REMEDY}")
+        raise SpecError(f"names a storage {shown(key)}, which is not a number; {_REMEDY}")
     return _Storage(kind=_STORAGES[kind.text], key=key, count=_count(count))
 
 

@@ -117,7 +117,7 @@ def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]
 
 @inner_kernel()
 def _ones(word: np.uint64) -> int:
-    """How many bits are set."""
+    """Number of bits that are set."""
     word = word - ((word >> np.uint64(1)) & _LOW)
     word = (word & _PAIRS) + ((word >> np.uint64(2)) & _PAIRS)
     word = (word + (word >> np.uint64(4))) & _NIBBLES
@@ -221,7 +221,7 @@ def nearest_of(own: WordArray, count: int, out: IntArray) -> None:
 
 @kernel()
 def nearest_of_long(own: WordArray, more: WordArray, count: int, out: IntArray) -> None:
-    """As `nearest_of`, of patches whose bits fill two words each: those beyond the first are in `more`, of the same shape."""
+    """`nearest_of` for patches whose bits fill two words each: the second words are in `more`, of the same shape."""
     least, pairs = 2 * WORD_BITS + 1, 0
     for turn in range(_TURNS):
         for patch in range(count):
@@ -377,7 +377,7 @@ def _weigh_both(
     coming: int,
     room: Room,
 ) -> int:
-    """As `_weigh`, for one patch and those after it that hold the point as well: both words change with the symbol.
+    """`_weigh` for one patch and those after it that hold the point as well: both words change with the symbol.
 
     ``point`` is row, column and symbol now; ``of`` the patch's shape, the point's number in it, and its own.
     """

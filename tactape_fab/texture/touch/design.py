@@ -52,7 +52,7 @@ ALONE_OF_EIGHT: tuple[Bits, ...] = (
     (4, 7, 11, 15),
     (4, 7, 11, 16),
 )
-"""As `ALONE`, for eight directions: a 5x5, whose bits exceed one word, has at least the distance of the disc within it."""
+"""Rungs for eight directions: a 5x5, whose bits exceed one word, has at least the distance of the disc within it."""
 BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
     ((1, 3, 6, 10), (0, 2, 4, 7)),
     ((2, 5, 8, 12), (1, 3, 6, 10)),

@@ -158,7 +158,7 @@ def check_lands(
     if len(content.aperture_outlines_mm) > 1:
         problems.append(f"{len(content.aperture_outlines_mm)} different apertures instead of one")
     if len(content.areas_mm) or (len(content.strokes_mm) and not lines) or content.clear:
-        problems.append("objects that are no pads")
+        problems.append("objects that are not pads")
     shapeless = any(area_mm2(outline) == 0.0 for outline in content.aperture_outlines_mm)
     if shapeless:
         problems.append("an aperture without area")

@@ -143,7 +143,7 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
         vertices = _numbers(re.findall(rb'<vertex x="([^"]+)" y="([^"]+)" z="([^"]+)"', text), np.float64)
         faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', text), np.int64)
     except (ValueError, OverflowError) as error:
-        raise MeshError(f"it holds what is no number: {error}") from error
+        raise MeshError(f"it holds an invalid number: {error}") from error
     if len(vertices) == 0 or len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
         raise MeshError("its triangles name vertices that it does not have")
     items = re.findall(rb"<item\b[^>]*>", text)

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -15,11 +16,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tactape_fab.advise import model
-from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING, seen_of
+from tactape_fab.advise.answer import LOCATED, MOST_LINES, MOST_REACHING, advise, seen_of
 from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, Design, film_designs, judged, rules_of, solid_designs
 from tactape_fab.advise.model import CODES, LOSS, Seen, least_contact_mm, located_share, signal_of
 from tactape_fab.advise.question import read_question
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.profiles import load_fab, load_process, read_part
@@ -309,3 +311,15 @@ def test_an_unknown_process_is_refused_once() -> None:
     with pytest.raises(SpecError) as caught:
         read_question({"contact_mm": 6.0, "process": "mill", "fab": "generic-fpc"})
     assert [problem.key for problem in caught.value.problems] == ["process"]
+
+
+def test_a_fab_of_one_s_own_file_gives_the_same_lines_and_a_command_that_names_it(tmp_path: Path) -> None:
+    text = (templates_folder() / "fabs" / "generic-fpc.toml").read_text(encoding="utf-8")
+    path = tmp_path / "my fab.toml"
+    path.write_text(text.replace('name = "generic-fpc"', 'name = "mine"'), encoding="utf-8")
+    own = advise(read_question({"contact_mm": 7.0, "fab": str(path)}))
+    theirs = advise(read_question({"contact_mm": 7.0}))
+    assert [(line.design.pitch_mm, line.code) for line in own.lines] == [
+        (line.design.pitch_mm, line.code) for line in theirs.lines
+    ]
+    assert f"--fab '{path}'" in own.lines[0].command

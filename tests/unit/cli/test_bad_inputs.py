@@ -487,7 +487,7 @@ PROFILES = [
     ("fabs", "least_thicknesses = 10.0", "least_thicknesses = 0", "bend.least_thicknesses = 0", "above 0", REMEDY),
     ("fabs", r"smallest_mm = \[70.0, 70.0\]", "smallest_mm = [300, 70]", "panel.largest_mm = ", "smaller than", "correct one"),
     ("fabs", "warn_mm = 0.15", "warn_mm = 0.05", "limits.pad-pad.warn_mm = 0.05 mm", "0.1 mm", "leave it out"),
-    ("fabs", "_{material}.gbr", ".gbr", "files.stiffener-bottom", "cannot be used", "in words, with {name}"),
+    ("fabs", "_{material}.gbr", ".gbr", "files.stiffener-bottom", "cannot be used", "letters and digits, with {name}"),
     ("fabs", "job_in_zip = true", "job_in_zip = 1", "gerber.job_in_zip = 1", "true nor false", REMEDY),
     ("fabs", "most = 300", "most = 0", "parts.most = 0", "outside 1 to", REMEDY),
     ("fabs", "thickness_mm = 0.10", "thickness_mm = 0", "stencil.thickness_mm = 0 mm", "above 0 mm", REMEDY),

@@ -26,6 +26,7 @@ from tactape_fab.texture.frames import LETTERS
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify import verify_kit
 from tests.reports import Page, unpacked, written
+from tests.thorough import thorough
 
 VALUES: dict[str, Any] = {"sector": 100, "size_mm": (20.0, 20.0), "holes_mm": [(16.4, 10.0, 1.0)], "models": False}
 HOSTILE = "</script><script>document.title = 'hacked'</script><img src=x onerror=alert(1)> & \"'{{ 7 * 7 }}\u2028"
@@ -226,7 +227,7 @@ def test_of_a_large_mesh_a_connected_piece_is_shown() -> None:
     assert np.median(corners_of(moved)[:, 0, :2]) < np.median(corners[:, 0, :2])
 
 
-@pytest.mark.parametrize("cylinder_mm", [None, 20.0])
+@pytest.mark.parametrize("cylinder_mm", [None, thorough(20.0)])
 def test_a_printed_kit_has_a_report(cylinder_mm: float | None, tmp_path: Path) -> None:
     printed = TapeSpec(sector=9, size_mm=(30.0, 20.0), part="dome", process="sla", cylinder_mm=cylinder_mm)
     kit = make_kit(printed, tmp_path / "printed")

@@ -18,7 +18,7 @@ NEIGHBOURHOOD_MM = 0.3125
 STRONGEST = 8
 MOST_DOTS = 400
 RIDGE_ALONG_MM, RIDGE_ACROSS_MM = 0.375, 0.6
-"""How far from a top it is looked whether it is of a ridge: farther than parts reach, and where a step's trough is deepest."""
+"""Distances from a top at which a ridge is looked for: along it, beyond a part; across it, where a step's trough is deepest."""
 RIDGE_TROUGH, STEP_SHARE, STEP_TOPS = 0.4, 0.45, 2
 """There is a step where so many ridge tops beside a trough as deep as a step's are this high over the median of the strongest
 tops. Then no top of a ridge is a dot, if the trough beside it has the first depth over its height.
@@ -51,7 +51,7 @@ class Dots:
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
-    """What is as wide as a part: smoothed, less a mean over the pitch (paper, Eq. 1, with a smoother kernel)."""
+    """Band-pass for the width of a part: a Gaussian less a mean over about the pitch (paper, Eq. 1, with a smoother kernel)."""
     band: Image = banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
     return band
 
@@ -82,9 +82,11 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     if len(order) == 0:
         return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
     falling = height[order]
+    # the unit of height is a whole dot: the depth map's own scale may be anything
     scale = _middle(falling[:STRONGEST])
     kept = order[: min(int(np.searchsorted(-falling, -LEAST_HEIGHT * scale, side="right")), MOST_DOTS)]
     weights = height[kept] / scale
+    # most tops are bumps of noise: their median stands for the height of the noise
     noise = max(_middle(falling) / scale, LEAST_NOISE)
     return Dots(xy_px=xy[kept], weights=weights, trust=trusted(weights, noise), elongation=elongation[kept])
 

@@ -17,13 +17,14 @@ from tactape_fab.texture.tape import TapePart
 USUAL_SCATTER, USUAL_DOTS = 0.1, 4.0
 """Scatter of one dot's elongation that is believed before a frame is seen, and how many dots this belief counts as."""
 COMMON_ERROR = 0.04
-"""What all dots of a frame may share: a sensor whose pixels are 2 % more oblong than its profile says gives half of it."""
+"""Standard error that all dots of a frame share: pixels 2 % more oblong than the sensor's profile says give half of it."""
 
 
 def square_pixels(elongation: FloatArray | None, aspect: float) -> FloatArray | None:
     """Elongations as they are after v is stretched by `aspect`; shape (n, 2)."""
     if elongation is None or aspect == 1.0:
         return elongation
+    # second derivatives in v' = aspect v: h_vv falls by aspect squared, h_uv by aspect
     along, across, mixed = 1.0 + elongation[:, 0], (1.0 - elongation[:, 0]) / aspect**2, elongation[:, 1] / aspect
     out: FloatArray = np.stack([along - across, 2.0 * mixed], axis=1) / (along + across)[:, None]
     return out
@@ -39,7 +40,7 @@ def turn_weights(
 ) -> FloatArray:
     """Prior weights of the four quarter turns of a grid, from nothing but the shape of the dots; shape (4,), sum 1.
 
-    They may weigh hypotheses in a bound that holds for any texture, as long as no tape was looked at.
+    They weigh hypotheses, and never enter E (docs/trust.md): the bound holds for any weights fixed before a tape is looked at.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def turn_weights(
         Heights over that of a whole dot.
     trust : ndarray, shape (n,)
     grid : ndarray, shape (4,)
-        From `symbols.fit_grid`.
+        From `fit.fit_grid`.
     part : TapePart
         Of the tape in question; a round one gives even weights.
     """
@@ -77,6 +78,7 @@ def parity_log_ratio(
 @kernel()
 def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArray, twice_rad: float) -> float:
     """Mean of the good dots' elongations along a double angle over its standard error; 0 for too few of them."""
+    # a long top has -a (cos 2 phi, sin 2 phi): the unit vector of that direction
     c, s = -np.cos(twice_rad), -np.sin(twice_rad)
     count = along = across = squares = 0.0
     for i in range(len(weights)):
@@ -87,6 +89,7 @@ def _sign_strength(elongation: FloatArray, weights: FloatArray, trust: FloatArra
             squares += elongation[i, 0] ** 2 + elongation[i, 1] ** 2
     if count < LEAST_GOOD:
         return 0.0
+    # both components have one variance: n - 1 deviations each, besides the belief before the frame
     scatter = squares / 2.0 - (along * along + across * across) / (2.0 * count)
     variance = (scatter + USUAL_DOTS * USUAL_SCATTER**2) / (count - 1.0 + USUAL_DOTS)
     return float(along / count / np.sqrt(variance / count + COMMON_ERROR**2))

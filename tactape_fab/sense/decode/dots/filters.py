@@ -1,7 +1,7 @@
-"""What detection does to every pixel, in single precision and row by row so that compilers make vector instructions of it.
+"""Kernels of detection that visit every pixel: in single precision and row by row, so that compilers vectorise them.
 
-No image here may hold values that are no numbers. All of it is in one file: numba takes a function from its cache as long as
-the function's own file is as old, whatever it calls.
+All values of an image must be finite. The kernels are in one file: numba takes a function from its cache as long as the
+function's own file is as old, whatever it calls.
 """
 
 from __future__ import annotations
@@ -71,6 +71,7 @@ def averaged(depth: Image, factor: int) -> Image:
         for t in range(1, factor):
             for u in range(len(line)):
                 line[u] += depth[v * factor + t, u] - zero
+        # the usual factors by constant strides, which compilers vectorise
         if factor == 1:
             for u in range(w):
                 out[v, u] = line[u]
@@ -91,7 +92,7 @@ def averaged(depth: Image, factor: int) -> Image:
 
 @inner_kernel()
 def _inside(index: int, n: int) -> int:
-    """The index that a border shows which mirrors the image at its outermost pixels."""
+    """Index inside an image that is mirrored at its outermost pixels (BORDER_REFLECT_101 of OpenCV)."""
     if n == 1:
         return 0
     while index < 0 or index >= n:
@@ -112,6 +113,7 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     for t in range(pad):
         before[t], after[t] = _inside(t - pad, w), _inside(w + t, w)
     share = 1.0 / (2.0 * half_box + 1.0) ** 2
+    # running sums down the columns: a step costs the same for any box; in double precision rounding does not add up
     sums = np.empty(w)
     for u in range(w):
         sums[u] = 0.0
@@ -123,6 +125,7 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
     for v in range(h):
         for u in range(w):
             smooth_row[u] = taps[0] * depth[v, u]
+        # the Gaussian is separable: down the columns here, along the row below
         for t in range(1, reach + 1):
             over, under, k = _inside(v - t, h), _inside(v + t, h), taps[t]
             for u in range(w):
@@ -151,7 +154,7 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
 @inner_kernel()
 def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
-    for i in range(len(found) - 1, -1, -1):
+    for i in range(len(found) - 1, -1, -1):  # in row order: earlier ones are farther up
         if found[i, 0] < v - reach:
             return False
         if abs(found[i, 1] - u) <= reach:
@@ -196,7 +199,7 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
                 highest[u] = max(highest[u], wide[over, u], wide[under, u])
         for u in range(1, w - 1):
             is_top[u] = (image[v, u] >= highest[u]) & (image[v, u] > ROUNDING * abs(ground[v, u]))
-        for k in range(len(eights)):
+        for k in range(len(eights)):  # tops are few: eight flags are tested as one word
             if eights[k] == 0:
                 continue
             for u in range(8 * k, 8 * k + 8):
@@ -235,6 +238,7 @@ def _centres(
     elongation: FloatArray,
     trough: FloatArray,
 ) -> int:
+    """Fill in place, height, elongation and trough of each local maximum; how many troughs are deep."""
     deep = 0
     for i in range(len(pixels)):
         v, u = pixels[i, 0], pixels[i, 1]
@@ -246,19 +250,23 @@ def _centres(
         hxy = 0.25 * (high[v + 1, u + 1] - high[v + 1, u - 1] - high[v - 1, u + 1] + high[v - 1, u - 1])
         det = hxx * hyy - hxy * hxy
         dx = dy = elongation[i, 0] = elongation[i, 1] = trough[i] = 0.0
+        # Newton's step to the top of the quadric, -H^-1 g; none on a saddle
         if det > 0.0:
             dx = (hxy * gy - hyy * gx) / det
             dy = (hxy * gx - hxx * gy) / det
             elongation[i, 0] = (hxx - hyy) / (hxx + hyy)
             elongation[i, 1] = 2.0 * hxy / (hxx + hyy)
+        # beyond the 3 x 3 pixels the quadric says nothing
         if abs(dx) > 1.0 or abs(dy) > 1.0:
             dx = dy = 0.0
+        # the middle of a block of pixels, as pixel centres are whole numbers
         xy[i, 0] = (u + dx) * coarse + (coarse - 1) / 2
         xy[i, 1] = (v + dy) * coarse + (coarse - 1) / 2
         height[i] = c + 0.5 * (gx * dx + gy * dy)
         # the eigenvalues of the second derivatives are their mean and, more or less than it, half of this
         apart = np.sqrt((hxx - hyy) * (hxx - hyy) + 4.0 * hxy * hxy)
         if apart > RIDGE_ELONGATION * abs(hxx + hyy):
+            # cos of twice the angle of the least curvature, which is along the ridge; half-angle formulas
             twice = (hxx - hyy) / apart
             du, dv = np.sqrt(0.5 + 0.5 * twice), np.sqrt(0.5 - 0.5 * twice)
             trough[i] = _trough(high, v, u, du, dv if hxy > 0.0 else -dv, along, across)
@@ -268,7 +276,7 @@ def _centres(
 
 @inner_kernel()
 def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, across: float) -> float:
-    """How deep it is beside a ridge in a direction, over the ridge's height; 0 where it does not go on both ways."""
+    """Depth of the trough beside a ridge along (du, dv), over the ridge's height; 0 where the ridge does not go on both ways."""
     h, w = high.shape
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side

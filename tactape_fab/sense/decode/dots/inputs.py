@@ -1,4 +1,4 @@
-"""What comes in: frames and dots that anybody may hand over, as plain arrays or refused with a clear word."""
+"""Validation of frames and dots from callers: plain arrays, or a `FrameError` that says what is invalid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LARGE = 1e9
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """A frame as the canonical image; values that are no numbers become the median of the others.
+    """A frame as the canonical image; NaN and infinite values become the median of the others.
 
     It is the frame's own memory where nothing has to be changed: only to be read.
 
@@ -44,6 +44,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
         finite = np.isfinite(image)
         image = np.where(finite, image, np.median(image[finite]) if finite.any() else 0.0).astype(np.float32)
         low, high = _span(image)
+    # only relative heights matter: extreme ones are scaled to 0 ... 1, well within single precision
     if high == low:
         image = np.zeros_like(image)
     elif max(abs(low), abs(high)) > LARGE or high - low < 1.0 / LARGE:
@@ -52,7 +53,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
 
 
 def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
-    """Least and largest value; no number where one value is none."""
+    """Least and largest value; NaN where a value is NaN."""
     with np.errstate(invalid="ignore"):
         return float(image.min()), float(image.max())
 

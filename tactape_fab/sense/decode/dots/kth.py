@@ -8,7 +8,7 @@ from tactape_fab.texture.frames import FloatArray
 
 @inner_kernel()
 def select(values: FloatArray, k: int) -> float:
-    """The k-th smallest (from 0) of some values; they are reordered, none before it is larger, none behind it smaller."""
+    """The k-th smallest (from 0) of some values by quickselect: reorders them, none before it larger, none behind it smaller."""
     low, high = 0, len(values) - 1
     while low < high:
         pivot = values[(low + high) // 2]
@@ -22,6 +22,7 @@ def select(values: FloatArray, k: int) -> float:
                 values[i], values[j] = values[j], values[i]
                 i += 1
                 j -= 1
+        # only the part that holds k is divided again: O(n) on average
         if k <= j:
             high = j
         elif k >= i:

@@ -17,16 +17,16 @@ LEVEL_FROM = 0.7
 LEAST_SCATTER, MOST_SCATTER = 0.07, 0.2
 """Bounds of the relative scatter of heights of wholly imprinted dots."""
 BELIEVED_SCATTERS = 2.0
-"""What a dot is lower by than so many scatters is the rim's doing."""
+"""Scatters below the height of a whole dot that noise explains; the rest of a dot's missing height is the rim's."""
 PULL = 0.2
-"""How far a dot is drawn inwards, in pitches per unit of missing weight."""
+"""Shift of a dot inwards by the rim, in pitches per unit of missing weight."""
 ONE_SIDED = 0.35
 """A dot whose neighbours' directions leave this mean stands at the rim, with them all to one side."""
 SUPPORT, SUPPORT_STEP = 0.3, 0.05
 """Neighbours that a dot of the contact has at least, where one at a pitch counts 1/4; width of the step."""
 COMPANY, LONELY, CROWDED, HOLE = 0.8, -5.0, -4.0, -5.0
-"""What neighbours, none, one too near to be another part, and a height that none amid others has, add to the log odds of a
-dot's being a part."""
+"""Terms of the log odds that a dot is a part: for neighbours, for none, for one too near to be another part, and for a height
+that no part amid others has."""
 AMID, AMID_STEP = 0.45, 0.05
 """A dot is amid others where their directions, each of length 1, have a shorter mean than this; width of the step."""
 LOW_SCATTERS, LOW_STEP = 6.0, 0.04
@@ -108,7 +108,7 @@ def _settle(
     share: FloatArray,
     believed: FloatArray,
 ) -> None:
-    """Fill in places, weights over that of a whole dot (at most 1), and trust; `room` is room to work in."""
+    """Fill in places, weights over that of a whole dot (at most 1), and trust; `room` is a work buffer."""
     n = len(weights)
     xs, ys, heights, amounts = room[0], room[1], room[2], room[3]
     level, scatter = _level(weights, trust, heights)
@@ -128,22 +128,26 @@ def _settle(
             square = du * du + dv * dv + _SAME
             crowd += 1.0 if square < nearest * nearest and heights[k] > weights[i] else 0.0
             distance = np.sqrt(square)
+            # weight 1 / (1 + r^2)^2; divided by r, so that u and v sum unit vectors
             near = amounts[k] / ((1.0 + square) * (1.0 + square) * distance)
             near = near if square > 2.0 * _SAME else 0.0  # the dot itself
             support += near * distance
             u += near * du
             v += near * dv
+        # length of the mean direction: near 0 amid neighbours, near 1 with all of them to one side
         mean = np.sqrt(u * u + v * v) / (support + 1e-9)
         company = 1.0 / (1.0 + np.exp((SUPPORT - support) / SUPPORT_STEP))
         gain = LONELY + (COMPANY - LONELY) * company + (CROWDED if crowd > 0.0 else 0.0)
         low = 1.0 - share[i]
-        if low > LOW_SCATTERS * scatter - 4.0 * LOW_STEP:
+        if low > LOW_SCATTERS * scatter - 4.0 * LOW_STEP:  # below this the step is under 2 %
             hole = 1.0 / (1.0 + np.exp((mean - AMID) / AMID_STEP))
             gain += HOLE * company * hole / (1.0 + np.exp((LOW_SCATTERS * scatter - low) / LOW_STEP))
+        # Bayes' rule in odds: the prior's log odds and the terms add up
         odds = trust[i] * np.exp(gain)
         believed[i] = odds / (odds + 1.0 - trust[i])
         low -= BELIEVED_SCATTERS * scatter
         if low > 0.0:
+            # outwards, away from the neighbours; amid others (u, v) is short, and so is the shift
             pull = PULL * pitch_px * low / max(mean, ONE_SIDED) / (support + 1e-9)
             moved[i, 0] -= pull * u
             moved[i, 1] -= pull * v

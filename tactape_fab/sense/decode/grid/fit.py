@@ -1,4 +1,7 @@
-"""Dots on their grid -> soft symbols: grid and displacements fitted together, and what each dot says of its symbol."""
+"""Dots on their grid -> soft symbols: grid and displacements fitted together, then the probability of each dot's symbols.
+
+The paper takes the nearest grid point and a 45 degree quadrant instead (section III-A.4).
+"""
 
 from __future__ import annotations
 
@@ -36,9 +39,9 @@ STARTS = np.array([[a, p, x, a * p * x] for a in (-1.0, 1.0) for p in (-1.0, 1.0
 )
 """Turns (rad), changes of pitch (share) and of both phases (pitches) of those other starts."""
 LARGEST_LN = 700.0
-"""Exponentials of more are no numbers; a dot so far from all its places fits none of them anyway."""
+"""Exponentials of more overflow; a dot so far from all its places fits none of them anyway."""
 HALF = np.sqrt(0.5)
-"""What a diagonal displacement is along each axis."""
+"""Component of a unit diagonal displacement along each axis."""
 SMALL_SIGMA = 0.02
 """Up to this error a fit as likely as it should be is the right one."""
 
@@ -126,7 +129,7 @@ def _best_fit(
 ) -> tuple[float, float, bool]:
     """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be.
 
-    The error of a good dot, the ln of the likelihood, and whether both are as they should be.
+    Returns the error of a good dot, the ln of the likelihood, and whether both are as they should be.
     """
     dots = best_sigma = most = 0.0
     expected = False
@@ -203,8 +206,9 @@ def _fitted(
     free_scale: bool,
     room: FloatArray,
 ) -> tuple[Grid, float, float]:
-    """The best grid from a start, a good dot's error, and the ln of the likelihood; `room` is room to work in."""
+    """The best grid from a start, a good dot's error, and the ln of the likelihood; `room` is a work buffer."""
     n = len(weights)
+    # the widest error first: a start that is somewhat off still explains its dots
     grid, sigma, value = start, MOST_SIGMA, 0.0
     for step in range(FIT_STEPS):
         value, square, count = 0.0, USUAL_COUNT * USUAL_SIGMA**2, USUAL_COUNT
@@ -226,15 +230,19 @@ def _fitted(
                 to_south += HALF * down
             common = e * e + f * f + shift * shift
             part = trust[i] * (1.0 - OUTLIER_SHARE)
+            # E step: the density of `rule.posteriors`, and the probability that the dot stands at one of its places
             density = part * np.exp(-0.5 * common / variance) * total / (2.0 * directions * np.pi * variance)
             fits = density / (density + 1.0 - part)
+            # displacement expected under the posteriors of the directions (s Delta of paper, Eq. 9, not decided yet)
             along, across = shift * to_east / total, shift * to_south / total
             room[i, 0], room[i, 1], room[i, 2] = node_k + along, node_j + across, fits / variance
             if step == FIT_STEPS - 1:
                 value += np.log(density + 1.0 - part)
             if weights[i] >= GOOD_WEIGHT:
+                # expected squared distance from the place; it has two axes
                 square += fits * (common - 2.0 * (along * e + across * f))
                 count += 2.0 * fits
+        # M step: sigma as `rule.sigma_of`, not from the start's distances; then the grid
         if step > 0:
             sigma = min(max(np.sqrt(square / count), LEAST_SIGMA), MOST_SIGMA)
         if step < FIT_STEPS - 1:
@@ -244,7 +252,7 @@ def _fitted(
 
 @inlined_kernel()
 def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
-    """What the four diagonal places add to the sum of all, and to its parts towards +a and towards +b."""
+    """Terms of the four diagonal places in the sum over all places, and in its moments along +a and +b."""
     down = np.exp(min(max(share * (e + f), -LARGEST_LN), LARGEST_LN))
     up = np.exp(min(max(share * (e - f), -LARGEST_LN), LARGEST_LN))
     against_down, against_up = 1.0 / down, 1.0 / up
@@ -255,6 +263,7 @@ def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
 @inlined_kernel()
 def _as_expected(weights: FloatArray, trust: FloatArray, directions: int, sigma: float, value: float) -> bool:
     """Whether a fit has small errors, and a ln likelihood not below the mean for such errors by a standard deviation of it."""
+    # of a part d^2 / 2 variance has mean 1 and standard deviation 1 (two normal axes): sqrt(n) for n dots
     expected = 0.0
     for i in range(len(weights)):
         if trust[i] > 0.5:
@@ -279,6 +288,7 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
         sx += w * xy[i, 0]
         sy += w * xy[i, 1]
     mu, mv, mx, my = su / sw, sv / sw, sx / sw, sy / sw
+    # normal equations of x = a u - b v, y = b u + a v about the weighted middles
     num_a = num_b = den = 0.0
     for i in range(len(xy)):
         u, v, w = ideal[i, 0] - mu, ideal[i, 1] - mv, ideal[i, 2]
@@ -294,10 +304,10 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
 
 
 def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float) -> FloatArray:
-    """What each dot says of its symbol before any tape is looked at; shape (n, 4), of eight directions (n, 8), rows sum to 1.
+    """Probability of each dot's symbols before any tape is looked at; shape (n, directions), rows sum to 1.
 
-    Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid point only the
-    one that is most likely its part says anything: the bits of a point are tossed once.
+    `rule.posteriors`: Gaussian error, wider for low dots, and outliers whose place says nothing. Of several dots at one grid
+    point only the likeliest part counts: E has the mean 1 only if each bit is a factor once.
     """
     q = np.empty(squares.shape)
     _fill_posteriors(nodes, squares, weights, trust, sigma, q)
@@ -308,6 +318,7 @@ def posteriors(nodes: Ints, squares: FloatArray, weights: FloatArray, trust: Flo
 def _fill_posteriors(
     nodes: Ints, squares: FloatArray, weights: FloatArray, trust: FloatArray, sigma: float, q: FloatArray
 ) -> None:
+    """`rule.posteriors` of each dot; another dot on its grid point that is likelier makes it an outlier."""
     n, places = len(weights), squares.shape[1]
     for i in range(n):
         part = trust[i] * (1.0 - OUTLIER_SHARE)

@@ -1,7 +1,8 @@
 """Dots -> the grid they stand on: angle, pitch and phase from all dots at once, without knowing any symbol.
 
 Dots are displaced by a sixth of the pitch or so along one axis; the first harmonic of the grid survives that, so the power
-of the dots at the grid's wave vector shows angle and pitch, and its phase the grid itself.
+of the dots at the grid's wave vector shows angle and pitch, and its phase the grid itself. All dots count, where the paper
+looks for one baseline and one grid point (Eqs. 4 to 8). `rule.LEAST_GRID_POWER` derives how much power remains.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ _SIN = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(8))
 @inner_kernel(fastmath=True)
 def _cos_sin(turns: float) -> tuple[float, float]:
     """Cosine and sine of an angle in turns, off by less than 1e-11; unlike those of libm, loops over it become vectors."""
+    # Taylor series of half the angle, at most pi / 2, in Horner's form; then the formulas of the double angle
     half = pi * (turns - np.rint(turns))
     z = half * half
     c = _COS[8]
@@ -68,7 +70,7 @@ def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tu
 def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, room: FloatArray, power: FloatArray) -> None:
     """Fill in the power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
 
-    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is room to work in.
+    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is a buffer.
     """
     cu, cv, real, imaginary = room[0], room[1], room[2], room[3]
     for j in range(2 * ANGLES):
@@ -94,12 +96,13 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
         power = ar * ar + ai * ai + br * br + bi * bi
         slope -= k * power
         bend += power if k != 0 else -2.0 * power
+    # no step where the powers bend upwards: the parabola has no top
     return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
 
 
 @inlined_kernel()
 def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: FloatArray, few_weights: FloatArray) -> None:
-    """Fill in places and weights of the strongest dots, as many as there is room for; `ordered` is room to work in."""
+    """Fill in places and weights of the strongest dots, as many as fit into `few`; `ordered` is a work buffer."""
     n, least = len(weights), 0.0
     count = equal = len(few)
     if count < n:
@@ -160,7 +163,7 @@ def _fill_lattices(
     marks: IntArray,
     found: FloatArray,
 ) -> int:
-    """Fill what `find_lattices` returns; how many there are. Between them and the dots' is room to work in."""
+    """Fill what `find_lattices` returns, and return how many there are. The arrays from `few` to `marks` are work buffers."""
     steps = int(np.ceil(tolerance / _SCALE_STEP))
     _choose(xy, weights, ordered, few, few_weights)
     power, best, which, taken = powers[0], powers[1], marks[0], marks[1]
@@ -196,6 +199,7 @@ def _fill_lattices(
         ar, ai, br, bi = _sums(xy, weights, angle, pitch)
         found[n, 0], found[n, 1] = angle, pitch
         found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)
+        # a perfect grid has total^2 at each of both wave vectors
         found[n, 4] = (ar * ar + ai * ai + br * br + bi * bi) / (2.0 * total * total)
         n += 1
     return n

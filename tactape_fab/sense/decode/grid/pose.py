@@ -22,7 +22,7 @@ ONE_PLACE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """Where the image centre lies on the texture.
+    """Pose of the image centre on the texture, with its covariance.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def _squares(px: FloatArray, mm: FloatArray, fit: FloatArray, out: FloatArray) -
 
 @inlined_kernel()
 def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArray) -> float:
-    """Root of the median of squares with a weight; `ordered` is room to work in."""
+    """Median distance of the dots with a weight, from squared distances; `ordered` is a work buffer."""
     n = 0
     for i in range(len(squares)):
         if weights[i] > 0.0:
@@ -163,7 +163,7 @@ def _fitted(
 ) -> bool:
     """Fill `fit` (of `_similarity`, then a dot's error), the covariance's sums, the place and who agrees; whether R is free.
 
-    `room` is room to work in.
+    `room` is a work buffer.
     """
     n = len(weights)
     base, keep, squares, ordered = room[0], room[1], room[2], room[3]
@@ -177,9 +177,11 @@ def _fitted(
             length = np.hypot(fit[0], fit[1]) * px_per_mm
             fit[0], fit[1] = fit[0] / length, fit[1] / length
         _squares(px, mm, fit, squares)
+        # the median distance of two normal axes is 1.177 sigma (Rayleigh)
         sigma, count = max(_median_distance(squares, base, ordered) / 1.177, LEAST_SIGMA_MM), 0.0
         for i in range(n):
             distance = np.sqrt(squares[i])
+            # weights of Geman and McClure: an outlier's influence falls to 0
             keep[i] = base[i] / (1.0 + (distance / (2.5 * sigma)) ** 2) ** 2
             agree[i] = base[i] > 0.0 and distance <= AGREE_SIGMAS * sigma * max(1.0, 0.6 / base[i])
             count += 1.0 if agree[i] else 0.0
@@ -192,9 +194,11 @@ def _fitted(
         for i in range(n):
             square += keep[i] * squares[i]
             kept += keep[i]
+        # 2 n coordinates less the 4 parameters of a similarity
         sigma = max(np.sqrt(square / (kept / count) / max(2.0 * count - 4.0, 1.0)), LEAST_SIGMA_MM)
     free = _scaled(px, keep, px_per_mm, fixed_scale, sigma, count, fit)
     fit[6] = sigma
+    # S: the texture point of the image centre, where p is 0 (paper, Eq. 12)
     position[0] = fit[4] - (fit[0] * fit[2] + fit[1] * fit[3])
     position[1] = fit[5] - (fit[0] * fit[3] - fit[1] * fit[2])
     _sum_up(px, keep, fit, sums)
@@ -205,12 +209,13 @@ def _fitted(
 def _scaled(
     px: FloatArray, weights: FloatArray, px_per_mm: float, fixed_scale: bool, sigma: float, count: float, fit: FloatArray
 ) -> bool:
-    """Whether the fit's own scale is believed; it gets the profile's otherwise."""
+    """Whether the fit keeps its own scale; otherwise it is given the profile's."""
     spread = total = 0.0
     for i in range(len(weights)):
         spread += weights[i] * ((px[i, 0] - fit[2]) ** 2 + (px[i, 1] - fit[3]) ** 2)
         total += weights[i]
     scale = 1.0 / np.hypot(fit[0], fit[1])
+    # error of R by propagation, as that of theta: sigma in px, over the root of the sum of squared distances, times R
     scale_sigma = sigma * scale * scale / np.sqrt(max(spread / (total / max(count, 1.0)), 1e-9))
     if not fixed_scale and abs(scale - px_per_mm) > SCALE_SIGMAS * scale_sigma:
         return True
@@ -238,7 +243,9 @@ def _sum_up(px: FloatArray, weights: FloatArray, fit: FloatArray, sums: FloatArr
 def _covariance(sums: FloatArray, sigma: float, free: bool, matrices: FloatArray, out: FloatArray) -> bool:
     """Fill the covariance of (x, y, theta) for dots of equal error weighted as they were, the scale estimated or given.
 
-    Where all dots are in one place there is none: `matrices`, zero before, are the two normal ones then.
+    The errors of docs/trust.md, in place of those of one pair of dots (paper, Eqs. 17 and 18). The weights are not the inverse
+    variances, so it is sigma^2 inverse meat inverse. Where all dots are in one place there is none: `matrices`, zero before, are
+    the two normal ones then.
     """
     total, u, v, square = sums[0, 0], sums[0, 1], sums[0, 2], sums[0, 3]
     inverse, meat, size = matrices[0], matrices[1], 4 if free else 3
@@ -247,6 +254,7 @@ def _covariance(sums: FloatArray, sigma: float, free: bool, matrices: FloatArray
     if not about_middle > ONE_PLACE * square:
         _normal(inverse, total, u, v, square, free)
         return False
+    # the inverse of `_normal`, written out
     both = total * about_middle
     _normal(inverse, square / both, -u / both, -v / both, 1.0 / about_middle, free)
     if not free:

@@ -41,8 +41,8 @@ def find_baseline(xy_px: FloatArray, anchor: int, w_px: float, delta_px: float) 
     """Slope of the grid from the best baseline through one dot (Eq. 4 and 5), O(n) pairs.
 
     Readings: the single dot of the paper is the contact dot, which it calls the best one. Of the pairs whose line
-    `LEAST_FITTING` of all dots fit, that with the least rms misfit is taken; the paper takes any. Pairs nearer than w / 2
-    are no two parts.
+    `LEAST_FITTING` of all dots fit, that with the least rms misfit is taken; the paper takes any. Dots nearer than w / 2
+    are not taken as two parts.
 
     Parameters
     ----------

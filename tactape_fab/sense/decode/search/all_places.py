@@ -1,4 +1,4 @@
-"""Every place of many tapes held against the dots: the best one, what all others weigh together, and the strongest of them.
+"""Comparison of the dots with every place of many tapes: the best one, the weight of all others, and the strongest of them.
 
 Places are taken in groups, by which of the dots' columns and rows lie on the tape: all of them, or some where the contact
 hangs over an edge. A group that cannot matter is counted at its bound; all others are evaluated place by place.
@@ -20,7 +20,7 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
-    """Hold the dots against every place of every site, and add what is found to a tally."""
+    """Compare the dots with every place of every site, and add the places to a tally."""
     holes = hole_evidence(tables, sites) if len(sites.holes) else _no_holes(len(sites.table))
     _weigh(tables, sites, *groups, *weights, tally, _room(sites), many_room(tables, sites), *holes)
 
@@ -77,6 +77,7 @@ def _weigh_few(tables: Tables, sites: Sites, groups: Groups, weights: Weights, t
                     if group[OVER] != over:
                         continue
                     bound = limit[0] + limit[1]
+                    # ln of the places of the group on all tapes: together they have to be negligible
                     of = limit[2] + np.log(float(kind[TAPES] * (last - first)))
                     if holes.starts[first] < 0 and bound < least_of(of, terms, tally.sums):
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)

@@ -1,4 +1,7 @@
-"""Bounds of what the dots can say on many tapes at once, from how the phases of neighbouring lines differ."""
+"""Upper bounds of the dots' evidence on many tapes at once, from how the phases of neighbouring lines differ.
+
+The difference is the plane's own, the same in all sectors: delta in docs/codes.md, the offset in the paper (section II-A).
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ class Bounds(NamedTuple):
     Attributes
     ----------
     slot : ndarray of int, shape (4, 2, m + 1, m + 1)
-        Where those of a turn, axis and range are; -1 before.
+        Slot of a turn, axis and range; -1 before it is made.
     used : ndarray of int, shape (1,)
         How many there are.
     pairs : ndarray of float32, shape (k, (m + 1) // 2, L)
@@ -31,7 +34,7 @@ class Bounds(NamedTuple):
     pair_most, line_most : ndarray, shapes (k, (m + 1) // 2) and (k, m)
         Most of them, and of each line.
     room : ndarray of float32, shape (3 L,)
-        Written over and over.
+        Work buffer.
     """
 
     slot: IntArray
@@ -57,7 +60,7 @@ def no_bounds(m: int, length: int) -> Bounds:
 
 @inner_kernel()
 def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, dots: tuple[int | np.int64, int], count: int) -> int:
-    """Where the bounds of some dots, the first and the last + 1 along the lines, are."""
+    """Slot of the bounds for a range of dots along the lines (first, last + 1); made when first asked for."""
     low, high = dots
     slot = of.slot[turn, axis, low, high]
     if slot < 0:
@@ -93,6 +96,7 @@ def bound_pairs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64
         for p in range(2 * length):
             two[p] = lines[high, k + 1, p] - lines[low, k + 1, p]
         line_most[k + 1] = _most(two, length)
+        # whatever the sector, the phases differ by the plane's step: the best phase for each step bounds both lines
         for step in range(length):
             most = one[0] + two[step]
             for p in range(1, length):
@@ -173,6 +177,7 @@ def _follow(
     sites: tuple[int, int],
     least: float,
 ) -> None:
+    """`bound_lines` for whole pairs: the sum of their most, lowered pair by pair to the most at their step."""
     pairs, pair_most = most
     steps, table, axis, place = where
     whole = alone
@@ -198,7 +203,7 @@ def survivors(out: IntArray, bounds: FloatArray, first: int, last: int, least: f
             count += 1
             continue
         most = max(most, bound)
-        if bound < least - DEEP:
+        if bound < least - DEEP:  # perhaps not followed to its end: counted as if only so deep
             deep += 1
         else:
             shallow += np.exp(bound - least)

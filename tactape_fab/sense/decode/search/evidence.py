@@ -6,6 +6,7 @@ so the evidence of a contact at any place of any sector is one entry of a table 
 
 A symbol of eight directions has three bits (`Directions.gray_codes`): E is the product over all three. Of a symbol that is
 drawn from all eight alike the bits are fair coins that know nothing of each other, so the mean of E is 1 then, whatever q is.
+docs/trust.md derives the bound from it; docs/codes.md has the bits of the plane.
 """
 
 from __future__ import annotations
@@ -83,6 +84,7 @@ def turned(nodes: IntArray, q: FloatArray, turn: int, cells: IntArray, evidence:
         else:
             cells[i, 0], cells[i, 1] = -j, k
         e, s, w, m = q[i, turn % 4], q[i, (turn + 1) % 4], q[i, (turn + 2) % 4], q[i, (turn + 3) % 4]
+        # ln 2 q(b) for b = 1, 0: a bit's evidence is their mean, and half their difference with the bit's sign
         x1, x0 = np.log(2.0 * (w + s)), np.log(2.0 * (e + m))
         y1, y0 = np.log(2.0 * (e + s)), np.log(2.0 * (m + w))
         evidence[i, 0] = 0.5 * (x0 + x1 + y0 + y1)
@@ -116,9 +118,9 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     Parameters
     ----------
     nodes : ndarray of int, shape (n, 2)
-        From `symbols.fit_grid`.
+        From `fit.fit_grid`.
     q : ndarray, shape (n, 4) or (n, 8)
-        From `symbols.posteriors`.
+        From `fit.posteriors`.
     signs : ndarray of float32, shape (3 L,)
         From `signs_of`; none for tapes without a code plane, of which there are no lines then.
     most : int
@@ -173,10 +175,12 @@ def _fill_lines(cells: IntArray, evidence: FloatArray, signs: Floats, lines: Flo
         for axis in range(2):
             for i in range(cells.shape[1] if m > 0 else 0):
                 line, along = cells[turn, i, axis], cells[turn, i, 1 - axis]
+                # half the mean on each axis: the entries of a column and a row then add up to ln E
                 mean, half = np.float32(0.5 * evidence[turn, i, 0]), np.float32(evidence[turn, i, 1 + axis])
                 out, bits = lines[turn, axis, along + 1, line], signs[along % length :]
                 for p in range(twice):
                     out[p] += mean + half * bits[p]
+            # sums of all below: any range of dots along a line is the difference of two of them
             for k in range(1, m):
                 for line in range(m):
                     out, below = lines[turn, axis, k + 1, line], lines[turn, axis, k, line]
@@ -196,6 +200,7 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
                 most[turn, axis, c, r] += 0.5 * evidence[turn, i, 0] + abs(evidence[turn, i, 1 + axis])
             if evidence.shape[2] == 4:
                 most[turn, 1, c, r] += abs(evidence[turn, i, 3])
+        # a summed-area table: four entries give any rectangle
         for c in range(1, m):
             for r in range(1, m):
                 dots[turn, c, r] += dots[turn, c - 1, r] + dots[turn, c, r - 1] - dots[turn, c - 1, r - 1]

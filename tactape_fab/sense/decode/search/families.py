@@ -28,7 +28,7 @@ class Family:
     tapes : tuple of int
         Registered tape of each site of `registered`.
     shown : tuple of ndarray
-        What the parts of each show, from `near.shown_by`.
+        Symbols of the parts of each, from `single_place.shown_by`.
     registered : Sites or Matrices
         Matrices for a code without a plane.
     unregistered : Sites or None

@@ -34,7 +34,7 @@ class Groups(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """What places weigh before the dots' bits are looked at.
+    """Prior weights of places, before the dots' bits are looked at.
 
     Attributes
     ----------
@@ -49,12 +49,12 @@ class Weights(NamedTuple):
 
 
 class Holes(NamedTuple):
-    """What the dots on grid points without a part would say.
+    """Evidence of the dots on grid points without a part, which a place must not count.
 
     Attributes
     ----------
     starts : ndarray of int, shape (n,)
-        Where the part of each site begins, -1 without holes.
+        Start of each site's part of `said`, -1 without holes.
     said : ndarray of float32, shape (4, m)
         Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
     """
@@ -93,7 +93,7 @@ def _fill_groups(
     limits: FloatArray,
     cuts: IntArray,
 ) -> int:
-    """Fill what `groups_of` returns; how many groups there are. `cuts` is room to work in."""
+    """Fill what `groups_of` returns; and return how many groups there are. `cuts` is a work buffer."""
     n = 0
     for turn in range(4):
         for k in range(len(sizes)):
@@ -143,13 +143,13 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
         for k in range(len(classes)):
             tapes = (classes[k, 1] - classes[k, 0]) * classes[k, 3]
             for g in range(spans[turn, classes[k, 2], 0], spans[turn, classes[k, 2], 1]):
-                if groups[g, OVER] > classes[k, OVERHANG]:
+                if groups[g, OVER] > classes[k, OVERHANG]:  # only the first group has all dots on the tape
                     break
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
 
 
 def hole_evidence(tables: Tables, sites: Sites) -> Holes:
-    """What the dots on grid points without a part would say."""
+    """Evidence of the dots on grid points without a part, at every place of the sites that have such points."""
     holed = np.unique(sites.holes[:, 0])
     places = (sites.sizes[sites.size_of[holed]] + 2 * tables.dots.shape[1]).prod(axis=1)
     starts = np.full(len(sites.table), -1, dtype=np.int64)
@@ -162,6 +162,7 @@ def hole_evidence(tables: Tables, sites: Sites) -> Holes:
 @kernel()
 def _add_holes(tables: Tables, sites: Sites, starts: IntArray, said: Floats) -> None:
     pad, length = tables.dots.shape[1], len(sites.signs) // 3
+    # X[r, c] and Y[r, c] of docs/codes.md: a line's phase, the place along it, and u or v of the sector
     for k in range(len(sites.holes)):
         site, column, row = sites.holes[k, 0], sites.holes[k, 1], sites.holes[k, 2]
         place = sites.table[site]

@@ -43,7 +43,7 @@ _ANYTHING = 1e6
 
 
 class ManyRoom(NamedTuple):
-    """Room to work in, for many sites.
+    """Work buffers for many sites.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class ManyRoom(NamedTuple):
 
 
 def many_room(tables: Tables, sites: Sites) -> ManyRoom:
-    """Room for some dots and sites, no bounds known; none to speak of where no sites are many."""
+    """Buffers for some dots and sites, no bounds known; empty ones where no class has many sites."""
     length = len(sites.signs) // 3
     if sites.kinds[2] == 0:
         return _no_room(length)
@@ -76,7 +76,7 @@ def many_room(tables: Tables, sites: Sites) -> ManyRoom:
 
 @cache
 def _no_room(length: int) -> ManyRoom:
-    """Nobody writes to it: all calls share it."""
+    """Empty buffers; nothing writes to them, so all calls share them."""
     return _room_for(0, length, 0, 0)
 
 
@@ -111,6 +111,7 @@ def weigh_many(tables: Tables, sites: Sites, groups: Groups, weights: Weights, t
                     if bound < least:
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
                         continue
+                    # the group may matter as a whole; the bounds of its single sites are lower
                     rest = _bound_sites(tables, sites, (group, limit), turn, (first, last), least, more)
                     left, dropped, most = survivors(chosen, bounds, first, last, least - rest)
                     count_bound(
@@ -156,7 +157,7 @@ def _bound_sites(
     least: float,
     more: ManyRoom,
 ) -> float:
-    """Fill the most that the bits can say for a group of places on each of some sites; what the other axis adds to all of it.
+    """Fill the largest evidence that a group of places can have on each of some sites; the bound of an axis left out is returned.
 
     With all dots on the tape it is the most of both axes, and `ManyRoom.of_rows` has that of the y bits. ``of`` are the group's
     fields and limits, ``span`` the first site and the last + 1.
@@ -169,6 +170,7 @@ def _bound_sites(
         for site in range(span[0], span[1]):
             out[site] += of_rows[site]
         return 0.0
+    # over an edge there is one place along at least one axis: only that one's lines are bounded
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
     count, rest = tables.size[turn, axis], limit[1 - axis]

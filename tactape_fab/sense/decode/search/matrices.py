@@ -1,4 +1,4 @@
-"""Tapes without a code plane: the dots held against every place of their matrices of symbols, in all turns.
+"""Tapes without a code plane: the dots compared with every place of their matrices of symbols, in all turns.
 
 Nothing is known of a matrix but its symbols. So wrong symbols are counted first, at 64 places at once: each dot adds one bit
 to the counts of all places where a part shows another symbol than the dot. So many wrong symbols leave a place too little
@@ -26,12 +26,12 @@ from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 Words = npt.NDArray[np.uint64]
 
 LARGEST_CONTACT = 24
-"""Cells; dots that reach farther are no contact."""
+"""Cells; dots that reach farther are not one contact."""
 _WORD = 64
 _PLANES, _MOST_COUNTED = 5, 30
 """Binary digits of a count of wrong symbols, and dots that are counted: one more may be asked for."""
 _USUAL_LOSS = 30.0
-"""What a place may have lost (ln) and matter, more or less: it says which dots are worth counting."""
+"""Loss of evidence (ln) up to which a place usually still matters: it decides how many dots are worth counting."""
 _FEW_PLACES = 1e-5
 """Share of places left by chance from which on more dots are not worth counting."""
 _FIRST_LEAST = (0.0, -6.0, -12.0, -1e29)
@@ -39,7 +39,7 @@ _FIRST_LEAST = (0.0, -6.0, -12.0, -1e29)
 _DEEPER = 2.0
 """Places are counted at the bound that they are dropped by; it is set so much (ln) lower, so that they weigh even less."""
 _NEGLIGIBLE_TO_NONE = -4.0
-"""`counting.NEGLIGIBLE` where the best place has no evidence: there is no answer, whatever the others weigh."""
+"""`tally.NEGLIGIBLE` where the best place has no evidence: there is no answer, whatever the others weigh."""
 _NEVER = -1e30
 """Weight (ln) of a place with too few dots on the tape."""
 _EVIDENT = -1e29
@@ -56,10 +56,10 @@ class Matrices(NamedTuple):
         Bit c % 64 of word c // 64 is set where column c of a row has a part that shows another symbol; `LARGEST_CONTACT` rows
         and columns without parts come before and after.
     shown : ndarray of uint8, shape (n, high x wide)
-        From `near.shown_by`, but for the number of symbols where there is no part, beyond the tape as well: as many rows and
-        columns as in ``wrong``, row by row.
+        From `single_place.shown_by`, but the number of symbols where there is no part, beyond the tape as well: as many rows
+        and columns as in ``wrong``, row by row.
     sizes, size_of, classes : ndarray of int
-        As in `sites.Sites`.
+        As in `plane_sites.Sites`.
     """
 
     wrong: Words
@@ -70,7 +70,7 @@ class Matrices(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """What is known of some dots before they are held against a tape, those first that lose most by another symbol.
+    """Evidence of some dots, prepared before any tape is looked at; those first that lose most by another symbol.
 
     Attributes
     ----------
@@ -81,15 +81,15 @@ class Frame(NamedTuple):
     fits : ndarray of int, shape (4, n)
         The symbol that fits each dot best.
     floor : ndarray, shape (n + 1,)
-        What a place at least loses by so many wrong ones of those that are counted.
+        Least evidence (ln) that a place loses by so many wrong symbols of the dots that are counted.
     rest : ndarray, shape (4, n + 1)
         Most that all dots after so many can say.
     most : ndarray, shape (4, m + 1, m + 1)
         Most that the dots in columns below c and rows below r can say.
     least : ndarray of uint64, shape (4, sizes, planes, words, places down)
-        Room: binary digits of the fewest wrong symbols that a place is dropped by.
+        Buffer: binary digits of the fewest wrong symbols that a place is dropped by.
     counts : ndarray of uint64, shape (planes + 1, places down)
-        Room: binary digits of the wrong symbols at each place, and whether it remains.
+        Buffer: binary digits of the wrong symbols at each place, and whether it remains.
     """
 
     cells: IntArray
@@ -103,7 +103,7 @@ class Frame(NamedTuple):
 
 
 def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], directions: int = 4) -> Matrices:
-    """Matrices from the symbols that tapes show (`near.shown_by`), ordered by size, and the sizes (columns, rows) that occur."""
+    """Matrices from the symbols that tapes show (`single_place.shown_by`), ordered by size, and the sizes (columns, rows)."""
     pad = LARGEST_CONTACT
     wide, high = (max(size[axis] for size in sizes) for axis in range(2))
     words = -(-(wide + pad) // _WORD) + 1
@@ -128,9 +128,9 @@ def matrices_of(shown: Sequence[SymbolArray], sizes: list[tuple[int, int]], dire
 
 
 def weigh_matrices(tables: Tables, matrices: Matrices, least: int, base: FloatArray, cue: FloatArray, tally: Tally) -> None:
-    """Hold the dots against every place of every tape, and add what is found to a tally; parameters as `weigh.weigh_sites`.
+    """Compare the dots with every place of every tape, and add the places to a tally, which is a new one.
 
-    ``least`` is the fewest dots on a tape; the tally is a new one.
+    ``least`` is the fewest dots on a tape; ``base`` and ``cue`` are the fields of `groups.Weights`.
     """
     frame = _frame(tables, matrices)
     _weigh(frame, tables.dots, tables.size, matrices, least, np.maximum(base, _NEVER), cue, tally)
@@ -163,14 +163,14 @@ def _frame(tables: Tables, matrices: Matrices) -> Frame:
 
 @cache
 def _signs(bits: int) -> FloatArray:
-    """What makes a dot's ln E for each symbol of its mean and of the evidence of each bit; shape (1 + bits, symbols)."""
+    """Matrix from a dot's (mean, evidence of each bit) to its ln E for each symbol; shape (1 + bits, symbols)."""
     symbols = np.arange(1 << bits)
     return np.stack([np.ones(1 << bits), *(2.0 * (symbols >> bit & 1) - 1.0 for bit in range(bits))])
 
 
 @cache
 def _by_chance(symbols: int) -> FloatArray:
-    """How likely at most w of k symbols are wrong where any is as likely as any other; shape (k + 1, w + 1)."""
+    """Probability [k, w] that at most w of k symbols are wrong if all symbols are equally likely (binomial)."""
     wrong, counts = 1.0 - 1.0 / symbols, range(_MOST_COUNTED + 1)
     of = [[comb(k, w) * wrong**w * (1.0 - wrong) ** (k - w) for w in counts] for k in counts]
     return np.cumsum(of, axis=1)
@@ -178,9 +178,10 @@ def _by_chance(symbols: int) -> FloatArray:
 
 @kernel()
 def _choose(lost: FloatArray, by_chance: FloatArray, floor: FloatArray) -> int:
-    """How many dots to count, and fill `Frame.floor`; ``lost`` falls."""
+    """Choose how many dots to count, and fill `Frame.floor`; ``lost`` is in falling order."""
     counted, least = 0, 2.0
     for k in range(1, min(len(lost), _MOST_COUNTED) + 1):
+        # the most wrong symbols whose least loss, that of the w smallest, leaves a place in the search
         total, w = 0.0, 0
         while w < k and total + lost[k - 1 - w] <= _USUAL_LOSS:
             total += lost[k - 1 - w]
@@ -212,6 +213,7 @@ def _fill_most(cells: IntArray, best: FloatArray, most: FloatArray) -> None:
 def _weigh(
     frame: Frame, dots: IntArray, size: IntArray, matrices: Matrices, least: int, base: FloatArray, cue: FloatArray, tally: Tally
 ) -> None:
+    """Find the best weight first, then count every place that may matter beside it, and all others at their bound."""
     tapes = len(matrices.shown)
     for k in range(len(_FIRST_LEAST)):
         if tally.sums[BEST] > _EVIDENT:
@@ -272,7 +274,7 @@ def _fill_least(
 
 @inlined_kernel()
 def _within(below: FloatArray, span: tuple[int, int, int, int]) -> float:
-    """What lies in columns and rows from the first to before the last, from sums of all below."""
+    """Sum over columns c0 to c1 - 1 and rows r0 to r1 - 1, from sums of all below."""
     c0, c1, r0, r1 = span
     return below[c1, r1] - below[c0, r1] - below[c1, r0] + below[c0, r0]  # type: ignore[no-any-return]
 
@@ -312,7 +314,7 @@ def _look(
         for j in range(down):
             left = frame.counts[_PLANES, j]
             while left != 0:
-                lowest = left & (~left + _ONE)
+                lowest = left & (~left + _ONE)  # the lowest bit that is set
                 left ^= lowest
                 x, y = word * _WORD + _index(lowest) - wide + 1, j - high + 1
                 over = 0 if 0 <= x <= columns - wide and 0 <= y <= rows - high else 1
@@ -347,6 +349,7 @@ def _count_wrong(frame: Frame, wrong: Words, turn: int, word: int, size: tuple[i
         for j in range(down):
             a = (low1[j] >> down1) | (high1[j] << up1)
             b = ((low2[j] >> down2) | (high2[j] << up2)) & both
+            # a full adder of a, b and the ones; the carry ripples through the other digits
             half = a ^ b
             carry = (a & b) | (half & one[j])
             one[j] ^= half
@@ -368,6 +371,7 @@ def _compare(counts: Words, least: Words, word: int, down: int) -> None:
     for plane in range(_PLANES):
         count, limit = counts[plane], least[plane, word]
         for j in range(down):
+            # from the lowest digit up: a higher one overrules, equal ones leave it as it was
             remain[j] = (~count[j] & limit[j]) | (~(count[j] ^ limit[j]) & remain[j])
 
 

@@ -78,6 +78,7 @@ class CodePlane:
         turn = int(np.argmax(best))
         total, largest = 0.0, -np.inf
         for k, (_, x, y) in enumerate(found):
+            # every pair of phases is a sector, so the sum of E over all pairs is a product of two sums
             total += float(np.exp(x - x.max()).sum() * np.exp(y - y.max()).sum()) * np.exp(best[k] - best[turn])
             if k != turn:
                 largest = max(largest, best[k])
@@ -87,6 +88,7 @@ class CodePlane:
             largest = max(largest, best[turn] - float(two[1] - two[0]))
         column, p = divmod(int(x.argmax()), length)
         row, r = divmod(int(y.argmax()), length)
+        # phases less column and row: u and v of the sector, u L + v (docs/codes.md)
         sector = (p - row) % length * length + (r - column) % length
         where = cells + np.array([column, row])
         return PlanePlace(

@@ -15,6 +15,7 @@ from tactape_fab.texture.plane import PlaneCode
 START, ORIGIN, SECTOR = range(3)
 FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
 _WORTH_BOUNDS = 6
+"""Sites of a class from which on bounds are computed for it."""
 
 Steps = npt.NDArray[np.uint8]
 

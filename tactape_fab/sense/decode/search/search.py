@@ -39,13 +39,13 @@ _PLENTY = 0.05
 _ROUNDING = 0.1
 """More than bounds in single precision may be too small by (ln)."""
 _RIVALS_NEGLIGIBLE = -14.5
-"""As `counting.NEGLIGIBLE`: unregistered tapes have fewer groups of places."""
+"""`tally.NEGLIGIBLE` for unregistered tapes, which have fewer groups of places."""
 PRECISION = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """Where the contact is believed to be, such as the last fix: a place within a radius and a range of angles.
+    """Expected region of a contact, such as round the last fix: a place within a radius and a range of angles.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Prior:
 
 
 def _are_numbers(values: object, count: int) -> bool:
-    """Whether they are so many finite numbers."""
+    """Whether `values` holds exactly `count` finite real numbers."""
     if not isinstance(values, Iterable):
         return False
     numbers = [v for v in values if isinstance(v, Real) and isfinite(v)]
@@ -139,7 +139,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rivals:
-    """Tapes that nobody registered, held against the best place.
+    """Unregistered tapes, compared with the best place.
 
     Attributes
     ----------
@@ -173,18 +173,18 @@ def search(
     prior: Prior | None,
     precision: float = PRECISION,
 ) -> Place | None:
-    """Hold soft symbols against every origin and quarter turn on every registered tape.
+    """Compare soft symbols with every place and quarter turn on every registered tape.
 
     Parameters
     ----------
     nodes, q, grid
-        From `symbols.fit_grid` and `symbols.posteriors`.
+        From `fit.fit_grid` and `fit.posteriors`.
     turn_weights : ndarray, shape (4,)
         How likely each quarter turn is by anything but the symbols; sums to 1.
     centre_px : ndarray, shape (2,)
         The image centre from the origin of the dots' coordinates.
     precision : float
-        What `Place.others` may be too large by where it matters.
+        Largest error of `Place.others`, upward, where it matters.
 
     Returns
     -------
@@ -211,6 +211,7 @@ def search(
         best = float(tallies[of].sums[BEST])
         if tallies[of].best_place[0] < 0:
             return None
+        # the sum of pi L over all places, in multiples of the best (docs/trust.md)
         total = sum(float(t.sums[TOTAL]) * exp(t.sums[BEST] - best) for t in tallies)
         bounded = sum(float(t.sums[BOUNDED]) * exp(t.sums[BEST] - best) for t in tallies)
         enough = _enough(precision, best)
@@ -251,14 +252,14 @@ def rivals(
     *,
     beyond: bool = True,
 ) -> Rivals:
-    """Hold the dots of an answer against every place of the tapes that nobody registered.
+    """Compare the dots of an answer with every place of the unregistered tapes.
 
     Parameters
     ----------
     share : float
         Weight of all of them together; the registered ones have the rest.
     precision : float
-        What `Rivals.weight` may be too large by where it matters.
+        Largest error of `Rivals.weight`, upward, where it matters.
     least_lead : float
         A lead (ln) that is smaller is not told from bounds.
     beyond : bool
@@ -342,7 +343,7 @@ def _unregistered_weights(others: _Others, place: Place, share: float) -> FloatA
 
 
 def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:
-    """What was found of other families, and what a tally says of this one."""
+    """The rivals found so far together with those of a tally of another family."""
     weight = found.weight + float(tally.sums[TOTAL]) * exp(min(tally.sums[BEST] - place.score - place.weight, 600.0))
     lead = min(found.lead, place.score + float(cue[place.turn]) - max(float(tally.sums[STRONGEST]), float(tally.sums[LEFT_OUT])))
     score, name = found.score, found.name
@@ -354,12 +355,12 @@ def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: F
 
 
 def _enough(precision: float, ln_bound: float) -> float:
-    """The precision that an answer needs whose bound on being no tape (ln of its inverse) takes up so much of what is allowed."""
+    """Allowed error of p_place: a tenth of what p_tape = exp(-ln_bound) leaves of max_p_false, at least 1 % of `precision`."""
     return max(precision - 0.1 * exp(-max(ln_bound, 0.0)), 0.01 * precision)
 
 
 def _strict(groups: Sequence[Groups], precision: float) -> float:
-    """What is negligible (ln) so that all groups together add no more than a share of `precision`."""
+    """Negligible share (ln) of one group, so that all groups together add at most a tenth of `precision`."""
     return log(precision) - log(10.0 * sum(len(g.fields) for g in groups) + 1.0)
 
 
@@ -422,6 +423,7 @@ def _near(
 def _raised(near: _Near, turn_weights: FloatArray, base: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ln of the weighted evidence of places near a prior, as it is without the prior and with it."""
     turn = near.places[:, 1]
+    # the prior weight of a place is a sum: its part of all places, and its part of `PRIOR_SHARE` by its turn
     without, share = base[turn, near.over], PRIOR_SHARE * turn_weights[turn] / turn_weights[turn].sum()
     return near.evidence + without, near.evidence + np.log(np.exp(without) + share)
 

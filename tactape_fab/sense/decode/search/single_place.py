@@ -54,7 +54,7 @@ def _add_evidence(
         total, count = 0.0, 0
         for i in range(len(cells)):
             column, row = places[n, 0] + cells[i, 0], places[n, 1] + cells[i, 1]
-            if 0 <= column < columns and 0 <= row < rows:
+            if 0 <= column < columns and 0 <= row < rows:  # a dot off the tape has the factor 1 in E
                 symbol = int(shown[row, column])
                 if symbol != NO_PART:
                     x, y = 2.0 * (symbol % 2) - 1.0, 2.0 * (symbol // 2 % 2) - 1.0

@@ -30,7 +30,7 @@ _NOWHERE = np.full(6, -1, dtype=np.int64)
 
 
 class Tally(NamedTuple):
-    """What was found so far.
+    """Running result of a search: the best place, and the weight of all.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: fl
 
 
 class Candidate(NamedTuple):
-    """One group of places on one site, and what is known of it.
+    """One group of places on one site, with its bounds and prior weights.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Candidate(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room to work in, written over and over: kernels make no arrays.
+    """Work buffers, overwritten for each candidate: kernels allocate no arrays.
 
     Attributes
     ----------
@@ -168,6 +168,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray, tally: 
             room.most[axis, k] = value
             most = max(most, value)
         bound += most - limit[axis]
+        # with holes no line is a bound: what is taken off may speak against the place
         if most == NEVER or (candidate.stride == 0 and drop(bound, places, candidate.of, terms, tally.sums)):
             return
         axis = 1 - axis
@@ -181,6 +182,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray, tally: 
 def _count_sector(candidate: Candidate, tally: Tally, room: Room) -> None:
     """Places of a group where one sector lies: the x phase is that of the first row, the y phase that of the first column."""
     place, group, terms, stride = candidate.place, candidate.group, candidate.terms, candidate.stride
+    # phases of docs/codes.md: r + u and c + v; those of the lines are in `room.lines` already
     row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
     length, y_best = room.lines.shape[2], NEVER
     for j in range(group[ROWS]):
@@ -208,6 +210,7 @@ def count_at(
 ) -> None:
     """Add a place, or several that together weigh so many times the best of them."""
     score, likelihood = value + terms[0], value + terms[1]
+    # weights are multiples of the best, so that none overflows: a new best rescales them
     if score > tally.sums[BEST] or (tally.best_place[0] < 0 and score > tally.sums[BEST] - 1e-6):
         tally.sums[TOTAL] *= np.exp(tally.sums[BEST] - score)
         tally.sums[BOUNDED] *= np.exp(tally.sums[BEST] - score)
@@ -240,14 +243,14 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, ro
             x_sum, p_best = _sum_and_best(room.lines[0, i], room.most[0, i])
             y_sum, r_best = _sum_and_best(room.lines[1, j], room.most[1, j])
             u, v = (p_best - row - j) % length, (r_best - column - i) % length
-            total, out, among = x_sum * y_sum, 0.0, False
+            total, out, among = x_sum * y_sum, 0.0, False  # the sum over all pairs of phases is a product
             for k in range(len(barred)):
                 if barred[k, 0] == at[1]:
                     p, r = (row + j + barred[k, 1]) % length, (column + i + barred[k, 2]) % length
                     out += np.exp(float(room.lines[0, i, p]) + float(room.lines[1, j, r]) - most)
                     among = among or (barred[k, 1] == u and barred[k, 2] == v)
             total -= out
-            if among or out > total:
+            if among or out > total:  # the difference has lost its digits, or the best one is barred
                 most, total, u, v = _without(room, (i, j), row + j, column + i, barred, at[1])
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))

@@ -14,6 +14,7 @@ import shapely
 from tactape_fab.kit.film.tag_ink import Ink, tag_ink
 from tactape_fab.texture.tag import LEAST_CELL_MM, tag_cells
 from tactape_fab.verify.layers.legend import pupil_detector
+from tests.thorough import thorough
 
 IDS = range(587)
 SAMPLE = [0, 1, 7, 100, 255, 300, 444, 586]
@@ -124,7 +125,7 @@ def test_cells_are_those_of_apriltag_3(tag_id: int, code: int) -> None:
 
 # Ink, every id in both polarities
 
-BOTH = pytest.mark.parametrize("light", [True, False], ids=["light-ink", "dark-ink"])
+BOTH = pytest.mark.parametrize("light", [True, thorough(False)], ids=["light-ink", "dark-ink"])
 
 
 @BOTH

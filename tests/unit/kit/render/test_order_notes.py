@@ -255,7 +255,7 @@ def test_notes_stand_in_the_kit_and_never_in_the_zip(small_kit: Kit) -> None:
         (r"only in the strip at the left end", "anywhere", "do not say where the fab may print"),
         (r"(left end, x \d+\.\d) to \d+\.\d", r"\1 to 9.0", "on parts or off the board"),
         (r"(left end, .*?to) \d+\.\d mm;", r"\1 99.0 mm;", "on parts or off the board"),
-        (r"ORDER", "\u00d6RDER", "no UTF-8"),
+        (r"ORDER", "\u00d6RDER", "not UTF-8"),
     ],
 )
 def test_verify_reads_the_notes(old: str, new: str, says: str, default_kit: Kit) -> None:

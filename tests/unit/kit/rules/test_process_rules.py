@@ -27,6 +27,7 @@ from tactape_fab.kit.plan import plan_texture
 from tactape_fab.kit.profiles import ElementProfile, load_part, load_process, read_part
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
 from tactape_fab.solids.forms import Cylinder, SolidForm
+from tests.thorough import only_thorough
 from tests.unit.kit.test_plan import STEP, turned
 
 SMALL = {"sector": 7, "size_mm": (14.0, 11.0)}
@@ -428,6 +429,7 @@ def test_no_3d_leaves_the_models_out(tmp_path: Path) -> None:
     assert not (tmp_path / "kit" / "models").exists()
 
 
+@only_thorough
 def test_kits_with_models_load_no_cad_kernel_and_no_mesh_library(tmp_path: Path) -> None:
     program = (
         "import sys; from tactape_fab import TapeSpec, make_kit\n"

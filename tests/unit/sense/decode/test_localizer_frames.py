@@ -1,4 +1,4 @@
-"""Localizer: frames of any sensor, and every door for what is no frame and what are no dots."""
+"""Localizer: frames of any sensor, and the refusal of invalid frames and invalid dots at every entry point."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tactape_fab.sense.decode import warm
+from tests.thorough import only_thorough
 
 PROGRAM = """
 import numba.core.event as events
@@ -38,6 +39,7 @@ assert heard.names[count:] == []
 """
 
 
+@only_thorough
 def test_no_kernel_is_compiled_twice_and_none_by_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, encoding="utf-8", check=False)

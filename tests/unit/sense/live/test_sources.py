@@ -129,7 +129,7 @@ def test_a_stream_goes_on_behind_what_is_no_array() -> None:
     said = "\n".join(t.message for t in troubles)
     for words in (
         "skipped 10 bytes",
-        "no numbers",
+        "not real numbers",
         "shape (1, 2, 3, 4)",
         "ends after 99872 of 307200 bytes",
         "ends after 307199 of",

@@ -163,7 +163,7 @@ HEADER = b"Designator,Mid X,Mid Y,Layer,Rotation\r\n"
         (HEADER, "names no part"),
         (b"Designator,Mid X,Layer\r\nR1,1,Top\r\n", "no column Mid Y, Rotation"),
         (HEADER + b"R1,1,2,Top\r\n", "line 2: it has 4 cells where the header has 5"),
-        (HEADER + b"R1,1,x,Top,45\r\n", "line 2: Mid Y = 'x' is no number"),
+        (HEADER + b"R1,1,x,Top,45\r\n", "line 2: Mid Y = 'x' is not a number"),
         (HEADER + b"R1,nan,2,Top,45\r\n", "Mid X = 'nan'"),
         (HEADER + b"R1,1e9,2,Top,45\r\n", "from -10000 to 10000 mm"),
         (HEADER + b"R1,1,2,Bottom,45\r\n", "'R1' is on layer 'Bottom'"),

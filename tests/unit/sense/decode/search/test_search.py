@@ -187,7 +187,7 @@ def test_search_is_a_plain_enumeration(name: str, corner: tuple[int, int], doubt
     assert place.lead >= min(lead, 8.0) - 1e-4
 
 
-@pytest.mark.parametrize("name", ["one", "mixed"])
+@pytest.mark.parametrize("name", ["one", thorough("mixed")])
 @pytest.mark.parametrize(
     ("sector", "corner", "doubt", "at_default", "beyond"),
     [
