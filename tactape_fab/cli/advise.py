@@ -13,6 +13,7 @@ from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step
 
 if TYPE_CHECKING:
     from tactape_fab.advise.answer import Advice, Line
+    from tactape_fab.sense import SensorProfile
 
 _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "error", "angle", "parts", "cost", "warnings")
 
@@ -108,6 +109,13 @@ def _row(line: Line, advice: Advice) -> tuple[str, ...]:
     )
 
 
+def _noise(sensor: SensorProfile) -> str:
+    """The noise that a sensor's profile states, in words."""
+    if sensor.slope_noise is not None:
+        return f"slopes {sensor.slope_noise:g} rms a pixel, white"
+    return f"{sensor.white_um:g} µm white, {sensor.correlated_um:g} µm in blobs of {sensor.correlated_px:g} px"
+
+
 def _explained(advice: Advice) -> Iterator[str]:
     """The columns and the assumptions behind the figures, line by line."""
     from tactape_fab.advise.answer import LOCATED
@@ -127,10 +135,7 @@ def _explained(advice: Advice) -> Iterator[str]:
         f"by {asked.placement_mm:g} mm (--tapes, --blur, --placement), {IMPRINT_SHARE:.0%} of a part's height imprinted, rims of "
         f"{ROLL_OFF_MM:g} mm"
     )
-    yield (
-        f"noise of {asked.sensor.name}: {asked.sensor.white_um:g} µm white, {asked.sensor.correlated_um:g} µm in blobs of "
-        f"{asked.sensor.correlated_px:g} px; a part must stand out of it"
-    )
+    yield f"noise of {asked.sensor.name}: {_noise(asked.sensor)}; a part must stand out of it"
     for line in advice.lines:
         yield (
             f"W {line.design.pitch_mm:.2f} {line.design.part}: a dot stands {line.height_um:.0f} µm over its background, "

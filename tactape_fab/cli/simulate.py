@@ -25,9 +25,15 @@ from tactape_fab.cli.printing import counted, step_shown
 @click.option("--missing", metavar="SHARE", help="Share of parts that are missing.  [default: 0]")
 @click.option("--bumps", metavar="N", help="Bumps that belong to no tape.  [default: 0]")
 @click.option("--noise", metavar="FACTOR", help="Factor on the sensor's noise.  [default: 1]")
+@click.option("--noise-model", metavar="MODEL", help="slope, or smooth for the older model.  [default: the sensor's own]")
 @click.option("--placement", metavar="MM", help="Standard deviation of the parts' places.  [default: 0]")
 @click.option("--elastomer", metavar="MM", help="How far the elastomer smooths, standard deviation.  [default: 0.15]")
 @click.option("--scale-error", metavar="SHARE", help="The true px/mm is the profile's times 1 + SHARE.  [default: 0]")
+@click.option("--aspect-error", metavar="SHARE", help="The true aspect is the profile's plus SHARE.  [default: 0]")
+@click.option("--shear-error", metavar="SHARE", help="The true shear is the profile's plus SHARE.  [default: 0]")
+@click.option("--k1-error", metavar="SHARE", help="The true radial distortion is the profile's plus SHARE.  [default: 0]")
+@click.option("--gel-displacement", metavar="UM", help="Smooth displacement of the gel, rms, µm.  [default: the sensor's own]")
+@click.option("--gel-correlation", metavar="MM", help="How far it is alike, standard deviation.  [default: the sensor's own]")
 @click.option("--from-cpl", is_flag=True, help="Take the parts' places from the kit's pick-and-place file.")
 def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, from_cpl: bool, **given: str | None) -> None:
     """Write depth maps of a kit's tape in contact with a sensor, and where they were taken.
@@ -40,6 +46,7 @@ def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, f
         from tactape_fab.sense.files.simulated import simulate_file
 
         places = {"contact": contact_size, "cylinder": length, "placement": length, "elastomer": length}
+        places["gel_correlation"] = length
         options = {name: places.get(name, number)(text) for name, text in given.items() if text is not None}
         made = simulate_file(
             kit,

@@ -14,6 +14,7 @@ from tactape_fab.sense.simulation.contact import pixels_mm
 from tactape_fab.sense.simulation.draw import checked_seed
 from tactape_fab.sense.simulation.gel import FloatImage, press
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE
+from tactape_fab.sense.simulation.true_camera import true_camera
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
@@ -85,7 +86,7 @@ def other_surface(
         scene = scene.changed({"contact": "pad", "dome_mm": 0.0})
     elif kind == "ridges":
         turn, phase, pitch_mm = rng.uniform(0.0, np.pi), rng.uniform(0.0, 2 * np.pi), rng.uniform(*RIDGE_PITCH_MM)
-        along = pixels_mm(relief.shape, profile.px_per_mm) @ np.array([np.cos(turn), np.sin(turn)])
+        along = pixels_mm(relief.shape, true_camera(profile, DEFAULT_SCENE)) @ np.array([np.cos(turn), np.sin(turn)])
         relief += scene.texture_mm * (0.5 + 0.5 * np.sin(2 * np.pi * along / pitch_mm + phase))
     return press(relief, profile, scene, rng)
 

@@ -19,6 +19,7 @@ from tactape_fab.sense.sensors import as_sensor
 from tactape_fab.sense.simulation.contact import contact_outline_mm, inwards
 from tactape_fab.sense.simulation.dot_errors import NOT_A_PART, Dots
 from tactape_fab.sense.simulation.parts import as_parts
+from tactape_fab.sense.simulation.true_camera import true_camera
 from tactape_fab.sense.simulation.view import make_view
 from tactape_fab.texture.frames import FloatArray, IntArray, board_to_texture
 from tactape_fab.texture.tape import Tape
@@ -210,8 +211,7 @@ def _inward(scene: Scene, profile: SensorProfile, px: FloatArray, share: FloatAr
     unit = np.tile([1.0, 0.0], (len(px), 1))
     rim = np.flatnonzero(share < _WHOLE)
     if scene.contact != "pad" and len(rim):
-        scale = np.asarray(profile.px_per_mm) * (1 + scene.scale_error)
-        unit[rim] = inwards(scene, (px[rim] - profile.centre_px) / scale)
+        unit[rim] = inwards(scene, true_camera(profile, scene).from_px(px[rim]))
     return unit
 
 

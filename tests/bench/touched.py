@@ -89,13 +89,13 @@ def _touched(
         at_mm = bent(scene, at_mm)
     if scene.placement_mm:
         at_mm = at_mm + scene.placement_mm * rng.standard_normal(at_mm.shape)
-    most_u, most_v = profile.centre_px / view.px_per_mm
+    most_u, most_v = view.half_field_mm
     seen = np.flatnonzero((np.abs(at_mm[:, 0]) <= most_u) & (np.abs(at_mm[:, 1]) <= most_v))
     pose, part, at_mm = pose[seen], part[seen], at_mm[seen]
     share = imprint(scene, at_mm)
-    felt = np.flatnonzero(share >= LEAST_IMPRINT)
-    at_mm = at_mm[felt]
-    return Touched(pose=pose[felt], part=part[felt], at_mm=at_mm, px=view.to_px(at_mm), imprint=share[felt])
+    px = view.to_px(at_mm)
+    felt = np.flatnonzero((share >= LEAST_IMPRINT) & (np.abs(px - profile.centre_px) <= profile.centre_px).all(axis=1))
+    return Touched(pose=pose[felt], part=part[felt], at_mm=at_mm[felt], px=px[felt], imprint=share[felt])
 
 
 def _reach_mm(scene: Scene, half_field_mm: FloatArray) -> float:

@@ -79,6 +79,8 @@ LEAST_GOOD = 4
 
 SMOOTHING_MM = 0.125
 """Standard deviation of the Gaussian that a depth map is smoothed with: 2 px at 16 px/mm."""
+BACKGROUND_MM = 1.5625
+"""Side of the square whose mean is taken away as background: 25 px at 16 px/mm."""
 LEAST_HEIGHT = 0.3
 """Least height of a dot over the median of the strongest ones. Bumps of noise are mostly lower."""
 USUAL_NOISE, LEAST_NOISE = 0.15, 0.03

@@ -36,9 +36,15 @@ _SCENE_KEYS = {
     "missing": "missing",
     "bumps": "bumps",
     "noise": "noise",
+    "noise_model": "noise_model",
     "placement": "placement_mm",
     "elastomer": "elastomer_mm",
     "scale_error": "scale_error",
+    "aspect_error": "aspect_error",
+    "shear_error": "shear_error",
+    "k1_error": "k1_error",
+    "gel_displacement": "gel_displacement_um",
+    "gel_correlation": "gel_correlation_mm",
 }
 """Options of the command line and the attributes of Scene that they set."""
 
@@ -86,8 +92,8 @@ def simulate_file(
     progress : callable
         Called with a text, the number of frames done and their total.
     **scene
-        contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, placement, elastomer, scale_error:
-        attributes of `Scene`.
+        contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, noise_model, placement, elastomer,
+        scale_error, aspect_error, shear_error, k1_error, gel_displacement, gel_correlation: attributes of `Scene`.
 
     Raises
     ------

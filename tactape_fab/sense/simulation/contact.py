@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.true_camera import TrueCamera
 from tactape_fab.texture.frames import FloatArray
 
 FloatImage = npt.NDArray[np.float32]
@@ -57,9 +58,9 @@ def inwards(scene: Scene, at_mm: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
-def contact_images(scene: Scene, shape: tuple[int, int], px_per_mm: tuple[float, float]) -> tuple[FloatImage, FloatImage]:
+def contact_images(scene: Scene, shape: tuple[int, int], camera: TrueCamera) -> tuple[FloatImage, FloatImage]:
     """Imprint and background (mm) of every pixel, read-only; cached for the scenes used last."""
-    at_mm = pixels_mm(shape, px_per_mm)
+    at_mm = pixels_mm(shape, camera)
     background = _background(scene, at_mm) + at_mm @ np.asarray(scene.tilt_mm_per_mm)
     images = imprint(scene, at_mm).astype(np.float32), background.astype(np.float32)
     for image in images:
@@ -67,12 +68,10 @@ def contact_images(scene: Scene, shape: tuple[int, int], px_per_mm: tuple[float,
     return images
 
 
-def pixels_mm(shape: tuple[int, int], px_per_mm: tuple[float, float]) -> FloatArray:
-    """Every pixel's centre relative to the image centre; shape (height, width, 2), mm."""
-    at = np.empty((*shape, 2))
-    at[..., 0] = (np.arange(shape[1]) - (shape[1] - 1) / 2) / px_per_mm[0]
-    at[..., 1] = ((np.arange(shape[0]) - (shape[0] - 1) / 2) / px_per_mm[1])[:, None]
-    return at
+def pixels_mm(shape: tuple[int, int], camera: TrueCamera) -> FloatArray:
+    """What every pixel's centre sees, from what the image centre sees; shape (height, width, 2), mm."""
+    u, v = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
+    return camera.from_px(np.stack([u, v], axis=-1).astype(np.float64))
 
 
 def contact_outline_mm(scene: Scene, half_field_mm: FloatArray) -> FloatArray:

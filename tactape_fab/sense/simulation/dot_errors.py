@@ -13,6 +13,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import imprint, inwards
 from tactape_fab.sense.simulation.draw import parts_in_view, points_in_contact
+from tactape_fab.sense.simulation.gel_displacement import displacement_um, displacements
 from tactape_fab.sense.simulation.parts import Parts, as_parts
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
 from tactape_fab.sense.simulation.view import make_view
@@ -128,6 +129,8 @@ def dots_of(
     *position_mm, theta_deg = pose
     view = make_view(tape, position_mm, theta_deg, profile, scene)
     index, _, at_mm = parts_in_view(view, as_parts(tape, parts), rng)
+    if displacement_um(view) > 0.0:
+        at_mm = at_mm + displacements(view, at_mm, rng)
     share = imprint(scene, at_mm)
     true_px = view.to_px(at_mm)
     found = (share >= max(errors.least_imprint, 1e-3)) & (rng.random(len(share)) >= errors.lost)

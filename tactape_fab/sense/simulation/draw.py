@@ -15,6 +15,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
 from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of
+from tactape_fab.sense.simulation.gel_displacement import displacement_um, displacements
 from tactape_fab.sense.simulation.parts import Parts, as_parts, scattered
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
 from tactape_fab.sense.simulation.view import View, make_view
@@ -42,7 +43,8 @@ class Frame:
     contact_px : ndarray, shape (2,)
         Contact centre in the canonical image, px.
     dots_px : ndarray, shape (k, 2)
-        True centres in the canonical image of the parts that leave an imprint, with their placement errors.
+        Where the centres of the parts that leave an imprint are seen in the canonical image: with their placement errors and the
+        gel's displacement, by the true camera.
     dots_part : ndarray of int64, shape (k,)
         Index of each one's part in the tape, or in the given parts.
     dots_imprint : ndarray, shape (k,)
@@ -296,15 +298,17 @@ def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) ->
 
 
 def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
-    """One frame; defects and noise have separate random streams, so that neither changes the other."""
+    """One frame; defects, noise and gel have separate random streams, so that none changes another."""
     scene = view.scene
-    of_parts, of_noise = (
+    of_parts, of_noise, of_gel = (
         np.random.Generator(np.random.PCG64(np.random.SeedSequence(stream.entropy, spawn_key=(*stream.spawn_key, i))))
-        for i in range(2)
+        for i in (0, 1, 3)  # (0, 2) is that of poses
     )
     index, seen, at_mm = parts_in_view(view, parts, of_parts)
+    if displacement_um(view) > 0.0:
+        at_mm = at_mm + displacements(view, at_mm, of_gel)
     bumps_mm, sizes = _draw_bumps(view, of_parts)
-    relief = relief_of(view, seen, bumps_mm, sizes)
+    relief = relief_of(view, seen, at_mm, bumps_mm, sizes)
     share = imprint(scene, at_mm)
     dots_px = view.to_px(at_mm)
     felt = (share > 0.0) & (np.abs(dots_px - view.profile.centre_px) <= view.profile.centre_px + 0.5).all(axis=1)
@@ -324,7 +328,10 @@ def _stream(seed: int, number: int) -> np.random.SeedSequence:
 
 
 def parts_in_view(view: View, parts: Parts, rng: np.random.Generator) -> tuple[IntArray, Parts, FloatArray]:
-    """Parts within reach of the contact, with placement errors: their indices, places on the board, and in view (mm)."""
+    """Parts within reach of the contact, with placement errors: their indices, places on the board, and in view (mm).
+
+    The gel has not displaced them yet; those that it may bring into reach are among them.
+    """
     scene, tape = view.scene, view.tape
     if scene.mirrored_tape:
         mirrored = parts.xy_mm * (-1.0, 1.0) + (tape.board.size_mm[0], 0.0)
@@ -333,6 +340,7 @@ def parts_in_view(view: View, parts: Parts, rng: np.random.Generator) -> tuple[I
     near = np.flatnonzero(view.in_reach(parts, reach_mm + 4 * scene.placement_mm))
     standing, there = scattered(parts.taken(near), scene, rng)
     at_mm = view.from_board(standing.xy_mm)
+    reach_mm += 4 * displacement_um(view) / 1000.0  # not before: other parts in reach would change all that is drawn of them
     felt = there & (inside_mm(scene, at_mm) > -scene.roll_off_mm / 2 - reach_mm)
     felt &= (np.abs(at_mm) <= view.half_field_mm + reach_mm).all(axis=1)
     return near[felt], standing.taken(felt), at_mm[felt]

@@ -7,25 +7,25 @@ import numpy.typing as npt
 
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.contact import contact_images, contact_outline_mm
+from tactape_fab.sense.simulation.noise import add_noise
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.sense.simulation.pixel_coverage import add_domes, add_quads
 from tactape_fab.sense.simulation.scene import Scene
-from tactape_fab.sense.simulation.smoothing import smooth
+from tactape_fab.sense.simulation.smoothing import gaussian_kernel, smooth
+from tactape_fab.sense.simulation.true_camera import true_camera
 from tactape_fab.sense.simulation.view import View
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm
 
 FloatImage = npt.NDArray[np.float32]
 
-_KERNEL_REACH = 3.5
-"""Half the width of a smoothing kernel, in standard deviations."""
 BUMP_FOOT_MM = (0.30, 0.70)
 """Least and largest diameter of a spurious bump, mm."""
 BUMP_HEIGHT = (0.5, 1.2)
 """Least and largest height of a spurious bump, as a fraction of the texture's."""
 
 
-def relief_of(view: View, parts: Parts, bumps_mm: FloatArray, bump_sizes: FloatArray) -> FloatArray:
+def relief_of(view: View, parts: Parts, at_mm: FloatArray, bumps_mm: FloatArray, bump_sizes: FloatArray) -> FloatArray:
     """Height of the surface under the gel over the top of the film; shape (h, w), mm.
 
     Parameters
@@ -33,13 +33,15 @@ def relief_of(view: View, parts: Parts, bumps_mm: FloatArray, bump_sizes: FloatA
     view : View
     parts : Parts
         Parts in view.
+    at_mm : ndarray, shape (n, 2)
+        Their centres in view: mm from the image centre, right and down.
     bumps_mm : ndarray, shape (k, 2)
         Centres of spurious bumps, mm from the image centre.
     bump_sizes : ndarray, shape (k, 2)
         Their diameters in mm, and heights as a fraction of the texture's.
     """
     image = np.zeros((view.profile.height_px, view.profile.width_px))
-    centres_px = view.to_px(view.from_board(parts.xy_mm))
+    centres_px = view.to_px(at_mm)
     part, texture_mm = view.tape.part, view.scene.texture_mm
     if part.shape == "dome":
         foot = np.full(len(centres_px), part.body_mm[0] / 2)
@@ -47,15 +49,15 @@ def relief_of(view: View, parts: Parts, bumps_mm: FloatArray, bump_sizes: FloatA
         cap = None if part.top_mm is not None else part.body_mm[2]
         add_domes(image, centres_px, view.px_per_mm, foot, top, np.full(len(foot), texture_mm), cap)
     else:
-        add_quads(image, centres_px[:, None] + _corners_px(view, parts.rotation_deg), texture_mm)
+        add_quads(image, centres_px[:, None] + view.camera.offsets_px(at_mm, _corners_mm(view, parts.rotation_deg)), texture_mm)
     _add_bumps(image, view, bumps_mm, bump_sizes)
     if view.tape.surface is None:
         _cut_film(image, view)
     return image
 
 
-def _corners_px(view: View, rotation_deg: FloatArray) -> FloatArray:
-    """Corners of blocks from their centres in the image; shape (n, 4, 2), px."""
+def _corners_mm(view: View, rotation_deg: FloatArray) -> FloatArray:
+    """Corners of blocks from their centres in view; shape (n, 4, 2), mm."""
     length_mm, width_mm = view.tape.part.body_mm[:2]
     rotation = np.radians(rotation_deg)
     along_board = np.stack([np.cos(rotation), np.sin(rotation)], axis=-1)
@@ -63,9 +65,7 @@ def _corners_px(view: View, rotation_deg: FloatArray) -> FloatArray:
     flip = np.array([1.0, -1.0])
     along = (along_board * flip) @ view.turn * length_mm / 2
     across = (across_board * flip) @ view.turn * width_mm / 2
-    corners = np.stack([along + across, across - along, -along - across, along - across], axis=1)
-    scaled: FloatArray = corners * view.px_per_mm
-    return scaled
+    return np.stack([along + across, across - along, -along - across, along - across], axis=1)
 
 
 def _add_bumps(image: FloatArray, view: View, bumps_mm: FloatArray, sizes: FloatArray) -> None:
@@ -85,25 +85,25 @@ def _cut_film(image: FloatArray, view: View) -> None:
     low = np.maximum(outline_px.min(axis=0) - margin_px, -0.5)
     high = np.minimum(outline_px.max(axis=0) + margin_px, 2 * profile.centre_px + 0.5)
     corners_px = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
-    corners = view.to_board((corners_px - profile.centre_px) / view.px_per_mm)
+    corners = view.to_board(view.from_px(corners_px))
     mean_scale = float(np.sqrt(np.prod(view.px_per_mm)))
     if inset_mm(corners, board.size_mm, board.corner_radius_mm).min() > 1 / mean_scale:
         return
     first, last = np.floor(low + 0.5).astype(np.int64), np.ceil(high + 0.5).astype(np.int64)
     u, v = np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]))
-    at = view.to_board((np.stack([u, v], axis=-1) - profile.centre_px) / view.px_per_mm)
+    at = view.to_board(view.from_px(np.stack([u, v], axis=-1).astype(np.float64)))
     beyond = np.clip(0.5 - inset_mm(at, board.size_mm, board.corner_radius_mm) * mean_scale, 0.0, 1.0)
     image[first[1] : last[1], first[0] : last[0]] -= min(board.thickness_mm, view.scene.dome_mm) * beyond
 
 
 def press(relief_mm: FloatArray, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> FloatImage:
     """The depth map that a sensor delivers of a relief pressed into its gel; shape `profile.frame_shape`."""
-    x, y = profile.px_per_mm
-    scale = (x * (1 + scene.scale_error), y * (1 + scene.scale_error))
-    imprint, background = contact_images(scene, (profile.height_px, profile.width_px), scale)
-    depth = _smooth(relief_mm.astype(np.float32) * imprint, scene.elastomer_mm * scale[0], scene.elastomer_mm * scale[1])
+    camera = true_camera(profile, scene)
+    imprint, background = contact_images(scene, (profile.height_px, profile.width_px), camera)
+    sigma_u_px, sigma_v_px = (scene.elastomer_mm * scale for scale in camera.px_per_mm)
+    depth = _smooth(relief_mm.astype(np.float32) * imprint, sigma_u_px, sigma_v_px)
     depth += background
-    _add_noise(depth, profile, scene, rng)
+    add_noise(depth, profile, scene, rng)
     return delivered(depth, profile)
 
 
@@ -120,29 +120,4 @@ def delivered(depth_mm: FloatImage, profile: SensorProfile) -> FloatImage:
 def _smooth(image: FloatImage, sigma_u_px: float, sigma_v_px: float) -> FloatImage:
     if min(sigma_u_px, sigma_v_px) < 0.05:
         return image
-    return smooth(image, _kernel(sigma_u_px), _kernel(sigma_v_px), "edge")
-
-
-def _kernel(sigma_px: float) -> FloatImage:
-    at = np.arange(-int(np.ceil(_KERNEL_REACH * sigma_px)), int(np.ceil(_KERNEL_REACH * sigma_px)) + 1)
-    weight = np.exp(-0.5 * (at / sigma_px) ** 2)
-    kernel: FloatImage = (weight / weight.sum()).astype(np.float32)
-    return kernel
-
-
-def _add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> None:
-    """White noise and smoothed noise, drawn beyond the image's edges so that its rms is the same everywhere."""
-    white_um = profile.white_um if scene.white_um is None else scene.white_um
-    correlated_um = profile.correlated_um if scene.correlated_um is None else scene.correlated_um
-    blob_px = profile.correlated_px if scene.correlated_px is None else scene.correlated_px
-    if white_um * scene.noise > 0.0:
-        white = rng.standard_normal(depth.shape, dtype=np.float32)
-        white *= np.float32(white_um * scene.noise / 1000)
-        depth += white
-    if correlated_um * scene.noise > 0.0:
-        kernel = _kernel(blob_px)
-        reach = len(kernel) // 2
-        drawn = rng.standard_normal((depth.shape[0] + 2 * reach, depth.shape[1] + 2 * reach), dtype=np.float32)
-        gain = correlated_um * scene.noise / 1000 / float((kernel.astype(np.float64) ** 2).sum())
-        blobs = smooth(drawn, kernel, kernel * np.float32(gain), "constant")
-        depth += blobs[reach:-reach, reach:-reach]
+    return smooth(image, gaussian_kernel(sigma_u_px), gaussian_kernel(sigma_v_px), "edge")

@@ -12,6 +12,10 @@ from tactape_fab.base.fields import Fields, unknown_key
 
 Contact = Literal["ellipse", "strip", "pad"]
 CONTACTS = ("ellipse", "strip", "pad")
+NoiseModel = Literal["sensor", "slope", "smooth"]
+NOISE_MODELS = ("sensor", "slope", "smooth")
+SMOOTH_NOISE = ("white_um", "correlated_um", "correlated_px")
+"""Figures of the noise model "smooth"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,10 +47,16 @@ class Scene:
         Height of the background from the contact's own shape.
     tilt_mm_per_mm : (float, float)
         Slope of the background along image u and v.
+    noise_model : {"sensor", "slope", "smooth"}
+        White noise of the slopes, integrated, or white and smooth noise of the depth. "sensor": the one of which the scene gives
+        a figure, else slopes where the sensor's profile says how noisy they are.
+    slope_noise : float or None
+        Noise of the slopes, root mean square a pixel; None: the sensor's own.
     white_um, correlated_um, correlated_px : float or None
-        Noise; None: the sensor's own figures. `correlated_px` is the standard deviation of the kernel that smooths it.
+        Noise of the depth; None: the sensor's own figures. `correlated_px` is the standard deviation of the kernel that smooths
+        it.
     noise : float
-        Factor on both kinds of noise.
+        Factor on the noise of either model.
     missing : float
         Fraction of parts that are missing, each at random.
     bumps : int
@@ -55,6 +65,11 @@ class Scene:
         Standard deviation of the parts' positions per axis, and of their rotations.
     scale_error : float
         The true scale is the profile's times 1 + scale_error.
+    aspect_error, shear_error, k1_error : float
+        The true aspect, shear and radial distortion (`Geometry`) are the profile's plus these.
+    gel_displacement_um, gel_correlation_mm : float or None
+        Smooth random displacement of what the gel shows, root mean square along each axis, and the standard deviation of the
+        Gaussian that correlates it; None: those of the sensor's gel.
     mirrored_tape : bool
         The tape as its mirror image (x of the board frame reversed).
     """
@@ -70,6 +85,8 @@ class Scene:
     elastomer_mm: float = 0.15
     dome_mm: float = 0.3
     tilt_mm_per_mm: tuple[float, float] = (0.01, -0.005)
+    noise_model: NoiseModel = "sensor"
+    slope_noise: float | None = None
     white_um: float | None = None
     correlated_um: float | None = None
     correlated_px: float | None = None
@@ -79,6 +96,11 @@ class Scene:
     placement_mm: float = 0.0
     rotation_deg: float = 0.0
     scale_error: float = 0.0
+    aspect_error: float = 0.0
+    shear_error: float = 0.0
+    k1_error: float = 0.0
+    gel_displacement_um: float | None = None
+    gel_correlation_mm: float | None = None
     mirrored_tape: bool = False
 
     def __post_init__(self) -> None:
@@ -93,10 +115,20 @@ class Scene:
         for name, (least, most, unit) in _NUMBERS.items():
             if getattr(self, name) is not None:
                 table.number(name, low=least, high=most, unit=unit)
+        table.text("noise_model", choices=NOISE_MODELS)
+        self._refuse_other_noise(table)
         table.integer("bumps", low=0, high=1000)
         table.flag("mirrored_tape")
         if table.problems:
             raise SpecError(table.problems)
+
+    def _refuse_other_noise(self, table: Fields) -> None:
+        """Refuse figures of a noise model that is not the scene's; they would do nothing."""
+        smooth = [name for name in SMOOTH_NOISE if getattr(self, name) is not None]
+        if smooth and (self.noise_model == "slope" or self.slope_noise is not None):
+            table.problem(smooth[0], f"{smooth[0]} is a figure of the noise model smooth, the scene's is slope; leave it out")
+        elif self.slope_noise is not None and self.noise_model == "smooth":
+            table.problem("slope_noise", "slope_noise is a figure of the noise model slope, the scene's is smooth; leave it out")
 
     @property
     def strip_half_mm(self) -> float:
@@ -143,6 +175,7 @@ _NUMBERS = {
     "texture_mm": (0.0, 100.0, "mm"),
     "elastomer_mm": (0.0, 5.0, "mm"),
     "dome_mm": (0.0, 100.0, "mm"),
+    "slope_noise": (0.0, 10.0, ""),
     "white_um": (0.0, 1e4, "um"),
     "correlated_um": (0.0, 1e4, "um"),
     "correlated_px": (1.0, 100.0, "px"),
@@ -151,6 +184,11 @@ _NUMBERS = {
     "placement_mm": (0.0, 10.0, "mm"),
     "rotation_deg": (0.0, 360.0, "deg"),
     "scale_error": (-0.5, 0.5, ""),
+    "aspect_error": (-0.2, 0.2, ""),
+    "shear_error": (-0.2, 0.2, ""),
+    "k1_error": (-0.2, 0.2, ""),
+    "gel_displacement_um": (0.0, 1000.0, "um"),
+    "gel_correlation_mm": (0.1, 100.0, "mm"),
 }
 
 DEFAULT_SCENE = Scene()

@@ -14,8 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 FloatImage = npt.NDArray[np.float32]
+KERNEL_REACH = 3.5
+"""Half the width of a Gaussian kernel, in standard deviations."""
 _BLOCK = 32
 """Rows at a time: the buffers of so many rows stay in a processor's cache, which is twice as fast."""
+
+
+def gaussian_kernel(sigma_px: float) -> FloatImage:
+    """A normalised Gaussian of odd length."""
+    at = np.arange(-int(np.ceil(KERNEL_REACH * sigma_px)), int(np.ceil(KERNEL_REACH * sigma_px)) + 1)
+    weight = np.exp(-0.5 * (at / sigma_px) ** 2)
+    kernel: FloatImage = (weight / weight.sum()).astype(np.float32)
+    return kernel
 
 
 def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Literal["edge", "constant"]) -> FloatImage:

@@ -14,6 +14,7 @@ from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.sense.simulation.contact import contact_local
 from tactape_fab.sense.simulation.parts import Parts
 from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.sense.simulation.true_camera import TrueCamera, true_camera
 from tactape_fab.texture.frames import FloatArray, board_to_texture, texture_to_board
 from tactape_fab.texture.tape import Tape
 
@@ -22,7 +23,7 @@ FARTHEST_MM = 100_000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """A pose of a sensor on a tape, with the true scale.
+    """A pose of a sensor on a tape, with the true camera.
 
     Points "in view" are mm from the image centre, right and down, as the sensor sees them.
     """
@@ -32,16 +33,17 @@ class View:
     scene: Scene
     position_mm: FloatArray
     theta_deg: float
+    camera: TrueCamera
 
     @property
     def px_per_mm(self) -> tuple[float, float]:
-        """The true scale along u and v, px/mm."""
-        x, y = self.profile.px_per_mm
-        return x * (1 + self.scene.scale_error), y * (1 + self.scene.scale_error)
+        """The true scale along u and v in the middle of the lens, px/mm."""
+        return self.camera.px_per_mm
 
     @property
     def half_field_mm(self) -> FloatArray:
-        return np.array([self.profile.width_px, self.profile.height_px]) / self.px_per_mm / 2
+        """Farthest points in view along u and v."""
+        return self.camera.half_field_mm
 
     @property
     def turn(self) -> FloatArray:
@@ -51,8 +53,11 @@ class View:
 
     def to_px(self, in_view_mm: FloatArray) -> FloatArray:
         """Points in view as pixels of the canonical image; shape (..., 2), px."""
-        px: FloatArray = in_view_mm * self.px_per_mm + self.profile.centre_px
-        return px
+        return self.camera.to_px(in_view_mm)
+
+    def from_px(self, px: FloatArray) -> FloatArray:
+        """Points in view that pixels of the canonical image see; shape (..., 2), mm."""
+        return self.camera.from_px(px)
 
     def from_board(self, xy_mm: FloatArray) -> FloatArray:
         """Board points in view; shape (..., 2), mm."""
@@ -99,4 +104,5 @@ def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile:
     theta = table.number("theta_deg", low=-1e6, high=1e6, unit="deg")
     if table.problems:
         raise SpecError(table.problems)
-    return View(tape=tape, profile=profile, scene=scene, position_mm=np.array([x, y]), theta_deg=theta)
+    camera = true_camera(profile, scene)
+    return View(tape=tape, profile=profile, scene=scene, position_mm=np.array([x, y]), theta_deg=theta, camera=camera)

@@ -121,7 +121,7 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, to
         edge, count as far as the decoder trusts them, a trust that is not judged here.
     """
     dots, view = _dots_of(rule, depth), make_view(rule.tape, pose[:2], float(pose[2]), rule.sensor, scene)
-    board = view.to_board((dots.xy_px - rule.sensor.centre_px) / view.px_per_mm)
+    board = view.to_board(view.from_px(dots.xy_px))
     at = board_to_texture(board, rule.tape.board.texture_origin_mm) / rule.tape.pitch_mm
     weights, trust = dots.weights, dots.trust
     turns = turn_weights(dots.elongation, dots.weights, dots.trust, _grid_of(rule, view), rule.tape.part)

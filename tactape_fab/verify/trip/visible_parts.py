@@ -45,7 +45,7 @@ def parts_shown(tape: Tape, pose: FloatArray, scene: Scene, sensor: SensorProfil
     outline, board = view.to_board(contact_outline_mm(scene, view.half_field_mm)), tape.board
     if inset_mm(outline, board.size_mm, board.corner_radius_mm).min() >= 0.0:
         return dots.part
-    there = view.to_board((dots.xy_px - sensor.centre_px) / view.px_per_mm)
+    there = view.to_board(view.from_px(dots.xy_px))
     return dots.part[inset_mm(there, board.size_mm, board.corner_radius_mm) >= SWALLOWED_MM]
 
 

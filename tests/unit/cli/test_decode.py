@@ -61,7 +61,8 @@ def test_simulate_says_what_it_wrote(default_kit: Kit, frames: Path) -> None:
 def test_simulate_takes_a_pose_and_a_scene(small_kit: Kit, tmp_path: Path) -> None:
     path = tmp_path / "f.npz"
     options = (
-        "--pose 4,8.5,-30 --contact 7x6 --missing 0.1 --bumps 2 --noise 2 --placement 0.05mm --elastomer 0.2 --scale-error 0.03"
+        "--pose 4,8.5,-30 --contact 7x6 --missing 0.1 --bumps 2 --noise 2 --placement 0.05mm --elastomer 0.2 --scale-error 0.03 "
+        "--noise-model smooth --aspect-error 0.03 --shear-error -0.01 --k1-error 0.02 --gel-displacement 50 --gel-correlation 3mm"
     )
     result = run(f"simulate {small_kit.path} -o {path} --count 2 --sensor digit {options}")
     assert result.exit_code == 0, result.stderr
@@ -72,7 +73,8 @@ def test_simulate_takes_a_pose_and_a_scene(small_kit: Kit, tmp_path: Path) -> No
         scene = json.loads(str(arrays["scene"]))["scene"]
     wanted = {
         "contact": "ellipse", "contact_mm": [7.0, 6.0], "missing": 0.1, "bumps": 2, "noise": 2.0, "placement_mm": 0.05,
-        "elastomer_mm": 0.2, "scale_error": 0.03,
+        "elastomer_mm": 0.2, "scale_error": 0.03, "noise_model": "smooth", "aspect_error": 0.03, "shear_error": -0.01,
+        "k1_error": 0.02, "gel_displacement_um": 50.0, "gel_correlation_mm": 3.0,
     }  # fmt: skip
     assert {key: scene[key] for key in wanted} == wanted
 

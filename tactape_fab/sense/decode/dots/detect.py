@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.sense.decode.dots.filters import STEP_TROUGH, Image, banded, gaussian_taps, tops
-from tactape_fab.sense.decode.rule import LEAST_HEIGHT, LEAST_NOISE, SMOOTHING_MM, trusted
+from tactape_fab.sense.decode.rule import BACKGROUND_MM, LEAST_HEIGHT, LEAST_NOISE, SMOOTHING_MM, trusted
 from tactape_fab.texture.frames import FloatArray, IntArray
 
-BACKGROUND_MM = 1.5625
 NEIGHBOURHOOD_MM = 0.3125
 STRONGEST = 8
 MOST_DOTS = 400

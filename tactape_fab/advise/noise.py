@@ -1,0 +1,48 @@
+"""Noise of a sensor's depth maps about a dot, after the decoder's filter."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import hypot, pi, sqrt
+
+import numpy as np
+
+from tactape_fab.sense.decode.rule import BACKGROUND_MM, SMOOTHING_MM
+from tactape_fab.sense.sensors import SensorProfile
+
+_STEP, _HIGHEST = 0.02, 5.0
+"""Cycles/mm: step of the sum over frequencies, and its end, where the decoder's smoothing leaves exp(-7) of the power."""
+
+
+def noise_of(sensor: SensorProfile) -> tuple[float, float, float]:
+    """Root mean square (um), correlation length (mm) and slope along one axis (um/mm) of what the filter leaves of the noise.
+
+    A noise whose autocorrelation is a Gaussian of standard deviation L has slopes of rms / L: L is the correlation length.
+    """
+    scale = sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
+    if sensor.slope_noise is not None:
+        noise_um, slope_um_mm = (1000.0 * sensor.slope_noise / scale * of_one for of_one in _of_white_slopes())
+        return noise_um, _of_white_slopes()[0] / _of_white_slopes()[1], slope_um_mm
+    # a Gaussian of standard deviation s leaves white noise 1 / (2 sqrt(pi) s) of its rms, and has a kernel of sqrt(2) s in its
+    # autocorrelation; blobs are white noise smoothed by b already, so b^2 + s^2 stands for s^2. The background that the filter
+    # takes away as well is not looked at
+    smooth_px, blob_px = SMOOTHING_MM * scale, sensor.correlated_px
+    white_um = sensor.white_um / (2.0 * sqrt(pi) * smooth_px)
+    blob2_px2 = blob_px**2 + smooth_px**2
+    blobs_um = sensor.correlated_um * blob_px / sqrt(blob2_px2)
+    slope_um_mm = scale * hypot(white_um / (sqrt(2.0) * smooth_px), blobs_um / sqrt(2.0 * blob2_px2))
+    return hypot(white_um, blobs_um), sqrt(2.0 * blob2_px2) / scale, slope_um_mm
+
+
+@lru_cache(maxsize=1)
+def _of_white_slopes() -> tuple[float, float]:
+    """Rms of filtered depth, and its slope along one axis, over slope noise times the pixel's size: s / R, mm.
+
+    Depth whose slopes have white noise s in each pixel has the spectrum (s / R)^2 / (2 pi f)^2 (`sense.simulation.noise`).
+    That is infinite at f = 0: the background that the filter takes away, a mean over a square, decides how much is left.
+    """
+    f = (np.arange(int(2 * _HIGHEST / _STEP)) + 0.5) * _STEP - _HIGHEST
+    square = (2.0 * pi * f) ** 2 + (2.0 * pi * f[:, None]) ** 2
+    mean = np.sinc(BACKGROUND_MM * f)
+    left = (np.exp(-square * SMOOTHING_MM**2 / 2.0) - mean * mean[:, None]) ** 2
+    return sqrt(float((left / square).sum()) * _STEP**2), sqrt(float(left.sum()) / 2.0 * _STEP**2)
