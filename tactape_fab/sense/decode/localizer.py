@@ -23,6 +23,7 @@ from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.rank import View, read
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, status_of
 from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGISTERED_SHARE, Limits, trusted
@@ -218,7 +219,10 @@ class Localizer:
     ) -> None:
         self._world = world
         self.sensor = as_sensor(sensor)
-        self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # factor on v that makes pixels square
+        self._camera = self.sensor.camera
+        self._aspect = float(self._camera.matrix[0, 0] / self._camera.matrix[1, 1])  # factor on v that makes pixels square
+        bent = (self.sensor.geometry.shear, self.sensor.geometry.k1) != (0.0, 0.0)
+        self._straight = not (bent or self.sensor.geometry.aspect != 0.0)
         self._view = View(
             pitch_mm=pitch_mm,
             displacement_mm=displacement_mm,
@@ -226,6 +230,7 @@ class Localizer:
             px_per_mm=self.sensor.px_per_mm[0],
             scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
             centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
+            beliefs=beliefs_of(self.sensor, fixed_scale=fixed_scale),
             directions=directions,
         )
 
@@ -286,9 +291,9 @@ class Localizer:
                 u, v = np.rint(dots.xy_px).astype(np.int64).T
                 h, w = self.sensor.mask.shape
                 dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
-            if self._aspect != 1.0:
+            if self._aspect != 1.0 or not self._straight:
                 elongation = square_pixels(dots.elongation, self._aspect)
-                dots = replace(dots, xy_px=dots.xy_px * (1.0, self._aspect), elongation=elongation)
+                dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation)
             found = self._locate(dots, prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
@@ -332,7 +337,7 @@ class Localizer:
             raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} do not match; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
             raise FrameError("dots have NaN or infinite values, or negative weights; leave those dots out")
-        square = xy * (1.0, self._aspect)
+        square = self._square(xy)
         if self._method == "paper":
             from tactape_fab.sense.decode.paper import locate_paper_dots
 
@@ -369,6 +374,15 @@ class Localizer:
             image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
         return found
+
+    def _square(self, xy_px: FloatArray) -> FloatArray:
+        """Places in the image of a perfect camera of the profile's px/mm along u: square pixels, no shear, no distortion."""
+        if self._straight:
+            out: FloatArray = xy_px * (1.0, self._aspect)
+        else:
+            on_gel = self._camera.from_px(xy_px) - self._camera.from_px(self.sensor.centre_px)
+            out = on_gel * self._view.px_per_mm + self._view.centre_px
+        return out
 
     def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
         if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
