@@ -13,6 +13,7 @@ from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, OVERHANG_SHARE
 from tactape_fab.sense.live.replay import USUAL_HZ
 from tactape_fab.sense.live.rerun_log import BOX_UM
+from tactape_fab.sense.simulation.elastic import MODULUS_KPA
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
@@ -24,7 +25,7 @@ FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 """What something measured would have for a unit; lengths in mm are options."""
 DECIDED = {
     "live.md": [f"{USUAL_HZ:g} Hz", f"{BOX_UM:g} µm"],
-    "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
+    "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %", f"{MODULUS_KPA:g} kPa"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": ["1 µm"],  # a tolerance of tests/readers
     "touch-code.md": [f"{100 * MOST_SYMBOL_ERRORS:g} %"],
