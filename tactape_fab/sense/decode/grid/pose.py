@@ -67,13 +67,13 @@ def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray,
     beliefs : Beliefs
     """
     n = len(weights)
-    fit, keep, agree, room = np.empty(7), np.empty(n), np.ones(n, dtype=np.bool_), np.empty((3, n))
+    fit, keep, agree, room = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
     px, mm = np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm)
     _agreeing(px, mm, np.ascontiguousarray(weights), px_per_mm, beliefs.sigmas[0] == 0.0, fit, keep, agree, room)
-    used = np.flatnonzero(keep > 0.0)
+    used = keep.nonzero()[0]
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
-    at, covariance, sigma = posterior(px[used] / px_per_mm, mm[used], keep[used], px_per_mm, fit, beliefs)
+    at, covariance, sigma = posterior(px.take(used, 0) / px_per_mm, mm.take(used, 0), keep.take(used), px_per_mm, fit, beliefs)
     theta, ln_scale = at[2:].tolist()
     return Pose(
         position_mm=at[:2],
