@@ -75,7 +75,7 @@ def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as
             if as_json:
                 outputs.insert(0, partial(_print, thing))
             _run(watched, tally, stop, outputs, count=count)
-    if tally.unusable and not tally.answered:
+    if tally.troubles and not tally.answered:  # something came, but not one frame that could be used
         sys.exit(FAILED)
 
 

@@ -319,6 +319,34 @@ def test_a_stream_is_watched_until_it_is_told_to_end(
         assert reader.message_count == 18
 
 
+def garbage() -> bytes:
+    return np.random.default_rng(5).integers(0, 256, 100_000, dtype=np.uint8).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "said"),
+    [
+        (garbage(), 1, "warning: stream damaged: skipped 100000 bytes that are not a .npy array, before frame 0"),
+        (npy(np.zeros((240, 320), dtype=np.float32))[:1000], 1, "warning: stream damaged: frame 0: the stream ends after 872 of"),
+        (npy(np.array(["a"])), 1, "warning: stream damaged: frame 0: "),
+        (b"", 0, "located 0 of 0 frames"),
+    ],
+    ids=["noise", "an array cut off", "words", "nothing"],
+)
+def test_a_pipe_without_a_frame_that_can_be_used_is_a_failure(default_kit: Kit, sent: bytes, status: int, said: str) -> None:
+    with process(f"- --tape {default_kit.path}") as watching:
+        out, errors = (data.decode() for data in watching.communicate(sent))
+    assert (watching.returncode, out) == (status, ""), errors
+    assert errors.startswith(said) and "located 0 of 0 frames" in errors
+
+
+def test_a_frame_behind_garbage_is_enough(default_kit: Kit, frames: Path) -> None:
+    with np.load(frames) as arrays, process(f"- --tape {default_kit.path}") as watching:
+        errors = watching.communicate(garbage() + npy(arrays["depth"][0]))[1].decode()
+    assert watching.returncode == 0 and "located 1 of 1 frame;" in errors
+    assert "skipped 100000 bytes" in errors
+
+
 def test_frames_of_another_sensor_alone_are_a_failure(default_kit: Kit, frames: Path, tmp_path: Path) -> None:
     with np.load(frames) as arrays:
         np.save(tmp_path / "a.npy", arrays["depth"][:, :50])
