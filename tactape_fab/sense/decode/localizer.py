@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from math import log, pi
+from math import pi
 from numbers import Real
 from pathlib import Path
 from time import perf_counter
@@ -20,7 +20,7 @@ from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
-from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
+from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
@@ -32,6 +32,7 @@ from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
 from tactape_fab.sense.decode.warm import announce, rehearse
+from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
@@ -286,15 +287,7 @@ class Localizer:
         if self._method == "paper":
             found = self._by_paper(image)
         else:
-            dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
-            if self.sensor.mask is not None and len(dots.weights):
-                u, v = np.rint(dots.xy_px).astype(np.int64).T
-                h, w = self.sensor.mask.shape
-                dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
-            if self._aspect != 1.0 or not self._straight:
-                elongation = square_pixels(dots.elongation, self._aspect)
-                dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation)
-            found = self._locate(dots, prior)
+            found = self._locate(self._detected(image), prior, lambda: self._detected(-image))
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
     def locate_dots(
@@ -375,6 +368,18 @@ class Localizer:
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
         return found
 
+    def _detected(self, image: npt.NDArray[np.float32]) -> Dots:
+        """Dots of a canonical depth map within the mask, in square pixels."""
+        dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
+        if self.sensor.mask is not None and len(dots.weights):
+            u, v = np.rint(dots.xy_px).astype(np.int64).T
+            h, w = self.sensor.mask.shape
+            dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+        if self._aspect != 1.0 or not self._straight:
+            elongation = square_pixels(dots.elongation, self._aspect)
+            dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation)
+        return dots
+
     def _square(self, xy_px: FloatArray) -> FloatArray:
         """Places in the image of a perfect camera of the profile's px/mm along u: square pixels, no shear, no distortion."""
         if self._straight:
@@ -384,7 +389,8 @@ class Localizer:
             out = on_gel * self._view.px_per_mm + self._view.centre_px
         return out
 
-    def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
+    def _locate(self, dots: Dots, prior: Prior | None, negated: Callable[[], Dots] | None = None) -> Localization:
+        raw = dots
         if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
         n = len(dots.weights)
@@ -401,17 +407,5 @@ class Localizer:
             found, explained = judge(empty, dots, reading, self._view, self._world, self._limits)
         if found.located or explained or n < SOLID_DOTS:
             return found
-        behind = self._from_behind(empty, dots)
-        if behind is None:
-            return found
-        return replace(found, reason=f"the frame is mirrored: it shows {behind} from behind; set mirror in the sensor profile")
-
-    def _from_behind(self, empty: Localization, dots: Dots) -> str | int | None:
-        """Tape or sector whose mirror image the dots show, for the reason of an answer that is not located."""
-        flipped = dots.xy_px * (-1.0, 1.0) + (2.0 * self._view.centre_px[0], 0.0)
-        dots = replace(dots, xy_px=flipped, elongation=flipped_u(dots.elongation))
-        reading = read(dots, self._view, self._world, None, self._limits.on_tape, self._limits.precision)
-        if reading is None or -reading.ln_bound > log(self._limits.on_tape):
-            return None
-        found, _ = judge(empty, dots, reading, self._view, self._world, self._limits)
-        return (found.tape or found.sector) if found.located else None
+        seen = Seen(sensor=self.sensor, view=self._view, world=self._world, limits=self._limits)
+        return replace(found, reason=wrong_profile(seen, dots, raw, negated) or found.reason)
