@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import locating_options, locating_values, named_object
 from tactape_fab.cli.printing import counted, echo_lines, step_shown
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 @click.option("--weights", metavar="FILE.pth", help="With --raw: the network that turns the sensor's colours into slopes.")
 @click.option("--overlay", metavar="DIR", help="Write a picture of every frame: dots, grid, axes.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame.")
+@click.option("--dots", is_flag=True, help="With --json: what each dot of a located frame says, too.")
 def decode(
     frames: Sequence[str],
     kits: Sequence[str],
@@ -39,6 +41,7 @@ def decode(
     weights: str | None,
     overlay: str | None,
     as_json: bool,
+    dots: bool,
     object_file: str | None,
     **given: Any,
 ) -> None:
@@ -51,6 +54,9 @@ def decode(
     Example: tactape-fab decode --raw images --background bg.png --weights nnmodel.pth --tape tactape-s007
     """
     with answers():
+        if dots and not as_json:
+            raise SpecError(Problem("dots", "--dots is part of JSON answers, and --json is not given; give it as well"))
+
         from tactape_fab.sense.files.jobs import Raw, is_kit, localize, make_locator, prepare
         from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
@@ -67,11 +73,11 @@ def decode(
         job = prepare(frames, kits, sensor, colour, **options)
         if thing is not None:
             refuse_ambiguous(thing, job.tapes)
-        _print_answers(localize(job, make_locator), job, thing, as_json=as_json, overlay=overlay)
+        _print_answers(localize(job, make_locator), job, thing, as_json=as_json, dots=dots, overlay=overlay)
 
 
 def _print_answers(
-    answers: Iterator[Located], job: Job, thing: TapedObject | None, *, as_json: bool, overlay: str | None
+    answers: Iterator[Located], job: Job, thing: TapedObject | None, *, as_json: bool, dots: bool, overlay: str | None
 ) -> None:
     from tactape_fab.base.libraries import library
     from tactape_fab.sense.files.answers import fix_json, object_json
@@ -88,7 +94,7 @@ def _print_answers(
         there = None if thing is None else thing.locate(fix)
         if as_json:
             more = {} if thing is None else object_json(there)
-            click.echo(json.dumps({**fix_json(answer.frame, fix), **more}, allow_nan=False))
+            click.echo(json.dumps({**fix_json(answer.frame, fix, dots=dots), **more}, allow_nan=False))
         else:
             echo_lines([table.header()] * (answer.frame == 0) + [table.row(answer.frame, fix, there)])
         if overlay is not None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from tactape_fab.base.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tactape_fab.sense.decode.result import LocatedDots as LocatedDots
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
     from tactape_fab.sense.live.messages import text_message as text_message
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "sense.decode.result": "LocatedDots",
         "sense.live.messages": "image_message pose_message text_message",
         "sense.objects.mount": "Mount ObjectPose sensor_on_object",
         "sense.objects.tag_pose": "TagPose",

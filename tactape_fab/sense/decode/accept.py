@@ -10,6 +10,7 @@ import numpy as np
 
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
+from tactape_fab.sense.decode.located_dots import located_dots, strain_of
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_of, least_agreeing, share_of_others
@@ -85,6 +86,9 @@ def judge(
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     middle = dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px
     nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
+    if reading.q is not None:
+        said["dots"] = located_dots(dots, reading.q, place.turn, cells, inside, offset, nominal, pose, view)
+    said |= strain_of(pose, view)
     return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose)), False
 
 

@@ -337,7 +337,7 @@ class Localizer:
             size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._aspect + 1)
             found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
         else:
-            found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w)), prior)
+            found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w), seen_px=xy), prior)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
     @property
@@ -377,7 +377,7 @@ class Localizer:
             dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
         if self._aspect != 1.0 or not self._straight:
             elongation = square_pixels(dots.elongation, self._aspect)
-            dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation)
+            dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation, seen_px=dots.xy_px)
         return dots
 
     def _square(self, xy_px: FloatArray) -> FloatArray:

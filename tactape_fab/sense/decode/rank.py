@@ -72,10 +72,12 @@ class Reading:
 
     A hypothesis is a grid together with a place, a tape and a turn; its weight is that of the grid times that of the rest, and
     all of them add up to 1. This holds as no weight of a grid depends on a tape: the order of the grids comes from the dots.
+    `q` are the probabilities of the dots' symbols in the grid's axes, shape (n, directions); None where they are not kept.
     """
 
     place: Place | PlanePlace
     grid_weight: float
+    q: FloatArray | None = None
 
     @property
     def ln_bound(self) -> float:
@@ -117,11 +119,13 @@ def read(
             fits = _fits(dots, xy, view, len(GRID_SHARES))
         if rank >= len(fits):
             break
-        place = _place(dots, fits[rank], view, world, view.centre_px - middle, prior, precision)
+        # all that the symbols say is fixed here, before a tape is looked at: the bound rests on it
+        q = posteriors(fits[rank].nodes, fits[rank].squares, dots.weights, dots.trust, fits[rank].sigma)
+        place = _place(dots, fits[rank], q, view, world, view.centre_px - middle, prior, precision)
         if place is None or not isfinite(place.score):
             continue
         # each grid has its own weight, so that the best of several is still within the bound
-        reading = Reading(place=place, grid_weight=log(GRID_SHARES[rank]))
+        reading = Reading(place=place, grid_weight=log(GRID_SHARES[rank]), q=q)
         if best is None or reading.ln_bound > best.ln_bound:
             best = reading
         if rank == 0 and -best.ln_bound < log(max_p_tape) - _CLEAR:
@@ -146,14 +150,13 @@ def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
 def _place(
     dots: Dots,
     fit: Fit,
+    q: FloatArray,
     view: View,
     world: Registry | CodePlane,
     centre_px: FloatArray,
     prior: Prior | None,
     precision: float,
 ) -> Place | PlanePlace | None:
-    # all that the symbols say is fixed here, before a tape is looked at: the bound rests on it
-    q = posteriors(fit.nodes, fit.squares, dots.weights, dots.trust, fit.sigma)
     if isinstance(world, CodePlane):
         return world.search(fit.nodes, q)
     part = view.part

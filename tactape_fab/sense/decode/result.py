@@ -10,13 +10,46 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 Status = Literal["none", "weak", "solid"]
+Strain = tuple[float | None, float | None, None]
 SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
 """Indices of x, y and the turn about z among the six degrees of freedom."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LocatedDots:
+    """The dots of a located answer, as read-only arrays with one row for each.
+
+    Attributes
+    ----------
+    uv_px : ndarray, shape (n, 2)
+        Where the dot is seen, (u, v) in the canonical image, px: as detected, before the profile's camera is taken out.
+    cell : ndarray of int, shape (n, 2)
+        Column and row on the tape; (-1, -1) where the tape has no part. Without a tape, column and row in the code plane.
+    symbol : ndarray, shape (n, 4) or (n, 8)
+        Probability of each symbol, in the order of `Tape.symbols` (N, W, E, S, then n, w, e, s), as the dot says it by its place
+        on the grid before any tape is looked at. Rows sum to 1.
+    residual_mm : ndarray, shape (n, 2)
+        Texture frame: where the dot is seen less where its part should be, by the answer's position, theta and scale, with the
+        aspect, shear and radial distortion of the same fit taken out. Dots at the contact's rim are put back first. NaN where
+        the tape has no part.
+    inlier : ndarray of bool, shape (n,)
+        Whether the dot agrees with the answer: `n_agree` of them.
+    """
+
+    uv_px: FloatArray
+    cell: IntArray
+    symbol: FloatArray
+    residual_mm: FloatArray
+    inlier: BoolArray
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The arrays as lists, by name."""
+        return {field.name: getattr(self, field.name).tolist() for field in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,6 +94,15 @@ class Localization:
     p_tape, p_place, p_false : float or None
         Bound on the probability that an unregistered texture looks like this; probability that another place or tape is
         the true one (of registered ones alone, if p_tape already refuses the answer); their sum.
+    dots : LocatedDots or None
+        What each dot says; None where it is not located, and with method "paper".
+    strain, strain_sigma : (float or None, float or None, None) or None
+        Aspect, shear and rotation of what is seen against the tape, beyond the profile's `[geometry]` and in its terms: stretch
+        along image u over that along v less 1, and shift along u for each unit along v; and their standard deviations.
+        They come from the fit that gives the pose, so the profile's standard deviations are their prior. The image alone does
+        not tell the camera from the gel. An entry is None where the frame leaves 0.9 of the prior's standard deviation or more:
+        it is not observable then. The rotation never is: a gel that turns as a whole looks as a sensor that is turned, and is in
+        `theta_deg`. Displacement of the gel by `[gel]` counts as an error of the dots, and is in `strain_sigma`.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
@@ -86,6 +128,9 @@ class Localization:
     p_tape: float | None = None
     p_place: float | None = None
     p_false: float | None = None
+    dots: LocatedDots | None = None
+    strain: Strain | None = None
+    strain_sigma: Strain | None = None
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 
@@ -152,23 +197,28 @@ class Localization:
         out[np.ix_(_PLANAR, _PLANAR)] = self.covariance * np.outer(signs, signs)
         return out
 
-    def to_mapping(self, frame: int | None = None) -> dict[str, Any]:
+    def to_mapping(self, frame: int | None = None, *, dots: bool = False) -> dict[str, Any]:
         """The answer as a mapping that `json.dumps` takes.
 
         Parameters
         ----------
         frame : int, optional
             Index of the frame, the mapping's first key ``frame``; without it there is no such key.
+        dots : bool
+            Whether to have the key ``dots`` as well, a mapping of lists: 11 numbers a dot, of eight directions 15.
 
         Returns
         -------
         dict
-            Every attribute by its name, numbers as Python's own.
+            Every attribute but `dots` by its name, numbers as Python's own.
         """
         values: dict[str, Any] = {} if frame is None else {"frame": frame}
         for field in fields(self):
             value = getattr(self, field.name)
-            values[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+            if field.name != "dots":
+                values[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+            elif dots:
+                values["dots"] = None if self.dots is None else self.dots.to_mapping()
         return values
 
 

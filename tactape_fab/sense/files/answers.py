@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from tactape_fab.sense.objects.mount import ObjectPose
 
 
-def fix_json(frame: int, fix: Localization) -> dict[str, Any]:
-    """The keys of an answer; NaN becomes null."""
-    return {key: _finite(value) for key, value in fix.to_mapping(frame).items()}
+def fix_json(frame: int, fix: Localization, *, dots: bool = False) -> dict[str, Any]:
+    """The keys of an answer, with what each dot says if asked for; NaN becomes null."""
+    return {key: _finite(value) for key, value in fix.to_mapping(frame, dots=dots).items()}
 
 
 def object_json(there: ObjectPose | None) -> dict[str, Any]:
@@ -23,6 +23,8 @@ def object_json(there: ObjectPose | None) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not isfinite(value) else value

@@ -22,6 +22,7 @@ from tactape_fab.cli import command, main
 KEYS = {
     "frame", "status", "located", "reason", "tape", "sector", "position_mm", "theta_deg", "board_mm", "contact_mm", "cell",
     "index", "px_per_mm", "covariance", "n_dots", "n_agree", "p_tape", "p_place", "p_false", "elapsed_ms", "timestamp",
+    "strain", "strain_sigma",
 }  # fmt: skip
 SPEC_OF_ANSWER = KEYS | {"plane_mm"}
 
@@ -162,6 +163,23 @@ def test_decode_finds_what_simulate_hid(default_kit: Kit, frames: Path) -> None:
             assert fix["board_mm"] == pytest.approx([x0 + x, y0 - y])
             assert 0 <= fix["p_false"] <= 1e-4
             assert np.shape(fix["covariance"]) == (3, 3)
+
+
+def test_decode_says_what_each_dot_says_if_asked(default_kit: Kit, frames: Path) -> None:
+    plain, found = (answers(run(f"decode {frames} --tape {default_kit.path} --json{more}")) for more in ("", " --dots"))
+    for without, fix in zip(plain, found, strict=True):
+        told = fix.pop("dots")
+        assert set(told) == {"uv_px", "cell", "symbol", "residual_mm", "inlier"}
+        assert {len(rows) for rows in told.values()} == {fix["n_dots"]} and sum(told["inlier"]) == fix["n_agree"]
+        assert fix["cell"] in told["cell"]
+        assert {**fix, "elapsed_ms": 0} == {**without, "elapsed_ms": 0}
+        assert fix["strain"][2] is None and max(fix["strain_sigma"][:2]) < 0.01
+
+
+def test_decode_says_what_each_dot_says_in_json_alone(default_kit: Kit, frames: Path) -> None:
+    result = run(f"decode {frames} --tape {default_kit.path} --dots")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "--json" in result.stderr
 
 
 def test_decode_prints_a_table_and_a_summary(default_kit: Kit, frames: Path) -> None:

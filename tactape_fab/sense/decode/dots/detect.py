@@ -41,12 +41,15 @@ class Dots:
         Anisotropy of each top, (h_uu - h_vv, 2 h_uv) / (h_uu + h_vv) of its second derivatives per canonical image pixel: a
         top that is longest at an angle phi (from u towards v) has -a (cos 2 phi, sin 2 phi) with 0 <= a < 1, so (-a, 0) where
         it is long along u, (0, -a) along u = v. Zero where it is no proper top; None where nobody looked.
+    seen_px : ndarray, shape (n, 2), or None
+        Where they were detected, canonical image, before any correction; None: at `xy_px`.
     """
 
     xy_px: FloatArray
     weights: FloatArray
     trust: FloatArray
     elongation: FloatArray | None = None
+    seen_px: FloatArray | None = None
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:

@@ -63,7 +63,9 @@ def settled(dots: Dots, pitch_px: float, shift: float) -> Dots:
     n = len(dots.weights)
     xy, share, trust, room = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty((4, n))
     _settle(dots.xy_px, dots.weights, dots.trust, pitch_px, NEAREST * (1.0 - 2.0 * shift), room, xy, share, trust)
-    return chosen(Dots(xy_px=xy, weights=share, trust=trust, elongation=dots.elongation), trust >= LEAST_TRUST)
+    seen_px = dots.xy_px if dots.seen_px is None else dots.seen_px
+    dots = Dots(xy_px=xy, weights=share, trust=trust, elongation=dots.elongation, seen_px=seen_px)
+    return chosen(dots, trust >= LEAST_TRUST)
 
 
 def chosen(dots: Dots, kept: BoolArray) -> Dots:
@@ -73,6 +75,7 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
         weights=dots.weights[kept],
         trust=dots.trust[kept],
         elongation=None if dots.elongation is None else dots.elongation[kept],
+        seen_px=None if dots.seen_px is None else dots.seen_px[kept],
     )
 
 

@@ -37,6 +37,8 @@ class Pose:
         Dots that fit.
     sigma_mm : float
         Error of one dot along one axis, without what the gel's displacement adds.
+    camera : ndarray, shape (2, 3)
+        Aspect, shear and k1 beyond the profile's, as fitted together with the pose, and their standard deviations.
     """
 
     position_mm: FloatArray
@@ -45,6 +47,7 @@ class Pose:
     covariance: FloatArray
     agree: BoolArray
     sigma_mm: float
+    camera: FloatArray
 
 
 def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray, px_per_mm: float, beliefs: Beliefs) -> Pose:
@@ -73,7 +76,8 @@ def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray,
     used = keep.nonzero()[0]
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
-    at, covariance, sigma = posterior(px.take(used, 0) / px_per_mm, mm.take(used, 0), keep.take(used), px_per_mm, fit, beliefs)
+    kept_px, kept_mm, kept = px.take(used, 0), mm.take(used, 0), keep.take(used)
+    at, covariance, sigma, seen_by = posterior(kept_px / px_per_mm, kept_mm, kept, px_per_mm, fit, beliefs)
     theta, ln_scale = at[2:].tolist()
     return Pose(
         position_mm=at[:2],
@@ -82,6 +86,7 @@ def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray,
         covariance=covariance,
         agree=agree,
         sigma_mm=sigma,
+        camera=seen_by,
     )
 
 

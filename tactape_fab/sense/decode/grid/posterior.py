@@ -85,7 +85,7 @@ def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool) -> Beliefs:
 
 def posterior(
     seen_mm: FloatArray, texture_mm: FloatArray, weights: FloatArray, px_per_mm: float, fit: FloatArray, beliefs: Beliefs
-) -> tuple[FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Mean and covariance of a pose.
 
     Unknowns are (x, y, theta), then over their standard deviations ln of the scale, aspect, shear, k1, the push of neighbours and
@@ -112,18 +112,20 @@ def posterior(
         Of (x mm, y mm, theta rad); infinite where all dots are in one place.
     sigma_mm : float
         Error of a whole dot along one axis.
+    camera : ndarray, shape (2, 3)
+        Aspect, shear and k1 beyond the profile's, and their standard deviations; NaN where all dots are in one place.
     """
     cos, sin, u, v, middle_x, middle_y, sigma = said = fit.tolist()
     length = hypot(cos, sin)
     if not (len(seen_mm) and 0.0 < length < inf and abs(sum(said)) < inf):
-        return np.full(4, np.nan), np.full((3, 3), inf), sigma
+        return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     # in the image's axes, turned by the robust fit's theta: x and y are turned back at the end
     c, s = cos / length, sin / length
     room, (normal, spread) = np.zeros((14, 2, len(seen_mm))), np.empty((2, 10, 10))
     rates, drawn, target, shares = room[:10], room[10:12], room[12], room[13]
     apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, target, drawn)
     if not (squares < inf and apart > ONE_PLACE * squares):
-        return np.full(4, np.nan), np.full((3, 3), inf), sigma
+        return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     smooth = _displacement(seen_mm, beliefs) if beliefs.gel_mm > 0.0 else None
     # from x and y of the robust fit: the model is linear in them, but sums of large squares would lose digits
     scale_sigma = float(beliefs.sigmas[0])
@@ -146,7 +148,8 @@ def posterior(
     x, y, theta, scale, *_ = state.tolist()
     at = np.array([c * x + s * y + middle_x, c * y - s * x + middle_y, atan2(sin, cos) + theta, scale * scale_sigma])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance)
+    camera = np.array([state[4:7], np.sqrt(normal.diagonal()[4:7])]) * beliefs.sigmas[1:]
+    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance), camera
 
 
 def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:

@@ -99,7 +99,7 @@ def test_every_field_of_an_answer(localizer: Localizer) -> None:
 def test_an_answer_is_plain_json() -> None:
     fix = Localizer([TAPE]).locate_dots(dots())
     told = json.loads(json.dumps(fix.to_mapping(5)))
-    assert list(told) == ["frame", *(f.name for f in fields(Localization))]
+    assert list(told) == ["frame", *(f.name for f in fields(Localization) if f.name != "dots")]
     assert told["frame"] == 5
     assert np.shape(told["covariance"]) == (3, 3)
 

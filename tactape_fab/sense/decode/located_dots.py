@@ -1,0 +1,115 @@
+"""What each dot of a located answer says: where it is seen, its part, its symbol, and how far it is off."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import cos, sin
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.grid.pose import Pose
+from tactape_fab.sense.decode.rank import View
+from tactape_fab.sense.decode.result import LocatedDots
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+
+_Kind = TypeVar("_Kind", bound=np.generic)
+_Number = TypeVar("_Number", float, FloatArray)
+OBSERVED = 0.9
+"""A parameter of the camera is observed by a frame that leaves less than this share of its standard deviation."""
+
+
+def located_dots(
+    dots: Dots,
+    q: FloatArray,
+    turn: int,
+    cells: IntArray,
+    inside: BoolArray,
+    offset_px: FloatArray,
+    nominal_mm: FloatArray,
+    pose: Pose,
+    view: View,
+) -> LocatedDots:
+    """Put together what the dots of an accepted answer say.
+
+    Parameters
+    ----------
+    dots : Dots
+        n of them.
+    q : ndarray, shape (n, 4) or (n, 8)
+        From `fit.posteriors`, in the grid's axes.
+    turn : int
+        Quarter turns of the grid's axes to the texture's.
+    cells : ndarray of int, shape (k, 2)
+        Of the dots inside.
+    inside : ndarray of bool, shape (n,)
+        Dots at a part of the tape, k of them.
+    offset_px, nominal_mm : ndarray, shape (k, 2)
+        Where they are from the image centre, in square pixels, and where their parts are in the texture frame.
+    pose : Pose
+        Fitted to them.
+    view : View
+    """
+    seen_px = dots.xy_px if dots.seen_px is None else dots.seen_px
+    out = LocatedDots(
+        uv_px=seen_px.copy(),
+        cell=_of_all(cells, inside, -1),
+        symbol=q.take(_columns(q.shape[1])[turn % 4], axis=1),
+        residual_mm=_of_all(_on_texture(offset_px, pose, view) - nominal_mm, inside, np.nan),
+        inlier=_of_all(pose.agree, inside, False),
+    )
+    for array in (out.uv_px, out.cell, out.symbol, out.residual_mm, out.inlier):
+        array.flags.writeable = False
+    return out
+
+
+def _of_all(values: npt.NDArray[_Kind], inside: BoolArray, fill: float) -> npt.NDArray[_Kind]:
+    """Values of the dots inside as values of all, the others filled."""
+    if len(values) == len(inside):
+        return values.copy()
+    out = np.full((len(inside), *values.shape[1:]), fill, dtype=values.dtype)
+    out[inside] = values
+    return out
+
+
+def strain_of(pose: Pose, view: View) -> dict[str, tuple[float | None, float | None, None]]:
+    """Fields `strain` and `strain_sigma` of an answer: aspect and shear where the frame says something of them."""
+    (aspect, shear, _), (aspect_sigma, shear_sigma, _) = pose.camera.tolist()
+    _, known_aspect, known_shear, _ = view.beliefs.sigmas.tolist()
+    a, s = aspect_sigma < OBSERVED * known_aspect, shear_sigma < OBSERVED * known_shear
+    return {
+        "strain": (aspect if a else None, shear if s else None, None),
+        "strain_sigma": (aspect_sigma if a else None, shear_sigma if s else None, None),
+    }
+
+
+@cache
+def _columns(directions: int) -> IntArray:
+    """Column of the grid's symbols that is a symbol value's of the texture, for each quarter turn; shape (4, directions)."""
+    columns, around = np.empty((4, directions), dtype=np.int64), np.arange(directions)
+    for turn in range(4):
+        columns[turn, DIRECTIONS[directions].clockwise] = (around + turn * directions // 4) % directions
+    return columns
+
+
+def _on_texture(offset_px: FloatArray, pose: Pose, view: View) -> FloatArray:
+    """Texture points of dots by a pose and the camera of its fit; see `posterior` for the camera."""
+    aspect, shear, k1 = pose.camera[0].tolist()
+    centre_mm, corner_mm = view.beliefs.centre_mm, view.beliefs.corner_mm
+    shrink, c, s = view.px_per_mm / pose.px_per_mm, cos(pose.theta_rad), sin(pose.theta_rad)
+    along, down = (1.0 + 0.5 * aspect) / shrink, (1.0 - 0.5 * aspect) / shrink
+    lean = shear / (1.0 + 0.5 * aspect)
+    # R(theta) times the inverse of [[1 + aspect / 2, shear], [0, 1 - aspect / 2]], transposed
+    turn = np.array([[c / along, -s / along], [(s - c * lean) / down, (c + s * lean) / down]])
+    from_centre = offset_px / view.px_per_mm - centre_mm
+    bend = k1 / (corner_mm * corner_mm)
+    lens, middle = _lens((from_centre * from_centre) @ bend), _lens(float((centre_mm * centre_mm) @ bend))
+    return np.asarray((from_centre * lens[:, None]) @ turn + (pose.position_mm + middle * (centre_mm @ turn)))
+
+
+def _lens(bend: _Number) -> _Number:
+    """What undoes a radial distortion: L with L (1 + b L^2) = 1, to second order in b = k1 r^2 / r_corner^2, r as seen."""
+    return 1.0 - bend + 3.0 * bend * bend

@@ -1,0 +1,230 @@
+"""What each dot of an answer says, against the truth of simulated frames and dots put together by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactape_fab import Localization, Localizer, TapeSpec, texture_to_board
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import LocatedDots, Scene, load_sensor, simulate, simulate_frames
+from tactape_fab.sense.geometry import Geometry
+from tactape_fab.sense.simulation.draw import Frames
+from tactape_fab.texture.code import TOUCH_CODE
+from tactape_fab.texture.frames import FloatArray
+from tests.contacts import CENTRE, DELTA, POSE, TAPE, R, W, dots, is_near, seen
+
+CELLS = TAPE.cells()
+NOISE_MM = 0.03
+BENT = Geometry(aspect=0.05, shear=0.04, k1=0.05, center_px=(170.0, 100.0))
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Localizer:
+    return Localizer([TAPE])
+
+
+def dots_of(fix: Localization) -> LocatedDots:
+    assert fix.located and fix.dots is not None, fix.reason
+    assert len({len(a) for a in (fix.dots.uv_px, fix.dots.cell, fix.dots.symbol, fix.dots.residual_mm, fix.dots.inlier)}) == 1
+    return fix.dots
+
+
+def assert_true(frames: Frames, found: LocatedDots, k: int) -> None:
+    """Places and cells of a frame's dots are those of its parts, for all that agree."""
+    off = np.hypot(*np.moveaxis(found.uv_px[found.inlier, None] - frames.dots_px[k], 2, 0))
+    # the rim draws dots inwards, and `uv_px` are dots as detected: those of parts that are mostly imprinted are within a pixel
+    whole = frames.dots_imprint[k][off.argmin(axis=1)] > 0.8
+    assert whole.sum() > 8 and (off.min(axis=1)[whole] < 1.0).all()
+    assert off.min() < 0.3 and off.min(axis=1).max() < 4.0
+    assert (found.cell[found.inlier] == CELLS[frames.dots_part[k][off.argmin(axis=1)]]).all()
+
+
+# Frames
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_dots_are_where_the_parts_are_seen(bent: bool) -> None:
+    sensor = load_sensor("gelsight-mini")
+    sensor = replace(sensor, px_per_mm=(16.0, 13.0), geometry=BENT) if bent else sensor
+    localizer = Localizer([TAPE], sensor)
+    frames = simulate_frames(TAPE, 6, 3, sensor)
+    answers = [localizer.locate(depth) for depth in frames.depth]
+    assert sum(fix.located for fix in answers) >= 5
+    for k, fix in enumerate(answers):
+        if fix.located:
+            found = dots_of(fix)
+            assert (len(found.uv_px), found.inlier.sum()) == (fix.n_dots, fix.n_agree)
+            assert_true(frames, found, k)
+            assert np.abs(found.residual_mm[found.inlier]).max() < 0.2
+            assert np.median(np.abs(found.residual_mm[found.inlier])) < NOISE_MM
+            assert fix.cell in {tuple(cell) for cell in found.cell[found.inlier].tolist()}
+
+
+def test_symbols_are_probabilities_in_the_order_of_the_tape(localizer: Localizer) -> None:
+    for theta_deg in (20.0, 110.0, -160.0, -70.0):
+        found = dots_of(localizer.locate_dots(dots(POSE[0], theta_deg)))
+        assert found.symbol.shape == (len(found.cell), 4)
+        assert found.symbol.sum(axis=1) == pytest.approx(1.0)
+        true = TAPE.symbols[found.cell[:, 1], found.cell[:, 0]]
+        assert (found.symbol[np.arange(len(true)), true] > 0.95).all()
+
+
+def test_eight_directions_have_eight_symbols() -> None:
+    spec = TapeSpec(sector=1, size_mm=(40.0, 24.0), code=TOUCH_CODE, directions=8, part="block", pitch_mm=1.06)
+    tape = examine(spec).tape
+    localizer = Localizer([tape])
+    for theta_deg in (10.0, 100.0, -170.0, -80.0):
+        found = dots_of(localizer.locate(simulate(tape, (18.0, 11.0), theta_deg, contact_mm=(8.0, 8.0))))
+        assert found.symbol.shape == (len(found.cell), 8)
+        assert found.symbol.sum(axis=1) == pytest.approx(1.0)
+        column, row = found.cell[found.inlier].T
+        assert (found.symbol[found.inlier].argmax(axis=1) == tape.symbols[row, column]).mean() > 0.9
+
+
+def test_a_part_that_is_displaced_shows(localizer: Localizer) -> None:
+    shift = np.array([0.06, -0.08])  # texture frame
+    moved = int(np.hypot(*(CELLS - np.array(POSE[0]) / W - (1.0, 0.5)).T).argmin())
+    origin_mm = TAPE.board.texture_origin_mm
+    parts = TAPE.part_xy_mm()
+    parts[moved] += texture_to_board(shift, origin_mm) - texture_to_board(np.zeros(2), origin_mm)
+    found = dots_of(localizer.locate(simulate(TAPE, *POSE, parts=np.c_[parts, np.full(len(parts), TAPE.part.rotation_deg)])))
+    (row,) = np.flatnonzero((found.cell == CELLS[moved]).all(axis=1))
+    assert found.residual_mm[row] == pytest.approx(shift, abs=NOISE_MM)
+    assert not found.inlier[row]
+    others = np.abs(np.delete(found.residual_mm, row, axis=0)[np.delete(found.inlier, row)])
+    assert others.max() < 0.06
+
+
+# Dots
+
+
+def test_residuals_are_the_errors_of_exact_dots_beyond_the_pose(localizer: Localizer) -> None:
+    xy = dots()
+    found = dots_of(localizer.locate_dots(xy))
+    assert found.uv_px == pytest.approx(xy)
+    # no more than what neighbours are believed to push each other
+    assert np.abs(found.residual_mm).max() < 0.02
+    k = 20
+    xy[k] += (1.0, 0.0)
+    residual = dots_of(localizer.locate_dots(xy)).residual_mm[k] - found.residual_mm[k]
+    turn = np.radians(POSE[1])
+    assert residual == pytest.approx(np.array([np.cos(turn), -np.sin(turn)]) / R, abs=0.004)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_residuals_are_seen_through_the_camera(known: bool) -> None:
+    """Of a bent camera, in the profile or found by the fit: with the pose alone they are ten times as large."""
+    geometry = Geometry(aspect=0.02, shear=-0.015, k1=0.03, center_px=(170.0, 100.0))
+    sensor = replace(load_sensor("gelsight-mini"), geometry=geometry)
+    xy = sensor.camera.to_px((dots() - CENTRE) / R + sensor.camera.from_px(sensor.centre_px))
+    centre = replace(sensor, geometry=Geometry(center_px=geometry.center_px))
+    fix = Localizer([TAPE], sensor if known else centre).locate_dots(xy)
+    found = dots_of(fix)
+    assert found.uv_px == pytest.approx(xy, abs=1e-9)
+    assert np.median(np.hypot(*found.residual_mm.T)) < 0.012
+    assert fix.position_mm is not None and fix.theta_deg is not None and fix.px_per_mm is not None
+    nominal = seen(np.asarray(found.cell * W, dtype=np.float64), fix.position_mm, fix.theta_deg, fix.px_per_mm)
+    alone = np.hypot(*(xy - nominal).T) / R - DELTA  # from the grid point, less a part's displacement
+    assert known or np.abs(alone).max() > 0.08
+
+
+def test_dots_off_the_tape_and_off_its_parts_have_no_cell() -> None:
+    holed = examine(TapeSpec(sector=7, holes_mm=[(47.0, 26.0, 3.0)])).layout.tape
+    hole = holed.omitted.mean(axis=0) * W
+    for position_mm, some in (((2.0, 20.0), TAPE), ((hole[0] + 2.0, hole[1]), holed)):
+        xy = dots(position_mm, 30.0)
+        there: FloatArray = np.array([(-1.3, 20.0)]) if some is TAPE else holed.omitted[:1] * W + np.array((0.0, DELTA))
+        beyond = seen(there, position_mm, 30.0)
+        fix = Localizer([some]).locate_dots(np.concatenate([xy, beyond]))
+        found = dots_of(fix)
+        near = np.flatnonzero(np.hypot(*(found.uv_px - beyond[0]).T) < 1e-9)
+        assert len(near) == 1 and found.cell[near[0]].tolist() == [-1, -1]
+        assert np.isnan(found.residual_mm[near[0]]).all() and not found.inlier[near[0]]
+        assert (np.isnan(found.residual_mm).any(axis=1) == (found.cell < 0).all(axis=1)).all()
+        assert found.inlier.sum() == fix.n_agree
+
+
+def test_a_code_alone_gives_cells_of_its_plane() -> None:
+    fix = Localizer.from_code("microdots-4x4", W, DELTA).locate_dots(dots(semi_mm=(7.0, 6.0)))
+    found = dots_of(fix)
+    near = np.array(fix.index) in found.cell
+    assert near and fix.tape is None
+    columns, rows = (found.cell - TAPE.origin).T
+    true = TAPE.symbols[rows, columns]
+    assert (found.symbol[np.arange(len(true)), true] > 0.9).all()
+    assert np.abs(found.residual_mm).max() < 0.02
+
+
+def test_arrays_are_read_only(localizer: Localizer) -> None:
+    xy = dots()
+    found = dots_of(localizer.locate_dots(xy))
+    for name in LocatedDots.__slots__:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(found, name)[:] = 0
+    xy += 1.0  # the caller's own
+    assert found.uv_px == pytest.approx(xy - 1.0)
+
+
+def test_nothing_is_said_without_an_answer(localizer: Localizer) -> None:
+    lost = localizer.locate_dots(dots(semi_mm=(2.6, 2.6)))
+    paper = Localizer([TAPE], method="paper").locate_dots(dots())
+    assert not lost.located and paper.located
+    for fix in (lost, paper):
+        assert (fix.dots, fix.strain, fix.strain_sigma) == (None, None, None)
+
+
+# Strain
+
+
+def strains(scene: Scene, count: int = 12) -> tuple[FloatArray, FloatArray]:
+    """Aspect and shear of located frames and their standard deviations; shape (n, 2)."""
+    localizer = Localizer([TAPE])
+    fixes = [localizer.locate(depth) for depth in simulate_frames(TAPE, count, 5, scene=scene).depth]
+    told = [(fix.strain, fix.strain_sigma) for fix in fixes if fix.located]
+    assert len(told) >= 0.75 * count
+    assert all(entry is not None and entry[2] is None for pair in told for entry in pair)
+    pairs = [[entry[:2] for entry in pair if entry is not None] for pair in told]
+    values, sigmas = np.array(pairs, dtype=np.float64).swapaxes(0, 1)
+    return values, sigmas
+
+
+@pytest.mark.parametrize(("aspect", "shear"), [(0.0, 0.02), (0.0, -0.02), (0.03, 0.0), (-0.02, 0.01)])
+def test_a_camera_unlike_its_profile_s_shows_as_strain(aspect: float, shear: float) -> None:
+    values, sigmas = strains(Scene(aspect_error=aspect, shear_error=shear))
+    assert (sigmas > 0).all() and (sigmas < 0.005).all()
+    score = (values - (aspect, shear)) / sigmas
+    assert (np.abs(score) < 3.0).mean() > 0.9 and np.abs(score).max() < 4.5
+    assert values.mean(axis=0) == pytest.approx((aspect, shear), abs=0.004)
+
+
+def test_strain_is_none_where_the_frame_says_no_more_than_the_profile(localizer: Localizer) -> None:
+    sensor = load_sensor("gelsight-mini")
+    known = replace(sensor, geometry=Geometry(sigma_aspect=1e-5, sigma_shear=0.02))
+    exact = replace(sensor, geometry=Geometry(sigma_aspect=0.03, sigma_shear=0.0))
+    aspect_known, shear_exact = (Localizer([TAPE], profile).locate_dots(dots()) for profile in (known, exact))
+    for fix, told in ((aspect_known, (False, True, False)), (shear_exact, (True, False, False))):
+        assert fix.strain is not None and fix.strain_sigma is not None
+        assert tuple(value is not None for value in fix.strain) == told
+        assert tuple(value is not None for value in fix.strain_sigma) == told
+
+
+# JSON
+
+
+def test_a_mapping_has_dots_only_if_asked_for(localizer: Localizer) -> None:
+    fix = localizer.locate_dots(dots())
+    told = fix.to_mapping(3)
+    assert "dots" not in told and told["strain"] == fix.strain and told["strain_sigma"] == fix.strain_sigma
+    asked = json.loads(json.dumps(fix.to_mapping(3, dots=True)))
+    found = dots_of(fix)
+    for name in LocatedDots.__slots__:
+        assert np.array(asked["dots"][name]) == pytest.approx(getattr(found, name))
+    del asked["dots"]
+    assert asked == json.loads(json.dumps(told))
+    lost = localizer.locate_dots(dots(semi_mm=(2.6, 2.6)))
+    assert lost.to_mapping(dots=True)["dots"] is None
+    assert is_near(fix, *POSE, mm=0.001, deg=0.01)
