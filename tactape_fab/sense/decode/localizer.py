@@ -21,10 +21,13 @@ from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
+from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.pixels.patches import pixel_fit, rehearse_pixels
+from tactape_fab.sense.decode.pixels.refine import Pixels
 from tactape_fab.sense.decode.rank import View, read
-from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, status_of
+from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, Refined, status_of
 from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGISTERED_SHARE, Limits, trusted
 from tactape_fab.sense.decode.search.hypotheses import Registry, register
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
@@ -76,6 +79,9 @@ class Localizer:
         Least lead, as a factor, over any single other place.
     fixed_scale : bool
         Use the profile's px/mm without correction; otherwise a scale measured in the frame replaces it.
+    refine : {"dots", "pixels"}
+        What the pose of a located answer is fitted to: the centres of the dots, or the pixels around them, about twice as
+        exact where the parts are boxes. `Localization.refined` says what it was.
 
     Raises
     ------
@@ -105,12 +111,18 @@ class Localizer:
         unregistered_share: float = UNREGISTERED_SHARE,
         kappa: float = KAPPA,
         fixed_scale: bool = False,
+        refine: Refined = "dots",
     ) -> None:
         problems: list[Problem] = []
         registered = tried(lambda: as_tapes(tapes), problems)
         tapes = registered or []
         if method not in ("ml", "paper"):
             problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
+        if refine not in ("dots", "pixels"):
+            problems.append(Problem("refine", f"refine = {shown(refine)} is neither 'dots' nor 'pixels'; give one of them"))
+        elif refine == "pixels" and method == "paper":
+            message = "refine = 'pixels' is not part of method 'paper'; leave it out, or use method 'ml'"
+            problems.append(Problem("refine", message))
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
         if method == "paper" and not all(has_plane(tape.code) for tape in tapes):
@@ -145,6 +157,9 @@ class Localizer:
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
         part = registry.tapes[0].part if len(parts) == 1 else None
         self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
+        self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
+        if self._pixel_fit is not None:
+            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
         tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
@@ -201,6 +216,7 @@ class Localizer:
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)
         plane = CodePlane(get_plane(code), LARGEST_CONTACT)
         self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
+        self._pixel_fit = None
         symbols = encode(plane.code, 0, (0, 0), (8, 8))
         row, column = np.divmod(np.arange(64), 8)
         self._warm(np.stack([column, row], axis=1) * pitch_mm + displacement_mm * DIRECTIONS_XY[symbols[row, column]])
@@ -289,7 +305,7 @@ class Localizer:
             if self._aspect != 1.0:
                 elongation = square_pixels(dots.elongation, self._aspect)
                 dots = replace(dots, xy_px=dots.xy_px * (1.0, self._aspect), elongation=elongation)
-            found = self._locate(dots, prior)
+            found = self._locate(dots, prior, image)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
     def locate_dots(
@@ -370,7 +386,8 @@ class Localizer:
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
         return found
 
-    def _locate(self, dots: Dots, prior: Prior | None) -> Localization:
+    def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
+        pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
         if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
         n = len(dots.weights)
@@ -384,7 +401,7 @@ class Localizer:
         if reading is None:
             found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
-            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits)
+            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits, pixels)
         if found.located or explained or n < SOLID_DOTS:
             return found
         behind = self._from_behind(empty, dots)

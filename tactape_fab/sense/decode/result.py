@@ -13,6 +13,7 @@ from tactape_fab.base.fields import shown
 from tactape_fab.texture.frames import FloatArray
 
 Status = Literal["none", "weak", "solid"]
+Refined = Literal["dots", "pixels"]
 SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
@@ -61,6 +62,10 @@ class Localization:
     p_tape, p_place, p_false : float or None
         Bound on the probability that an unregistered texture looks like this; probability that another place or tape is
         the true one (of registered ones alone, if p_tape already refuses the answer); their sum.
+    refined : {"dots", "pixels"} or None
+        What the pose was fitted to: the dots' centres, or the pixels around them. None where it is not located.
+    refine_reason : str or None
+        Why the pose is that of the dots although the pixels were asked for.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
@@ -86,6 +91,8 @@ class Localization:
     p_tape: float | None = None
     p_place: float | None = None
     p_false: float | None = None
+    refined: Refined | None = None
+    refine_reason: str | None = None
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 

@@ -23,7 +23,7 @@ KEYS = {
     "frame", "status", "located", "reason", "tape", "sector", "position_mm", "theta_deg", "board_mm", "contact_mm", "cell",
     "index", "px_per_mm", "covariance", "n_dots", "n_agree", "p_tape", "p_place", "p_false", "elapsed_ms", "timestamp",
 }  # fmt: skip
-SPEC_OF_ANSWER = KEYS | {"plane_mm"}
+SPEC_OF_ANSWER = KEYS | {"plane_mm", "refined", "refine_reason"}
 
 
 def run(args: str) -> Result:

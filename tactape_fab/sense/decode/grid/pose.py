@@ -45,7 +45,15 @@ class Pose:
     sigma_mm: float
 
 
-def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray, px_per_mm: float, *, fixed_scale: bool) -> Pose:
+def fit_pose(
+    offset_px: FloatArray,
+    texture_mm: FloatArray,
+    weights: FloatArray,
+    px_per_mm: float,
+    *,
+    fixed_scale: bool,
+    least_sigma_mm: float = LEAST_SIGMA_MM,
+) -> Pose:
     """Fit a pose (SPEC section 1; paper, Eq. 12, for all dots instead of one).
 
     Parameters
@@ -59,12 +67,15 @@ def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray,
         The sensor profile's scale.
     fixed_scale : bool
         Never change it.
+    least_sigma_mm : float
+        Least error of a dot along an axis.
     """
     n = len(weights)
     fit, sums, covariance, position = np.empty(7), np.empty((2, 4)), np.zeros((3, 3)), np.empty(2)
     agree, room = np.ones(n, dtype=np.bool_), np.empty((4, n))
     px, mm = np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm)
-    free = _fitted(px, mm, np.ascontiguousarray(weights), px_per_mm, fixed_scale, fit, sums, position, agree, room)
+    w = np.ascontiguousarray(weights)
+    free = _fitted(px, mm, w, px_per_mm, fixed_scale, least_sigma_mm, fit, sums, position, agree, room)
     cosine, sine, sigma = float(fit[0]), float(fit[1]), float(fit[6])
     matrices = np.zeros((2, 4, 4))
     if not np.isfinite(sums[0]).all():
@@ -155,6 +166,7 @@ def _fitted(
     weights: FloatArray,
     px_per_mm: float,
     fixed_scale: bool,
+    least_sigma_mm: float,
     fit: FloatArray,
     sums: FloatArray,
     position: FloatArray,
@@ -178,7 +190,7 @@ def _fitted(
             fit[0], fit[1] = fit[0] / length, fit[1] / length
         _squares(px, mm, fit, squares)
         # the median distance of two normal axes is 1.177 sigma (Rayleigh)
-        sigma, count = max(_median_distance(squares, base, ordered) / 1.177, LEAST_SIGMA_MM), 0.0
+        sigma, count = max(_median_distance(squares, base, ordered) / 1.177, least_sigma_mm), 0.0
         for i in range(n):
             distance = np.sqrt(squares[i])
             # weights of Geman and McClure: an outlier's influence falls to 0
@@ -195,7 +207,7 @@ def _fitted(
             square += keep[i] * squares[i]
             kept += keep[i]
         # 2 n coordinates less the 4 parameters of a similarity
-        sigma = max(np.sqrt(square / (kept / count) / max(2.0 * count - 4.0, 1.0)), LEAST_SIGMA_MM)
+        sigma = max(np.sqrt(square / (kept / count) / max(2.0 * count - 4.0, 1.0)), least_sigma_mm)
     free = _scaled(px, keep, px_per_mm, fixed_scale, sigma, count, fit)
     fit[6] = sigma
     # S: the texture point of the image centre, where p is 0 (paper, Eq. 12)
