@@ -93,6 +93,8 @@ class Patches:
         From where each was looked for, along its body's length and width.
     height : ndarray, shape (n,)
         In the frame's unit.
+    imprint : ndarray, shape (n,)
+        Height if the blur of all dots is that of the fit; what noise does to it is a third of what it does to `height`.
     spread_mm2 : ndarray, shape (n, 2, 2)
         Covariance of `moved_mm` where the slopes' variance is 1.
     more_mm2, more_variance : ndarray, shape (n,)
@@ -105,6 +107,7 @@ class Patches:
 
     moved_mm: FloatArray
     height: FloatArray
+    imprint: FloatArray
     spread_mm2: FloatArray
     more_mm2: FloatArray
     more_variance: FloatArray
@@ -137,11 +140,20 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     )
 
 
+def unknown_relief(part: TapePart | None) -> str | None:
+    """Why nothing is known of the relief that a part leaves; None if it is fitted."""
+    if part is None or part.shape != BOX:
+        return "the parts are no boxes of known size"
+    if max(part.body_mm[:2]) > 2.0 * HALF_MM:
+        return f"parts of {max(part.body_mm[:2]):g} mm are larger than the {2.0 * HALF_MM:g} mm that are looked at"
+    return None
+
+
 def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
     """Make the tables of some parts now, so that no frame waits."""
     flat = np.zeros((len(fit.offsets_px), len(fit.offsets_px)), dtype=np.float32)
     to_body = np.diag(1.0 / np.array(fit.scale_px_per_mm))
-    for part in {part.body_mm: part for part in parts if part.shape == BOX}.values():
+    for part in {part.body_mm: part for part in parts if unknown_relief(part) is None}.values():
         for blur_mm in BLURS_MM if fit.blur_mm is None else (fit.blur_mm,):
             fitted(fit, flat, np.full((1, 2), float(fit.half_px)), to_body, part, blur_mm)
 
@@ -197,7 +209,7 @@ def settled_patches(
     if len(which):
         again = fitted(fit, image, centres[which], to_body, part, blur_mm)
         centres[which] += again.moved_mm @ to_px
-        for name in ("height", "spread_mm2", "left", "misfit"):
+        for name in ("height", "imprint", "spread_mm2", "left", "misfit"):
             getattr(found, name)[which] = getattr(again, name)
     return found, centres
 
@@ -278,6 +290,7 @@ def _solved(products: FloatArray) -> Patches:
     return Patches(
         moved_mm=moved,
         height=height,
+        imprint=(np.linalg.inv(products[:, :3, :3]) @ products[:, :3, 4:])[:, 0, 0],
         spread_mm2=inverse[:, 1:3, 1:3] / some[:, None, None] ** 2,
         more_mm2=found[:, 3] / some,
         more_variance=inverse[:, 3, 3] / some**2,

@@ -156,6 +156,12 @@ def test_domes_are_left_to_the_dots() -> None:
     assert plain.refine_reason is None
 
 
+def test_parts_larger_than_a_patch_are_left_to_the_dots() -> None:
+    tape = replace(TAPE, part=replace(TAPE.part, body_mm=(3.0, 3.0, 0.3)))
+    fix = Localizer(tape, SENSOR, refine="pixels").locate(next(frames(1)).depth)
+    assert fix.located and fix.refined == "dots" and str(fix.refine_reason).startswith("parts of 3 mm are larger")
+
+
 def test_too_few_whole_dots_are_left_as_they_are() -> None:
     mask = np.zeros((SENSOR.height_px, SENSOR.width_px), dtype=bool)
     mask[:, ::12] = True  # no patch is whole
