@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import click
 
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, length, number, pair
 from tactape_fab.cli.printing import counted, step_shown
+
+_READ: dict[str, Callable[[str], Any]] = {
+    "contact": contact_size,
+    "contact_model": str,
+    "tilt": pair,
+    **dict.fromkeys(("cylinder", "placement", "elastomer", "gel_correlation", "gel_thickness"), length),
+}
 
 
 @click.command()
@@ -22,12 +31,20 @@ from tactape_fab.cli.printing import counted, step_shown
 @click.option("--sensor", metavar="NAME", default="gelsight-mini", help=SENSOR_HELP)
 @click.option("--contact", metavar="AxB|pad", help="Axes of the elliptic contact, mm, or the whole field.  [default: 11x9]")
 @click.option("--cylinder", metavar="R", help="The strip along which a cylinder of this radius touches, mm.")
+@click.option(
+    "--contact-model", metavar="imprint|elastic", help="Imprint of a given shape, or a solved contact.  [default: imprint]"
+)
+@click.option("--force", metavar="N", help="Elastic: normal force, N.  [default: 2]")
+@click.option("--tilt", metavar="U,V", help="Elastic: tilt of the tape along image u and v, degrees.  [default: 0,0]")
+@click.option("--gel-thickness", metavar="MM", help="Elastic: thickness of the gel.  [default: the sensor's, or 4]")
+@click.option("--gel-modulus", metavar="KPA", help="Elastic: Young's modulus of the gel.  [default: the sensor's, or 275]")
+@click.option("--markers", is_flag=True, help="Elastic: a gel with printed dots, 0.5 mm wide at 2 mm.")
 @click.option("--missing", metavar="SHARE", help="Share of parts that are missing.  [default: 0]")
 @click.option("--bumps", metavar="N", help="Bumps that belong to no tape.  [default: 0]")
 @click.option("--noise", metavar="FACTOR", help="Factor on the sensor's noise.  [default: 1]")
 @click.option("--noise-model", metavar="MODEL", help="slope, or smooth for the older model.  [default: the sensor's own]")
 @click.option("--placement", metavar="MM", help="Standard deviation of the parts' places.  [default: 0]")
-@click.option("--elastomer", metavar="MM", help="How far the elastomer smooths, standard deviation.  [default: 0.15]")
+@click.option("--elastomer", metavar="MM", help="How far the gel smooths, standard deviation.  [default: 0.15; elastic: 0.04]")
 @click.option("--scale-error", metavar="SHARE", help="The true px/mm is the profile's times 1 + SHARE.  [default: 0]")
 @click.option("--aspect-error", metavar="SHARE", help="The true aspect is the profile's plus SHARE.  [default: 0]")
 @click.option("--shear-error", metavar="SHARE", help="The true shear is the profile's plus SHARE.  [default: 0]")
@@ -35,7 +52,9 @@ from tactape_fab.cli.printing import counted, step_shown
 @click.option("--gel-displacement", metavar="UM", help="Smooth displacement of the gel, rms, µm.  [default: the sensor's own]")
 @click.option("--gel-correlation", metavar="MM", help="How far it is alike, standard deviation.  [default: the sensor's own]")
 @click.option("--from-cpl", is_flag=True, help="Take the parts' places from the kit's pick-and-place file.")
-def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, from_cpl: bool, **given: str | None) -> None:
+def simulate(
+    kit: str, output: str, pose: str | None, edge: bool, sensor: str, from_cpl: bool, markers: bool, **given: str | None
+) -> None:
     """Write depth maps of a kit's tape in contact with a sensor, and where they were taken.
 
     \b
@@ -45,9 +64,9 @@ def simulate(kit: str, output: str, pose: str | None, edge: bool, sensor: str, f
     with answers():
         from tactape_fab.sense.files.simulated import simulate_file
 
-        places = {"contact": contact_size, "cylinder": length, "placement": length, "elastomer": length}
-        places["gel_correlation"] = length
-        options = {name: places.get(name, number)(text) for name, text in given.items() if text is not None}
+        options: dict[str, Any] = {name: _READ.get(name, number)(text) for name, text in given.items() if text is not None}
+        if markers:
+            options["markers"] = True
         made = simulate_file(
             kit,
             output,

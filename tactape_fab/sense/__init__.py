@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from tactape_fab.sense.simulation.draw import iterate_frames as iterate_frames
     from tactape_fab.sense.simulation.draw import simulate as simulate
     from tactape_fab.sense.simulation.draw import simulate_frames as simulate_frames
+    from tactape_fab.sense.simulation.elastic_contact import ElasticContact as ElasticContact
+    from tactape_fab.sense.simulation.elastic_forces import simulate_forces as simulate_forces
     from tactape_fab.sense.simulation.parts import Parts as Parts
     from tactape_fab.sense.simulation.parts import parts_from_cpl as parts_from_cpl
     from tactape_fab.sense.simulation.scene import Scene as Scene
@@ -44,6 +46,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.raw.reconstruct": "Network Reconstruction load_network make_reconstruction",
         "sense.sensors": "SensorProfile load_sensor",
         "sense.simulation.draw": "Frame Frames draw_poses iterate_frames simulate simulate_frames",
+        "sense.simulation.elastic_contact": "ElasticContact",
+        "sense.simulation.elastic_forces": "simulate_forces",
         "sense.simulation.parts": "Parts parts_from_cpl",
         "sense.simulation.scene": "Scene",
         "sense.track.motion": "Event Slip",

@@ -26,6 +26,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, iterate_frames, load_sensor
+from tactape_fab.sense.geometry import Geometry
 from tests.bench.false_accepts import SECTORS_DOTS, bound_of, by_subject, plan, worst_jobs
 from tests.bench.false_tally import DECADES, Tally, total
 from tests.bench.localization_accuracy import accuracy_of, reliability_of, tag_detector, tag_frames, times_ms, turns_of
@@ -110,15 +111,28 @@ def test_tapes_that_nobody_registered_are_not_located(benchmark: BenchmarkFixtur
 # Accuracy
 
 
-def test_errors_are_near_the_bound_and_the_covariance_is_honest(benchmark: BenchmarkFixture, report: Report) -> None:
-    accuracy = run(benchmark, lambda: accuracy_of(localizer_of(1, "open"), ROWS[0], COUNT), rounds=1)
+CALIBRATED_CAMERA = Geometry(sigma_px_per_mm=0.008, sigma_aspect=0.0005, sigma_shear=0.0005, sigma_k1=0.002)
+
+
+@pytest.mark.parametrize(
+    ("camera", "theta_deg", "theta_ratio"),
+    # the bound is for a known camera: the turn of the image's rows is less exact where nobody measured the shear
+    [(Geometry(), 0.09, 1.6), (CALIBRATED_CAMERA, 0.07, 1.3)],
+    ids=["stock profile", "calibrated camera"],
+)
+def test_errors_are_near_the_bound_and_the_covariance_is_honest(
+    camera: Geometry, theta_deg: float, theta_ratio: float, benchmark: BenchmarkFixture, report: Report
+) -> None:
+    localizer = Localizer([registered_tape()], replace(load_sensor("gelsight-mini"), geometry=camera))
+    accuracy = run(benchmark, lambda: accuracy_of(localizer, ROWS[0], COUNT), rounds=1)
+    scene = "default scene" if camera == Geometry() else "default scene, calibrated camera"
     for name in ("rms", "bound", "ratio", "calibration", "dot_px"):
-        report.figure(f"default scene, {name}", np.round(getattr(accuracy, name), 4).tolist())
-    report.figure("default scene, nees/3", round(accuracy.nees, 3))
+        report.figure(f"{scene}, {name}", np.round(getattr(accuracy, name), 4).tolist())
+    report.figure(f"{scene}, nees/3", round(accuracy.nees, 3))
     assert accuracy.frames >= 0.99 * COUNT
     spread = 1 + 3 / np.sqrt(2 * accuracy.frames)  # of a measured rms
-    assert (accuracy.rms <= np.array([4.0, 4.0, 0.07]) * spread).all()
-    assert (accuracy.ratio <= 1.3 * spread).all()
+    assert (accuracy.rms <= np.array([4.0, 4.0, theta_deg]) * spread).all()
+    assert (accuracy.ratio <= np.array([1.3, 1.3, theta_ratio]) * spread).all()
     assert 0.8 / spread**2 <= accuracy.nees <= 1.3 * spread**2
     assert (accuracy.calibration >= 0.7 / spread**2).all() and (accuracy.calibration <= 1.4 * spread**2).all()
 

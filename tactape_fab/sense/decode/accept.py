@@ -84,7 +84,7 @@ def judge(
     # t of every dot, here from the image centre to the dot (paper, Eq. 11); lower and doubtful dots weigh less
     offset = dots.xy_px[inside] - view.centre_px
     weights = dots.weights[inside] * dots.trust[inside]
-    pose = fit_pose(offset, nominal, weights, view.px_per_mm, fixed_scale=view.scale_tolerance == 0.0)
+    pose = fit_pose(offset, nominal, weights, view.px_per_mm, view.beliefs)
     if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
         return replace(empty, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(pose.agree.sum())

@@ -24,6 +24,7 @@ from tactape_fab.sense.decode.dots.elongation import flipped_u, square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.pixels.patches import pixel_fit, rehearse_pixels
 from tactape_fab.sense.decode.pixels.refine import Pixels
 from tactape_fab.sense.decode.rank import View, read
@@ -80,8 +81,8 @@ class Localizer:
     fixed_scale : bool
         Use the profile's px/mm without correction; otherwise a scale measured in the frame replaces it.
     refine : {"dots", "pixels"}
-        What the pose of a located answer is fitted to: the centres of the dots, or the pixels around them, about twice as
-        exact where the parts are boxes. `Localization.refined` says what it was.
+        What the pose of a located answer is fitted to: the centres of the dots, or the pixels around them, which is
+        more exact where the parts are boxes that stand where they should. `Localization.refined` says what it was.
 
     Raises
     ------
@@ -234,7 +235,10 @@ class Localizer:
     ) -> None:
         self._world = world
         self.sensor = as_sensor(sensor)
-        self._aspect = self.sensor.px_per_mm[0] / self.sensor.px_per_mm[1]  # factor on v that makes pixels square
+        self._camera = self.sensor.camera
+        self._aspect = float(self._camera.matrix[0, 0] / self._camera.matrix[1, 1])  # factor on v that makes pixels square
+        bent = (self.sensor.geometry.shear, self.sensor.geometry.k1) != (0.0, 0.0)
+        self._straight = not (bent or self.sensor.geometry.aspect != 0.0)
         self._view = View(
             pitch_mm=pitch_mm,
             displacement_mm=displacement_mm,
@@ -242,6 +246,7 @@ class Localizer:
             px_per_mm=self.sensor.px_per_mm[0],
             scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
             centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
+            beliefs=beliefs_of(self.sensor, fixed_scale=fixed_scale),
             directions=directions,
         )
 
@@ -302,9 +307,9 @@ class Localizer:
                 u, v = np.rint(dots.xy_px).astype(np.int64).T
                 h, w = self.sensor.mask.shape
                 dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
-            if self._aspect != 1.0:
+            if self._aspect != 1.0 or not self._straight:
                 elongation = square_pixels(dots.elongation, self._aspect)
-                dots = replace(dots, xy_px=dots.xy_px * (1.0, self._aspect), elongation=elongation)
+                dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation)
             found = self._locate(dots, prior, image)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
@@ -348,7 +353,7 @@ class Localizer:
             raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} do not match; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):
             raise FrameError("dots have NaN or infinite values, or negative weights; leave those dots out")
-        square = xy * (1.0, self._aspect)
+        square = self._square(xy)
         if self._method == "paper":
             from tactape_fab.sense.decode.paper import locate_paper_dots
 
@@ -385,6 +390,15 @@ class Localizer:
             image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
         return found
+
+    def _square(self, xy_px: FloatArray) -> FloatArray:
+        """Places in the image of a perfect camera of the profile's px/mm along u: square pixels, no shear, no distortion."""
+        if self._straight:
+            out: FloatArray = xy_px * (1.0, self._aspect)
+        else:
+            on_gel = self._camera.from_px(xy_px) - self._camera.from_px(self.sensor.centre_px)
+            out = on_gel * self._view.px_per_mm + self._view.centre_px
+        return out
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)

@@ -11,6 +11,7 @@ from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import turn_weights
 from tactape_fab.sense.decode.grid.fit import Fit, fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
+from tactape_fab.sense.decode.grid.posterior import Beliefs
 from tactape_fab.sense.decode.rule import EVEN_TURNS, GRID_SHARES, LEAST_GRID_POWER
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
@@ -39,6 +40,8 @@ class View:
         Relative tolerance of the scale; 0 if it is fixed.
     centre_px : ndarray, shape (2,)
         The image centre p0.
+    beliefs : Beliefs
+        What is known of camera and gel.
     directions : int
         Number of displacement directions.
     """
@@ -49,6 +52,7 @@ class View:
     px_per_mm: float
     scale_tolerance: float
     centre_px: FloatArray
+    beliefs: Beliefs
     directions: int = 4
 
     @property

@@ -43,8 +43,6 @@ GOOD_TRUST = 0.5
 """A dot of more trust is more likely a part than noise; of those on the tape half must agree with the pose (chosen)."""
 AGREE_SIGMAS = 3.5
 """A dot agrees within so many standard deviations of one axis: of two normal components 0.2 % of the right ones do not."""
-SCALE_SIGMAS = 2.5
-"""The frame's own scale replaces the profile's beyond so many standard deviations: of one normal variable 1.2 % by chance."""
 
 # Prior weights of hypotheses, fixed before any symbol is read
 

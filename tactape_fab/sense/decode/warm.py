@@ -67,4 +67,4 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
         turn_weights(dots.elongation, dots.weights, dots.trust, grid, view.part)
     if registry is not None:
         rehearse_search(registry.families, view.directions)
-    fit_pose(xy, nodes * np.float64(view.pitch_mm), dots.weights, view.px_per_mm, fixed_scale=False)
+    fit_pose(xy, nodes * np.float64(view.pitch_mm), dots.weights, view.px_per_mm, view.beliefs)

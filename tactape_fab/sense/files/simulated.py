@@ -19,6 +19,7 @@ from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, iterate_frames
+from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.parts import Parts, parts_from_cpl
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.sense.simulation.view import FARTHEST_MM
@@ -47,6 +48,15 @@ _SCENE_KEYS = {
     "gel_correlation": "gel_correlation_mm",
 }
 """Options of the command line and the attributes of Scene that they set."""
+_ELASTIC_KEYS = {
+    "force": "force_n",
+    "tilt": "tilt_deg",
+    "gel_thickness": "thickness_mm",
+    "gel_modulus": "modulus_kpa",
+    "markers": "markers",
+}
+"""Options of an elastic contact alone, and the attributes of ElasticContact that they set."""
+_CONTACT_MODELS = ("imprint", "elastic")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +104,8 @@ def simulate_file(
     **scene
         contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, noise_model, placement, elastomer,
         scale_error, aspect_error, shear_error, k1_error, gel_displacement, gel_correlation: attributes of `Scene`.
+        contact_model ("imprint" or "elastic"); with "elastic" force (N), tilt (two angles, degrees), gel_thickness (mm),
+        gel_modulus (kPa), markers, cylinder and elastomer (its blur): attributes of `ElasticContact`.
 
     Raises
     ------
@@ -126,7 +138,13 @@ def simulate_file(
 
 def _scene(options: Mapping[str, Any]) -> Scene:
     """The default scene with some attributes replaced by options."""
-    values = {_SCENE_KEYS[name]: value for name, value in options.items()}
+    model = Fields({"contact_model": "imprint", **options})
+    if model.text("contact_model", choices=_CONTACT_MODELS) == "elastic":
+        return _elastic_scene(options)
+    model.problems += [_only_elastic(name) for name in options if name in _ELASTIC_KEYS]
+    if model.problems:
+        raise SpecError(model.problems)
+    values = {_SCENE_KEYS[name]: value for name, value in options.items() if name != "contact_model"}
     if "cylinder" in options:
         values["contact"] = "strip"
         if "contact" in options:
@@ -134,6 +152,24 @@ def _scene(options: Mapping[str, Any]) -> Scene:
     elif options.get("contact") == "pad":
         values["contact"] = values.pop("contact_mm")
     return Scene(**values)
+
+
+def _only_elastic(name: str) -> Problem:
+    return Problem(name, f"{name.replace('_', '-')} belongs to an elastic contact; add --contact-model elastic")
+
+
+def _elastic_scene(options: Mapping[str, Any]) -> Scene:
+    """The scene of an elastic contact."""
+    if "contact" in options:
+        raise SpecError(Problem("contact", "contact is decided by the force of an elastic contact; leave it out"))
+    keys = {**_ELASTIC_KEYS, "cylinder": "cylinder_radius_mm", "elastomer": "blur_mm"}
+    problems: list[Problem] = []
+    elastic = tried(lambda: ElasticContact(**{keys[name]: value for name, value in options.items() if name in keys}), problems)
+    others = {_SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS and name not in keys}
+    scene = tried(lambda: Scene(**others, elastic=elastic), problems)
+    if scene is None or problems:
+        raise SpecError(problems)
+    return scene
 
 
 def _written_parts(kit: str | Path) -> Parts:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import imprint, inwards
@@ -122,9 +122,11 @@ def dots_of(
     Raises
     ------
     SpecError
-        As `simulate`.
+        As `simulate`, and for a scene with an elastic gel.
     """
     profile, scene, errors = as_sensor(sensor), scene or DEFAULT_SCENE, errors or DEFAULT_ERRORS
+    if scene.elastic is not None:
+        raise SpecError(Problem("scene", "scene.elastic needs a depth map, which dots_of does not make; use iterate_frames"))
     rng = rng if isinstance(rng, np.random.Generator) else np.random.default_rng(rng)
     *position_mm, theta_deg = pose
     view = make_view(tape, position_mm, theta_deg, profile, scene)

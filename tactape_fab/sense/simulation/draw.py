@@ -14,7 +14,8 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
-from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of
+from tactape_fab.sense.simulation.elastic import imprint_of
+from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of, sensed
 from tactape_fab.sense.simulation.gel_displacement import displacement_um, displacements
 from tactape_fab.sense.simulation.parts import Parts, as_parts, scattered
 from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
@@ -41,14 +42,15 @@ class Frame:
     theta_deg : float
         Turn of the sensor on the tape, degrees, counter-clockwise seen from above.
     contact_px : ndarray, shape (2,)
-        Contact centre in the canonical image, px.
+        Contact centre in the canonical image, px; the centre of pressure with an elastic gel.
     dots_px : ndarray, shape (k, 2)
         Where the centres of the parts that leave an imprint are seen in the canonical image: with their placement errors and the
         gel's displacement, by the true camera.
     dots_part : ndarray of int64, shape (k,)
         Index of each one's part in the tape, or in the given parts.
     dots_imprint : ndarray, shape (k,)
-        Fraction of its height that is imprinted at each; at least 0.5 inside the contact's outline.
+        Fraction of its height that is imprinted at each; at least 0.5 inside the contact's outline. With an elastic gel: fraction
+        of the middle of its top that the gel touches.
     """
 
     depth: FloatImage
@@ -297,9 +299,13 @@ def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) ->
     return np.stack([x, y], axis=-1)
 
 
-def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
-    """One frame; defects, noise and gel have separate random streams, so that none changes another."""
-    scene = view.scene
+def placed(
+    view: View, parts: Parts, stream: np.random.SeedSequence
+) -> tuple[IntArray, Parts, FloatArray, FloatArray, FloatArray, np.random.Generator]:
+    """What is under the gel: parts in view as of `parts_in_view`, displaced by the gel, and bumps; and a generator of noise.
+
+    Defects, noise and gel have separate random streams, so that none changes another.
+    """
     of_parts, of_noise, of_gel = (
         np.random.Generator(np.random.PCG64(np.random.SeedSequence(stream.entropy, spawn_key=(*stream.spawn_key, i))))
         for i in (0, 1, 3)  # (0, 2) is that of poses
@@ -307,16 +313,27 @@ def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
     index, seen, at_mm = parts_in_view(view, parts, of_parts)
     if displacement_um(view) > 0.0:
         at_mm = at_mm + displacements(view, at_mm, of_gel)
-    bumps_mm, sizes = _draw_bumps(view, of_parts)
-    relief = relief_of(view, seen, at_mm, bumps_mm, sizes)
-    share = imprint(scene, at_mm)
+    return index, seen, at_mm, *_draw_bumps(view, of_parts), of_noise
+
+
+def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
+    """One frame."""
+    scene = view.scene
+    index, seen, at_mm, bumps_mm, sizes, of_noise = placed(view, parts, stream)
     dots_px = view.to_px(at_mm)
+    if scene.elastic is None:
+        share, contact_px = imprint(scene, at_mm), view.to_px(np.asarray(scene.contact_offset_mm))
+        depth = press(relief_of(view, seen, at_mm, bumps_mm, sizes), view.profile, scene, of_noise)
+    else:
+        pressed = imprint_of(view, seen, at_mm, bumps_mm, sizes)
+        share, contact_px = pressed.touched(dots_px), pressed.contact_px
+        depth = sensed(pressed.depth, view.profile, scene, of_noise)
     felt = (share > 0.0) & (np.abs(dots_px - view.profile.centre_px) <= view.profile.centre_px + 0.5).all(axis=1)
     return Frame(
-        depth=press(relief, view.profile, scene, of_noise),
+        depth=depth,
         position_mm=view.position_mm,
         theta_deg=view.theta_deg,
-        contact_px=view.to_px(np.asarray(scene.contact_offset_mm)),
+        contact_px=contact_px,
         dots_px=dots_px[felt],
         dots_part=index[felt],
         dots_imprint=share[felt],

@@ -103,8 +103,13 @@ def press(relief_mm: FloatArray, profile: SensorProfile, scene: Scene, rng: np.r
     sigma_u_px, sigma_v_px = (scene.elastomer_mm * scale for scale in camera.px_per_mm)
     depth = _smooth(relief_mm.astype(np.float32) * imprint, sigma_u_px, sigma_v_px)
     depth += background
-    add_noise(depth, profile, scene, rng)
-    return delivered(depth, profile)
+    return sensed(depth, profile, scene, rng)
+
+
+def sensed(depth_mm: FloatImage, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> FloatImage:
+    """A canonical depth map with the sensor's noise, which is added in place, as the sensor delivers it."""
+    add_noise(depth_mm, profile, scene, rng)
+    return delivered(depth_mm, profile)
 
 
 def delivered(depth_mm: FloatImage, profile: SensorProfile) -> FloatImage:

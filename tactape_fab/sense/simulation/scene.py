@@ -8,7 +8,8 @@ from math import sqrt
 from typing import Any, Literal
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.base.fields import Fields, unknown_key
+from tactape_fab.base.fields import Fields, shown, unknown_key
+from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 
 Contact = Literal["ellipse", "strip", "pad"]
 CONTACTS = ("ellipse", "strip", "pad")
@@ -72,6 +73,10 @@ class Scene:
         Gaussian that correlates it; None: those of the sensor's gel.
     mirrored_tape : bool
         The tape as its mirror image (x of the board frame reversed).
+    elastic : ElasticContact or None
+        Solve the contact of an elastic gel. Its force and shapes decide what touches: of the attributes above it takes
+        `contact_offset_mm` and `contact_turn_deg` for a cylinder's axis, noise, and errors of the tape and of the scale;
+        `contact` becomes "pad", or "strip" on a cylinder. None: the imprint described above.
     """
 
     contact: Contact = "ellipse"
@@ -102,6 +107,7 @@ class Scene:
     gel_displacement_um: float | None = None
     gel_correlation_mm: float | None = None
     mirrored_tape: bool = False
+    elastic: ElasticContact | None = None
 
     def __post_init__(self) -> None:
         """Refuse invalid values, all together."""
@@ -119,8 +125,21 @@ class Scene:
         self._refuse_other_noise(table)
         table.integer("bumps", low=0, high=1000)
         table.flag("mirrored_tape")
+        elastic = table.values.get("elastic")
+        if elastic is not None and not isinstance(elastic, ElasticContact):
+            table.problem("elastic", f"elastic = {shown(elastic)} is no ElasticContact; give one, or None")
         if table.problems:
             raise SpecError(table.problems)
+        if self.elastic is not None:
+            self._take_shape(self.elastic)
+
+    def _take_shape(self, elastic: ElasticContact) -> None:
+        """Where an elastic gel may touch: everywhere in the image."""
+        curved = elastic.cylinder_radius_mm is not None
+        object.__setattr__(self, "contact", "strip" if curved else "pad")
+        object.__setattr__(self, "strip_width_mm", _NUMBERS["strip_width_mm"][1] if curved else None)
+        if curved:
+            object.__setattr__(self, "cylinder_radius_mm", elastic.cylinder_radius_mm)
 
     def _refuse_other_noise(self, table: Fields) -> None:
         """Refuse figures of a noise model that is not the scene's; they would do nothing."""

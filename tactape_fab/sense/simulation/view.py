@@ -62,6 +62,8 @@ class View:
     def from_board(self, xy_mm: FloatArray) -> FloatArray:
         """Board points in view; shape (..., 2), mm."""
         flat: FloatArray = (board_to_texture(xy_mm, self.tape.board.texture_origin_mm) - self.position_mm) @ self.turn
+        if self.scene.elastic is not None:
+            return projected(self.scene, flat, self.tape.part.body_mm[2])
         return bent(self.scene, flat) if self.scene.contact == "strip" else flat
 
     def to_board(self, in_view_mm: FloatArray) -> FloatArray:
@@ -78,16 +80,36 @@ class View:
         return near
 
 
-def bent(scene: Scene, flat_mm: FloatArray) -> FloatArray:
-    """Points of a tape wrapped about a strip's cylinder, projected from above; the image centre does not move."""
+def bent(scene: Scene, flat_mm: FloatArray, height_mm: float = 0.0) -> FloatArray:
+    """Points of a tape wrapped about a strip's cylinder, or above them, seen from above; the image centre does not move."""
     radius = scene.cylinder_radius_mm
+    seen_radius = radius + height_mm
     turn = radians(scene.contact_turn_deg)
     across = contact_local(scene, flat_mm)[..., 1]
     centre = float(contact_local(scene, np.zeros(2))[1])
-    arc = np.arcsin(np.clip(centre / radius, -1.0, 1.0)) * radius + across - centre
-    seen = radius * np.sin(np.clip(arc / radius, -np.pi / 2, np.pi / 2))
+    arc = np.arcsin(np.clip(centre / seen_radius, -1.0, 1.0)) * radius + across - centre
+    seen = seen_radius * np.sin(np.clip(arc / radius, -np.pi / 2, np.pi / 2))
     shifted: FloatArray = flat_mm + (seen - across)[..., None] * np.array([sin(turn), cos(turn)])
     return shifted
+
+
+def projected(scene: Scene, flat_mm: FloatArray, height_mm: float) -> FloatArray:
+    """Tops of parts on a tape that is wrapped about a cylinder, tilted, or both, seen along the sensor's axis.
+
+    The image centre does not move. A tilted tape is turned about a line across its slope: lengths along the slope shrink by
+    the cosine of its angle.
+    """
+    elastic = scene.elastic
+    assert elastic is not None
+    if elastic.cylinder_radius_mm is not None:
+        flat_mm = bent(scene, flat_mm, height_mm)
+    slope = np.tan(np.radians(elastic.tilt_deg))
+    square = float(slope @ slope)
+    if square == 0.0:
+        return flat_mm
+    along = (flat_mm @ slope)[..., None] * slope / square
+    tilted: FloatArray = flat_mm - along * (1 - 1 / np.sqrt(1 + square))
+    return tilted
 
 
 def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile: SensorProfile, scene: Scene) -> View:

@@ -23,6 +23,7 @@ from tactape_fab.sense.decode.dots.elongation import square_pixels, turn_weights
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.grid.fit import posteriors
+from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization, status_of
 from tactape_fab.sense.decode.rule import (
@@ -80,6 +81,7 @@ def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
         px_per_mm=sensor.px_per_mm[0],
         scale_tolerance=0.0,
         centre_px=np.zeros(2),
+        beliefs=beliefs_of(sensor, fixed_scale=True),
         directions=tape.directions,
     )
     return Rule(

@@ -86,9 +86,33 @@ def test_simulate_takes_other_contacts(small_kit: Kit, tmp_path: Path, option: s
         assert json.loads(str(arrays["scene"]))["scene"]["contact"] == contact
 
 
+def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None:
+    path = tmp_path / "f.npz"
+    options = (
+        "--force 3.5 --tilt 1,-2 --cylinder 20mm --gel-thickness 3mm --gel-modulus 300 --markers --elastomer 0.05 --missing 0.1"
+    )
+    result = run(f"simulate {small_kit.path} -o {path} --contact-model elastic {options}")
+    assert result.exit_code == 0, result.stderr
+    with np.load(path) as arrays:
+        assert arrays["depth"].max() > 0.1
+        scene = json.loads(str(arrays["scene"]))["scene"]
+    wanted = {
+        "force_n": 3.5, "tilt_deg": [1.0, -2.0], "cylinder_radius_mm": 20.0, "thickness_mm": 3.0, "modulus_kpa": 300.0,
+        "markers": True, "blur_mm": 0.05,
+    }  # fmt: skip
+    assert {key: scene["elastic"][key] for key in wanted} == wanted
+    assert (scene["contact"], scene["missing"]) == ("strip", 0.1)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        ("--force 2", "add --contact-model elastic"),
+        ("--markers", "add --contact-model elastic"),
+        ("--contact-model rigid", "contact_model = 'rigid'"),
+        ("--contact-model elastic --contact 5x5", "contact is decided by the force"),
+        ("--contact-model elastic --force -1 --tilt 3", "tilt_deg"),
+        ("--contact-model elastic --force none --missing 2", "force_n = 'none'"),
         ("--count 0", "count = 0"),
         ("--count many", "count = 'many'"),
         ("--seed -1", "seed = -1"),

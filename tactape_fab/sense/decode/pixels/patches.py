@@ -16,6 +16,7 @@ from math import erf, hypot, log, pi, sqrt
 import numpy as np
 
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.tape import TapePart
@@ -52,6 +53,9 @@ class PixelFit:
         Pixels of the canonical image along a side of a pixel that is looked at.
     scale_px_per_mm : (float, float)
         Of those, along u and v.
+    camera : Camera
+    centre_mm : ndarray, shape (2,)
+        The image centre on the gel, from the camera's.
     half_px : int
         Half a patch, without its middle.
     offsets_px : ndarray of float32, shape (2 half_px + 1,)
@@ -68,6 +72,8 @@ class PixelFit:
 
     factor: int
     scale_px_per_mm: tuple[float, float]
+    camera: Camera
+    centre_mm: FloatArray
     half_px: int
     offsets_px: Image
     basis: Image
@@ -81,6 +87,14 @@ class PixelFit:
         together, height, place and background take eight.
         """
         return len(self.basis) / 2.0 - 8.0
+
+    def to_px(self, gel_mm: FloatArray) -> FloatArray:
+        """Pixels that are looked at, of points on the gel right and down of the image centre; (n, 2)."""
+        return (self.camera.to_px(gel_mm + self.centre_mm) - (self.factor - 1) / 2) / self.factor
+
+    def from_px(self, at_px: FloatArray) -> FloatArray:
+        """The inverse of `to_px`."""
+        return self.camera.from_px(at_px * self.factor + (self.factor - 1) / 2) - self.centre_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,6 +145,8 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     return PixelFit(
         factor=factor,
         scale_px_per_mm=(sensor.px_per_mm[0] / factor, sensor.px_per_mm[1] / factor),
+        camera=sensor.camera,
+        centre_mm=sensor.camera.from_px(sensor.centre_px),
         half_px=half,
         offsets_px=offsets,
         basis=np.linalg.qr(smooth.T.astype(np.float64))[0].astype(np.float32),

@@ -9,6 +9,7 @@ import numpy as np
 
 from tactape_fab.sense.decode.dots.filters import Image, averaged
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
+from tactape_fab.sense.decode.grid.posterior import Beliefs
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, settled_patches, unknown_relief
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
@@ -42,6 +43,8 @@ MOST_MOVE = 25.0
 MOVE_FLOOR = np.array([0.003, 0.003, 0.0005])
 """Errors of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
 LEAST_SIGMA_MM = 0.0005
+USUAL_MM = 0.005
+"""What places scatter by apart from the pixels' noise, where it is not known yet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,8 +84,7 @@ def refine(
     unknown = unknown_relief(part)
     if part is None or unknown is not None:
         return pose, unknown
-    square = np.array([1.0, fit.scale_px_per_mm[0] / fit.scale_px_per_mm[1]])
-    at = ((offset_px + view.centre_px) / square - (fit.factor - 1) / 2) / fit.factor
+    at = fit.to_px(offset_px / view.px_per_mm)
     chosen = np.flatnonzero(pose.agree & has_patch(fit, at))
     if len(chosen) < LEAST_PATCHES:
         return pose, f"only {len(chosen)} dots have all the pixels around them"
@@ -90,7 +92,7 @@ def refine(
         image = averaged(image, fit.factor)
     # mm along the body's length and width of pixels right and down (SPEC section 1; board +y is up, texture +y down)
     turn = pose.theta_rad - part.rotation_deg * pi / 180.0
-    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) / fit.scale_px_per_mm
+    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ _mm_of_px(fit, at[chosen].mean(axis=0))
     found, centres = settled_patches(fit, image, at[chosen], to_body, part)
     good = found.height > 0.0
     if good.sum() < LEAST_PATCHES or not median(found.misfit) <= MOST_MISFIT:
@@ -100,19 +102,25 @@ def refine(
         return pose, f"the pixels around the dots differ from the tape's parts by {sqrt(excess):.1f} times the slopes' noise"
     if not good.all():
         chosen, centres, found = chosen[good], centres[good], found.taken(good)
-    offset = (centres * fit.factor + (fit.factor - 1) / 2) * square - view.centre_px
+    gel_mm = fit.from_px(centres)
     turned = np.array([[cos(pose.theta_rad), -sin(pose.theta_rad)], [sin(pose.theta_rad), cos(pose.theta_rad)]])  # for rows
-    error_mm = pose.position_mm + offset @ turned / pose.px_per_mm - texture_mm[chosen]
-    drawn_mm, rim_mm = _at_rim(texture_mm[chosen], texture_mm[pose.agree], found.imprint, error_mm)
     slopes = np.maximum(found.left, median(found.left)) / fit.freedom
     own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
+    inwards, low = _at_rim(texture_mm[chosen], texture_mm[pose.agree], found.imprint)
+    scale = view.px_per_mm / pose.px_per_mm
+    error_mm = pose.position_mm + gel_mm @ turned * scale - texture_mm[chosen]
+    weights = 1.0 / (own + (PULL_MM * low) ** 2 + USUAL_MM**2)
+    error_mm = _without_camera(error_mm @ turned.T, gel_mm, weights, view.beliefs) @ turned
+    pull_mm = _pull_mm(low, (error_mm * inwards).sum(axis=1))
+    drawn_mm = (pull_mm * low)[:, None] * inwards
     refined = fit_pose(
-        offset - drawn_mm @ turned.T * pose.px_per_mm,
+        (gel_mm - drawn_mm @ turned.T / scale) * view.px_per_mm,
         texture_mm[chosen],
-        _weights(own, error_mm - drawn_mm, rim_mm),
+        _weights(own, error_mm - drawn_mm, PULL_REST * pull_mm * low),
         view.px_per_mm,
-        fixed_scale=view.scale_tolerance == 0.0,
+        view.beliefs,
         least_sigma_mm=LEAST_SIGMA_MM,
+        smoothed=False,
     )
     why = _doubt(pose, refined)
     return (pose, why) if why is not None else (replace(refined, agree=pose.agree), None)
@@ -132,10 +140,37 @@ def _doubt(pose: Pose, refined: Pose) -> str | None:
     return None
 
 
-def _at_rim(
-    texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray, error_mm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """What the contact's rim does to dots: how far it draws each inwards (n, 2), and the error that is left of that (n,), mm.
+def _mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
+    """The gel's mm, right and down, of pixels right and down at a place; shape (2, 2)."""
+    steps = fit.from_px(at_px + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
+    return np.stack([steps[0] - steps[1], steps[2] - steps[3]], axis=1)
+
+
+def _without_camera(error_mm: FloatArray, gel_mm: FloatArray, weights: FloatArray, beliefs: Beliefs) -> FloatArray:
+    """Errors of dots, image axes, less what the pose and the camera, within its priors, may be off by; both (n, 2)."""
+    x, y = gel_mm.T
+    from_centre = gel_mm - beliefs.centre_mm
+    bent = from_centre * ((from_centre / beliefs.corner_mm) ** 2).sum(axis=1, keepdims=True)
+    scale, aspect, shear, k1 = beliefs.sigmas
+    rates = np.zeros((7, len(x), 2))
+    rates[0, :, 0] = rates[1, :, 1] = 1.0
+    rates[2, :, 0], rates[2, :, 1] = -y, x
+    rates[3], rates[4, :, 0], rates[4, :, 1] = scale * gel_mm, aspect / 2.0 * x, -aspect / 2.0 * y
+    rates[5, :, 0], rates[6] = shear * y, k1 * bent
+    weighted, flat = (rates * weights[:, None]).reshape(7, -1), rates.reshape(7, -1)
+    prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    left: FloatArray = error_mm - (np.linalg.solve(weighted @ flat.T + prior, weighted @ error_mm.ravel()) @ flat).reshape(-1, 2)
+    return left
+
+
+def _pull_mm(low: FloatArray, along_mm: FloatArray) -> float:
+    """How far the rim draws a dot inwards for each unit of missing height, from the errors of dots inwards."""
+    pull = (float(low @ along_mm) + PULL_WEIGHT * PULL_MM) / (float(low @ low) + PULL_WEIGHT)
+    return min(max(pull, 0.0), 2.0 * PULL_MM)
+
+
+def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """For dots at the contact's rim the direction inwards (n, 2), and the share of the height that is missing (n,), 0 elsewhere.
 
     Parameters
     ----------
@@ -144,8 +179,6 @@ def _at_rim(
     neighbours_mm : ndarray, shape (k, 2)
         Those of all dots of the contact.
     height : ndarray, shape (n,)
-    error_mm : ndarray, shape (n, 2)
-        From the nominal places to where the dots are.
     """
     apart = neighbours_mm[None] - texture_mm[:, None]
     distance = np.hypot(apart[..., 0], apart[..., 1])
@@ -155,11 +188,7 @@ def _at_rim(
     inner = length <= ONE_SIDED
     level = median(height[inner] if inner.sum() >= LEAST_INNER else np.sort(height)[len(height) // 2 :])
     low = np.where(inner, 0.0, np.minimum(np.maximum(1.0 - LEVEL_ERROR - height / level, 0.0), 1.0))
-    inwards = mean / np.maximum(length, 1e-9)[:, None]
-    along = (error_mm * inwards).sum(axis=1)
-    pull = (float(low @ along) + PULL_WEIGHT * PULL_MM) / (float(low @ low) + PULL_WEIGHT)
-    pull = min(max(pull, 0.0), 2.0 * PULL_MM)
-    return (pull * low)[:, None] * inwards, PULL_REST * pull * low
+    return mean / np.maximum(length, 1e-9)[:, None], low
 
 
 def _weights(own: FloatArray, error_mm: FloatArray, rim_mm: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from tactape_fab import Localization, Localizer, Prior, TapeSpec
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import load_sensor, simulate
+from tactape_fab.sense.geometry import Geometry
 from tests.bench.impostors import plain_grid, random_symbols
 from tests.contacts import CENTRE, DELTA, POSE, SHIFT, TAPE, R, W, dots, is_near, seen, tape_of, texture_of
 
@@ -259,6 +260,46 @@ def test_oblong_pixels_are_the_same_contact(method: str) -> None:
     assert fix.located and fix.position_mm is not None and fix.theta_deg is not None
     assert np.hypot(*np.subtract(fix.position_mm, (50.0, 25.0))) < 0.05
     assert abs(fix.theta_deg - 40.0) < 1.0
+
+
+BENT = Geometry(aspect=0.05, shear=0.04, k1=0.05, center_px=(170.0, 100.0))
+
+
+@pytest.mark.parametrize("fixed_scale", [False, True])
+def test_dots_are_seen_through_the_profile_s_camera(localizer: Localizer, fixed_scale: bool) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), geometry=BENT)
+    camera, square = sensor.camera, dots((50.0, 25.0), 40.0)
+    xy = camera.to_px((square - CENTRE) / R + camera.from_px(sensor.centre_px))
+    fix = Localizer([TAPE], sensor, fixed_scale=fixed_scale).locate_dots(xy)
+    assert fix.located and is_near(fix, (50.0, 25.0), 40.0, 1e-4, 1e-3)
+    assert fix.n_agree == len(xy) and fix.px_per_mm == pytest.approx(R)
+    stock = localizer.locate_dots(xy)
+    assert not stock.located or stock.n_agree < len(xy) or not is_near(stock, (50.0, 25.0), 40.0, 1e-4, 1e-3)
+
+
+def test_a_depth_map_is_seen_through_the_profile_s_camera() -> None:
+    sensor = replace(load_sensor("gelsight-mini"), geometry=BENT)
+    fix = Localizer([TAPE], sensor).locate(simulate(TAPE, *POSE, sensor=sensor, seed=4))
+    assert fix.located and is_near(fix, *POSE, mm=0.03, deg=0.4)
+
+
+@pytest.mark.parametrize("px_per_mm", [(16.0, 16.0), (16.0, 12.3)])
+def test_without_a_camera_dots_are_decoded_as_they_are(px_per_mm: tuple[float, float]) -> None:
+    sensor = replace(load_sensor("gelsight-mini"), px_per_mm=px_per_mm, geometry=Geometry(sigma_aspect=0.01))
+    xy = np.random.default_rng(1).uniform(0.0, 300.0, (40, 2))
+    assert (Localizer([TAPE], sensor)._square(xy) == xy * (1.0, px_per_mm[0] / px_per_mm[1])).all()
+
+
+def test_what_the_profile_knows_of_its_camera_makes_the_covariance_smaller() -> None:
+    known = Geometry(sigma_px_per_mm=0.01, sigma_aspect=0.001, sigma_shear=0.001, sigma_k1=0.001)
+    xy = dots() + np.random.default_rng(3).normal(0.0, 0.3, dots().shape)
+    wide, narrow = (
+        Localizer([TAPE], replace(load_sensor("gelsight-mini"), geometry=geometry)).locate_dots(xy)
+        for geometry in (Geometry(), known)
+    )
+    assert wide.covariance is not None and narrow.covariance is not None
+    assert (np.diag(narrow.covariance) < np.diag(wide.covariance)).all()
+    assert narrow.covariance[2, 2] < 0.7 * wide.covariance[2, 2]
 
 
 # Registry

@@ -14,7 +14,6 @@ from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
-from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.rule import trusted
 from tactape_fab.sense.decode.search.evidence import turned
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -313,76 +312,3 @@ def test_evidence_is_that_of_the_bits_of_the_turned_symbols(turn: int) -> None:
             for b in (0, 1):
                 score = evidence[i, 0] + (2 * a - 1) * evidence[i, 1] + (2 * b - 1) * evidence[i, 2]
                 assert score == pytest.approx(log(2 * x[a]) + log(2 * y[b]))
-
-
-# Pose
-
-
-def pose_dots(
-    theta: float, position: tuple[float, float], rng: np.random.Generator, n: int = 30
-) -> tuple[FloatArray, FloatArray]:
-    offset = rng.uniform(-80, 80, (n, 2))
-    c, s = cos(theta), sin(theta)
-    return offset, np.asarray(position) + offset / R @ np.array([[c, s], [-s, c]]).T
-
-
-@pytest.mark.parametrize("theta_deg", [0.0, 30.0, 179.9, -120.0])
-def test_exact_dots_give_the_exact_pose(theta_deg: float) -> None:
-    offset, texture = pose_dots(radians(theta_deg), (20.0, 12.0), np.random.default_rng(1))
-    pose = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
-    assert pose.position_mm == pytest.approx([20.0, 12.0], abs=1e-9)
-    assert np.degrees(pose.theta_rad) == pytest.approx(theta_deg, abs=1e-7)
-    assert pose.px_per_mm == pytest.approx(R)
-    assert pose.agree.all()
-
-
-def test_another_scale_is_believed_unless_it_is_fixed() -> None:
-    rng = np.random.default_rng(2)
-    offset, texture = pose_dots(0.3, (20.0, 12.0), rng)
-    offset = offset * 1.05 + rng.normal(0, 0.2, offset.shape)
-    free = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
-    assert free.px_per_mm == pytest.approx(R * 1.05, rel=2e-3)
-    assert free.position_mm == pytest.approx([20.0, 12.0], abs=0.02)
-    assert fit_pose(offset, texture, np.ones(30), R, fixed_scale=True).px_per_mm == pytest.approx(R, rel=1e-12)
-
-
-def test_dots_that_are_far_off_do_not_agree_and_do_not_matter() -> None:
-    rng = np.random.default_rng(3)
-    offset, texture = pose_dots(-2.0, (5.0, 7.0), rng)
-    offset += rng.normal(0, 0.2, offset.shape)
-    offset[:5] += rng.choice([-7.0, 7.0], (5, 2))
-    pose = fit_pose(offset, texture, np.ones(30), R, fixed_scale=False)
-    assert not pose.agree[:5].any() and pose.agree[5:].sum() >= 24
-    assert np.hypot(*(pose.position_mm - (5.0, 7.0))) < 0.01
-
-
-@pytest.mark.parametrize(("spread_px", "stretch"), [(80.0, 1.0), (80.0, 1.2), (1.0, 1.0), (1.0, 1.2), (0.0, 1.0)])
-def test_the_covariance_is_that_of_the_derivatives(spread_px: float, stretch: float) -> None:
-    rng = np.random.default_rng(7)
-    offset = rng.uniform(-1.0, 1.0, (20, 2)) * spread_px + (12.0, -31.0)
-    texture, weights = offset / (R * stretch), rng.uniform(0.2, 1.0, 20)
-    pose = fit_pose(offset, texture, weights, R, fixed_scale=False)
-    assert pose.agree.all()
-    u, v = offset.T / pose.px_per_mm
-    one, none = np.ones(20), np.zeros(20)
-    rows = np.concatenate([np.stack([one, none, v, u], axis=1), np.stack([none, one, -u, v], axis=1)])
-    if pose.px_per_mm == pytest.approx(R, rel=1e-9):
-        rows = rows[:, :3]
-    w = np.concatenate([weights, weights])[:, None]
-    inverse = np.linalg.pinv(rows.T @ (w * rows), rcond=1e-12)
-    expected = pose.sigma_mm**2 * inverse @ (rows.T @ (w**2 * rows)) @ inverse
-    assert pose.covariance == pytest.approx(expected[:3, :3], rel=1e-6, abs=1e-12)
-
-
-@pytest.mark.parametrize("fixed", [True, False])
-def test_the_covariance_is_that_of_many_fits(fixed: bool) -> None:
-    rng = np.random.default_rng(4)
-    errors, reported = [], []
-    for _ in range(300):
-        offset, texture = pose_dots(0.8, (20.0, 12.0), rng, 25)
-        pose: Pose = fit_pose(offset + rng.normal(0, 0.4, offset.shape), texture, np.ones(25), R, fixed_scale=fixed)
-        errors.append([*(pose.position_mm - (20.0, 12.0)), pose.theta_rad - 0.8])
-        reported.append(pose.covariance)
-        assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
-    ratio = np.mean(np.square(errors), axis=0) / np.mean(reported, axis=0)[[0, 1, 2], [0, 1, 2]]
-    assert (ratio > 0.75).all() and (ratio < 1.3).all()

@@ -1,0 +1,129 @@
+"""Errors of located answers against their covariance, row by row.
+
+    python -m tests.bench.nees [--frames N] [--only ROW] [--noise sensor|slope] [--refine dots|pixels]
+
+e is the error of (x, y, theta), C the covariance that was said. NEES/3, the mean of e^T C^-1 e / 3, is 1 where C is true and
+errors are normal; of N frames it scatters by sqrt(2 / 3 N). The decoder has the stock profile in every row, whatever the truth
+is, but for the size of the gel's displacement.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field, replace
+from math import radians, tan
+
+import numpy as np
+
+from tactape_fab import Localizer
+from tactape_fab.sense import Scene, load_sensor
+from tactape_fab.sense.decode.result import Refined
+from tactape_fab.sense.geometry import Gel
+from tests.bench.localization_measure import error_of, is_right
+from tests.bench.localization_rows import STRIPS, frames_of, registered_tape
+from tests.bench.localization_rows import Row as Frames
+
+BEYOND = 7.815
+"""Of chi square with 3 degrees of freedom 5 % is beyond."""
+MEASURED_SLOPE = 0.032
+"""White slope noise, rms a pixel, in 172 patches off contact of a real GelSight Mini."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A scene with the truth that the stock profile does not know."""
+
+    name: str
+    scene: Scene = field(default_factory=Scene)
+
+
+def _at(u_mm: float, v_mm: float, **options: float) -> Scene:
+    return Scene(contact_offset_mm=(u_mm, v_mm)).changed(options)
+
+
+def _tilted(deg: float) -> Scene:
+    return Scene(tilt_mm_per_mm=(tan(radians(deg)), 0.0))
+
+
+ROWS = (
+    Row(name="default"),
+    Row(name="off-centre (3, 2)", scene=_at(3.0, 2.0)),
+    Row(name="off-centre (4, 3)", scene=_at(4.0, 3.0)),
+    *(Row(name=f"scale {100 * e:g} %, (4, 3)", scene=_at(4.0, 3.0, scale_error=e)) for e in (0.002, 0.004, 0.01)),
+    Row(name="scale 1 %", scene=Scene(scale_error=0.01)),
+    Row(name="aspect 3 %", scene=Scene(aspect_error=0.03)),
+    *(Row(name=f"aspect {100 * a:g} %, (3, 2)", scene=_at(3.0, 2.0, aspect_error=a)) for a in (0.03, 0.05)),
+    Row(name="shear 2 %", scene=Scene(shear_error=0.02)),
+    Row(name="shear 2 %, (3, 2)", scene=_at(3.0, 2.0, shear_error=0.02)),
+    *(Row(name=f"lens {100 * k:g} %, (3, 2)", scene=_at(3.0, 2.0, k1_error=k)) for k in (0.02, -0.03, 0.05)),
+    *(Row(name=f"tilt {deg:g} deg", scene=_tilted(deg)) for deg in (2.0, 5.0)),
+    *(Row(name=f"gel displaced {um / 1000:g} mm", scene=Scene(gel_displacement_um=um)) for um in (50.0, 100.0, 200.0)),
+    *(Row(name=f"placement {mm:g} mm", scene=Scene(placement_mm=mm)) for mm in (0.05, 0.1)),
+    *(Row(name=f"strip {width:g} mm", scene=STRIPS[width]) for width in (6.0, 5.0, 4.5)),
+    Row(name="contact 7x7", scene=Scene(contact_mm=(7.0, 7.0))),
+    Row(name="noise x2", scene=Scene(noise=2.0)),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """What a row shows; errors and NEES of frames located and right."""
+
+    frames: int
+    right: int
+    wrong: int
+    position_um: float
+    theta_deg: float
+    nees: float
+    beyond: float
+
+
+def figures_of(scene: Scene, count: int, refine: Refined) -> Figures:
+    """Locate frames of a scene."""
+    sensor = replace(load_sensor("gelsight-mini"), gel=Gel(displacement_um=scene.gel_displacement_um or 0.0))
+    localizer = Localizer([registered_tape()], sensor, refine=refine)
+    wrong = 0
+    errors, squares = [np.zeros((0, 3))], [np.zeros(0)]
+    for frame in frames_of(Frames(name="", scenes=(scene,)), count):
+        fix = localizer.locate(frame.depth)
+        if not is_right(fix, frame):
+            wrong += fix.located
+            continue
+        assert fix.covariance is not None
+        error = error_of(fix, frame)
+        errors.append(error[None])
+        squares.append(np.array([error @ np.linalg.solve(fix.covariance, error)]))
+    error, square = np.concatenate(errors), np.concatenate(squares)
+    rms = np.sqrt((error**2).mean(axis=0))
+    return Figures(
+        frames=count,
+        right=len(square),
+        wrong=wrong,
+        position_um=1000.0 * float(np.hypot(rms[0], rms[1])) / np.sqrt(2.0),
+        theta_deg=float(np.degrees(rms[2])),
+        nees=float(square.mean()) / 3.0,
+        beyond=float((square > BEYOND).mean()),
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.nees", description=__doc__)
+    parser.add_argument("--frames", type=int, default=400, metavar="N", help="frames a row")
+    parser.add_argument("--only", metavar="ROW", help="rows whose name holds this")
+    parser.add_argument("--noise", choices=("sensor", "slope"), default="sensor", help="the profile's, or that of a real sensor")
+    parser.add_argument("--refine", choices=("dots", "pixels"), default="dots", help="what poses are fitted to")
+    chosen = parser.parse_args()
+    noise = {"slope_noise": MEASURED_SLOPE} if chosen.noise == "slope" else {}
+    rows = [row for row in ROWS if chosen.only is None or chosen.only in row.name]
+    if not rows:
+        parser.error(f"--only: no row holds {chosen.only!r}; rows are {', '.join(row.name for row in ROWS)}")
+    print("| row | frames | located | wrong | rms µm | rms deg | NEES/3 | beyond 95 % |")
+    print("|---|---|---|---|---|---|---|---|")
+    for row in rows:
+        f = figures_of(row.scene.changed(noise), chosen.frames, chosen.refine)
+        shown = f"{f.position_um:.2f} | {f.theta_deg:.4f} | {f.nees:.2f} | {100 * f.beyond:.1f} %"
+        print(f"| {row.name} | {f.frames} | {f.right} | {f.wrong} | {shown} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,298 @@
+"""Pose of dots: who agrees, the posterior against dense matrices, and its covariance against what is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, exp, radians, sin
+
+import numpy as np
+import pytest
+
+from tactape_fab.sense import load_sensor
+from tactape_fab.sense.decode.grid.pose import LEAST_SIGMA_MM, LEAST_WEIGHT, Pose, fit_pose
+from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, beliefs_of
+from tactape_fab.sense.decode.rule import AGREE_SIGMAS
+from tactape_fab.sense.geometry import Gel, Geometry, camera
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import BoolArray, FloatArray
+
+R = 16.0
+SENSOR = load_sensor("gelsight-mini")
+STOCK = beliefs_of(SENSOR, fixed_scale=False)
+FIXED = beliefs_of(SENSOR, fixed_scale=True)
+EXACT = replace(STOCK, sigmas=np.zeros(4))
+PLACE, THETA = np.array([20.0, 12.0]), 0.8
+SPARSE = np.array([(2.6 * k, 2.6 * row) for row in range(-2, 3) for k in range(-3, 4)])
+"""Dots too far apart to push each other, mm from the image centre."""
+
+
+def turn_of(theta: float) -> FloatArray:
+    c, s = cos(theta), sin(theta)
+    return np.array([[c, s], [-s, c]])
+
+
+def pose_dots(
+    theta: float, position: tuple[float, float], rng: np.random.Generator, n: int = 30
+) -> tuple[FloatArray, FloatArray]:
+    offset = rng.uniform(-80, 80, (n, 2))
+    return offset, np.asarray(position) + offset / R @ turn_of(theta).T
+
+
+def contact(rng: np.random.Generator, middle: tuple[float, float] = (0.0, 0.0), radius_mm: float = 5.0) -> FloatArray:
+    """Dots on a turned grid of 1.5 mm, displaced by 0.25 mm, within a radius of a contact's middle; (n, 2) mm."""
+    k = np.stack(np.meshgrid(np.arange(-8, 9), np.arange(-8, 9)), axis=-1).reshape(-1, 2) + rng.uniform(0, 1, 2)
+    shown = (1.5 * k + 0.25 * np.array([[0, -1], [0, 1], [-1, 0], [1, 0]])[rng.integers(0, 4, len(k))]) @ turn_of(
+        rng.uniform(0, 7)
+    )
+    inside: FloatArray = shown[np.hypot(*shown.T) < radius_mm] + middle
+    return inside
+
+
+# Who agrees
+
+
+def agreeing(offset: FloatArray, texture: FloatArray, weights: FloatArray) -> BoolArray:
+    """Who agrees: five steps of a similarity by reweighted least squares, as complex numbers."""
+    base = np.where(weights > LEAST_WEIGHT, np.minimum(weights, 1.0), 0.0)
+    p, t, keep = offset @ (1, 1j), texture @ (1, 1j), base.copy()
+    for _ in range(5):
+        p0, t0 = keep @ p / keep.sum(), keep @ t / keep.sum()
+        factor = keep @ ((t - t0) * np.conj(p - p0)) / (keep @ np.abs(p - p0) ** 2)
+        distance = np.abs(t - t0 - factor * (p - p0))
+        sigma = max(float(np.median(distance[base > 0])) / 1.177, LEAST_SIGMA_MM)
+        keep = base / (1 + (distance / (2.5 * sigma)) ** 2) ** 2
+    said: BoolArray = (base > 0) & (distance <= AGREE_SIGMAS * sigma * np.maximum(1.0, 0.6 / np.maximum(base, 1e-9)))
+    return said
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_who_agrees_is_said_by_a_robust_similarity(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    offset, texture = pose_dots(rng.uniform(-3, 3), (5.0, 7.0), rng)
+    offset = offset * rng.uniform(0.95, 1.05, 2) + rng.normal(0, 0.4, offset.shape)
+    offset[:4] += rng.choice([-5.0, 5.0], (4, 2))
+    weights = rng.uniform(0.05, 1.2, 30)
+    expected = agreeing(offset, texture, weights)
+    pose = fit_pose(offset, texture, weights, R, replace(STOCK, gel_mm=0.1 * (seed % 2), correlation_mm=4.0))
+    assert (pose.agree == expected).all() and 10 < expected.sum() < 30
+
+
+def test_dots_that_are_far_off_do_not_agree_and_do_not_matter() -> None:
+    rng = np.random.default_rng(3)
+    offset, texture = pose_dots(-2.0, (5.0, 7.0), rng)
+    offset += rng.normal(0, 0.2, offset.shape)
+    offset[:5] += rng.choice([-7.0, 7.0], (5, 2))
+    pose = fit_pose(offset, texture, np.ones(30), R, STOCK)
+    assert not pose.agree[:5].any() and pose.agree[5:].sum() >= 24
+    assert np.hypot(*(pose.position_mm - (5.0, 7.0))) < 0.015
+
+
+# The mean
+
+
+@pytest.mark.parametrize("theta_deg", [0.0, 30.0, 179.9, -120.0])
+def test_exact_dots_give_the_exact_pose(theta_deg: float) -> None:
+    offset = SPARSE * R + (3.0, -8.0)
+    texture = PLACE + offset / R @ turn_of(radians(theta_deg)).T
+    pose = fit_pose(offset, texture, np.ones(len(offset)), R, STOCK)
+    assert pose.position_mm == pytest.approx(PLACE, abs=1e-9)
+    assert np.degrees(pose.theta_rad) == pytest.approx(theta_deg, abs=1e-7)
+    assert pose.px_per_mm == pytest.approx(R)
+    assert pose.agree.all()
+
+
+def test_another_scale_is_believed_unless_it_is_fixed() -> None:
+    rng = np.random.default_rng(2)
+    offset, texture = pose_dots(0.3, (20.0, 12.0), rng)
+    offset = offset * 1.05 + rng.normal(0, 0.2, offset.shape)
+    free = fit_pose(offset, texture, np.ones(30), R, STOCK)
+    assert free.px_per_mm == pytest.approx(R * 1.05, rel=3e-3)
+    assert free.position_mm == pytest.approx([20.0, 12.0], abs=0.02)
+    assert fit_pose(offset, texture, np.ones(30), R, FIXED).px_per_mm == R
+
+
+def seen_through(at_mm: FloatArray, geometry: Geometry, scale: float = R) -> FloatArray:
+    """Pixels from the image centre of points on the gel, through a camera."""
+    true = camera((scale, scale), (SENSOR.width_px, SENSOR.height_px), geometry)
+    return true.to_px(at_mm) - true.to_px(np.zeros(2))
+
+
+BENT = Geometry(aspect=-0.04, shear=0.025, k1=0.04)
+
+
+def test_a_camera_off_its_profile_is_found_out() -> None:
+    offset = seen_through(SPARSE, BENT, 1.02 * R)
+    pose = fit_pose(offset, PLACE + SPARSE @ turn_of(THETA).T, np.ones(len(offset)), R, replace(STOCK, sigmas=10 * STOCK.sigmas))
+    assert pose.position_mm == pytest.approx(PLACE, abs=1e-4)
+    assert pose.theta_rad == pytest.approx(THETA, abs=1e-4)
+    assert pose.px_per_mm == pytest.approx(1.02 * R, rel=1e-4)
+
+
+def profile_of(geometry: Geometry, gel: Gel) -> SensorProfile:
+    return replace(SENSOR, geometry=geometry, gel=gel)
+
+
+@pytest.mark.parametrize("displacement_um", [0.0, 100.0])
+@pytest.mark.parametrize("centre", [None, (140.0, 150.0)])
+def test_the_posterior_is_that_of_dense_matrices(displacement_um: float, centre: tuple[float, float] | None) -> None:
+    """All unknowns and all errors of dots as one normal vector; derivatives by differences of the profile's own camera."""
+    rng = np.random.default_rng(11)
+    known = Geometry(center_px=centre, sigma_px_per_mm=0.05, sigma_aspect=0.004, sigma_shear=0.003, sigma_k1=0.01)
+    sensor = profile_of(known, Gel(displacement_um=displacement_um, correlation_mm=3.0))
+    offset = seen_through(SPARSE, replace(known, aspect=0.003, shear=-0.002, k1=0.006), 1.002 * R)
+    offset = offset + rng.normal(0, 0.3, offset.shape)
+    texture, weights = PLACE + SPARSE @ turn_of(THETA).T, np.where(np.arange(len(SPARSE)) % 3 == 0, 1 - 1e-6, 1.0)
+    pose = fit_pose(offset, texture, weights, R, beliefs_of(sensor, fixed_scale=False))
+
+    def on_texture(x: FloatArray) -> FloatArray:
+        scale = R * exp(x[3])
+        cam = camera((scale, scale), (320, 240), Geometry(aspect=x[4], shear=x[5], k1=x[6], center_px=centre))
+        q = cam.from_px(offset + SENSOR.centre_px) - cam.from_px(SENSOR.centre_px)
+        return np.asarray((x[:2] + q @ turn_of(x[2]).T).T.ravel())
+
+    known_by = np.diag([0.0, 0.0, 0.0, *(1.0 / np.square([0.05 / R, 0.004, 0.003, 0.01]))])
+    squares = ((offset[:, None] - offset) ** 2).sum(axis=-1) / R**2
+    one = np.diag(pose.sigma_mm**2 / np.sqrt(weights) + RIM_MM**2 * (1 - weights) ** 1.75)
+    one = one + (displacement_um / 1000) ** 2 * np.exp(-squares / 18.0)
+    none = np.zeros_like(one)
+    errors = np.block([[one, none], [none, one]])
+    x = np.array([*PLACE, THETA, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(6):
+        steps = np.diag(np.full(7, 1e-6))
+        derivatives = np.stack([(on_texture(x + d) - on_texture(x - d)) / 2e-6 for d in steps], axis=1)
+        every = np.linalg.inv(derivatives.T @ np.linalg.inv(errors) @ derivatives + known_by)
+        left = derivatives.T @ np.linalg.inv(errors) @ (texture.T.ravel() - on_texture(x))
+        x = x + every @ (left - known_by @ x)
+    expected = every[:3, :3]
+    spread = np.sqrt(np.diag(expected))
+    assert pose.agree.all()
+    assert (np.abs(pose.position_mm - x[:2]) < 0.02 * spread[:2]).all()
+    assert abs(pose.theta_rad - x[2]) < 0.02 * spread[2]
+    assert pose.px_per_mm == pytest.approx(R * exp(x[3]), rel=2e-5)
+    assert np.abs(pose.covariance - expected).max() < 0.03 * np.outer(spread, spread).max()
+    assert np.abs((pose.covariance - expected) / np.outer(spread, spread)).max() < 0.03
+
+
+# The covariance
+
+
+@pytest.mark.parametrize(
+    ("geometry", "middle", "radius_mm", "displacement_um", "sigma_mm", "scale"),
+    [
+        (Geometry(), (0.0, 0.0), 5.0, 0.0, 0.018, 1.0),
+        (Geometry(), (4.0, 3.0), 5.0, 0.0, 0.006, 1.01),
+        (Geometry(aspect=0.05), (3.0, 2.0), 5.0, 0.0, 0.018, 1.0),
+        (Geometry(shear=0.02), (0.0, 0.0), 5.0, 0.0, 0.018, 1.0),
+        (Geometry(k1=0.05), (3.0, 2.0), 5.0, 0.0, 0.018, 0.98),
+        (Geometry(), (0.0, 0.0), 2.5, 0.0, 0.1, 1.0),
+        (Geometry(), (1.0, 0.0), 4.0, 100.0, 0.018, 1.0),
+    ],
+    ids=["default", "off-centre", "aspect", "shear", "lens", "few dots", "gel"],
+)
+def test_the_covariance_is_true(
+    geometry: Geometry,
+    middle: tuple[float, float],
+    radius_mm: float,
+    displacement_um: float,
+    sigma_mm: float,
+    scale: float,
+) -> None:
+    rng = np.random.default_rng(5)
+    beliefs = beliefs_of(profile_of(Geometry(), Gel(displacement_um=displacement_um)), fixed_scale=False)
+    squares = []
+    for _ in range(300):
+        at = contact(rng, middle, radius_mm)
+        theta = rng.uniform(-3, 3)
+        texture = PLACE + at @ turn_of(theta).T
+        apart = ((at[:, None] - at) ** 2).sum(axis=-1)
+        gel = (displacement_um / 1000) ** 2 * np.exp(-apart / 32.0) + 1e-12 * np.eye(len(at))
+        shown = at + np.linalg.cholesky(gel) @ rng.normal(size=at.shape) + rng.normal(0, sigma_mm, at.shape)
+        pose = fit_pose(seen_through(shown, geometry, scale * R), texture, np.ones(len(at)), R, beliefs)
+        error = np.array([*(pose.position_mm - PLACE), np.angle(np.exp(1j * (pose.theta_rad - theta)))])
+        squares.append(error @ np.linalg.solve(pose.covariance, error) / 3)
+    # of 300 frames the mean scatters by 0.05, more with few dots: t of few degrees of freedom has long tails
+    assert 0.8 < np.mean(squares) < 1.25
+
+
+def test_beliefs_are_the_profile_s() -> None:
+    stated = replace(SENSOR, geometry=Geometry(sigma_px_per_mm=0.08, sigma_aspect=0.01, sigma_shear=0.02, sigma_k1=0.0))
+    assert beliefs_of(stated, fixed_scale=False).sigmas == pytest.approx([0.005, 0.01, 0.02, 0.0])
+    assert beliefs_of(stated, fixed_scale=True).sigmas[0] == 0.0
+    assert STOCK.sigmas[0] == SENSOR.scale_tolerance / 2
+    gel = beliefs_of(profile_of(Geometry(), Gel(displacement_um=120.0, correlation_mm=3.0)), fixed_scale=False)
+    assert (gel.gel_mm, gel.correlation_mm) == (0.12, 3.0)
+
+
+def test_what_is_exact_is_no_part_of_the_covariance() -> None:
+    rng = np.random.default_rng(8)
+    offset = SPARSE * R + rng.normal(0, 0.3, SPARSE.shape)
+    texture, ones = PLACE + SPARSE @ turn_of(THETA).T, np.ones(len(SPARSE))
+    wide, exact = (fit_pose(offset + np.array([70.0, 40.0]), texture, ones, R, beliefs) for beliefs in (STOCK, EXACT))
+    assert (np.linalg.eigvalsh(wide.covariance - 1.001 * exact.covariance) > -1e-12).all()
+    u, v = (SPARSE + np.array([70.0, 40.0]) / R).T
+    one, none = np.ones(len(u)), np.zeros(len(u))
+    rows = np.concatenate([np.stack([one, none, v], axis=1), np.stack([none, one, -u], axis=1)])
+    turned = np.eye(3)
+    turned[:2, :2] = turn_of(exact.theta_rad)
+    expected = turned @ np.linalg.inv(rows.T @ rows) @ turned.T * exact.sigma_mm**2
+    assert exact.covariance == pytest.approx(expected, rel=0.02, abs=1e-3 * np.abs(expected).max())
+
+
+def test_neighbours_that_push_each_other_add_no_error() -> None:
+    rng = np.random.default_rng(9)
+    at = contact(rng)
+    apart = at[:, None] - at
+    squares = (apart**2).sum(axis=-1) + 1e3 * np.eye(len(at))
+    push = (apart * np.exp((1.0 - squares) / (2 * 0.43**2))[..., None]).sum(axis=1)
+    pose, still = (
+        fit_pose((at + amount * push + rng.normal(0, 0.01, at.shape)) * R, PLACE + at, np.ones(len(at)), R, STOCK)
+        for amount in (0.03, 0.0)
+    )
+    assert 0.03 * np.sqrt((push**2).mean()) > 0.01
+    assert pose.agree.sum() >= len(at) - 3 and still.agree.all()
+    assert pose.sigma_mm < 0.013 and still.sigma_mm < 0.013
+
+
+# Degenerate dots
+
+
+def finite_or_open(pose: Pose) -> bool:
+    """A pose with numbers and a proper covariance, or none at all."""
+    if np.isfinite(pose.position_mm).all():
+        return bool(np.isfinite(pose.covariance).all() and (np.linalg.eigvalsh(pose.covariance) > 0).all())
+    return bool(np.isinf(pose.covariance).any() and np.isnan(pose.theta_rad))
+
+
+@pytest.mark.parametrize("gel_mm", [0.0, 0.1])
+@pytest.mark.parametrize("beliefs", [STOCK, FIXED, EXACT], ids=["stock", "fixed", "exact"])
+@pytest.mark.parametrize(
+    "at",
+    [
+        np.zeros((8, 2)),
+        np.full((8, 2), 3.0),
+        SPARSE[:1],
+        SPARSE[:2],
+        SPARSE[:3],
+        np.array([[0.0, 0.0], [1.5, 0.0], [0.0, 1.5], [1.5, 1.5]]),
+        np.array([[1.5 * k, 0.0] for k in range(8)]),
+        np.array([[0.0, 1.5 * k] for k in range(8)]),
+    ],
+    ids=["centre", "one place", "1", "2", "3", "4", "row", "column"],
+)
+def test_degenerate_dots_give_a_pose_or_say_that_they_do_not(at: FloatArray, beliefs: Beliefs, gel_mm: float) -> None:
+    known = replace(beliefs, gel_mm=gel_mm, correlation_mm=4.0)
+    for texture in (PLACE + at, PLACE + at + np.random.default_rng(1).normal(0, 0.02, at.shape)):
+        pose = fit_pose(at * R, texture, np.ones(len(at)), R, known)
+        assert finite_or_open(pose)
+        if len(at) >= 4 and np.ptp(at) > 1.0:
+            assert np.hypot(*(pose.position_mm - PLACE)) < 0.2 and np.isfinite(pose.covariance).all()
+
+
+def test_light_dots_and_many_dots_give_a_pose() -> None:
+    rng = np.random.default_rng(4)
+    at = rng.uniform(-9.0, 9.0, (3 * MOST_CORRELATED, 2))
+    for beliefs in (STOCK, replace(STOCK, gel_mm=0.05, correlation_mm=4.0)):
+        pose = fit_pose(at * R, PLACE + at + rng.normal(0, 0.02, at.shape), rng.uniform(0.0, 1.0, len(at)), R, beliefs)
+        assert finite_or_open(pose) and np.hypot(*(pose.position_mm - PLACE)) < 0.15
+    faint = fit_pose(SPARSE * R, PLACE + SPARSE, np.full(len(SPARSE), 1e-3), R, STOCK)
+    assert faint.position_mm == pytest.approx(PLACE, abs=0.01)
