@@ -10,9 +10,12 @@ from typing import Any
 import pytest
 
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS
+from tactape_fab.sense import load_sensor
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, OVERHANG_SHARE
+from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.live.replay import USUAL_HZ
 from tactape_fab.sense.live.rerun_log import BOX_UM
+from tactape_fab.sense.simulation.elastic import MODULUS_KPA
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
@@ -22,12 +25,14 @@ MADE = re.compile(r"<!-- (.+?) -->\n.*?<!-- /\1 -->\n", re.DOTALL)
 CODE = re.compile(r"```.*?```|^ {4}.*?$", re.DOTALL | re.MULTILINE)
 FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 """What something measured would have for a unit; lengths in mm are options."""
+UNCALIBRATED = (Geometry().sigma_aspect, Geometry().sigma_shear, Geometry().sigma_k1)
 DECIDED = {
     "live.md": [f"{USUAL_HZ:g} Hz", f"{BOX_UM:g} µm"],
-    "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %"],
+    "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %", f"{MODULUS_KPA:g} kPa"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": ["1 µm"],  # a tolerance of tests/readers
     "touch-code.md": [f"{100 * MOST_SYMBOL_ERRORS:g} %"],
+    "trust.md": [f"{50 * load_sensor('gelsight-mini').scale_tolerance:g} %", *(f"{100 * sigma:g} %" for sigma in UNCALIBRATED)],
     "verify.md": [f"{1000 * IN_PLACE_MM:g} µm"],
 }
 """Figures of pages that the code decides."""

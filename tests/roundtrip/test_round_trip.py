@@ -245,7 +245,7 @@ def test_too_small_a_contact_is_a_warning_and_no_failure(flat_kit: Kit) -> None:
 
 def test_tops_of_loud_noise_beside_the_parts_excuse(default_kit: Kit) -> None:
     source, contact = Source(name="CPL", parts=parts_of(default_kit.tape)), read_contact(size=(8.0, 7.0))
-    loud = replace(contact, scene=replace(contact.scene, noise=4.0))
+    loud = replace(contact, scene=replace(contact.scene, noise=4.0, noise_model="smooth"))
     (trip,) = full_trips(default_kit.tape, [source], loud, counts=(12, 4))
     (check,) = trip_checks(default_kit.tape, [source], [trip])
     assert trip.count(RIGHT) > 0 < trip.count(NOISY)

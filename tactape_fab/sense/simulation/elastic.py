@@ -32,7 +32,7 @@ at 128 px/mm, where mean heights of pixels are within 7 % (0201 at 16 px/mm, 0.3
 _QUANTUM_MM = np.float32(2.0**-20)
 """Depth is rounded to this, 1 nm, as Fourier transforms may differ in their last bits."""
 _DEEPEST_MM = 100.0
-_THICKNESS_MM, _MODULUS_KPA = 4.0, 275.0
+THICKNESS_MM, MODULUS_KPA = 4.0, 275.0
 """Gel where neither the contact nor the sensor's profile says it: those of a GelSight Mini, about."""
 _MARKER_MM, _MARKER_PITCH_MM = 0.5, 2.0
 """Diameter and pitch of the dots that are printed on a dotted gel, mm."""
@@ -104,8 +104,8 @@ def imprint_of(
 
 def _layer(elastic: ElasticContact, gel: Gel) -> Layer:
     """The gel, with a sensor's figures where the contact has none."""
-    thickness_mm = elastic.thickness_mm or gel.thickness_mm or _THICKNESS_MM
-    return Layer(thickness_mm, (elastic.modulus_kpa or gel.modulus_kpa or _MODULUS_KPA) / 1000, elastic.poisson)
+    thickness_mm = elastic.thickness_mm or gel.thickness_mm or THICKNESS_MM
+    return Layer(thickness_mm, (elastic.modulus_kpa or gel.modulus_kpa or MODULUS_KPA) / 1000, elastic.poisson)
 
 
 def _relief_mm(view: View, parts: Parts, parts_mm: FloatArray, bumps_mm: FloatArray, bump_sizes: FloatArray) -> FloatArray:
