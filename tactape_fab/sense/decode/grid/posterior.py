@@ -135,15 +135,16 @@ def posterior(
     target = np.ascontiguousarray(((texture_mm - fit[4:6]) @ turn).T)
     drawn, rates, off = np.empty((2, 2, n)), np.zeros((9, 2, n)), np.empty((2, n))
     _drawn(target, weights, drawn)
+    rim_mm2 = RIM_MM**2
+    if not smoothed:
+        drawn[:], weights, rim_mm2 = 0.0, weights**2, 0.0
     # variances: what that of a whole dot is multiplied by, and what the rim adds
-    own, rim = np.empty((2, n)), RIM_MM**2 * (1.0 - weights) ** 1.75
+    own, rim = np.empty((2, n)), rim_mm2 * (1.0 - weights) ** 1.75
     own[:] = 1.0 / np.sqrt(weights)
     smooth = _displacement(seen_mm, beliefs) if beliefs.gel_mm > 0.0 else None
     state, variance, covariance = np.zeros(9), float(fit[6]) ** 2, PRIOR
     if beliefs.sigmas[0] > 0.0:
         state[3] = -log(length * px_per_mm) / beliefs.sigmas[0]
-    if not smoothed:
-        drawn[:], own[:], rim[:] = 0.0, 1.0 / weights, 0.0
     flat, flat_own = rates.reshape(9, -1), own.ravel()
     for taken in range(1, MOST_STEPS + 1):
         _linearised(seen_mm, target, drawn, state, beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm, rates, off)
