@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import pkgutil
 import subprocess
 import sys
 from typing import Any
@@ -10,9 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import tactape_fab
 from tactape_fab import Localizer
 from tactape_fab.base import jit
 from tactape_fab.sense import simulate
+from tactape_fab.sense.decode.dots import kth
 from tests.contacts import POSE, dots, tape_of
 
 DECODE = """
@@ -56,3 +60,21 @@ def test_a_folder_that_nothing_can_be_kept_in_is_no_failure(monkeypatch: pytest.
     assert jit._can_be_kept()
     monkeypatch.setattr(jit, "njit", refuse)
     assert not jit._can_be_kept()
+
+
+@pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
+def test_every_kernel_says_whether_numbers_may_be_reordered() -> None:
+    """One that says nothing is compiled as its first caller is: with `fastmath` it runs off an array that holds NaN."""
+    for module in pkgutil.walk_packages(tactape_fab.__path__, "tactape_fab."):
+        if ".sense.decode" in module.name or ".texture." in module.name or ".sense.raw" in module.name:
+            importlib.import_module(module.name)
+    inner = [
+        (name, value)
+        for name, module in list(sys.modules.items())
+        if name.startswith("tactape_fab.")
+        for value in vars(module).values()
+        if hasattr(value, "targetoptions") and value.targetoptions.get("no_cpython_wrapper")
+    ]
+    assert len(inner) > 30
+    assert [name for name, kernel in inner if "fastmath" not in kernel.targetoptions] == []
+    assert kth.select.targetoptions["fastmath"] is False  # its callers have both

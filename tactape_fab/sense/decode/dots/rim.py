@@ -76,7 +76,7 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
     )
 
 
-@inner_kernel()
+@inner_kernel(fastmath=True)
 def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple[float, float]:
     """Weight of a wholly imprinted dot, and relative scatter of such weights: from the upper half, which no rim lowers."""
     n = 0

@@ -80,14 +80,15 @@ def fit_pose(
         As for `posterior`.
     """
     n = len(weights)
-    fit, keep, agree, room = np.empty(7), np.empty(n), np.ones(n, dtype=np.bool_), np.empty((3, n))
+    fit, keep, agree, room = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
     px, mm = np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm)
-    w, fixed = np.ascontiguousarray(weights), bool(beliefs.sigmas[0] == 0.0)
+    w, fixed = np.ascontiguousarray(weights), beliefs.sigmas[0] == 0.0
     _agreeing(px, mm, w, px_per_mm, fixed, least_sigma_mm, fit, keep, agree, room)
-    used = np.flatnonzero(keep > 0.0)
+    used = keep.nonzero()[0]
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
-    at, covariance, sigma = posterior(px[used] / px_per_mm, mm[used], keep[used], px_per_mm, fit, beliefs, smoothed=smoothed)
+    seen_mm, w = px.take(used, 0) / px_per_mm, keep.take(used)
+    at, covariance, sigma = posterior(seen_mm, mm.take(used, 0), w, px_per_mm, fit, beliefs, smoothed=smoothed)
     theta, ln_scale = at[2:].tolist()
     return Pose(
         position_mm=at[:2],

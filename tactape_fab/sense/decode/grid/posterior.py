@@ -23,8 +23,9 @@ PUSH_MM, PUSH_SIGMA_MM, PUSH_REACH_MM = 0.012, 0.01, 0.43
 """How far the top of a dot lies off its part, away from a neighbour that is 1 mm off, by what the filter leaves of that one's
 flank; how sure that is; and how it falls with the distance d, as d exp(-d^2 / 2 reach^2). 10 to 25 um for gels that blur by
 0.05 to 0.25 mm. Neighbours push each other alike: without it the scatter of dots says more error than the pose has."""
-LEAST_APART_MM, MOST_APART_MM = 0.3, 2.5
-"""Dots nearer than this do not push each other, they are one part seen twice; nor do those farther apart."""
+LEAST_APART_MM, MOST_APART_MM = 0.3, 2.57
+"""Dots nearer than this do not push each other, they are one part seen twice; nor do those farther apart. Nodes of a usual pitch
+have no such distance: which side one is on is not left to rounding."""
 PULL, PULL_SIGMA, PULL_REACH_MM = 0.2, 0.12, 2.0
 """How far a dot at the rim lies inwards, per unit of missing weight and of its distance from the middle of the dots within about
 the reach, and how sure that is: `rim.settled` takes a small loss of height for noise. It puts back more where more is missing:
@@ -34,8 +35,6 @@ LEAST_STEPS, MOST_STEPS, SETTLED = 2, 10, 0.05
 """Steps of Gauss and Newton, until the variance of a dot changes by a smaller share."""
 MOST_CORRELATED = 100
 """Dots, those of most weight, that are used where the gel's displacement correlates their errors."""
-PRIOR: FloatArray = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-"""Precision of the unknowns before the frame is seen: x, y, theta, then each of the others over its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,60 +123,43 @@ def posterior(
     sigma_mm : float
         Error of a whole dot along one axis.
     """
-    n, length = len(seen_mm), hypot(fit[0], fit[1])
-    middle = seen_mm.sum(axis=0)
-    squares = float(np.vdot(seen_mm, seen_mm))
-    apart = squares - float(middle @ middle) / max(n, 1)
-    if not (0.0 < length < inf and abs(float(fit.sum())) < inf and squares < inf and apart > ONE_PLACE * squares):
-        return np.full(4, np.nan), np.full((3, 3), inf), float(fit[6])
+    cos, sin, u, v, middle_x, middle_y, sigma = said = fit.tolist()
+    length = hypot(cos, sin)
+    if not (len(seen_mm) and 0.0 < length < inf and abs(sum(said)) < inf):
+        return np.full(4, np.nan), np.full((3, 3), inf), sigma
     # in the image's axes, turned by the robust fit's theta: x and y are turned back at the end
-    turn = np.array([[fit[0], fit[1]], [-fit[1], fit[0]]]) / length
-    target = np.ascontiguousarray(((texture_mm - fit[4:6]) @ turn).T)
-    drawn, rates, off = np.empty((2, 2, n)), np.zeros((9, 2, n)), np.empty((2, n))
-    _drawn(target, weights, drawn)
+    c, s = cos / length, sin / length
+    room, (normal, spread) = np.zeros((14, 2, len(seen_mm))), np.empty((2, 10, 10))
+    rates, drawn, target, shares = room[:10], room[10:12], room[12], room[13]
+    apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, target, drawn)
+    if not (squares < inf and apart > ONE_PLACE * squares):
+        return np.full(4, np.nan), np.full((3, 3), inf), sigma
     rim_mm2 = RIM_MM**2
     if not smoothed:
         drawn[:], weights, rim_mm2 = 0.0, weights**2, 0.0
-    # variances: what that of a whole dot is multiplied by, and what the rim adds
-    own, rim = np.empty((2, n)), rim_mm2 * (1.0 - weights) ** 1.75
-    own[:] = 1.0 / np.sqrt(weights)
     smooth = _displacement(seen_mm, beliefs) if beliefs.gel_mm > 0.0 else None
-    state, variance, covariance = np.zeros(9), float(fit[6]) ** 2, PRIOR
-    if beliefs.sigmas[0] > 0.0:
-        state[3] = -log(length * px_per_mm) / beliefs.sigmas[0]
-    flat, flat_own = rates.reshape(9, -1), own.ravel()
+    # from x and y of the robust fit: the model is linear in them, but sums of large squares would lose digits
+    scale_sigma = float(beliefs.sigmas[0])
+    scale = -log(length * px_per_mm) / scale_sigma if scale_sigma > 0.0 else 0.0
+    state = np.array([-length * u, -length * v, 0.0, scale, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    variance = sigma**2
     for taken in range(1, MOST_STEPS + 1):
-        _linearised(seen_mm, target, drawn, state, beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm, rates, off)
-        inverse = _inverse(variance * own[0] + rim, smooth)
-        weighted = (rates * inverse if smooth is None else rates @ inverse).reshape(9, -1)
-        covariance = np.asarray(np.linalg.inv(weighted @ flat.T + PRIOR), dtype=np.float64)
-        step = covariance @ (weighted @ off.ravel() - PRIOR @ state)
-        state = state + step
+        _linearised(seen_mm, target, drawn, beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm, state, rates)
+        if smooth is None:
+            known = _summed(rates, weights, rim_mm2, variance, shares, normal, spread)
+        else:
+            known = _correlated(rates, weights, rim_mm2, variance, smooth, normal, spread)
+        trace, square = _solved(normal, spread, state)
         # the variance at which its score vanishes (REML; Harville, JASA 72 (1977) 320): for dots of equal weights the sum of
         # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
-        left = (step @ flat).reshape(2, -1)
-        np.subtract(off, left, out=left)
-        left = left * inverse if smooth is None else left @ inverse
-        known = 2.0 * float((inverse if smooth is None else inverse.diagonal()) @ own[0])
-        used = float(np.vdot(covariance, (weighted * flat_own) @ weighted.T))
-        square = variance**2 * float(np.vdot(left * own, left))
-        errors = variance * (known - used)
-        before, variance = variance, (USUAL_ERRORS * USUAL_MM**2 + square) / max(USUAL_ERRORS + errors - 2.0, 1.0)
+        errors = USUAL_ERRORS + variance * (2.0 * known - trace)
+        before, variance = variance, (USUAL_ERRORS * USUAL_MM**2 + variance**2 * max(square, 0.0)) / max(errors - 2.0, 1.0)
         if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
             break
-    x, y = (turn @ state[:2] + fit[4:6]).tolist()
-    out = covariance[:3, :3].copy()
-    out[:2] = turn @ out[:2]
-    out[:, :2] = out[:, :2] @ turn.T
-    at = np.array([x, y, atan2(fit[1], fit[0]) + state[2], state[3] * beliefs.sigmas[0]])
-    return at, out, sqrt(variance)
-
-
-def _inverse(variance: FloatArray, smooth: FloatArray | None) -> FloatArray:
-    """Inverse of the covariance of dots along an axis; shape (n,) where they are independent, (n, n) else."""
-    if smooth is None:
-        return np.asarray(1.0 / variance)
-    return np.asarray(np.linalg.inv(smooth + np.diag(variance)))
+    x, y, theta, scale, *_ = state.tolist()
+    at = np.array([c * x + s * y + middle_x, c * y - s * x + middle_y, atan2(sin, cos) + theta, scale * scale_sigma])
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance)
 
 
 def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
@@ -188,15 +170,56 @@ def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
     return out
 
 
+def _correlated(
+    rates: FloatArray,
+    weights: FloatArray,
+    rim_mm2: float,
+    variance: float,
+    smooth: FloatArray,
+    normal: FloatArray,
+    spread: FloatArray,
+) -> float:
+    """`_summed` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
+    own = 1.0 / np.sqrt(weights)
+    inverse = np.linalg.inv(smooth + np.diag(variance * own + rim_mm2 * (1.0 - weights) ** 1.75))
+    weighted = rates @ inverse
+    flat = weighted.reshape(10, -1)
+    np.matmul(flat, rates.reshape(10, -1).T, out=normal)
+    np.matmul((weighted * own).reshape(10, -1), flat.T, out=spread)
+    return float(inverse.diagonal() @ own)
+
+
 @kernel()
-def _drawn(at_mm: FloatArray, weights: FloatArray, out: FloatArray) -> None:
-    """Fill in the sum of all pushes on each dot over that of a neighbour at 1 mm, and its pull over that of a unit; (2, 2, n)."""
+def _drawn(
+    seen_mm: FloatArray,
+    texture_mm: FloatArray,
+    weights: FloatArray,
+    c: float,
+    s: float,
+    middle_x: float,
+    middle_y: float,
+    target: FloatArray,
+    out: FloatArray,
+) -> tuple[float, float]:
+    """Fill in texture points in the image's axes from their middle (2, n), and what the neighbours do to each dot (2, 2, n).
+
+    That is the sum of all pushes over that of a neighbour at 1 mm, and the pull over that of a unit. Returns the sums of the
+    squared distances of the dots seen from their own middle, and from the image centre.
+    """
+    u = v = squares = 0.0
+    for i in range(len(weights)):
+        x, y = texture_mm[i, 0] - middle_x, texture_mm[i, 1] - middle_y
+        target[0, i], target[1, i] = c * x - s * y, s * x + c * y
+        u += seen_mm[i, 0]
+        v += seen_mm[i, 1]
+        squares += seen_mm[i, 0] ** 2 + seen_mm[i, 1] ** 2
     for i in range(len(weights)):
         push_x = push_y = total = x = y = 0.0
         for k in range(len(weights)):
-            dx, dy = at_mm[0, i] - at_mm[0, k], at_mm[1, i] - at_mm[1, k]
+            dx, dy = target[0, i] - target[0, k], target[1, i] - target[1, k]
             square = dx * dx + dy * dy
-            near = weights[k] / (1.0 + square / PULL_REACH_MM**2) ** 2
+            near = 1.0 + square / PULL_REACH_MM**2
+            near = weights[k] / (near * near)
             total += near
             x += near * dx
             y += near * dy
@@ -207,14 +230,17 @@ def _drawn(at_mm: FloatArray, weights: FloatArray, out: FloatArray) -> None:
         missing = min(1.0 - weights[i], PULL_MOST, PULL_FALL * max(PULL_END - 1.0 + weights[i], 0.0)) / max(total, 1e-300)
         out[0, 0, i], out[0, 1, i] = push_x, push_y
         out[1, 0, i], out[1, 1, i] = missing * x, missing * y
+    return squares - (u * u + v * v) / len(weights), squares
 
 
 @inner_kernel()
 def _lens(k1: float, square: float) -> tuple[float, float]:
     """By what a distortion is undone at r^2 / r_corner^2 as seen, L with L (1 + k1 r^2 L^2) = 1, and its derivative by k1."""
     lens = 1.0 / (1.0 + k1 * square)
-    lens = (1.0 + 2.0 * k1 * square * lens**3) / (1.0 + 3.0 * k1 * square * lens**2)  # a step of Newton
-    return lens, -square * lens**3 / (1.0 + 3.0 * k1 * square * lens**2)
+    bent = square * lens * lens
+    lens = (1.0 + 2.0 * k1 * bent * lens) / (1.0 + 3.0 * k1 * bent)  # a step of Newton
+    bent = square * lens * lens
+    return lens, -bent * lens / (1.0 + 3.0 * k1 * bent)
 
 
 @kernel()
@@ -222,14 +248,13 @@ def _linearised(
     seen_mm: FloatArray,
     target: FloatArray,
     drawn: FloatArray,
-    state: FloatArray,
     sigmas: FloatArray,
     corner_mm: FloatArray,
     centre_mm: FloatArray,
+    state: FloatArray,
     rates: FloatArray,
-    off: FloatArray,
 ) -> None:
-    """Fill in the derivatives of the dots' texture points by the unknowns (9, 2, n), and what is left of the target (2, n).
+    """Fill in the derivatives of the dots' texture points by the unknowns, and what is left of the target; (10, 2, n).
 
     A dot seen at p by the profile's camera is at q on it, p = (1 + k1 r^2 / r_corner^2) A q, with the matrix A of `Geometry`:
     two cameras in a row are one, but for products of their distortions. Derivatives neglect such products.
@@ -257,4 +282,68 @@ def _linearised(
         for axis in range(2):
             rates[7, axis, i], rates[8, axis, i] = -PUSH_SIGMA_MM * drawn[0, axis, i], PULL_SIGMA * drawn[1, axis, i]
             at = x if axis == 0 else y
-            off[axis, i] = target[axis, i] - state[axis] - at + push * drawn[0, axis, i] - pull * drawn[1, axis, i]
+            rates[9, axis, i] = target[axis, i] - state[axis] - at + push * drawn[0, axis, i] - pull * drawn[1, axis, i]
+
+
+@kernel()
+def _summed(
+    rates: FloatArray,
+    weights: FloatArray,
+    rim_mm2: float,
+    variance: float,
+    shares: FloatArray,
+    normal: FloatArray,
+    spread: FloatArray,
+) -> float:
+    """Fill in the products of all rows, weighted by 1 / variance, and by the derivative of that; returns its sum over the dots.
+
+    The variance of a dot is that of a whole one times 1 / sqrt(weight), and what the rim adds.
+    """
+    known = 0.0
+    for i in range(len(weights)):
+        own = 1.0 / np.sqrt(weights[i])
+        shares[0, i] = 1.0 / (variance * own + rim_mm2 * (1.0 - weights[i]) ** 1.75)
+        shares[1, i] = own * shares[0, i]
+        known += shares[1, i]
+    for j in range(10):
+        for k in range(j + 1):
+            total = change = 0.0
+            for i in range(len(weights)):
+                share = (rates[j, 0, i] * rates[k, 0, i] + rates[j, 1, i] * rates[k, 1, i]) * shares[0, i]
+                total += share
+                change += share * shares[1, i]
+            normal[j, k] = normal[k, j] = total
+            spread[j, k] = spread[k, j] = change
+    return known
+
+
+@kernel()
+def _solved(normal: FloatArray, spread: FloatArray, state: FloatArray) -> tuple[float, float]:
+    """Take a step of Gauss and Newton: the normal equations, `normal`, become the covariance (9, 9), and the state is moved.
+
+    Row and column 9 are those of what is left of the target. Returns the trace of the covariance times `spread`, and that of
+    what is left after the step.
+    """
+    for k in range(3, 9):  # the priors
+        normal[k, k] += 1.0
+        normal[k, 9] -= state[k]
+    # Gauss and Jordan, in place; no pivots are sought as the matrix is positive definite. Column 9 becomes the step
+    for k in range(9):
+        pivot = 1.0 / normal[k, k]
+        normal[k, k] = 1.0
+        for j in range(10):
+            normal[k, j] *= pivot
+        for j in range(9):
+            if j != k:
+                factor = normal[j, k]
+                normal[j, k] = 0.0
+                for i in range(10):
+                    normal[j, i] -= factor * normal[k, i]
+    trace, square = 0.0, spread[9, 9]
+    for j in range(9):
+        state[j] += normal[j, 9]
+        square -= 2.0 * normal[j, 9] * spread[j, 9]
+        for k in range(9):
+            trace += normal[j, k] * spread[j, k]
+            square += normal[j, 9] * normal[k, 9] * spread[j, k]
+    return trace, square
