@@ -69,6 +69,7 @@ _LOCATING_OPTIONS = (
     click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]"),
     click.option("--max-p-tape", metavar="P", help="Largest chance that it is no tape of ours.  [default: within --max-p-false]"),
     click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame."),
+    click.option("--refine", metavar="dots|pixels", help="What poses are fitted to: dots, or the pixels too.  [default: dots]"),
     click.option("--object", "object_file", metavar="FILE.toml", help="The tapes of an object; answers in its frame, too."),
 )
 _LOCATING_TEXTS: dict[str, Callable[[str], Any]] = {
@@ -88,7 +89,7 @@ def locating_options(command: F) -> F:
 
 def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a job (`sense.files.jobs.prepare`) from option texts; None for an option that is not given."""
-    names = ("code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale")
+    names = ("code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale", "refine")
     return {n: _LOCATING_TEXTS[n](given[n]) if n in _LOCATING_TEXTS and given[n] is not None else given[n] for n in names}
 
 

@@ -61,12 +61,15 @@ class Gel:
         Smooth displacement of the gel's surface along itself under load: root mean square along each axis, micrometres.
     correlation_mm : float
         Standard deviation of the Gaussian that correlates it from place to place.
+    blur_mm : float or None
+        Standard deviation of the Gaussian by which the gel smooths what is pressed into it.
     """
 
     thickness_mm: float | None = None
     modulus_kpa: float | None = None
     displacement_um: float = 0.0
     correlation_mm: float = 4.0
+    blur_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -217,6 +217,7 @@ def _read_gel(table: Fields) -> Gel:
         "modulus_kpa": (1.0, 1e5, "kPa"),
         "displacement_um": (0.0, 1000.0, "um"),
         "correlation_mm": (0.1, 100.0, "mm"),
+        "blur_mm": (0.01, 5.0, "mm"),
     }
     return Gel(**_given(read, bounds))
 

@@ -1,6 +1,6 @@
 """Errors of located answers against their covariance, row by row.
 
-    python -m tests.bench.nees [--frames N] [--only ROW] [--noise sensor|slope]
+    python -m tests.bench.nees [--frames N] [--only ROW] [--noise sensor|slope] [--refine dots|pixels]
 
 e is the error of (x, y, theta), C the covariance that was said. NEES/3, the mean of e^T C^-1 e / 3, is 1 where C is true and
 errors are normal; of N frames it scatters by sqrt(2 / 3 N). The decoder has the stock profile in every row, whatever the truth
@@ -17,6 +17,7 @@ import numpy as np
 
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, load_sensor
+from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Gel
 from tests.bench.localization_measure import error_of, is_right
 from tests.bench.localization_rows import STRIPS, frames_of, registered_tape
@@ -77,10 +78,10 @@ class Figures:
     beyond: float
 
 
-def figures_of(scene: Scene, count: int) -> Figures:
+def figures_of(scene: Scene, count: int, refine: Refined) -> Figures:
     """Locate frames of a scene."""
     sensor = replace(load_sensor("gelsight-mini"), gel=Gel(displacement_um=scene.gel_displacement_um or 0.0))
-    localizer = Localizer([registered_tape()], sensor)
+    localizer = Localizer([registered_tape()], sensor, refine=refine)
     wrong = 0
     errors, squares = [np.zeros((0, 3))], [np.zeros(0)]
     for frame in frames_of(Frames(name="", scenes=(scene,)), count):
@@ -110,6 +111,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=400, metavar="N", help="frames a row")
     parser.add_argument("--only", metavar="ROW", help="rows whose name holds this")
     parser.add_argument("--noise", choices=("sensor", "slope"), default="sensor", help="the profile's, or that of a real sensor")
+    parser.add_argument("--refine", choices=("dots", "pixels"), default="dots", help="what poses are fitted to")
     chosen = parser.parse_args()
     noise = {"slope_noise": MEASURED_SLOPE} if chosen.noise == "slope" else {}
     rows = [row for row in ROWS if chosen.only is None or chosen.only in row.name]
@@ -118,7 +120,7 @@ def main() -> None:
     print("| row | frames | located | wrong | rms µm | rms deg | NEES/3 | beyond 95 % |")
     print("|---|---|---|---|---|---|---|---|")
     for row in rows:
-        f = figures_of(row.scene.changed(noise), chosen.frames)
+        f = figures_of(row.scene.changed(noise), chosen.frames, chosen.refine)
         shown = f"{f.position_um:.2f} | {f.theta_deg:.4f} | {f.nees:.2f} | {100 * f.beyond:.1f} %"
         print(f"| {row.name} | {f.frames} | {f.right} | {f.wrong} | {shown} |", flush=True)
 

@@ -11,6 +11,7 @@ import numpy as np
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.located_dots import located_dots, strain_of
+from tactape_fab.sense.decode.pixels.refine import Pixels, refine
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_of, least_agreeing, share_of_others
@@ -37,7 +38,13 @@ class _Doubt:
 
 
 def judge(
-    empty: Localization, dots: Dots, reading: Reading, view: View, world: Registry | CodePlane, limits: Limits
+    empty: Localization,
+    dots: Dots,
+    reading: Reading,
+    view: View,
+    world: Registry | CodePlane,
+    limits: Limits,
+    pixels: Pixels | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
@@ -52,6 +59,8 @@ def judge(
     view : View
     world : Registry or CodePlane
     limits : Limits
+    pixels : Pixels or None
+        The frame, where its pixels are to refine the pose of an answer that is accepted.
 
     Returns
     -------
@@ -88,7 +97,11 @@ def judge(
     nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
     if reading.q is not None:
         said["dots"] = located_dots(dots, reading.q, place.turn, cells, inside, offset, nominal, pose, view)
-    said |= strain_of(pose, view)
+    said |= {**strain_of(pose, view), "refined": "dots"}
+    if pixels is not None:
+        part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
+        pose, said["refine_reason"] = refine(pixels, view, part, offset, nominal, pose)
+        said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
     return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose)), False
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from math import pi
 from numbers import Real
@@ -21,11 +21,14 @@ from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import square_pixels
+from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
+from tactape_fab.sense.decode.pixels.patches import pixel_fit, rehearse_pixels
+from tactape_fab.sense.decode.pixels.refine import Pixels
 from tactape_fab.sense.decode.rank import View, read
-from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, status_of
+from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, Refined, status_of
 from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGISTERED_SHARE, Limits, trusted
 from tactape_fab.sense.decode.search.hypotheses import Registry, register
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
@@ -78,6 +81,9 @@ class Localizer:
         Least lead, as a factor, over any single other place.
     fixed_scale : bool
         Use the profile's px/mm without correction; otherwise a scale measured in the frame replaces it.
+    refine : {"dots", "pixels"}
+        What the pose of a located answer is fitted to: the centres of the dots, or the pixels around them, which is
+        more exact where the parts are boxes that stand where they should. `Localization.refined` says what it was.
 
     Raises
     ------
@@ -107,12 +113,18 @@ class Localizer:
         unregistered_share: float = UNREGISTERED_SHARE,
         kappa: float = KAPPA,
         fixed_scale: bool = False,
+        refine: Refined = "dots",
     ) -> None:
         problems: list[Problem] = []
         registered = tried(lambda: as_tapes(tapes), problems)
         tapes = registered or []
         if method not in ("ml", "paper"):
             problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
+        if refine not in ("dots", "pixels"):
+            problems.append(Problem("refine", f"refine = {shown(refine)} is neither 'dots' nor 'pixels'; give one of them"))
+        elif refine == "pixels" and method == "paper":
+            message = "refine = 'pixels' is not part of method 'paper'; leave it out, or use method 'ml'"
+            problems.append(Problem("refine", message))
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
         if method == "paper" and not all(has_plane(tape.code) for tape in tapes):
@@ -147,6 +159,9 @@ class Localizer:
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
         part = registry.tapes[0].part if len(parts) == 1 else None
         self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
+        self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
+        if self._pixel_fit is not None:
+            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
         tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
@@ -203,6 +218,7 @@ class Localizer:
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)
         plane = CodePlane(get_plane(code), LARGEST_CONTACT)
         self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
+        self._pixel_fit = None
         symbols = encode(plane.code, 0, (0, 0), (8, 8))
         row, column = np.divmod(np.arange(64), 8)
         self._warm(np.stack([column, row], axis=1) * pitch_mm + displacement_mm * DIRECTIONS_XY[symbols[row, column]])
@@ -284,10 +300,7 @@ class Localizer:
         start = perf_counter()
         self._refuse_prior(prior)
         image = canonical_frame(depth, self.sensor)
-        if self._method == "paper":
-            found = self._by_paper(image)
-        else:
-            found = self._locate(self._detected(image), prior, lambda: self._detected(-image))
+        found = self._by_paper(image) if self._method == "paper" else self._locate(self._detected(image), prior, image)
         return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
 
     def locate_dots(
@@ -389,7 +402,8 @@ class Localizer:
             out = on_gel * self._view.px_per_mm + self._view.centre_px
         return out
 
-    def _locate(self, dots: Dots, prior: Prior | None, negated: Callable[[], Dots] | None = None) -> Localization:
+    def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
+        pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
         raw = dots
         if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
@@ -404,8 +418,9 @@ class Localizer:
         if reading is None:
             found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
-            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits)
+            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits, pixels)
         if found.located or explained or n < SOLID_DOTS:
             return found
+        negated = None if image is None else lambda: self._detected(-image)
         seen = Seen(sensor=self.sensor, view=self._view, world=self._world, limits=self._limits)
         return replace(found, reason=wrong_profile(seen, dots, raw, negated) or found.reason)

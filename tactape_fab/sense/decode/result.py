@@ -14,6 +14,7 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 Status = Literal["none", "weak", "solid"]
 Strain = tuple[float | None, float | None, None]
+Refined = Literal["dots", "pixels"]
 SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
@@ -103,6 +104,10 @@ class Localization:
         not tell the camera from the gel. An entry is None where the frame leaves 0.9 of the prior's standard deviation or more:
         it is not observable then. The rotation never is: a gel that turns as a whole looks as a sensor that is turned, and is in
         `theta_deg`. Displacement of the gel by `[gel]` counts as an error of the dots, and is in `strain_sigma`.
+    refined : {"dots", "pixels"} or None
+        What the pose was fitted to: the dots' centres, or the pixels around them. None where it is not located.
+    refine_reason : str or None
+        Why the pose is that of the dots although the pixels were asked for.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
@@ -131,6 +136,8 @@ class Localization:
     dots: LocatedDots | None = None
     strain: Strain | None = None
     strain_sigma: Strain | None = None
+    refined: Refined | None = None
+    refine_reason: str | None = None
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 

@@ -102,8 +102,8 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
     raw : Raw, optional
         Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
     **options
-        code, w, delta: the code and its grid (mm) instead of kits; method, world, max_p_false, max_p_tape, fixed_scale: as
-        `Localizer` takes them. None is what is not given.
+        code, w, delta: the code and its grid (mm) instead of kits; method, world, max_p_false, max_p_tape, fixed_scale,
+        refine: as `Localizer` takes them. None is what is not given.
 
     Raises
     ------
@@ -183,13 +183,15 @@ def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
         options = [name for name in given if name != "method"] + ["code"] * bare
         lacks = "method 'paper' needs tapes, bounds nothing and takes its scale as it is; leave out, or use --method ml"
     else:
-        options = [name for name in ("world", "max_p_tape") if name in given and bare]
+        options = [name for name in ("world", "max_p_tape", "refine") if name in given and bare]
         lacks = "without --tape every place of the code may be touched, with one bound; leave out, or give the kits with --tape"
     if options:
         table.problem("method", f"{', '.join('--' + name.replace('_', '-') for name in options)}: {lacks}")
     for name in ("max_p_false", "max_p_tape"):
         if name in given:
             table.number(name, above=0.0, below=1.0, unit="", remedy="give a probability such as 1e-4")
+    if "refine" in given:
+        table.text("refine", choices=("dots", "pixels"))
     if "world" in given:
         table.text("world", choices=("open", "closed"))
     return table.problems

@@ -24,7 +24,7 @@ KEYS = {
     "index", "px_per_mm", "covariance", "n_dots", "n_agree", "p_tape", "p_place", "p_false", "elapsed_ms", "timestamp",
     "strain", "strain_sigma",
 }  # fmt: skip
-SPEC_OF_ANSWER = KEYS | {"plane_mm"}
+SPEC_OF_ANSWER = KEYS | {"plane_mm", "refined", "refine_reason"}
 
 
 def run(args: str) -> Result:
@@ -239,6 +239,21 @@ def test_worlds_bounds_and_scale_are_passed_on(default_kit: Kit, frames: Path) -
         assert fix["px_per_mm"] == pytest.approx(16.0, rel=1e-9)
 
 
+def test_poses_are_refined_on_the_pixels_when_asked(default_kit: Kit, frames: Path) -> None:
+    plain, refined = (answers(run(f"decode {frames} --tape {default_kit.path} --json {o}")) for o in ("", "--refine pixels"))
+    assert {fix["refined"] for fix in plain} == {"dots"} and {fix["refined"] for fix in refined} == {"pixels"}
+    for before, after in zip(plain, refined, strict=True):
+        assert after["refine_reason"] is None and before["cell"] == after["cell"]
+        assert 0.0 < np.hypot(*np.subtract(before["position_mm"], after["position_mm"])) < 0.02
+
+
+@pytest.mark.parametrize("options", ["--tape {kit} --refine pixel", "--code microdots-4x4 --refine pixels"])
+def test_another_way_to_refine_is_refused(default_kit: Kit, frames: Path, options: str) -> None:
+    result = run(f"decode {frames} {options.format(kit=default_kit.path)}")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "refine" in result.stderr
+
+
 def test_the_paper_s_method_bounds_nothing(default_kit: Kit, frames: Path) -> None:
     found = answers(run(f"decode {frames} --tape {default_kit.path} --method paper --json"))
     assert any(fix["located"] for fix in found)
@@ -248,7 +263,7 @@ def test_the_paper_s_method_bounds_nothing(default_kit: Kit, frames: Path) -> No
 
 
 @pytest.mark.parametrize(
-    "options", ["--max-p-false 1e-3", "--max-p-tape 1e-2", "--world open", "--world closed", "--fixed-scale"]
+    "options", ["--max-p-false 1e-3", "--max-p-tape 1e-2", "--world open", "--world closed", "--fixed-scale", "--refine pixels"]
 )
 def test_the_paper_s_method_refuses_what_it_does_not_know(default_kit: Kit, frames: Path, options: str) -> None:
     result = run(f"decode {frames} --tape {default_kit.path} --method paper {options}")

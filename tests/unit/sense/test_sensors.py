@@ -175,3 +175,14 @@ def test_an_unknown_name_lists_the_known() -> None:
         load_sensor("gelsight")
     with pytest.raises(SpecError, match="cannot be opened"):
         load_sensor("no-such-file.toml")
+
+
+def test_a_profile_says_the_blur_of_its_gel(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    text = (templates_folder() / "sensors" / "gelsight-mini.toml").read_text(encoding="utf-8").partition("\n[gel]")[0]
+    path.write_text(text + "\n[gel]\nblur_mm = 0.12\n", encoding="utf-8")
+    assert load_sensor(path).gel.blur_mm == 0.12
+    path.write_text(text + "\n[gel]\nblur_mm = 0.0\n", encoding="utf-8")
+    with pytest.raises(SpecError, match="blur_mm"):
+        load_sensor(path)
+    assert load_sensor("gelsight-mini").gel.blur_mm is None

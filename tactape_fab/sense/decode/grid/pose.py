@@ -50,7 +50,16 @@ class Pose:
     camera: FloatArray
 
 
-def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray, px_per_mm: float, beliefs: Beliefs) -> Pose:
+def fit_pose(
+    offset_px: FloatArray,
+    texture_mm: FloatArray,
+    weights: FloatArray,
+    px_per_mm: float,
+    beliefs: Beliefs,
+    *,
+    least_sigma_mm: float = LEAST_SIGMA_MM,
+    smoothed: bool = True,
+) -> Pose:
     """Fit a pose (SPEC section 1; paper, Eq. 12, for all dots instead of one).
 
     Dots that agree with a similarity are fitted by generalised least squares: texture = S + R(theta) q, q the dot's place on
@@ -68,16 +77,21 @@ def fit_pose(offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray,
     px_per_mm : float
         The sensor profile's scale.
     beliefs : Beliefs
+    least_sigma_mm : float
+        Least error of a dot along an axis that the robust fit believes.
+    smoothed : bool
+        As for `posterior`.
     """
     n = len(weights)
     fit, keep, agree, room = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
     px, mm = np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm)
-    _agreeing(px, mm, np.ascontiguousarray(weights), px_per_mm, beliefs.sigmas[0] == 0.0, fit, keep, agree, room)
+    w, fixed = np.ascontiguousarray(weights), beliefs.sigmas[0] == 0.0
+    _agreeing(px, mm, w, px_per_mm, fixed, least_sigma_mm, fit, keep, agree, room)
     used = keep.nonzero()[0]
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
-    kept_px, kept_mm, kept = px.take(used, 0), mm.take(used, 0), keep.take(used)
-    at, covariance, sigma, seen_by = posterior(kept_px / px_per_mm, kept_mm, kept, px_per_mm, fit, beliefs)
+    seen_mm, kept = px.take(used, 0) / px_per_mm, keep.take(used)
+    at, covariance, sigma, seen_by = posterior(seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed)
     theta, ln_scale = at[2:].tolist()
     return Pose(
         position_mm=at[:2],
@@ -162,6 +176,7 @@ def _agreeing(
     weights: FloatArray,
     px_per_mm: float,
     fixed_scale: bool,
+    least_sigma_mm: float,
     fit: FloatArray,
     keep: FloatArray,
     agree: BoolArray,
@@ -184,7 +199,7 @@ def _agreeing(
             fit[0], fit[1] = fit[0] / length, fit[1] / length
         _squares(px, mm, fit, squares)
         # the median distance of two normal axes is 1.177 sigma (Rayleigh)
-        sigma, count = max(_median_distance(squares, base, ordered) / 1.177, LEAST_SIGMA_MM), 0.0
+        sigma, count = max(_median_distance(squares, base, ordered) / 1.177, least_sigma_mm), 0.0
         for i in range(n):
             distance = np.sqrt(squares[i])
             # weights of Geman and McClure: an outlier's influence falls to 0

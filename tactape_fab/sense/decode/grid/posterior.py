@@ -84,7 +84,14 @@ def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool) -> Beliefs:
 
 
 def posterior(
-    seen_mm: FloatArray, texture_mm: FloatArray, weights: FloatArray, px_per_mm: float, fit: FloatArray, beliefs: Beliefs
+    seen_mm: FloatArray,
+    texture_mm: FloatArray,
+    weights: FloatArray,
+    px_per_mm: float,
+    fit: FloatArray,
+    beliefs: Beliefs,
+    *,
+    smoothed: bool = True,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Mean and covariance of a pose.
 
@@ -103,6 +110,9 @@ def posterior(
     fit : ndarray, shape (7,)
         The robust fit to start from: cos / R, sin / R, middle of the pixels and of the texture points, error of a dot.
     beliefs : Beliefs
+    smoothed : bool
+        Whether places are tops of a smoothed image, which neighbours and the rim draw; otherwise a dot's own error has the
+        variance sigma^2 / weight, and nothing is added but the gel's displacement.
 
     Returns
     -------
@@ -126,6 +136,9 @@ def posterior(
     apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, target, drawn)
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
+    rim_mm2 = RIM_MM**2
+    if not smoothed:
+        drawn[:], weights, rim_mm2 = 0.0, weights**2, 0.0
     smooth = _displacement(seen_mm, beliefs) if beliefs.gel_mm > 0.0 else None
     # from x and y of the robust fit: the model is linear in them, but sums of large squares would lose digits
     scale_sigma = float(beliefs.sigmas[0])
@@ -135,9 +148,9 @@ def posterior(
     for taken in range(1, MOST_STEPS + 1):
         _linearised(seen_mm, target, drawn, beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm, state, rates)
         if smooth is None:
-            known = _summed(rates, weights, variance, shares, normal, spread)
+            known = _summed(rates, weights, rim_mm2, variance, shares, normal, spread)
         else:
-            known = _correlated(rates, weights, variance, smooth, normal, spread)
+            known = _correlated(rates, weights, rim_mm2, variance, smooth, normal, spread)
         trace, square = _solved(normal, spread, state)
         # the variance at which its score vanishes (REML; Harville, JASA 72 (1977) 320): for dots of equal weights the sum of
         # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
@@ -161,11 +174,17 @@ def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
 
 
 def _correlated(
-    rates: FloatArray, weights: FloatArray, variance: float, smooth: FloatArray, normal: FloatArray, spread: FloatArray
+    rates: FloatArray,
+    weights: FloatArray,
+    rim_mm2: float,
+    variance: float,
+    smooth: FloatArray,
+    normal: FloatArray,
+    spread: FloatArray,
 ) -> float:
     """`_summed` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
     own = 1.0 / np.sqrt(weights)
-    inverse = np.linalg.inv(smooth + np.diag(variance * own + RIM_MM**2 * (1.0 - weights) ** 1.75))
+    inverse = np.linalg.inv(smooth + np.diag(variance * own + rim_mm2 * (1.0 - weights) ** 1.75))
     weighted = rates @ inverse
     flat = weighted.reshape(10, -1)
     np.matmul(flat, rates.reshape(10, -1).T, out=normal)
@@ -271,7 +290,13 @@ def _linearised(
 
 @kernel()
 def _summed(
-    rates: FloatArray, weights: FloatArray, variance: float, shares: FloatArray, normal: FloatArray, spread: FloatArray
+    rates: FloatArray,
+    weights: FloatArray,
+    rim_mm2: float,
+    variance: float,
+    shares: FloatArray,
+    normal: FloatArray,
+    spread: FloatArray,
 ) -> float:
     """Fill in the products of all rows, weighted by 1 / variance, and by the derivative of that; returns its sum over the dots.
 
@@ -280,7 +305,7 @@ def _summed(
     known = 0.0
     for i in range(len(weights)):
         own = 1.0 / np.sqrt(weights[i])
-        shares[0, i] = 1.0 / (variance * own + RIM_MM**2 * (1.0 - weights[i]) ** 1.75)
+        shares[0, i] = 1.0 / (variance * own + rim_mm2 * (1.0 - weights[i]) ** 1.75)
         shares[1, i] = own * shares[0, i]
         known += shares[1, i]
     for j in range(10):

@@ -296,3 +296,28 @@ def test_light_dots_and_many_dots_give_a_pose() -> None:
         assert finite_or_open(pose) and np.hypot(*(pose.position_mm - PLACE)) < 0.15
     faint = fit_pose(SPARSE * R, PLACE + SPARSE, np.full(len(SPARSE), 1e-3), R, STOCK)
     assert faint.position_mm == pytest.approx(PLACE, abs=0.01)
+
+
+# Places that nothing draws
+
+
+def test_refined_places_have_variances_of_one_over_their_weights() -> None:
+    rng, squares = np.random.default_rng(4), []
+    for _ in range(300):
+        gel = contact(rng, radius_mm=4.0)
+        weights = rng.uniform(0.3, 1.0, len(gel))
+        offset = R * (gel + 0.004 * rng.standard_normal(gel.shape) / np.sqrt(weights)[:, None])
+        pose = fit_pose(offset, PLACE + gel @ turn_of(THETA).T, weights, R, EXACT, least_sigma_mm=0.0005, smoothed=False)
+        error = np.array([*(pose.position_mm - PLACE), pose.theta_rad - THETA])
+        squares.append(error @ np.linalg.solve(pose.covariance, error) / 3)
+    assert 0.85 < np.mean(squares) < 1.15
+
+
+def test_refined_places_are_not_pushed_back() -> None:
+    rng = np.random.default_rng(2)
+    gel = contact(rng)
+    texture, weights = PLACE + gel @ turn_of(THETA).T, rng.uniform(0.7, 1.0, len(gel))
+    refined, tops = (fit_pose(R * gel, texture, weights, R, EXACT, smoothed=smoothed) for smoothed in (False, True))
+    assert np.abs(refined.position_mm - PLACE).max() < 1e-9
+    assert np.abs(tops.position_mm - PLACE).max() > 1e-5
+    assert refined.sigma_mm < tops.sigma_mm

@@ -1,0 +1,339 @@
+"""Dots -> better dots: the relief that a box leaves in the gel, fitted to the pixels around each of them.
+
+The noise of a photometric stereo sensor is white in the slopes, so its depth falls as 1/f (power 1/f^2): least squares of the
+differences between neighbouring pixels, |dz/du|^2 + |dz/dv|^2 summed, weigh every frequency as its noise asks for,
+since 4 sin^2(k_u / 2) + 4 sin^2(k_v / 2) is both the weight and one over the spectrum. Height and background of each
+dot are linear and fitted along with it; what is left of a dot is its centre, to be handed to `grid.pose.fit_pose`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from math import erf, hypot, log, pi, sqrt
+
+import numpy as np
+
+from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.geometry import Camera
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.tape import TapePart
+
+BOX = "block"
+FINE_PX_PER_MM = 12.0
+"""Finer images are averaged down to no less than this; a blur of 0.1 mm is 1.2 px there."""
+HALF_MM = 0.5
+"""Half the side of the patch around a dot: a part of 0.6 x 0.3 mm with its blur, and hardly any of a neighbour 1 mm off."""
+STEPS = 128
+"""Entries of a table in a pixel: a nearest entry is off by 1/256 px, less than 0.1 um of a relief of 0.12 mm."""
+USUAL_BLUR_MM = 0.15
+BLURS_MM = tuple(USUAL_BLUR_MM * 1.2**k for k in range(-6, 7))
+"""Standard deviations of the gel's blur that are told apart, mm, and the one that is tried first: at a blur that is wrong by 30 %
+the error is 4 to 10 % larger."""
+BLUR_NEAR, BLUR_PATCHES, BLUR_STEPS = 0.25, 8, 6
+"""ln of how far the blur may be off to be left alone, as it is fitted to each dot all the same; dots, and most steps, that
+another one is looked for with."""
+AGAIN_MM = 0.025
+"""A dot that moves farther is fitted once more from its new place: the fit is linear for small moves alone."""
+AGAIN_HEIGHT = 0.8
+"""Lower dots weigh so little that it would be in vain; over the median."""
+FARTHEST_MM = 0.09
+"""No dot moves farther at a time: a fifth of a part's width would take the fit to the next slope."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PixelFit:
+    """What does not depend on the frame.
+
+    Attributes
+    ----------
+    factor : int
+        Pixels of the canonical image along a side of a pixel that is looked at.
+    scale_px_per_mm : (float, float)
+        Of those, along u and v.
+    camera : Camera
+    centre_mm : ndarray, shape (2,)
+        The image centre on the gel, from the camera's.
+    half_px : int
+        Half a patch, without its middle.
+    offsets_px : ndarray of float32, shape (2 half_px + 1,)
+        Of a patch's pixels from its middle.
+    basis : ndarray of float32, shape (m, 5)
+        Differences of backgrounds of first and second order, orthonormal.
+    usable : ndarray of bool, shape (h, w)
+        Pixels around which a whole patch has depth.
+    blur_mm : float or None
+        Standard deviation of the gel's blur; None: estimated from the frame.
+    variance : float or None
+        Of the noise of a slope, as a difference of pixels in the frame's unit; None where it is not known.
+    """
+
+    factor: int
+    scale_px_per_mm: tuple[float, float]
+    camera: Camera
+    centre_mm: FloatArray
+    half_px: int
+    offsets_px: Image
+    basis: Image
+    usable: BoolArray
+    blur_mm: float | None
+    variance: float | None
+
+    @property
+    def freedom(self) -> float:
+        """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
+        together, height, place and background take eight.
+        """
+        return len(self.basis) / 2.0 - 8.0
+
+    def to_px(self, gel_mm: FloatArray) -> FloatArray:
+        """Pixels that are looked at, of points on the gel right and down of the image centre; (n, 2)."""
+        return (self.camera.to_px(gel_mm + self.centre_mm) - (self.factor - 1) / 2) / self.factor
+
+    def from_px(self, at_px: FloatArray) -> FloatArray:
+        """The inverse of `to_px`."""
+        return self.camera.from_px(at_px * self.factor + (self.factor - 1) / 2) - self.centre_mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Patches:
+    """Fitted dots.
+
+    Attributes
+    ----------
+    moved_mm : ndarray, shape (n, 2)
+        From where each was looked for, along its body's length and width.
+    height : ndarray, shape (n,)
+        In the frame's unit.
+    imprint : ndarray, shape (n,)
+        Height if the blur of all dots is that of the fit; what noise does to it is a third of what it does to `height`.
+    spread_mm2 : ndarray, shape (n, 2, 2)
+        Covariance of `moved_mm` where the slopes' variance is 1.
+    more_mm2, more_variance : ndarray, shape (n,)
+        Half the blur's variance less that of the fit, and how much one knows of it.
+    left : ndarray, shape (n,)
+        Squared differences that are left.
+    misfit : ndarray, shape (n,)
+        Their share of those that are not the background's.
+    """
+
+    moved_mm: FloatArray
+    height: FloatArray
+    imprint: FloatArray
+    spread_mm2: FloatArray
+    more_mm2: FloatArray
+    more_variance: FloatArray
+    left: FloatArray
+    misfit: FloatArray
+
+    def taken(self, which: BoolArray) -> Patches:
+        """Some of them."""
+        return Patches(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+
+def pixel_fit(sensor: SensorProfile) -> PixelFit:
+    """Prepare the fit for a sensor."""
+    scale = sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
+    slope, unit = sensor.slope_noise, sensor.depth_unit_mm
+    factor = max(int(scale / FINE_PX_PER_MM), 1)
+    half = max(round(HALF_MM * scale / factor), 3)
+    offsets = np.arange(-half, half + 1, dtype=np.float32)
+    u, v = np.meshgrid(offsets / half, offsets / half)
+    smooth = _differences(np.stack([u, v, u * u, u * v, v * v])[None])[0]
+    return PixelFit(
+        factor=factor,
+        scale_px_per_mm=(sensor.px_per_mm[0] / factor, sensor.px_per_mm[1] / factor),
+        camera=sensor.camera,
+        centre_mm=sensor.camera.from_px(sensor.centre_px),
+        half_px=half,
+        offsets_px=offsets,
+        basis=np.linalg.qr(smooth.T.astype(np.float64))[0].astype(np.float32),
+        usable=_usable(sensor, factor, half),
+        blur_mm=sensor.gel.blur_mm,
+        variance=None if not slope or unit is None else (slope / scale / unit) ** 2,
+    )
+
+
+def unknown_relief(part: TapePart | None) -> str | None:
+    """Why nothing is known of the relief that a part leaves; None if it is fitted."""
+    if part is None or part.shape != BOX:
+        return "the parts are no boxes of known size"
+    if max(part.body_mm[:2]) > 2.0 * HALF_MM:
+        return f"parts of {max(part.body_mm[:2]):g} mm are larger than the {2.0 * HALF_MM:g} mm that are looked at"
+    return None
+
+
+def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
+    """Make the tables of some parts now, so that no frame waits."""
+    flat = np.zeros((len(fit.offsets_px), len(fit.offsets_px)), dtype=np.float32)
+    to_body = np.diag(1.0 / np.array(fit.scale_px_per_mm))
+    for part in {part.body_mm: part for part in parts if unknown_relief(part) is None}.values():
+        for blur_mm in BLURS_MM if fit.blur_mm is None else (fit.blur_mm,):
+            fitted(fit, flat, np.full((1, 2), float(fit.half_px)), to_body, part, blur_mm)
+
+
+def _usable(sensor: SensorProfile, factor: int, half: int) -> BoolArray:
+    """Pixels, averaged over `factor`, around which so many on each side are in the image and carry depth."""
+    h, w = sensor.height_px // factor, sensor.width_px // factor
+    depth = np.zeros((h + 2 * half, w + 2 * half), dtype=np.int64)  # none beyond the image
+    if sensor.mask is None:
+        depth[half : half + h, half : half + w] = 1
+    else:
+        blocks = sensor.mask[: h * factor, : w * factor].reshape(h, factor, w, factor)
+        depth[half : half + h, half : half + w] = blocks.all(axis=(1, 3))
+    sums = np.pad(depth, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    side = 2 * half + 1
+    count = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
+    usable: BoolArray = count == side * side
+    return usable
+
+
+def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
+    """Whether all pixels around places can be used."""
+    nearest = np.rint(np.minimum(np.maximum(at_px, -1.0), 1e6)).astype(np.int64)
+    within = np.logical_and(nearest >= 0, nearest < fit.usable.shape[::-1])
+    inside: BoolArray = np.logical_and(within[:, 0], within[:, 1])
+    inside[inside] = fit.usable[nearest[inside, 1], nearest[inside, 0]]
+    return inside
+
+
+def median(values: FloatArray) -> float:
+    """The upper one of two in the middle; numpy's median takes five times as long for a few values."""
+    return float(np.sort(values)[len(values) // 2])
+
+
+def settled_patches(
+    fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, part: TapePart
+) -> tuple[Patches, FloatArray]:
+    """Dots fitted under the gel's blur, those that moved far once more; and their centres, px."""
+    blur_mm = USUAL_BLUR_MM if fit.blur_mm is None else fit.blur_mm
+    found = fitted(fit, image, at_px, to_body, part, blur_mm)
+    if fit.blur_mm is None:
+        wanted_mm, few = _wanted_blur_mm(blur_mm, found), at_px[:BLUR_PATCHES]
+        if abs(log(wanted_mm / blur_mm)) > BLUR_NEAR:
+            for _ in range(BLUR_STEPS):
+                blur_mm, wanted_mm = wanted_mm, _wanted_blur_mm(wanted_mm, fitted(fit, image, few, to_body, part, wanted_mm))
+                if abs(log(wanted_mm / blur_mm)) <= BLUR_NEAR:
+                    break
+            found = fitted(fit, image, at_px, to_body, part, blur_mm)
+    to_px = np.linalg.inv(to_body).T
+    centres = at_px + found.moved_mm @ to_px
+    far = np.hypot(found.moved_mm[:, 0], found.moved_mm[:, 1]) > AGAIN_MM
+    which = np.flatnonzero(far & (found.height > AGAIN_HEIGHT * median(found.height)) & has_patch(fit, centres))
+    if len(which):
+        again = fitted(fit, image, centres[which], to_body, part, blur_mm)
+        centres[which] += again.moved_mm @ to_px
+        for name in ("height", "imprint", "spread_mm2", "left", "misfit"):
+            getattr(found, name)[which] = getattr(again, name)
+    return found, centres
+
+
+def _wanted_blur_mm(blur_mm: float, found: Patches) -> float:
+    """The blur of `BLURS_MM` that a fit under another one asks for, half to twice that."""
+    bumps = found.height > 0.0
+    if 2 * bumps.sum() > len(bumps):
+        weight = np.where(bumps, 1.0 / found.more_variance, 0.0)
+        square = blur_mm**2 + 2.0 * float(weight @ found.more_mm2) / max(float(weight.sum()), 1e-300)
+    else:  # what is much sharper looks like a negative height and a blur that makes up for it
+        square = 0.0
+    square = min(max(square, blur_mm**2 / 4.0), blur_mm**2 * 4.0)
+    return BLURS_MM[int(np.argmin(np.abs(2.0 * np.log(BLURS_MM) - log(square))))]
+
+
+def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, part: TapePart, blur_mm: float) -> Patches:
+    """Centre and height of each dot by linear least squares of the differences between neighbouring pixels.
+
+    Parameters
+    ----------
+    fit : PixelFit
+    image : ndarray of float32, shape (h, w)
+    at_px : ndarray, shape (n, 2)
+        Where dots are looked for; a whole patch around each is in the image.
+    to_body : ndarray, shape (2, 2)
+        Pixels right and down to mm along the bodies' length and width.
+    part : TapePart
+        A block.
+    blur_mm : float
+        Standard deviation of the Gaussian that the gel smooths it by.
+    """
+    base = np.rint(at_px).astype(np.int64)
+    pixels = base[:, :, None] + fit.offsets_px.astype(np.int64)  # (n, 2, side)
+    apart = (fit.offsets_px - (at_px - base)[:, :, None]).astype(np.float32)
+    dense = STEPS * max(fit.scale_px_per_mm)
+    # a pixel is the mean over its area, which is as a blur of 1/12 px^2
+    blur = hypot(blur_mm, 1.0 / sqrt(12.0) / fit.scale_px_per_mm[0])
+    along, across = (_taken(fit, apart, to_body[axis] * dense, part.body_mm[axis] / 2.0, blur, dense) for axis in range(2))
+    images = np.empty((len(at_px), 5, *along[0].shape[1:]), dtype=np.float32)
+    np.multiply(along[0], across[0], out=images[:, 0])
+    np.multiply(along[1], across[0], out=images[:, 1])
+    np.multiply(along[0], across[1], out=images[:, 2])
+    # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
+    np.add(along[2] * across[0], along[0] * across[2], out=images[:, 3])
+    images[:, 4] = image[pixels[:, 1, :, None], pixels[:, 0, None, :]]
+    columns = _differences(images)
+    smooth = (columns.reshape(-1, columns.shape[2]) @ fit.basis).reshape(*columns.shape[:2], -1)
+    # matmul is slower here: it does not transpose few columns for nothing
+    products = np.einsum("nim,njm->nij", columns, columns) - np.einsum("nim,njm->nij", smooth, smooth)
+    return _solved(products.astype(np.float64))
+
+
+def _taken(
+    fit: PixelFit, apart_px: Image, per_px: FloatArray, half_mm: float, blur_mm: float, dense: float
+) -> tuple[Image, Image, Image]:
+    """A body's smoothed step, its slope and its curvature at the pixels of patches, each (n, side, side)."""
+    tables = _profile(half_mm, blur_mm, len(fit.offsets_px) * STEPS, dense)
+    u, v = (apart_px[:, k] * np.float32(per_px[k]) for k in range(2))
+    index = ((u + np.float32(len(tables[0]) // 2 + 0.5))[:, None, :] + v[:, :, None]).astype(np.intp)
+    value, slope, curvature = (table.take(index, mode="clip") for table in tables)
+    return value, slope, curvature
+
+
+def _solved(products: FloatArray) -> Patches:
+    """Least squares from the scalar products (n, 5, 5) of relief, its slopes along the body's length and width, its derivative
+    by half the blur's variance, and the frame.
+    """
+    inverse = np.linalg.inv(products[:, :4, :4])
+    right = products[:, :4, 4]
+    found = (inverse @ right[:, :, None])[:, :, 0]
+    height = found[:, 0]
+    some = np.where(height > 0.0, np.minimum(height, 1e150), 1e150)  # what is no bump has no place
+    power = np.maximum(products[:, 4, 4], 1e-300)
+    left = np.maximum(power - (found * right).sum(axis=1), 0.0)
+    # h T(x - d) = h T(x) - h d T'(x)
+    moved = np.minimum(np.maximum(-found[:, 1:3] / some[:, None], -FARTHEST_MM), FARTHEST_MM)
+    return Patches(
+        moved_mm=moved,
+        height=height,
+        imprint=(np.linalg.inv(products[:, :3, :3]) @ products[:, :3, 4:])[:, 0, 0],
+        spread_mm2=inverse[:, 1:3, 1:3] / some[:, None, None] ** 2,
+        more_mm2=found[:, 3] / some,
+        more_variance=inverse[:, 3, 3] / some**2,
+        left=left,
+        misfit=left / power,
+    )
+
+
+def _differences(images: Image) -> Image:
+    """Differences between pixels and their neighbours to the right and below; (n, k, side, side) to (n, k, m)."""
+    n, k, side, _ = images.shape
+    half = side * (side - 1)
+    out = np.empty((n, k, 2, half), dtype=np.float32)
+    np.subtract(images[..., 1:], images[..., :-1], out=out[:, :, 0].reshape(n, k, side, side - 1))
+    np.subtract(images[..., 1:, :], images[..., :-1, :], out=out[:, :, 1].reshape(n, k, side - 1, side))
+    return out.reshape(n, k, 2 * half)
+
+
+@lru_cache(maxsize=64)
+def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> tuple[Image, Image, Image]:
+    """A smoothed step up and down, its slope and curvature, at `reach` places on both sides of the middle, `dense` a mm."""
+    at = np.arange(-reach, reach + 1) / dense
+    up, down = (at + half_mm) / blur_mm, (at - half_mm) / blur_mm
+    value = [(erf(a / sqrt(2.0)) - erf(b / sqrt(2.0))) / 2.0 for a, b in zip(up.tolist(), down.tolist(), strict=True)]
+    bell_up, bell_down = (np.exp(-(z**2) / 2.0) / (sqrt(2.0 * pi) * blur_mm) for z in (up, down))
+    slope, curvature = bell_up - bell_down, (down * bell_down - up * bell_up) / blur_mm
+    tables = np.array(value, dtype=np.float32), slope.astype(np.float32), curvature.astype(np.float32)
+    for table in tables:
+        table.setflags(write=False)
+    return tables

@@ -1,0 +1,204 @@
+"""Better dots -> pose: what the contact's rim does to them, how much each weighs, and whether the pixels are to be believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, hypot, log, pi, sin, sqrt
+
+import numpy as np
+
+from tactape_fab.sense.decode.dots.filters import Image, averaged
+from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
+from tactape_fab.sense.decode.grid.posterior import Beliefs
+from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, settled_patches, unknown_relief
+from tactape_fab.sense.decode.rank import View
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import TapePart
+
+LEAST_PATCHES = 8
+"""Fewer dots tell neither what a whole dot is nor how far they scatter."""
+LEAST_AGREEING = 6
+"""Refined dots that agree with a pose; the scatter of fewer is chance."""
+RIM_MM = 2.5
+"""Neighbours within this distance say where the contact's middle lies."""
+ONE_SIDED = 0.35
+"""A dot stands at the rim where the directions of its neighbours have a longer mean than this; as `rim.ONE_SIDED`."""
+PULL_MM, PULL_WEIGHT, PULL_REST = 0.2, 0.05, 0.8
+"""How far a rim draws a dot inwards for each unit of its missing height, believed before the frame is seen; how many squared
+units this belief counts as; and the share that is left when the frame's own figure is taken out. On frames without noise the
+figure is 0.1, 0.2 and 0.3 mm for rims 1.6, 0.8 and 0.4 mm wide, 0.12 mm for a blur of 0.08 mm, each with a scatter of 35 %; noise
+of the heights makes it more: 0.8 gives less error than 0.35 and 0.5, in three scenes of 100 contacts each."""
+LEVEL_ERROR = 0.01
+"""Share of its height by which noise alone makes a whole dot lower."""
+LEAST_INNER = 4
+"""Dots inside the contact that say what a whole dot is; the higher half of all where they are fewer."""
+MOST_MISFIT = 0.8
+"""Share of the slopes' power around a dot that its relief may leave unexplained; more is noise."""
+MOST_EXCESS = 9.0
+"""Squared residual over that of the profile's slope noise: three times the noise, by the sensor or by parts of another shape."""
+MOST_SCATTER = 1.1
+"""Largest scatter of refined dots over that of the dots: where parts are placed badly both scatter alike."""
+MOST_MOVE = 25.0
+"""Largest squared distance, in the covariance of the dots' pose, by which the pixels may move it: chance has more in 2e-5."""
+MOVE_FLOOR = np.array([0.003, 0.003, 0.0005])
+"""Errors of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
+LEAST_SIGMA_MM = 0.0005
+USUAL_MM = 0.005
+"""What places scatter by apart from the pixels' noise, where it is not known yet."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pixels:
+    """A frame, canonical, and how its pixels are fitted."""
+
+    fit: PixelFit
+    image: Image
+
+
+def refine(
+    pixels: Pixels, view: View, part: TapePart | None, offset_px: FloatArray, texture_mm: FloatArray, pose: Pose
+) -> tuple[Pose, str | None]:
+    """The pose from the pixels around the dots.
+
+    Parameters
+    ----------
+    pixels : Pixels
+    view : View
+    part : TapePart or None
+        None where it is not known.
+    offset_px : ndarray, shape (n, 2)
+        Dots from the image centre, square pixels.
+    texture_mm : ndarray, shape (n, 2)
+        Their nominal places.
+    pose : Pose
+        Fitted to the dots.
+
+    Returns
+    -------
+    pose : Pose
+        The dots' own where the pixels say nothing better; `agree` is theirs in any case.
+    why : str or None
+        Why it is the dots' own.
+    """
+    fit, image = pixels.fit, pixels.image
+    unknown = unknown_relief(part)
+    if part is None or unknown is not None:
+        return pose, unknown
+    at = fit.to_px(offset_px / view.px_per_mm)
+    chosen = np.flatnonzero(pose.agree & has_patch(fit, at))
+    if len(chosen) < LEAST_PATCHES:
+        return pose, f"only {len(chosen)} dots have all the pixels around them"
+    if fit.factor > 1:
+        image = averaged(image, fit.factor)
+    # mm along the body's length and width of pixels right and down (SPEC section 1; board +y is up, texture +y down)
+    turn = pose.theta_rad - part.rotation_deg * pi / 180.0
+    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ _mm_of_px(fit, at[chosen].mean(axis=0))
+    found, centres = settled_patches(fit, image, at[chosen], to_body, part)
+    good = found.height > 0.0
+    if good.sum() < LEAST_PATCHES or not median(found.misfit) <= MOST_MISFIT:
+        return pose, "the pixels around the dots do not look like the tape's parts"
+    excess = 1.0 if fit.variance is None else median(found.left) / (fit.freedom * fit.variance)
+    if not excess <= MOST_EXCESS:
+        return pose, f"the pixels around the dots differ from the tape's parts by {sqrt(excess):.1f} times the slopes' noise"
+    if not good.all():
+        chosen, centres, found = chosen[good], centres[good], found.taken(good)
+    gel_mm = fit.from_px(centres)
+    turned = np.array([[cos(pose.theta_rad), -sin(pose.theta_rad)], [sin(pose.theta_rad), cos(pose.theta_rad)]])  # for rows
+    slopes = np.maximum(found.left, median(found.left)) / fit.freedom
+    own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
+    inwards, low = _at_rim(texture_mm[chosen], texture_mm[pose.agree], found.imprint)
+    scale = view.px_per_mm / pose.px_per_mm
+    error_mm = pose.position_mm + gel_mm @ turned * scale - texture_mm[chosen]
+    weights = 1.0 / (own + (PULL_MM * low) ** 2 + USUAL_MM**2)
+    error_mm = _without_camera(error_mm @ turned.T, gel_mm, weights, view.beliefs) @ turned
+    pull_mm = _pull_mm(low, (error_mm * inwards).sum(axis=1))
+    drawn_mm = (pull_mm * low)[:, None] * inwards
+    refined = fit_pose(
+        (gel_mm - drawn_mm @ turned.T / scale) * view.px_per_mm,
+        texture_mm[chosen],
+        _weights(own, error_mm - drawn_mm, PULL_REST * pull_mm * low),
+        view.px_per_mm,
+        view.beliefs,
+        least_sigma_mm=LEAST_SIGMA_MM,
+        smoothed=False,
+    )
+    why = _doubt(pose, refined)
+    return (pose, why) if why is not None else (replace(refined, agree=pose.agree), None)
+
+
+def _doubt(pose: Pose, refined: Pose) -> str | None:
+    """Why a refined pose is not believed; None if it is."""
+    finite = np.isfinite(refined.covariance).all() and np.isfinite(refined.position_mm).all()
+    if not finite or refined.agree.sum() < LEAST_AGREEING:
+        return "the refined dots give no pose"
+    if refined.sigma_mm > MOST_SCATTER * pose.sigma_mm:
+        return f"refined dots scatter by {refined.sigma_mm * 1000:.1f} um, the dots by {pose.sigma_mm * 1000:.1f} um"
+    turn = (refined.theta_rad - pose.theta_rad + pi) % (2.0 * pi) - pi
+    move = np.array([*(refined.position_mm - pose.position_mm), turn])
+    if not move @ np.linalg.solve(pose.covariance + np.diag(MOVE_FLOOR) ** 2, move) <= MOST_MOVE:
+        return f"the pixels move the pose by {hypot(*move[:2]) * 1000:.1f} um, more than the dots' errors allow"
+    return None
+
+
+def _mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
+    """The gel's mm, right and down, of pixels right and down at a place; shape (2, 2)."""
+    steps = fit.from_px(at_px + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
+    return np.stack([steps[0] - steps[1], steps[2] - steps[3]], axis=1)
+
+
+def _without_camera(error_mm: FloatArray, gel_mm: FloatArray, weights: FloatArray, beliefs: Beliefs) -> FloatArray:
+    """Errors of dots, image axes, less what the pose and the camera, within its priors, may be off by; both (n, 2)."""
+    x, y = gel_mm.T
+    from_centre = gel_mm - beliefs.centre_mm
+    bent = from_centre * ((from_centre / beliefs.corner_mm) ** 2).sum(axis=1, keepdims=True)
+    scale, aspect, shear, k1 = beliefs.sigmas
+    rates = np.zeros((7, len(x), 2))
+    rates[0, :, 0] = rates[1, :, 1] = 1.0
+    rates[2, :, 0], rates[2, :, 1] = -y, x
+    rates[3], rates[4, :, 0], rates[4, :, 1] = scale * gel_mm, aspect / 2.0 * x, -aspect / 2.0 * y
+    rates[5, :, 0], rates[6] = shear * y, k1 * bent
+    weighted, flat = (rates * weights[:, None]).reshape(7, -1), rates.reshape(7, -1)
+    prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    left: FloatArray = error_mm - (np.linalg.solve(weighted @ flat.T + prior, weighted @ error_mm.ravel()) @ flat).reshape(-1, 2)
+    return left
+
+
+def _pull_mm(low: FloatArray, along_mm: FloatArray) -> float:
+    """How far the rim draws a dot inwards for each unit of missing height, from the errors of dots inwards."""
+    pull = (float(low @ along_mm) + PULL_WEIGHT * PULL_MM) / (float(low @ low) + PULL_WEIGHT)
+    return min(max(pull, 0.0), 2.0 * PULL_MM)
+
+
+def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """For dots at the contact's rim the direction inwards (n, 2), and the share of the height that is missing (n,), 0 elsewhere.
+
+    Parameters
+    ----------
+    texture_mm : ndarray, shape (n, 2)
+        Nominal places of dots.
+    neighbours_mm : ndarray, shape (k, 2)
+        Those of all dots of the contact.
+    height : ndarray, shape (n,)
+    """
+    apart = neighbours_mm[None] - texture_mm[:, None]
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    near = (distance > 0.0) & (distance < RIM_MM)
+    mean = (apart * (near / np.maximum(distance, 1e-9))[..., None]).sum(axis=1) / np.maximum(near.sum(axis=1), 1)[:, None]
+    length = np.hypot(mean[:, 0], mean[:, 1])
+    inner = length <= ONE_SIDED
+    level = median(height[inner] if inner.sum() >= LEAST_INNER else np.sort(height)[len(height) // 2 :])
+    low = np.where(inner, 0.0, np.minimum(np.maximum(1.0 - LEVEL_ERROR - height / level, 0.0), 1.0))
+    return mean / np.maximum(length, 1e-9)[:, None], low
+
+
+def _weights(own: FloatArray, error_mm: FloatArray, rim_mm: FloatArray) -> FloatArray:
+    """Least variance over that of each dot: its own (n,), mm^2, the rim's, and what else places scatter by."""
+    whole = rim_mm <= np.sqrt(own)
+    scatter = 0.0
+    if whole.sum() >= LEAST_INNER:
+        off = error_mm[whole] - [median(along) for along in error_mm[whole].T]
+        # the squared length of a normal vector has the median 2 ln 2 times the variance of a component
+        scatter = max(median((off**2).sum(axis=1)) / (2.0 * log(2.0)) - median(own[whole]), 0.0)
+    variance = own + rim_mm**2 + scatter
+    weights: FloatArray = variance.min() / variance
+    return weights
