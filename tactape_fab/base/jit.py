@@ -98,11 +98,9 @@ making_kernel: Decorator = _plain
 inlined_kernel: Decorator = _untouched
 """For functions called in one place of one kernel, without a loop that needs `fastmath`: compiled as a part of that kernel."""
 if COMPILED:
-    kernel = partial(njit, cache=KEPT, nogil=True, error_model="numpy", no_cfunc_wrapper=True, _nrt=False)
-    # `fastmath` said either way: a function without it has that of whichever kernel was compiled first, and may then assume that
-    # there is no NaN
-    inner_kernel = partial(
-        kernel, cache=False, no_cpython_wrapper=True, fastmath=False
-    )  # a kernel on the disk holds what it calls
+    # `fastmath` is said either way: a function without it inherits that of the kernel it is compiled for first, and may then
+    # assume that there is no NaN
+    kernel = partial(njit, cache=KEPT, nogil=True, error_model="numpy", no_cfunc_wrapper=True, fastmath=False, _nrt=False)
+    inner_kernel = partial(kernel, cache=False, no_cpython_wrapper=True)  # a kernel on the disk holds what it calls
     making_kernel = partial(kernel, _nrt=True)
     inlined_kernel = partial(njit, inline="always", error_model="numpy")

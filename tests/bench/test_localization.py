@@ -269,8 +269,7 @@ def _seconds_together(processes: int) -> float:
 def test_processes_and_threads_decode_more_frames_than_one(benchmark: BenchmarkFixture, report: Report) -> None:
     """N processes against one, and N threads of one process, a Localizer each; the best try counts.
 
-    Kernels release the interpreter's lock, but between them a frame needs it some thirty times for a few microseconds each, and
-    a thread that waits for it sleeps longer than that: threads gain nothing, processes all there is.
+    Kernels release the interpreter's lock, but a frame takes it again between any two of them, and threads wait for each other.
     """
     cores = len(os.sched_getaffinity(0))
     if cores < 2:

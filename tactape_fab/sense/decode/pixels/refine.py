@@ -8,6 +8,7 @@ from math import cos, hypot, log, pi, sin, sqrt
 import numpy as np
 
 from tactape_fab.sense.decode.dots.filters import Image, averaged
+from tactape_fab.sense.decode.dots.rim import ONE_SIDED
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.grid.posterior import Beliefs
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, settled_patches, unknown_relief
@@ -21,8 +22,6 @@ LEAST_AGREEING = 6
 """Refined dots that agree with a pose; the scatter of fewer is chance."""
 RIM_MM = 2.5
 """Neighbours within this distance say where the contact's middle lies."""
-ONE_SIDED = 0.35
-"""A dot stands at the rim where the directions of its neighbours have a longer mean than this; as `rim.ONE_SIDED`."""
 PULL_MM, PULL_WEIGHT, PULL_REST = 0.2, 0.05, 0.8
 """How far a rim draws a dot inwards for each unit of its missing height, believed before the frame is seen; how many squared
 units this belief counts as; and the share that is left when the frame's own figure is taken out. On frames without noise the
