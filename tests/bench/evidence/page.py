@@ -32,8 +32,8 @@ def page_of(content: dict[str, Any]) -> str:
         "",
         "All contacts are simulated (see [localization](localization.md)); the default scene is a contact of 11x9 mm with 7 µm",
         "of noise after the high-pass, where a real GelSight Mini without contact has 4.3 µm. These figures were made with the",
-        "noise model of 0.1.0, white and smooth noise of the depth, kept as `simulate --noise-model smooth`, and with the decoder",
-        "of 0.1.0, which took the camera's scale as exact, and less time a frame.",
+        "noise model of 0.1.0, white and smooth noise of the depth, kept as `simulate --noise-model smooth`, and with the",
+        "decoder of 0.1.0, which took the camera's scale as exact, and less time a frame.",
         "",
     ]
     for section in (*MEASURED, counts):
