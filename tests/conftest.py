@@ -107,6 +107,15 @@ def rsvg_convert() -> str:
 
 
 @pytest.fixture(scope="session")
+def pdftoppm() -> str:
+    """Path of Poppler's pdftoppm, which turns PDF into PNG."""
+    found = shutil.which("pdftoppm")
+    if found is None:
+        _missing("pdftoppm", "install Debian's poppler-utils")
+    return str(found)
+
+
+@pytest.fixture(scope="session")
 def node_module() -> Callable[[str], str]:
     """Path of node once the asked npm package can be loaded by it (NODE_PATH says where it is installed)."""
 

@@ -15,7 +15,7 @@ from tactape_fab.base.errors import Check, Finding
 PURPOSES = (
     ("for the fab", ("fab-zip",)),
     ("for assembly", ("cpl", "bom")),
-    ("for the order", ("order-notes",)),
+    ("for the order", ("order-notes", "fab-drawing")),
     ("for CAD and milling", ("step-assembly", "step-solid")),
     ("for printing", ("stl", "3mf")),
     ("to look at", ("report",)),

@@ -13,6 +13,7 @@ from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
 from tactape_fab.kit.output_place import refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
+from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, search_record, texture_record, write_kit
@@ -159,7 +160,8 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.profiles.process
     artifacts = [] if film is None else render_all(examined.drawing, film.fab)
     if film is not None:
-        artifacts += render_order_notes(order_facts(film.layout, film.fab, examined.findings, artifacts))
+        facts = order_facts(film.layout, film.fab, examined.findings, artifacts)
+        artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, examined.drawing))
     if spec.form is not None:
         artifacts += render_models(tape, spec.form, None if film is None else film.fab)
     if film is not None:

@@ -1,0 +1,255 @@
+"""A sheet of paper as PDF (ISO 32000-1): lines, outlines, texts, dimensions and tables in millimetres, by ReportLab.
+
+Fonts are embedded and dates fixed, so the same drawing has the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import atan2, cos, degrees, hypot, sin
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.texture.frames import FloatArray
+
+POINTS_PER_MM = 72.0 / 25.4
+TEXT_MM = 2.5
+"""Height of ordinary text; ISO 3098 has 2.5 mm as its second smallest size."""
+ARROW_MM = 1.8
+_EXTENSION_MM = 1.0
+REGULAR, BOLD = "TactapeSans", "TactapeSans-Bold"
+_BASELINE = 0.35
+"""Half the height of capitals over the font size."""
+
+Point = tuple[float, float]
+Grey = float | tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A part of the drawing on the sheet.
+
+    Attributes
+    ----------
+    scale : float
+        Millimetres on paper for each millimetre of the board.
+    at_mm : (x, y)
+        Place on the sheet of the board's point `origin_mm`.
+    """
+
+    scale: float
+    at_mm: Point
+    origin_mm: Point = (0.0, 0.0)
+
+    def __call__(self, xy_mm: FloatArray | Sequence[float]) -> FloatArray:
+        """Board frame -> sheet, mm; shape (..., 2)."""
+        return (np.asarray(xy_mm, dtype=float) - self.origin_mm) * self.scale + self.at_mm
+
+
+class Sheet:
+    """One landscape page; coordinates are mm from the lower left corner, y up."""
+
+    def __init__(self, size_mm: Point, title: str) -> None:
+        from reportlab.pdfgen.canvas import Canvas
+
+        _register_fonts()
+        self._bytes = io.BytesIO()
+        self.size_mm = size_mm
+        width, height = (side * POINTS_PER_MM for side in size_mm)
+        self._canvas: Any = Canvas(self._bytes, pagesize=(width, height), invariant=1, pageCompression=1, initialFontName=REGULAR)
+        self._canvas.setTitle(title)
+        self._canvas.setCreator("tactape-fab")
+        self._canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
+        self._canvas.setLineJoin(1)
+
+    def pdf(self) -> bytes:
+        """The file; nothing can be drawn after it."""
+        self._canvas.showPage()
+        self._canvas.save()
+        return self._bytes.getvalue()
+
+    def line(
+        self,
+        start: Point | FloatArray,
+        end: Point | FloatArray,
+        width_mm: float = 0.18,
+        *,
+        dash: Sequence[float] = (),
+        stroke: Grey = 0.0,
+    ) -> None:
+        """A straight line."""
+        self._stroke(stroke, width_mm, dash)
+        self._canvas.line(float(start[0]), float(start[1]), float(end[0]), float(end[1]))
+
+    def outlines(
+        self,
+        outlines_mm: Sequence[FloatArray] | FloatArray,
+        *,
+        fill: Grey | None = None,
+        stroke: Grey | None = 0.0,
+        width_mm: float = 0.18,
+        dash: Sequence[float] = (),
+    ) -> None:
+        """Closed polygons in one path, each of shape (k, 2)."""
+        path = self._canvas.beginPath()
+        for outline in outlines_mm:
+            path.moveTo(*map(float, outline[0]))
+            for point in outline[1:]:
+                path.lineTo(float(point[0]), float(point[1]))
+            path.close()
+        self._paint(fill, stroke, width_mm, dash)
+        self._canvas.drawPath(path, stroke=int(stroke is not None), fill=int(fill is not None))
+
+    def strokes(self, strokes_mm: Sequence[FloatArray], width_mm: float) -> None:
+        """Open lines in one path, each of shape (k, 2), with round ends."""
+        path = self._canvas.beginPath()
+        for stroke in strokes_mm:
+            path.moveTo(*map(float, stroke[0]))
+            for point in stroke[1:]:
+                path.lineTo(float(point[0]), float(point[1]))
+        self._stroke(0.0, width_mm, ())
+        self._canvas.setLineCap(1)
+        self._canvas.drawPath(path, stroke=1, fill=0)
+        self._canvas.setLineCap(0)
+
+    def box(
+        self,
+        low: Point | FloatArray,
+        high: Point | FloatArray,
+        *,
+        fill: Grey | None = None,
+        stroke: Grey | None = 0.0,
+        width_mm: float = 0.18,
+        dash: Sequence[float] = (),
+    ) -> None:
+        """An upright rectangle."""
+        corners = np.array([low, (high[0], low[1]), high, (low[0], high[1])], dtype=float)
+        self.outlines([corners], fill=fill, stroke=stroke, width_mm=width_mm, dash=dash)
+
+    def circle(self, centre: Point | FloatArray, radius_mm: float, *, fill: Grey | None = None, width_mm: float = 0.18) -> None:
+        """A circle."""
+        self._paint(fill, 0.0, width_mm, ())
+        self._canvas.circle(float(centre[0]), float(centre[1]), radius_mm, stroke=1, fill=int(fill is not None))
+
+    def text(
+        self,
+        at: Point | FloatArray,
+        words: str,
+        *,
+        size_mm: float = TEXT_MM,
+        bold: bool = False,
+        align: str = "left",
+        turn_deg: float = 0.0,
+    ) -> None:
+        """One line of text; `at` is its left, middle or right end, at half the height of its capitals."""
+        self._canvas.saveState()
+        self._canvas.translate(float(at[0]), float(at[1]))
+        self._canvas.rotate(turn_deg)
+        self._canvas.setFillGray(0.0)
+        self._canvas.setFont(BOLD if bold else REGULAR, size_mm)
+        put: Callable[..., None] = {
+            "left": self._canvas.drawString,
+            "middle": self._canvas.drawCentredString,
+            "right": self._canvas.drawRightString,
+        }[align]
+        put(0.0, -_BASELINE * size_mm, written(words))
+        self._canvas.restoreState()
+
+    def lines_of_text(
+        self, at: Point, words: Sequence[str], *, size_mm: float = TEXT_MM, width_mm: float, step: float = 1.45
+    ) -> float:
+        """Paragraphs broken at `width_mm` and set from `at` downward; the height of the next line's place, mm."""
+        from reportlab.lib.utils import simpleSplit
+
+        y = at[1]
+        for paragraph in words:
+            for line in simpleSplit(written(paragraph), REGULAR, size_mm, width_mm):
+                self.text((at[0], y), line, size_mm=size_mm)
+                y -= step * size_mm
+        return y
+
+    def arrow(self, tip: Point | FloatArray, direction_rad: float, size_mm: float = ARROW_MM) -> None:
+        """A filled arrowhead that points in `direction_rad`."""
+        spread = 0.16
+        ends = [(cos(direction_rad + side) * size_mm, sin(direction_rad + side) * size_mm) for side in (-spread, spread)]
+        self.outlines([np.array([tip, *[(tip[0] - dx, tip[1] - dy) for dx, dy in ends]], dtype=float)], fill=0.0, stroke=None)
+
+    def dimension(self, start: FloatArray, end: FloatArray, words: str, *, away_mm: float, size_mm: float = TEXT_MM) -> None:
+        """A dimension from `start` to `end` whose line lies `away_mm` to the left of that direction (ISO 129-1)."""
+        along = np.asarray(end, dtype=float) - start
+        length = hypot(*along)
+        unit = along / length
+        across = np.array([-unit[1], unit[0]])
+        first, second = start + across * away_mm, end + across * away_mm
+        reach = across * np.sign(away_mm) * _EXTENSION_MM
+        for point, tip in ((start, first), (end, second)):
+            self.line(point + reach * 0.8, tip + reach, 0.1)
+        outside = length < 2.6 * ARROW_MM
+        angle = atan2(unit[1], unit[0])
+        self.arrow(first, angle if outside else angle + np.pi)
+        self.arrow(second, angle + np.pi if outside else angle)
+        stretch = unit * 2 * ARROW_MM if outside else np.zeros(2)
+        self.line(first - stretch, second + stretch, 0.1)
+        turn = degrees(angle)
+        turn = turn - 180.0 if turn > 90.0 + 1e-9 else turn + 180.0 if turn <= -90.0 + 1e-9 else turn
+        upward = np.array([-sin(np.radians(turn)), cos(np.radians(turn))])
+        self.text((first + second) / 2 + upward * 0.75 * size_mm, words, size_mm=size_mm, align="middle", turn_deg=turn)
+
+    def table(self, at: Point, rows: Sequence[Sequence[str]], widths_mm: Sequence[float], *, size_mm: float = TEXT_MM) -> float:
+        """Ruled rows from `at` (upper left corner) downward, cells broken to their columns; the lower edge's height, mm."""
+        from reportlab.lib.utils import simpleSplit
+
+        y, right = at[1], at[0] + sum(widths_mm)
+        self.line((at[0], y), (right, y), 0.18)
+        for row in rows:
+            cells = [
+                simpleSplit(written(cell), REGULAR, size_mm, width - 2.0) for cell, width in zip(row, widths_mm, strict=True)
+            ]
+            height = max(len(lines) for lines in cells) * 1.35 * size_mm + 0.6 * size_mm
+            x = at[0]
+            for lines, width in zip(cells, widths_mm, strict=True):
+                for number, line in enumerate(lines):
+                    self.text((x + 1.0, y - (0.95 + 1.35 * number) * size_mm), line, size_mm=size_mm)
+                x += width
+            y -= height
+            self.line((at[0], y), (right, y), 0.1)
+        return y
+
+    def _paint(self, fill: Grey | None, stroke: Grey | None, width_mm: float, dash: Sequence[float]) -> None:
+        if fill is not None:
+            self._canvas.setFillColorRGB(*(fill if isinstance(fill, tuple) else (fill,) * 3))
+        if stroke is not None:
+            self._stroke(stroke, width_mm, dash)
+
+    def _stroke(self, grey: Grey, width_mm: float, dash: Sequence[float]) -> None:
+        self._canvas.setStrokeColorRGB(*(grey if isinstance(grey, tuple) else (grey,) * 3))
+        self._canvas.setLineWidth(width_mm)
+        self._canvas.setDash(list(dash))
+
+
+def written(words: str) -> str:
+    """Text in the characters that the embedded font has: the Greek capital delta as the sign of an increment (U+2206)."""
+    _register_fonts()
+    known = _font_characters()
+    return "".join(c if ord(c) in known else "?" for c in words.replace("Δ", "∆"))
+
+
+@cache
+def _font_characters() -> frozenset[int]:
+    from reportlab.pdfbase.pdfmetrics import getFont
+
+    return frozenset(getFont(REGULAR).face.charToGlyph)
+
+
+@cache
+def _register_fonts() -> None:
+    """Bitstream Vera, which ReportLab brings; it may be embedded in any document."""
+    from reportlab.pdfbase.pdfmetrics import registerFont
+    from reportlab.pdfbase.ttfonts import TTFont
+
+    registerFont(TTFont(REGULAR, "Vera.ttf"))
+    registerFont(TTFont(BOLD, "VeraBd.ttf"))
