@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -19,3 +20,11 @@ def some(many: int) -> int:
 def thorough(*values: Any) -> Any:
     """One set of parameters that only a thorough run tries."""
     return pytest.param(*values, marks=only_thorough)
+
+
+def first(at_desk: int, cases: Sequence[Any]) -> list[Any]:
+    """Cases (of `pytest.param`) of which a run at a desk tries only the first so many."""
+    return [
+        *cases[:at_desk],
+        *(pytest.param(*case.values, marks=(*case.marks, only_thorough), id=case.id) for case in cases[at_desk:]),
+    ]

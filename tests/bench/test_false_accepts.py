@@ -55,7 +55,7 @@ def test_a_tally_counts_decades_and_keeps_the_least() -> None:
     assert Tally.from_mapping(both.to_mapping()) == both
 
 
-@pytest.mark.parametrize(("sector", "part", "frame"), [thorough(104, 0, 719), (4, 1, 383)])
+@pytest.mark.parametrize(("sector", "part", "frame"), [thorough(104, 0, 719), thorough(4, 1, 383)])
 def test_a_tape_that_nobody_registered_is_known_over_its_own_edge(sector: int, part: int, frame: int) -> None:
     job = Job(kind=SECTORS_DOTS, subject=f"sector {sector}", level="dots", part=part)
     found = replay(job, frame)

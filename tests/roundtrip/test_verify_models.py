@@ -25,6 +25,7 @@ from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, replaced, text_of
+from tests.thorough import first, thorough
 
 Copy = Callable[[Kit], Path]
 
@@ -414,7 +415,7 @@ KERNEL_SOLID = [
 ]
 
 
-@pytest.mark.parametrize(("edit", "fails", "says"), KERNEL_SOLID)
+@pytest.mark.parametrize(("edit", "fails", "says"), first(1, KERNEL_SOLID))
 def test_a_changed_solid_is_caught_by_occt(
     edit: Edit, fails: tuple[str, ...], says: str, textures: dict[str, Kit], copied: Copy, only_occt: None
 ) -> None:
@@ -434,7 +435,7 @@ KERNEL_ASSEMBLY = [
 ]
 
 
-@pytest.mark.parametrize(("edit", "fails", "says"), KERNEL_ASSEMBLY)
+@pytest.mark.parametrize(("edit", "fails", "says"), first(1, KERNEL_ASSEMBLY))
 def test_a_changed_assembly_is_caught_by_occt(
     edit: Edit, fails: tuple[str, ...], says: str, film: Kit, copied: Copy, only_occt: None
 ) -> None:
@@ -455,7 +456,7 @@ def last_moved(points: int, by_mm: float) -> Callable[[str], str]:
     return edit
 
 
-@pytest.mark.parametrize(("name", "points"), [("block", 8), ("dome", 4)])
+@pytest.mark.parametrize(("name", "points"), [("block", 8), thorough("dome", 4)])
 def test_an_element_in_another_place_is_caught(
     name: str, points: int, textures: dict[str, Kit], copied: Copy, only_occt: None
 ) -> None:
@@ -588,7 +589,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("data", HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.parametrize("data", first(1, [pytest.param(data, id=name) for name, data in HOSTILE.items()]))
 def test_hostile_step_files_are_failed_lines(data: bytes, film: Kit, copied: Copy, only_occt: None) -> None:
     kit = OpenKit(copied(film))
     kit.data.update({"step-solid": data, "step-assembly": data})

@@ -22,7 +22,7 @@ import pytest
 from tactape_fab import Kit
 from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import MODELS, ROLES, Edit, OpenKit, aperture, bytes_of, failed, flashes, points, replaced, text_of
-from tests.thorough import some
+from tests.thorough import THOROUGH, some
 
 Copy = Callable[[Kit], Path]
 
@@ -68,7 +68,7 @@ def _insert(random: Random, data: bytes) -> bytes:
 DAMAGES = (_flip, _digit, _cut, _remove, _repeat, _insert)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(12 if THOROUGH else 6))
 @pytest.mark.parametrize("role", ROLES)
 def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Kit, flat_kit: Kit, copied: Copy) -> None:
     kit = OpenKit(copied(small_kit if role in MODELS else flat_kit))
@@ -140,7 +140,7 @@ DIGITS = {
 """Where the numbers of a file stand, and by more than what one must change (nm, mm, or the number of a part)."""
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(8 if THOROUGH else 3))
 @pytest.mark.parametrize("role", DIGITS)
 def test_a_changed_digit_fails_the_line_of_its_file(role: str, seed: int, flat_kit: Kit, copied: Copy) -> None:
     random = Random(f"digit {role} {seed}")
