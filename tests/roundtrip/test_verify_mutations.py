@@ -43,6 +43,7 @@ from tests.roundtrip.kits import (
     text_of,
     turned_90,
 )
+from tests.thorough import only_thorough
 
 Copy = Callable[[Kit], Path]
 
@@ -304,7 +305,9 @@ def judge(kit: OpenKit, fails: tuple[str, ...], says: str, *, consistent: bool, 
         assert "SHA-256 differs" in lines["files"].message
 
 
-@BOTH
+@pytest.mark.parametrize(
+    "consistent", [pytest.param(False, marks=only_thorough, id="file alone"), pytest.param(True, id="hashes fitted")]
+)
 @pytest.mark.parametrize(("edit", "fails", "says"), FILE_CHANGES)
 def test_a_changed_file_is_caught_and_named(
     edit: Edit, fails: tuple[str, ...], says: str, consistent: bool, flat_kit: Kit, copied: Copy

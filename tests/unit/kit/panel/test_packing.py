@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.panel.packing import Packing, misfit, pack, sheet_room_mm
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.texture.frames import FloatArray
+from tests.thorough import some
 
 SHEET_MM = (236.0, 236.0)
 SIZE = st.tuples(st.integers(50, 2360), st.integers(50, 2360)).map(lambda size: (size[0] / 10, size[1] / 10))
@@ -37,6 +38,7 @@ def assert_packed(packing: Packing, gap_mm: float) -> None:
     assert set(packing.sheet.tolist()) == set(range(packing.sheets))
 
 
+@settings(max_examples=some(100))
 @given(st.lists(SIZE, min_size=1, max_size=25), st.sampled_from([0.0, 2.0, 3.3]))
 def test_tapes_keep_their_gap_and_their_sheet(sizes: list[tuple[float, float]], gap_mm: float) -> None:
     packing = pack(sizes, SHEET_MM, gap_mm)
