@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
 from math import cos, sin
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +22,28 @@ _Kind = TypeVar("_Kind", bound=np.generic)
 _Number = TypeVar("_Number", float, FloatArray)
 OBSERVED = 0.9
 """A parameter of the camera is observed by a frame that leaves less than this share of its standard deviation."""
+
+
+class LazyDots(LocatedDots):
+    """`LocatedDots` that are computed when the first of them is asked for: most callers never do."""
+
+    __slots__ = ("_compute",)
+
+    def __init__(self, compute: Callable[[], LocatedDots]) -> None:
+        object.__setattr__(self, "_compute", compute)
+
+    def __getattr__(self, name: str) -> Any:
+        """A field that is not there yet; all of them are, once this has returned."""
+        if name not in _FIELDS:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+        # threads that ask at the same time compute the same
+        found = self._compute()
+        for field in _FIELDS:
+            object.__setattr__(self, field, getattr(found, field))
+        return getattr(found, name)
+
+
+_FIELDS = tuple(field.name for field in fields(LocatedDots))
 
 
 def located_dots(
