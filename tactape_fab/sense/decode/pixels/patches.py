@@ -15,10 +15,11 @@ from math import erf, hypot, log, pi, sqrt
 
 import numpy as np
 
+from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.tape import TapePart
 
 BOX = "block"
@@ -60,7 +61,7 @@ class PixelFit:
         Half a patch, without its middle.
     offsets_px : ndarray of float32, shape (2 half_px + 1,)
         Of a patch's pixels from its middle.
-    basis : ndarray of float32, shape (m, 5)
+    basis : ndarray of float32, shape (5, m)
         Differences of backgrounds of first and second order, orthonormal.
     usable : ndarray of bool, shape (h, w)
         Pixels around which a whole patch has depth.
@@ -86,7 +87,7 @@ class PixelFit:
         """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
         together, height, place and background take eight.
         """
-        return len(self.basis) / 2.0 - 8.0
+        return float(self.basis.shape[1]) / 2.0 - 8.0
 
     def to_px(self, gel_mm: FloatArray) -> FloatArray:
         """Pixels that are looked at, of points on the gel right and down of the image centre; (n, 2)."""
@@ -141,7 +142,7 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     half = max(round(HALF_MM * scale / factor), 3)
     offsets = np.arange(-half, half + 1, dtype=np.float32)
     u, v = np.meshgrid(offsets / half, offsets / half)
-    smooth = _differences(np.stack([u, v, u * u, u * v, v * v])[None])[0]
+    smooth = np.stack([np.append(np.diff(w, axis=1), np.diff(w, axis=0)) for w in (u, v, u * u, u * v, v * v)])
     return PixelFit(
         factor=factor,
         scale_px_per_mm=(sensor.px_per_mm[0] / factor, sensor.px_per_mm[1] / factor),
@@ -149,7 +150,7 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
         centre_mm=sensor.camera.from_px(sensor.centre_px),
         half_px=half,
         offsets_px=offsets,
-        basis=np.linalg.qr(smooth.T.astype(np.float64))[0].astype(np.float32),
+        basis=np.ascontiguousarray(np.linalg.qr(smooth.T.astype(np.float64))[0].T, dtype=np.float32),
         usable=_usable(sensor, factor, half),
         blur_mm=sensor.gel.blur_mm,
         variance=None if not slope or unit is None else (slope / scale / unit) ** 2,
@@ -259,35 +260,85 @@ def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, 
         Standard deviation of the Gaussian that the gel smooths it by.
     """
     base = np.rint(at_px).astype(np.int64)
-    pixels = base[:, :, None] + fit.offsets_px.astype(np.int64)  # (n, 2, side)
-    apart = (fit.offsets_px - (at_px - base)[:, :, None]).astype(np.float32)
     dense = STEPS * max(fit.scale_px_per_mm)
     # a pixel is the mean over its area, which is as a blur of 1/12 px^2
     blur = hypot(blur_mm, 1.0 / sqrt(12.0) / fit.scale_px_per_mm[0])
-    along, across = (_taken(fit, apart, to_body[axis] * dense, part.body_mm[axis] / 2.0, blur, dense) for axis in range(2))
-    images = np.empty((len(at_px), 5, *along[0].shape[1:]), dtype=np.float32)
-    np.multiply(along[0], across[0], out=images[:, 0])
-    np.multiply(along[1], across[0], out=images[:, 1])
-    np.multiply(along[0], across[1], out=images[:, 2])
-    # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
-    np.add(along[2] * across[0], along[0] * across[2], out=images[:, 3])
-    images[:, 4] = image[pixels[:, 1, :, None], pixels[:, 0, None, :]]
-    columns = _differences(images)
-    smooth = (columns.reshape(-1, columns.shape[2]) @ fit.basis).reshape(*columns.shape[:2], -1)
-    # matmul is slower here: it does not transpose few columns for nothing
-    products = np.einsum("nim,njm->nij", columns, columns) - np.einsum("nim,njm->nij", smooth, smooth)
-    return _solved(products.astype(np.float64))
+    reach, (length_mm, width_mm) = len(fit.offsets_px) * STEPS, part.body_mm[:2]
+    along, across = _profile(length_mm / 2.0, blur, reach, dense), _profile(width_mm / 2.0, blur, reach, dense)
+    images = np.empty((5, len(fit.offsets_px), len(fit.offsets_px)), dtype=np.float32)
+    columns, products = np.empty(fit.basis.shape, dtype=np.float32), np.empty((len(base), 5, 5))
+    per_px = (to_body * dense).astype(np.float32)
+    _multiply(image, base, (at_px - base).astype(np.float32), per_px, along, across, fit.basis, images, columns, products)
+    return _solved(products)
 
 
-def _taken(
-    fit: PixelFit, apart_px: Image, per_px: FloatArray, half_mm: float, blur_mm: float, dense: float
-) -> tuple[Image, Image, Image]:
-    """A body's smoothed step, its slope and its curvature at the pixels of patches, each (n, side, side)."""
-    tables = _profile(half_mm, blur_mm, len(fit.offsets_px) * STEPS, dense)
-    u, v = (apart_px[:, k] * np.float32(per_px[k]) for k in range(2))
-    index = ((u + np.float32(len(tables[0]) // 2 + 0.5))[:, None, :] + v[:, :, None]).astype(np.intp)
-    value, slope, curvature = (table.take(index, mode="clip") for table in tables)
-    return value, slope, curvature
+@kernel(fastmath=True)
+def _multiply(
+    image: Image,
+    base: IntArray,
+    off: Image,
+    per_px: Image,
+    along: Image,
+    across: Image,
+    basis: Image,
+    images: Image,
+    columns: Image,
+    products: FloatArray,
+) -> None:
+    """Fill in the scalar products of each dot (n, 5, 5) as `_solved` wants them, without what they have of the background.
+
+    `images` (5, side, side) and `columns` (5, m), their differences, are work buffers.
+    """
+    side, places = images.shape[1], along.shape[1]
+    half, zero = side // 2, np.float32(places // 2 + 0.5)
+    for n in range(len(base)):
+        # the body's smoothed step, its slope and its curvature, from the nearest entry of each table
+        for j in range(side):
+            v = np.float32(j - half) - off[n, 1]
+            row, along_v, across_v = image[base[n, 1] + j - half], per_px[0, 1] * v, per_px[1, 1] * v
+            for i in range(side):
+                u = np.float32(i - half) - off[n, 0]
+                a = min(max(int((per_px[0, 0] * u + zero) + along_v), 0), places - 1)
+                b = min(max(int((per_px[1, 0] * u + zero) + across_v), 0), places - 1)
+                images[0, j, i] = along[0, a] * across[0, b]
+                images[1, j, i] = along[1, a] * across[0, b]
+                images[2, j, i] = along[0, a] * across[1, b]
+                # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
+                images[3, j, i] = along[2, a] * across[0, b] + along[0, a] * across[2, b]
+                images[4, j, i] = row[base[n, 0] + i - half]
+        for k in range(5):
+            _differences(images[k], columns[k])
+        for k in range(5):
+            for m in range(k + 1):
+                products[n, k, m] = products[n, m, k] = _product(columns[k], columns[m])
+        for c in range(len(basis)):
+            for k in range(5):
+                images[0, 0, k] = _product(columns[k], basis[c])
+            for k in range(5):
+                for m in range(5):
+                    products[n, k, m] -= images[0, 0, k] * images[0, 0, m]
+
+
+@inner_kernel(fastmath=True)
+def _differences(image: Image, out: Image) -> None:
+    """Differences between pixels and their neighbours to the right, then between them and those below."""
+    k, side = 0, len(image)
+    for j in range(side):
+        for i in range(side - 1):
+            out[k + i] = image[j, i + 1] - image[j, i]
+        k += side - 1
+    for j in range(side - 1):
+        for i in range(side):
+            out[k + i] = image[j + 1, i] - image[j, i]
+        k += side
+
+
+@inner_kernel(fastmath=True)
+def _product(one: Image, other: Image) -> float:
+    total = np.float32(0.0)
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return float(total)
 
 
 def _solved(products: FloatArray) -> Patches:
@@ -315,25 +366,14 @@ def _solved(products: FloatArray) -> Patches:
     )
 
 
-def _differences(images: Image) -> Image:
-    """Differences between pixels and their neighbours to the right and below; (n, k, side, side) to (n, k, m)."""
-    n, k, side, _ = images.shape
-    half = side * (side - 1)
-    out = np.empty((n, k, 2, half), dtype=np.float32)
-    np.subtract(images[..., 1:], images[..., :-1], out=out[:, :, 0].reshape(n, k, side, side - 1))
-    np.subtract(images[..., 1:, :], images[..., :-1, :], out=out[:, :, 1].reshape(n, k, side - 1, side))
-    return out.reshape(n, k, 2 * half)
-
-
 @lru_cache(maxsize=64)
-def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> tuple[Image, Image, Image]:
-    """A smoothed step up and down, its slope and curvature, at `reach` places on both sides of the middle, `dense` a mm."""
+def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> Image:
+    """A smoothed step up and down, its slope and curvature, `reach` places on both sides of the middle, `dense` a mm; (3, k)."""
     at = np.arange(-reach, reach + 1) / dense
     up, down = (at + half_mm) / blur_mm, (at - half_mm) / blur_mm
     value = [(erf(a / sqrt(2.0)) - erf(b / sqrt(2.0))) / 2.0 for a, b in zip(up.tolist(), down.tolist(), strict=True)]
     bell_up, bell_down = (np.exp(-(z**2) / 2.0) / (sqrt(2.0 * pi) * blur_mm) for z in (up, down))
     slope, curvature = bell_up - bell_down, (down * bell_down - up * bell_up) / blur_mm
-    tables = np.array(value, dtype=np.float32), slope.astype(np.float32), curvature.astype(np.float32)
-    for table in tables:
-        table.setflags(write=False)
-    return tables
+    table = np.array([value, slope, curvature], dtype=np.float32)
+    table.setflags(write=False)
+    return table
