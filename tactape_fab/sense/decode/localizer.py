@@ -25,8 +25,8 @@ from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
-from tactape_fab.sense.decode.pixels.patches import pixel_fit, rehearse_pixels
-from tactape_fab.sense.decode.pixels.refine import Pixels
+from tactape_fab.sense.decode.pixels.patches import pixel_fit
+from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels
 from tactape_fab.sense.decode.rank import View, read
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, Refined, status_of
 from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGISTERED_SHARE, Limits, trusted
@@ -167,12 +167,12 @@ class Localizer:
         part = registry.tapes[0].part if len(parts) == 1 else None
         self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
-        if self._pixel_fit is not None:
-            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
         tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
         self._warm(cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols])
+        if self._pixel_fit is not None:
+            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
 
     @classmethod
     def from_code(

@@ -362,6 +362,21 @@ def _summed(
     return known
 
 
+@inner_kernel()
+def eliminate(matrix: FloatArray, k: int, rows: int) -> None:
+    """A step of Gauss and Jordan, in place: after `rows` of them the square in front is its inverse, the rest is solved."""
+    pivot = 1.0 / matrix[k, k]
+    matrix[k, k] = 1.0
+    for j in range(matrix.shape[1]):
+        matrix[k, j] *= pivot
+    for j in range(rows):
+        if j != k:
+            factor = matrix[j, k]
+            matrix[j, k] = 0.0
+            for i in range(matrix.shape[1]):
+                matrix[j, i] -= factor * matrix[k, i]
+
+
 @kernel()
 def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance: float, known: float) -> float:
     """Take a step of Gauss and Newton: the normal equations, `normal`, become the covariance (9, 9), and the state is moved.
@@ -372,18 +387,9 @@ def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance
     for k in range(3, 9):  # the priors
         normal[k, k] += 1.0
         normal[k, 9] -= state[k]
-    # Gauss and Jordan, in place; no pivots are sought as the matrix is positive definite. Column 9 becomes the step
+    # no pivots are sought as the matrix is positive definite. Column 9 becomes the step
     for k in range(9):
-        pivot = 1.0 / normal[k, k]
-        normal[k, k] = 1.0
-        for j in range(10):
-            normal[k, j] *= pivot
-        for j in range(9):
-            if j != k:
-                factor = normal[j, k]
-                normal[j, k] = 0.0
-                for i in range(10):
-                    normal[j, i] -= factor * normal[k, i]
+        eliminate(normal, k, 9)
     trace, square = 0.0, spread[9, 9]
     for j in range(9):
         state[j] += normal[j, 9]
@@ -394,4 +400,4 @@ def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance
     # the variance at which its score vanishes (REML; Harville, JASA 72 (1977) 320): for dots of equal weights the sum of
     # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
     errors = USUAL_ERRORS + variance * (2.0 * known - trace)
-    return (USUAL_ERRORS * USUAL_MM**2 + variance * variance * max(square, 0.0)) / max(errors - 2.0, 1.0)
+    return float((USUAL_ERRORS * USUAL_MM**2 + variance * variance * max(square, 0.0)) / max(errors - 2.0, 1.0))

@@ -17,6 +17,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -62,7 +63,7 @@ class PixelFit:
     offsets_px : ndarray of float32, shape (2 half_px + 1,)
         Of a patch's pixels from its middle.
     basis : ndarray of float32, shape (5, m)
-        Differences of backgrounds of first and second order, orthonormal.
+        In the order of `_differences`: differences of backgrounds of first and second order, orthonormal.
     usable : ndarray of bool, shape (h, w)
         Pixels around which a whole patch has depth.
     blur_mm : float or None
@@ -87,7 +88,8 @@ class PixelFit:
         """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
         together, height, place and background take eight.
         """
-        return float(self.basis.shape[1]) / 2.0 - 8.0
+        side = len(self.offsets_px)
+        return side * (side - 1.0) - 8.0
 
     def to_px(self, gel_mm: FloatArray) -> FloatArray:
         """Pixels that are looked at, of points on the gel right and down of the image centre; (n, 2)."""
@@ -142,7 +144,9 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     half = max(round(HALF_MM * scale / factor), 3)
     offsets = np.arange(-half, half + 1, dtype=np.float32)
     u, v = np.meshgrid(offsets / half, offsets / half)
-    smooth = np.stack([np.append(np.diff(w, axis=1), np.diff(w, axis=0)) for w in (u, v, u * u, u * v, v * v)])
+    smooth = np.empty((5, 2 * u.size - 1 - len(u)), dtype=np.float32)
+    for background, out in zip((u, v, u * u, u * v, v * v), smooth, strict=True):
+        _differences(background.ravel(), len(u), out)
     return PixelFit(
         factor=factor,
         scale_px_per_mm=(sensor.px_per_mm[0] / factor, sensor.px_per_mm[1] / factor),
@@ -166,8 +170,8 @@ def unknown_relief(part: TapePart | None) -> str | None:
     return None
 
 
-def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
-    """Make the tables of some parts now, so that no frame waits."""
+def rehearse_patches(fit: PixelFit, parts: Iterable[TapePart]) -> None:
+    """Make the tables of some parts now."""
     flat = np.zeros((len(fit.offsets_px), len(fit.offsets_px)), dtype=np.float32)
     to_body = np.diag(1.0 / np.array(fit.scale_px_per_mm))
     for part in {part.body_mm: part for part in parts if unknown_relief(part) is None}.values():
@@ -219,7 +223,8 @@ def settled_patches(
                 if abs(log(wanted_mm / blur_mm)) <= BLUR_NEAR:
                     break
             found = fitted(fit, image, at_px, to_body, part, blur_mm)
-    to_px = np.linalg.inv(to_body).T
+    (a, b), (c, d) = to_body.tolist()
+    to_px = np.array([[d, -c], [-b, a]]) / (a * d - b * c)  # the inverse, for rows
     centres = at_px + found.moved_mm @ to_px
     far = np.hypot(found.moved_mm[:, 0], found.moved_mm[:, 1]) > AGAIN_MM
     which = np.flatnonzero(far & (found.height > AGAIN_HEIGHT * median(found.height)) & has_patch(fit, centres))
@@ -265,15 +270,37 @@ def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, 
     blur = hypot(blur_mm, 1.0 / sqrt(12.0) / fit.scale_px_per_mm[0])
     reach, (length_mm, width_mm) = len(fit.offsets_px) * STEPS, part.body_mm[:2]
     along, across = _profile(length_mm / 2.0, blur, reach, dense), _profile(width_mm / 2.0, blur, reach, dense)
-    images = np.empty((5, len(fit.offsets_px), len(fit.offsets_px)), dtype=np.float32)
-    columns, products = np.empty(fit.basis.shape, dtype=np.float32), np.empty((len(base), 5, 5))
+    images = np.empty((5, len(fit.offsets_px) ** 2), dtype=np.float32)
+    columns, products, out = np.empty(fit.basis.shape, dtype=np.float32), np.empty((5, 5)), np.empty((12, len(base)))
     per_px = (to_body * dense).astype(np.float32)
-    _multiply(image, base, (at_px - base).astype(np.float32), per_px, along, across, fit.basis, images, columns, products)
-    return _solved(products)
+    _fit(
+        image,
+        base,
+        (at_px - base).astype(np.float32),
+        per_px,
+        along,
+        across,
+        fit.basis,
+        len(fit.offsets_px),
+        images,
+        columns,
+        products,
+        out,
+    )
+    return Patches(
+        moved_mm=out[0:2].T,
+        height=out[2],
+        imprint=out[3],
+        spread_mm2=out[4:8].T.reshape(-1, 2, 2),
+        more_mm2=out[8],
+        more_variance=out[9],
+        left=out[10],
+        misfit=out[11],
+    )
 
 
 @kernel(fastmath=True)
-def _multiply(
+def _fit(
     image: Image,
     base: IntArray,
     off: Image,
@@ -281,16 +308,20 @@ def _multiply(
     along: Image,
     across: Image,
     basis: Image,
+    side: int,
     images: Image,
     columns: Image,
     products: FloatArray,
+    out: FloatArray,
 ) -> None:
-    """Fill in the scalar products of each dot (n, 5, 5) as `_solved` wants them, without what they have of the background.
+    """Fill in the fields of `Patches`, one after the other (12, n).
 
-    `images` (5, side, side) and `columns` (5, m), their differences, are work buffers.
+    Buffers are `images` (5, side^2), `columns` (5, m), their differences, and `products` (5, 5).
+
+    Columns of the least squares are the relief, its slopes along the body's length and width, its derivative by half the blur's
+    variance, and the frame.
     """
-    side, places = images.shape[1], along.shape[1]
-    half, zero = side // 2, np.float32(places // 2 + 0.5)
+    places, half, zero = len(along), side // 2, np.float32(len(along) // 2 + 0.5)
     for n in range(len(base)):
         # the body's smoothed step, its slope and its curvature, from the nearest entry of each table
         for j in range(side):
@@ -300,80 +331,74 @@ def _multiply(
                 u = np.float32(i - half) - off[n, 0]
                 a = min(max(int((per_px[0, 0] * u + zero) + along_v), 0), places - 1)
                 b = min(max(int((per_px[1, 0] * u + zero) + across_v), 0), places - 1)
-                images[0, j, i] = along[0, a] * across[0, b]
-                images[1, j, i] = along[1, a] * across[0, b]
-                images[2, j, i] = along[0, a] * across[1, b]
+                images[0, j * side + i] = along[a, 0] * across[b, 0]
+                images[1, j * side + i] = along[a, 1] * across[b, 0]
+                images[2, j * side + i] = along[a, 0] * across[b, 1]
                 # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
-                images[3, j, i] = along[2, a] * across[0, b] + along[0, a] * across[2, b]
-                images[4, j, i] = row[base[n, 0] + i - half]
+                images[3, j * side + i] = along[a, 2] * across[b, 0] + along[a, 0] * across[b, 2]
+                images[4, j * side + i] = row[base[n, 0] + i - half]
         for k in range(5):
-            _differences(images[k], columns[k])
+            _differences(images[k], side, columns[k])
         for k in range(5):
-            for m in range(k + 1):
-                products[n, k, m] = products[n, m, k] = _product(columns[k], columns[m])
+            of = _products(columns, columns[k])
+            for m in range(5):
+                products[k, m] = of[m]
         for c in range(len(basis)):
-            for k in range(5):
-                images[0, 0, k] = _product(columns[k], basis[c])
+            smooth = _products(columns, basis[c])
             for k in range(5):
                 for m in range(5):
-                    products[n, k, m] -= images[0, 0, k] * images[0, 0, m]
+                    products[k, m] -= smooth[k] * smooth[m]
+        for k in range(3):
+            eliminate(products, k, 4)
+        out[3, n] = products[0, 4]  # before the blur is fitted as well
+        eliminate(products, 3, 4)
+        height, power, found = products[0, 4], max(products[4, 4], 1e-300), 0.0
+        for k in range(4):
+            found += products[k, 4] * products[4, k]
+        some = min(height, 1e150) if height > 0.0 else 1e150  # what is no bump has no place
+        # h T(x - d) = h T(x) - h d T'(x)
+        for k in range(2):
+            out[k, n] = min(max(-products[1 + k, 4] / some, -FARTHEST_MM), FARTHEST_MM)
+            for m in range(2):
+                out[4 + 2 * k + m, n] = products[1 + k, 1 + m] / (some * some)
+        left = max(power - found, 0.0)
+        out[2, n], out[8, n], out[9, n] = height, products[3, 4] / some, products[3, 3] / (some * some)
+        out[10, n], out[11, n] = left, left / power
+
+
+@kernel(fastmath=True)
+def _differences(image: Image, side: int, out: Image) -> None:
+    """Differences between pixels and the next ones, row by row, 0 at the end of a row; then between them and those below."""
+    count = len(image)
+    for i in range(count - 1):
+        out[i] = image[i + 1] - image[i]
+    for i in range(side - 1, count - 1, side):
+        out[i] = 0.0
+    for i in range(count - side):
+        out[count - 1 + i] = image[i + side] - image[i]
 
 
 @inner_kernel(fastmath=True)
-def _differences(image: Image, out: Image) -> None:
-    """Differences between pixels and their neighbours to the right, then between them and those below."""
-    k, side = 0, len(image)
-    for j in range(side):
-        for i in range(side - 1):
-            out[k + i] = image[j, i + 1] - image[j, i]
-        k += side - 1
-    for j in range(side - 1):
-        for i in range(side):
-            out[k + i] = image[j + 1, i] - image[j, i]
-        k += side
-
-
-@inner_kernel(fastmath=True)
-def _product(one: Image, other: Image) -> float:
-    total = np.float32(0.0)
-    for i in range(len(one)):
-        total += one[i] * other[i]
-    return float(total)
-
-
-def _solved(products: FloatArray) -> Patches:
-    """Least squares from the scalar products (n, 5, 5) of relief, its slopes along the body's length and width, its derivative
-    by half the blur's variance, and the frame.
-    """
-    inverse = np.linalg.inv(products[:, :4, :4])
-    right = products[:, :4, 4]
-    found = (inverse @ right[:, :, None])[:, :, 0]
-    height = found[:, 0]
-    some = np.where(height > 0.0, np.minimum(height, 1e150), 1e150)  # what is no bump has no place
-    power = np.maximum(products[:, 4, 4], 1e-300)
-    left = np.maximum(power - (found * right).sum(axis=1), 0.0)
-    # h T(x - d) = h T(x) - h d T'(x)
-    moved = np.minimum(np.maximum(-found[:, 1:3] / some[:, None], -FARTHEST_MM), FARTHEST_MM)
-    return Patches(
-        moved_mm=moved,
-        height=height,
-        imprint=(np.linalg.inv(products[:, :3, :3]) @ products[:, :3, 4:])[:, 0, 0],
-        spread_mm2=inverse[:, 1:3, 1:3] / some[:, None, None] ** 2,
-        more_mm2=found[:, 3] / some,
-        more_variance=inverse[:, 3, 3] / some**2,
-        left=left,
-        misfit=left / power,
-    )
+def _products(columns: Image, other: Image) -> tuple[float, float, float, float, float]:
+    """Scalar products of five columns with another one: together they take half the time."""
+    a = b = c = d = e = np.float32(0.0)
+    for i in range(len(other)):
+        a += columns[0, i] * other[i]
+        b += columns[1, i] * other[i]
+        c += columns[2, i] * other[i]
+        d += columns[3, i] * other[i]
+        e += columns[4, i] * other[i]
+    return float(a), float(b), float(c), float(d), float(e)
 
 
 @lru_cache(maxsize=64)
 def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> Image:
-    """A smoothed step up and down, its slope and curvature, `reach` places on both sides of the middle, `dense` a mm; (3, k)."""
+    """A smoothed step up and down, its slope and curvature, `reach` places on both sides of the middle, `dense` a mm; (k, 4)."""
     at = np.arange(-reach, reach + 1) / dense
     up, down = (at + half_mm) / blur_mm, (at - half_mm) / blur_mm
     value = [(erf(a / sqrt(2.0)) - erf(b / sqrt(2.0))) / 2.0 for a, b in zip(up.tolist(), down.tolist(), strict=True)]
     bell_up, bell_down = (np.exp(-(z**2) / 2.0) / (sqrt(2.0 * pi) * blur_mm) for z in (up, down))
     slope, curvature = bell_up - bell_down, (down * bell_down - up * bell_up) / blur_mm
-    table = np.array([value, slope, curvature], dtype=np.float32)
+    table = np.array([value, slope, curvature, np.zeros(len(at))], dtype=np.float32).T.copy()  # an entry is in one cache line
     table.setflags(write=False)
     return table
