@@ -80,8 +80,8 @@ class Camera:
     ----------
     centre_px : ndarray, shape (2,)
         Centre of the distortion.
-    matrix : ndarray, shape (2, 2)
-        M, px/mm.
+    matrix, inverse : ndarray, shape (2, 2)
+        M, px/mm, and its inverse.
     k1 : float
     corner_px : float
         r_corner, half the image's diagonal.
@@ -89,6 +89,7 @@ class Camera:
 
     centre_px: FloatArray
     matrix: FloatArray
+    inverse: FloatArray
     k1: float
     corner_px: float
 
@@ -106,6 +107,8 @@ class Camera:
             (u, v) of the canonical image, px.
         """
         straight = np.asarray(at_mm, dtype=np.float64) @ self.matrix.T
+        if self.k1 == 0.0:
+            return np.asarray(self.centre_px + straight)
         squares = (straight**2).sum(axis=-1, keepdims=True) / self.corner_px**2
         px: FloatArray = self.centre_px + straight * (1.0 + self.k1 * squares)
         return px
@@ -130,7 +133,7 @@ class Camera:
             for _ in range(_NEWTON_STEPS):
                 root = root - (root * (1.0 + self.k1 * root**2) - radius) / (1.0 + 3.0 * self.k1 * root**2)
             seen = seen / (1.0 + self.k1 * root**2)
-        at_mm: FloatArray = seen @ np.linalg.inv(self.matrix).T
+        at_mm: FloatArray = seen @ self.inverse.T
         return at_mm
 
 
@@ -140,4 +143,5 @@ def camera(px_per_mm: tuple[float, float], size_px: tuple[int, int], geometry: G
     matrix = np.array([[u * (1 + geometry.aspect / 2), u * geometry.shear], [0.0, v * (1 - geometry.aspect / 2)]])
     middle = (np.array(size_px) - 1) / 2
     centre = middle if geometry.center_px is None else np.array(geometry.center_px)
-    return Camera(centre_px=centre, matrix=matrix, k1=geometry.k1, corner_px=float(np.hypot(*middle)))
+    inverse = np.linalg.inv(matrix)
+    return Camera(centre_px=centre, matrix=matrix, inverse=inverse, k1=geometry.k1, corner_px=float(np.hypot(*middle)))

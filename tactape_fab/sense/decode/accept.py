@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import degrees, exp, log
+from dataclasses import dataclass
+from functools import partial
+from math import degrees, exp, isfinite, log
 from typing import Any
 
 import numpy as np
 
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
-from tactape_fab.sense.decode.located_dots import located_dots, strain_of
+from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
 from tactape_fab.sense.decode.rank import Reading, View
 from tactape_fab.sense.decode.result import Localization
@@ -18,7 +19,9 @@ from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.search import Place, rivals, strangers
-from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, SymbolArray, texture_to_board
+from tactape_fab.sense.decode.search.single_place import parts_under
+from tactape_fab.texture.directions import DIRECTIONS
+from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray, texture_to_board
 
 _PLACES = 1e6
 """An unregistered tape is named in a reason where E of its place exceeds this / max_p_false: it would be accepted itself, were
@@ -26,6 +29,8 @@ there so many registered places of even weight. 256 tapes of the default size ha
 _BY_CHANCE = 1e-5
 """Share of max_p_false. Where p_tape is below it, chance does not explain the dots; nor can an unregistered tape at its default
 origin by its edge, where dots beyond it may be anything."""
+
+_AROUND = {count: of.xy[np.argsort(of.gray_codes)] for count, of in DIRECTIONS.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,56 +75,88 @@ def judge(
         Whether the dots fit an unregistered tape instead.
     """
     place = reading.place
-    inside, symbols = _on_tape(place, world)
+    on = _on_tape(dots, place, view)
     p_tape = bound_of(reading.ln_bound)
     doubt = _doubt(place, world, limits, p_tape)
     # two ways to be wrong: an unregistered texture, or another place of a registered one; so at most the sum (union bound)
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
+    said |= {"status": empty.status, "n_dots": empty.n_dots}
     other = doubt.unregistered is not None
-    if inside.sum() < LEAST_DOTS:
+    if len(on.cells) < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
-        return replace(empty, reason=seen, **said), other
-    cells = place.cells[inside]
-    # C of every dot: where its part stands in the texture frame (paper, Eqs. 9 and 10)
-    nominal = cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[symbols]
-    # t of every dot, here from the image centre to the dot (paper, Eq. 11); lower and doubtful dots weigh less
-    offset = dots.xy_px[inside] - view.centre_px
-    weights = dots.weights[inside] * dots.trust[inside]
-    pose = fit_pose(offset, nominal, weights, view.px_per_mm, view.beliefs)
-    if not (np.isfinite(pose.position_mm).all() and np.isfinite(pose.covariance).all() and np.isfinite(pose.px_per_mm)):
-        return replace(empty, reason="the dots give no pose", **said), other
+        return Localization(located=False, reason=seen, **said), other
+    pose = fit_pose(on.offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs)
+    if not all(map(isfinite, (*pose.position_mm.tolist(), *pose.covariance.ravel().tolist(), pose.px_per_mm))):
+        return Localization(located=False, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(pose.agree.sum())
-    reason = _refusal(p_tape, doubt, limits, agree, int((dots.trust[inside] > GOOD_TRUST).sum()))
+    reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
-        return replace(empty, reason=reason, **said), other
+        return Localization(located=False, reason=reason, **said), other
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
-    middle = dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px
-    nearest = np.flatnonzero(pose.agree)[np.hypot(*(offset[pose.agree] - middle).T).argmin()]
+    u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
+    nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
     if reading.q is not None:
-        said["dots"] = located_dots(dots, reading.q, place.turn, cells, inside, offset, nominal, pose, view)
+        args = (dots, reading.q, place.turn, on.cells, on.inside, on.offset_px, on.nominal_mm, pose, view)
+        said["dots"] = LazyDots(partial(located_dots, *args))
     said |= {**strain_of(pose, view), "refined": "dots"}
     if pixels is not None:
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
-        pose, said["refine_reason"] = refine(pixels, view, part, offset, nominal, pose)
+        pose, said["refine_reason"] = refine(pixels, view, part, on.offset_px, on.nominal_mm, pose)
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
-    return replace(empty, located=True, **said, **_described(place, world, cells[nearest], nominal[nearest], pose)), False
+    return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False
 
 
-def _on_tape(place: Place | PlanePlace, world: Registry | CodePlane) -> tuple[BoolArray, SymbolArray]:
-    """Mask of the dots on a grid point with a part of the answer's tape (n,), and the symbols there (k,).
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _OnTape:
+    """Dots on a grid point with a part of the answer's tape, k of all n.
 
-    In the plane of a code a place is its own tape without an edge, and its bits are x + 2 y.
+    Attributes
+    ----------
+    inside : ndarray of bool, shape (n,)
+    cells : ndarray of int, shape (k, 2)
+    nominal_mm : ndarray, shape (k, 2)
+        C of each: where its part stands in the texture frame (paper, Eqs. 9 and 10).
+    offset_px : ndarray, shape (k, 2)
+        t of each, here from the image centre to the dot (paper, Eq. 11).
+    weights : ndarray, shape (k,)
+        Lower and doubtful dots weigh less.
+    good : int
+        How many are of `GOOD_TRUST`.
     """
-    cells = place.cells
-    if isinstance(place, PlanePlace) or isinstance(world, CodePlane):
-        assert isinstance(place, PlanePlace)
-        return np.ones(len(cells), dtype=bool), (place.x_bits + 2 * place.y_bits).astype(np.uint8)
-    tape = world.tapes[place.tape]
-    column, row = cells.T
-    inside: BoolArray = (column >= 0) & (column < tape.columns) & (row >= 0) & (row < tape.rows)
-    if len(tape.omitted):
-        inside[inside] = tape.placed[cells[inside, 1], cells[inside, 0]]
-    return inside, tape.symbols[cells[inside, 1], cells[inside, 0]]
+
+    inside: BoolArray
+    cells: IntArray
+    nominal_mm: FloatArray
+    offset_px: FloatArray
+    weights: FloatArray
+    good: int
+
+
+def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
+    """The dots on the answer's tape; in the plane of a code a place is its own tape without an edge, and its bits are x + 2 y."""
+    if isinstance(place, PlanePlace):
+        return _OnTape(
+            inside=np.ones(len(place.cells), dtype=bool),
+            cells=place.cells,
+            nominal_mm=place.cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[place.x_bits + 2 * place.y_bits],
+            offset_px=dots.xy_px - view.centre_px,
+            weights=dots.weights * dots.trust,
+            good=int((dots.trust > GOOD_TRUST).sum()),
+        )
+    n = len(place.cells)
+    inside, cells, weights = np.empty(n, dtype=np.bool_), np.empty((n, 2), dtype=np.int64), np.empty(n)
+    nominal_mm, offset_px = np.empty((2, n, 2))
+    seen = (dots.xy_px, dots.weights, dots.trust)
+    out = (inside, cells, nominal_mm, offset_px, weights)
+    k, good = parts_under(place.cells, place.shown, *seen, view.pitch_mm, _around_mm(view), view.centre_px, *out)
+    return _OnTape(
+        inside=inside, cells=cells[:k], nominal_mm=nominal_mm[:k], offset_px=offset_px[:k], weights=weights[:k], good=good
+    )
+
+
+def _around_mm(view: View) -> FloatArray:
+    """Displacement of each symbol, as `single_place.shown_by` has them; shape (directions, 2)."""
+    return view.displacement_mm * _AROUND[view.directions]
 
 
 def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits, p_tape: float) -> _Doubt:

@@ -25,8 +25,8 @@ from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
-from tactape_fab.sense.decode.pixels.patches import pixel_fit, rehearse_pixels
-from tactape_fab.sense.decode.pixels.refine import Pixels
+from tactape_fab.sense.decode.pixels.patches import pixel_fit
+from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels
 from tactape_fab.sense.decode.rank import View, read
 from tactape_fab.sense.decode.result import SOLID_DOTS, Localization, Refined, status_of
 from tactape_fab.sense.decode.rule import KAPPA, LEAST_DOTS, MAX_P_FALSE, UNREGISTERED_SHARE, Limits, trusted
@@ -55,6 +55,13 @@ def _kappa_problems(kappa: object) -> list[Problem]:
     if isinstance(kappa, Real) and float(kappa) >= 1.0:
         return []
     return [Problem("kappa", f"kappa = {shown(kappa)} is not at least 1; give the least lead over any rival, such as 30")]
+
+
+def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
+    """A new answer with its times; `dataclasses.replace` would take 10 us for all its fields, and nobody else has it yet."""
+    object.__setattr__(found, "elapsed_ms", (perf_counter() - start) * 1000.0)
+    object.__setattr__(found, "timestamp", timestamp)
+    return found
 
 
 class Localizer:
@@ -160,12 +167,12 @@ class Localizer:
         part = registry.tapes[0].part if len(parts) == 1 else None
         self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
-        if self._pixel_fit is not None:
-            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
         tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
         symbols = tape.symbols[cells[:, 1], cells[:, 0]]
         self._warm(cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols])
+        if self._pixel_fit is not None:
+            rehearse_pixels(self._pixel_fit, [tape.part for tape in registry.tapes])
 
     @classmethod
     def from_code(
@@ -301,7 +308,7 @@ class Localizer:
         self._refuse_prior(prior)
         image = canonical_frame(depth, self.sensor)
         found = self._by_paper(image) if self._method == "paper" else self._locate(self._detected(image), prior, image)
-        return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
+        return _stamped(found, start, timestamp)
 
     def locate_dots(
         self,
@@ -351,7 +358,7 @@ class Localizer:
             found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
         else:
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w), seen_px=xy), prior)
-        return replace(found, elapsed_ms=(perf_counter() - start) * 1000.0, timestamp=timestamp)
+        return _stamped(found, start, timestamp)
 
     @property
     def takes_prior(self) -> bool:

@@ -2,24 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
 from math import cos, sin
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
+from tactape_fab.sense.decode.grid.posterior import lens_of
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.sense.decode.result import LocatedDots
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 _Kind = TypeVar("_Kind", bound=np.generic)
-_Number = TypeVar("_Number", float, FloatArray)
 OBSERVED = 0.9
 """A parameter of the camera is observed by a frame that leaves less than this share of its standard deviation."""
+
+
+class LazyDots(LocatedDots):
+    """`LocatedDots` that are computed when the first of them is asked for: most callers never do."""
+
+    __slots__ = ("_compute",)
+
+    def __init__(self, compute: Callable[[], LocatedDots]) -> None:
+        object.__setattr__(self, "_compute", compute)
+
+    def __getattr__(self, name: str) -> Any:
+        """A field that is not there yet; all of them are, once this has returned."""
+        if name not in _FIELDS:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+        # threads that ask at the same time compute the same
+        found = self._compute()
+        for field in _FIELDS:
+            object.__setattr__(self, field, getattr(found, field))
+        return getattr(found, name)
+
+
+_FIELDS = tuple(field.name for field in fields(LocatedDots))
 
 
 def located_dots(
@@ -105,11 +129,6 @@ def _on_texture(offset_px: FloatArray, pose: Pose, view: View) -> FloatArray:
     # R(theta) times the inverse of [[1 + aspect / 2, shear], [0, 1 - aspect / 2]], transposed
     turn = np.array([[c / along, -s / along], [(s - c * lean) / down, (c + s * lean) / down]])
     from_centre = offset_px / view.px_per_mm - centre_mm
-    bend = k1 / (corner_mm * corner_mm)
-    lens, middle = _lens((from_centre * from_centre) @ bend), _lens(float((centre_mm * centre_mm) @ bend))
+    lens = lens_of.py_func(k1, ((from_centre / corner_mm) ** 2).sum(axis=1))[0]
+    middle = lens_of.py_func(k1, float(((centre_mm / corner_mm) ** 2).sum()))[0]
     return np.asarray((from_centre * lens[:, None]) @ turn + (pose.position_mm + middle * (centre_mm @ turn)))
-
-
-def _lens(bend: _Number) -> _Number:
-    """What undoes a radial distortion: L with L (1 + b L^2) = 1, to second order in b = k1 r^2 / r_corner^2, r as seen."""
-    return 1.0 - bend + 3.0 * bend * bend

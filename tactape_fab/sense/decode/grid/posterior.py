@@ -139,25 +139,27 @@ def posterior(
     rim_mm2 = RIM_MM**2
     if not smoothed:
         drawn[:], weights, rim_mm2 = 0.0, weights**2, 0.0
-    smooth = _displacement(seen_mm, beliefs) if beliefs.gel_mm > 0.0 else None
     # from x and y of the robust fit: the model is linear in them, but sums of large squares would lose digits
     scale_sigma = float(beliefs.sigmas[0])
     scale = -log(length * px_per_mm) / scale_sigma if scale_sigma > 0.0 else 0.0
     state = np.array([-length * u, -length * v, 0.0, scale, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    variance = sigma**2
-    for taken in range(1, MOST_STEPS + 1):
-        _linearised(seen_mm, target, drawn, beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm, state, rates)
-        if smooth is None:
-            known = _summed(rates, weights, rim_mm2, variance, shares, normal, spread)
-        else:
-            known = _correlated(rates, weights, rim_mm2, variance, smooth, normal, spread)
-        trace, square = _solved(normal, spread, state)
-        # the variance at which its score vanishes (REML; Harville, JASA 72 (1977) 320): for dots of equal weights the sum of
-        # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
-        errors = USUAL_ERRORS + variance * (2.0 * known - trace)
-        before, variance = variance, (USUAL_ERRORS * USUAL_MM**2 + variance**2 * max(square, 0.0)) / max(errors - 2.0, 1.0)
-        if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
-            break
+    args = (
+        seen_mm,
+        target,
+        drawn,
+        weights,
+        rim_mm2,
+        sigma**2,
+        beliefs.sigmas,
+        beliefs.corner_mm,
+        beliefs.centre_mm,
+        state,
+        rates,
+    )
+    if beliefs.gel_mm > 0.0:
+        variance = _settled_correlated(_displacement(seen_mm, beliefs), *args, normal, spread)
+    else:
+        variance = _settled(*args, normal, spread, shares)
     x, y, theta, scale, *_ = state.tolist()
     at = np.array([c * x + s * y + middle_x, c * y - s * x + middle_y, atan2(sin, cos) + theta, scale * scale_sigma])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -173,23 +175,35 @@ def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
     return out
 
 
-def _correlated(
-    rates: FloatArray,
+def _settled_correlated(
+    smooth: FloatArray,
+    seen_mm: FloatArray,
+    target: FloatArray,
+    drawn: FloatArray,
     weights: FloatArray,
     rim_mm2: float,
     variance: float,
-    smooth: FloatArray,
+    sigmas: FloatArray,
+    corner_mm: FloatArray,
+    centre_mm: FloatArray,
+    state: FloatArray,
+    rates: FloatArray,
     normal: FloatArray,
     spread: FloatArray,
 ) -> float:
-    """`_summed` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
+    """`_settled` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
     own = 1.0 / np.sqrt(weights)
-    inverse = np.linalg.inv(smooth + np.diag(variance * own + rim_mm2 * (1.0 - weights) ** 1.75))
-    weighted = rates @ inverse
-    flat = weighted.reshape(10, -1)
-    np.matmul(flat, rates.reshape(10, -1).T, out=normal)
-    np.matmul((weighted * own).reshape(10, -1), flat.T, out=spread)
-    return float(inverse.diagonal() @ own)
+    for taken in range(1, MOST_STEPS + 1):
+        _linearised(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
+        inverse = np.linalg.inv(smooth + np.diag(variance * own + rim_mm2 * (1.0 - weights) ** 1.75))
+        weighted = rates @ inverse
+        flat = weighted.reshape(10, -1)
+        np.matmul(flat, rates.reshape(10, -1).T, out=normal)
+        np.matmul((weighted * own).reshape(10, -1), flat.T, out=spread)
+        before, variance = variance, _stepped(normal, spread, state, variance, float(inverse.diagonal() @ own))
+        if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
+            break
+    return variance
 
 
 @kernel()
@@ -236,8 +250,36 @@ def _drawn(
     return squares - (u * u + v * v) / len(weights), squares
 
 
+@kernel()
+def _settled(
+    seen_mm: FloatArray,
+    target: FloatArray,
+    drawn: FloatArray,
+    weights: FloatArray,
+    rim_mm2: float,
+    variance: float,
+    sigmas: FloatArray,
+    corner_mm: FloatArray,
+    centre_mm: FloatArray,
+    state: FloatArray,
+    rates: FloatArray,
+    normal: FloatArray,
+    spread: FloatArray,
+    shares: FloatArray,
+) -> float:
+    """Take steps until the variance of a whole dot has settled, and return it; `rates` and `shares` are work buffers."""
+    for taken in range(1, MOST_STEPS + 1):
+        _linearised(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
+        known = _summed(rates, weights, rim_mm2, variance, shares, normal, spread)
+        before = variance
+        variance = _stepped(normal, spread, state, variance, known)
+        if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
+            break
+    return variance
+
+
 @inner_kernel()
-def _lens(k1: float, square: float) -> tuple[float, float]:
+def lens_of(k1: float, square: float) -> tuple[float, float]:
     """By what a distortion is undone at r^2 / r_corner^2 as seen, L with L (1 + k1 r^2 L^2) = 1, and its derivative by k1."""
     lens = 1.0 / (1.0 + k1 * square)
     bent = square * lens * lens
@@ -266,12 +308,12 @@ def _linearised(
     shear, k1, c, s = state[5] * sigmas[2], state[6] * sigmas[3], np.cos(state[2]), np.sin(state[2])
     push, pull = PUSH_MM + PUSH_SIGMA_MM * state[7], PULL + PULL_SIGMA * state[8]
     at_centre = (centre_mm[0] / corner_mm[0]) ** 2 + (centre_mm[1] / corner_mm[1]) ** 2
-    middle, middle_change = _lens(k1, at_centre)
+    middle, middle_change = lens_of(k1, at_centre)
     lens_x, lens_y = shrink * centre_mm[0], shrink * centre_mm[1]
     for i in range(len(seen_mm)):
         a, b = shrink * seen_mm[i, 0] - lens_x, shrink * seen_mm[i, 1] - lens_y
         radius = ((seen_mm[i, 0] - centre_mm[0]) / corner_mm[0]) ** 2 + ((seen_mm[i, 1] - centre_mm[1]) / corner_mm[1]) ** 2
-        lens, change = _lens(k1, radius)
+        lens, change = lens_of(k1, radius)
         v = (b * lens + lens_y * middle) / (1.0 - aspect)
         u = (a * lens + lens_x * middle - shear * v) / (1.0 + aspect)
         x, y = c * u + s * v, c * v - s * u
@@ -288,7 +330,7 @@ def _linearised(
             rates[9, axis, i] = target[axis, i] - state[axis] - at + push * drawn[0, axis, i] - pull * drawn[1, axis, i]
 
 
-@kernel()
+@inner_kernel()
 def _summed(
     rates: FloatArray,
     weights: FloatArray,
@@ -320,28 +362,34 @@ def _summed(
     return known
 
 
+@inner_kernel()
+def eliminate(matrix: FloatArray, k: int, rows: int) -> None:
+    """A step of Gauss and Jordan, in place: after `rows` of them the square in front is its inverse, the rest is solved."""
+    pivot = 1.0 / matrix[k, k]
+    matrix[k, k] = 1.0
+    for j in range(matrix.shape[1]):
+        matrix[k, j] *= pivot
+    for j in range(rows):
+        if j != k:
+            factor = matrix[j, k]
+            matrix[j, k] = 0.0
+            for i in range(matrix.shape[1]):
+                matrix[j, i] -= factor * matrix[k, i]
+
+
 @kernel()
-def _solved(normal: FloatArray, spread: FloatArray, state: FloatArray) -> tuple[float, float]:
+def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance: float, known: float) -> float:
     """Take a step of Gauss and Newton: the normal equations, `normal`, become the covariance (9, 9), and the state is moved.
 
-    Row and column 9 are those of what is left of the target. Returns the trace of the covariance times `spread`, and that of
-    what is left after the step.
+    Row and column 9 are those of what is left of the target. Returns the variance of a whole dot that the errors after the step
+    speak for; `known` is from `_summed`.
     """
     for k in range(3, 9):  # the priors
         normal[k, k] += 1.0
         normal[k, 9] -= state[k]
-    # Gauss and Jordan, in place; no pivots are sought as the matrix is positive definite. Column 9 becomes the step
+    # no pivots are sought as the matrix is positive definite. Column 9 becomes the step
     for k in range(9):
-        pivot = 1.0 / normal[k, k]
-        normal[k, k] = 1.0
-        for j in range(10):
-            normal[k, j] *= pivot
-        for j in range(9):
-            if j != k:
-                factor = normal[j, k]
-                normal[j, k] = 0.0
-                for i in range(10):
-                    normal[j, i] -= factor * normal[k, i]
+        eliminate(normal, k, 9)
     trace, square = 0.0, spread[9, 9]
     for j in range(9):
         state[j] += normal[j, 9]
@@ -349,4 +397,7 @@ def _solved(normal: FloatArray, spread: FloatArray, state: FloatArray) -> tuple[
         for k in range(9):
             trace += normal[j, k] * spread[j, k]
             square += normal[j, 9] * normal[k, 9] * spread[j, k]
-    return trace, square
+    # the variance at which its score vanishes (REML; Harville, JASA 72 (1977) 320): for dots of equal weights the sum of
+    # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
+    errors = USUAL_ERRORS + variance * (2.0 * known - trace)
+    return float((USUAL_ERRORS * USUAL_MM**2 + variance * variance * max(square, 0.0)) / max(errors - 2.0, 1.0))

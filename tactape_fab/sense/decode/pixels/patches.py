@@ -15,10 +15,12 @@ from math import erf, hypot, log, pi, sqrt
 
 import numpy as np
 
+from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.tape import TapePart
 
 BOX = "block"
@@ -60,8 +62,8 @@ class PixelFit:
         Half a patch, without its middle.
     offsets_px : ndarray of float32, shape (2 half_px + 1,)
         Of a patch's pixels from its middle.
-    basis : ndarray of float32, shape (m, 5)
-        Differences of backgrounds of first and second order, orthonormal.
+    basis : ndarray of float32, shape (5, m)
+        In the order of `_differences`: differences of backgrounds of first and second order, orthonormal.
     usable : ndarray of bool, shape (h, w)
         Pixels around which a whole patch has depth.
     blur_mm : float or None
@@ -86,7 +88,8 @@ class PixelFit:
         """Expected squares of the differences of a patch that are left, over the variance of a slope: two of a pixel have it
         together, height, place and background take eight.
         """
-        return len(self.basis) / 2.0 - 8.0
+        side = len(self.offsets_px)
+        return side * (side - 1.0) - 8.0
 
     def to_px(self, gel_mm: FloatArray) -> FloatArray:
         """Pixels that are looked at, of points on the gel right and down of the image centre; (n, 2)."""
@@ -141,7 +144,9 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
     half = max(round(HALF_MM * scale / factor), 3)
     offsets = np.arange(-half, half + 1, dtype=np.float32)
     u, v = np.meshgrid(offsets / half, offsets / half)
-    smooth = _differences(np.stack([u, v, u * u, u * v, v * v])[None])[0]
+    smooth = np.empty((5, 2 * u.size - 1 - len(u)), dtype=np.float32)
+    for background, out in zip((u, v, u * u, u * v, v * v), smooth, strict=True):
+        _differences(background.ravel(), len(u), out)
     return PixelFit(
         factor=factor,
         scale_px_per_mm=(sensor.px_per_mm[0] / factor, sensor.px_per_mm[1] / factor),
@@ -149,7 +154,7 @@ def pixel_fit(sensor: SensorProfile) -> PixelFit:
         centre_mm=sensor.camera.from_px(sensor.centre_px),
         half_px=half,
         offsets_px=offsets,
-        basis=np.linalg.qr(smooth.T.astype(np.float64))[0].astype(np.float32),
+        basis=np.ascontiguousarray(np.linalg.qr(smooth.T.astype(np.float64))[0].T, dtype=np.float32),
         usable=_usable(sensor, factor, half),
         blur_mm=sensor.gel.blur_mm,
         variance=None if not slope or unit is None else (slope / scale / unit) ** 2,
@@ -165,8 +170,8 @@ def unknown_relief(part: TapePart | None) -> str | None:
     return None
 
 
-def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
-    """Make the tables of some parts now, so that no frame waits."""
+def rehearse_patches(fit: PixelFit, parts: Iterable[TapePart]) -> None:
+    """Make the tables of some parts now."""
     flat = np.zeros((len(fit.offsets_px), len(fit.offsets_px)), dtype=np.float32)
     to_body = np.diag(1.0 / np.array(fit.scale_px_per_mm))
     for part in {part.body_mm: part for part in parts if unknown_relief(part) is None}.values():
@@ -218,7 +223,8 @@ def settled_patches(
                 if abs(log(wanted_mm / blur_mm)) <= BLUR_NEAR:
                     break
             found = fitted(fit, image, at_px, to_body, part, blur_mm)
-    to_px = np.linalg.inv(to_body).T
+    (a, b), (c, d) = to_body.tolist()
+    to_px = np.array([[d, -c], [-b, a]]) / (a * d - b * c)  # the inverse, for rows
     centres = at_px + found.moved_mm @ to_px
     far = np.hypot(found.moved_mm[:, 0], found.moved_mm[:, 1]) > AGAIN_MM
     which = np.flatnonzero(far & (found.height > AGAIN_HEIGHT * median(found.height)) & has_patch(fit, centres))
@@ -259,81 +265,140 @@ def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, 
         Standard deviation of the Gaussian that the gel smooths it by.
     """
     base = np.rint(at_px).astype(np.int64)
-    pixels = base[:, :, None] + fit.offsets_px.astype(np.int64)  # (n, 2, side)
-    apart = (fit.offsets_px - (at_px - base)[:, :, None]).astype(np.float32)
     dense = STEPS * max(fit.scale_px_per_mm)
     # a pixel is the mean over its area, which is as a blur of 1/12 px^2
     blur = hypot(blur_mm, 1.0 / sqrt(12.0) / fit.scale_px_per_mm[0])
-    along, across = (_taken(fit, apart, to_body[axis] * dense, part.body_mm[axis] / 2.0, blur, dense) for axis in range(2))
-    images = np.empty((len(at_px), 5, *along[0].shape[1:]), dtype=np.float32)
-    np.multiply(along[0], across[0], out=images[:, 0])
-    np.multiply(along[1], across[0], out=images[:, 1])
-    np.multiply(along[0], across[1], out=images[:, 2])
-    # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
-    np.add(along[2] * across[0], along[0] * across[2], out=images[:, 3])
-    images[:, 4] = image[pixels[:, 1, :, None], pixels[:, 0, None, :]]
-    columns = _differences(images)
-    smooth = (columns.reshape(-1, columns.shape[2]) @ fit.basis).reshape(*columns.shape[:2], -1)
-    # matmul is slower here: it does not transpose few columns for nothing
-    products = np.einsum("nim,njm->nij", columns, columns) - np.einsum("nim,njm->nij", smooth, smooth)
-    return _solved(products.astype(np.float64))
-
-
-def _taken(
-    fit: PixelFit, apart_px: Image, per_px: FloatArray, half_mm: float, blur_mm: float, dense: float
-) -> tuple[Image, Image, Image]:
-    """A body's smoothed step, its slope and its curvature at the pixels of patches, each (n, side, side)."""
-    tables = _profile(half_mm, blur_mm, len(fit.offsets_px) * STEPS, dense)
-    u, v = (apart_px[:, k] * np.float32(per_px[k]) for k in range(2))
-    index = ((u + np.float32(len(tables[0]) // 2 + 0.5))[:, None, :] + v[:, :, None]).astype(np.intp)
-    value, slope, curvature = (table.take(index, mode="clip") for table in tables)
-    return value, slope, curvature
-
-
-def _solved(products: FloatArray) -> Patches:
-    """Least squares from the scalar products (n, 5, 5) of relief, its slopes along the body's length and width, its derivative
-    by half the blur's variance, and the frame.
-    """
-    inverse = np.linalg.inv(products[:, :4, :4])
-    right = products[:, :4, 4]
-    found = (inverse @ right[:, :, None])[:, :, 0]
-    height = found[:, 0]
-    some = np.where(height > 0.0, np.minimum(height, 1e150), 1e150)  # what is no bump has no place
-    power = np.maximum(products[:, 4, 4], 1e-300)
-    left = np.maximum(power - (found * right).sum(axis=1), 0.0)
-    # h T(x - d) = h T(x) - h d T'(x)
-    moved = np.minimum(np.maximum(-found[:, 1:3] / some[:, None], -FARTHEST_MM), FARTHEST_MM)
+    reach, (length_mm, width_mm) = len(fit.offsets_px) * STEPS, part.body_mm[:2]
+    along, across = _profile(length_mm / 2.0, blur, reach, dense), _profile(width_mm / 2.0, blur, reach, dense)
+    images = np.empty((5, len(fit.offsets_px) ** 2), dtype=np.float32)
+    columns, products, out = np.empty(fit.basis.shape, dtype=np.float32), np.empty((5, 5)), np.empty((12, len(base)))
+    per_px = (to_body * dense).astype(np.float32)
+    _fit(
+        image,
+        base,
+        (at_px - base).astype(np.float32),
+        per_px,
+        along,
+        across,
+        fit.basis,
+        len(fit.offsets_px),
+        images,
+        columns,
+        products,
+        out,
+    )
     return Patches(
-        moved_mm=moved,
-        height=height,
-        imprint=(np.linalg.inv(products[:, :3, :3]) @ products[:, :3, 4:])[:, 0, 0],
-        spread_mm2=inverse[:, 1:3, 1:3] / some[:, None, None] ** 2,
-        more_mm2=found[:, 3] / some,
-        more_variance=inverse[:, 3, 3] / some**2,
-        left=left,
-        misfit=left / power,
+        moved_mm=out[0:2].T,
+        height=out[2],
+        imprint=out[3],
+        spread_mm2=out[4:8].T.reshape(-1, 2, 2),
+        more_mm2=out[8],
+        more_variance=out[9],
+        left=out[10],
+        misfit=out[11],
     )
 
 
-def _differences(images: Image) -> Image:
-    """Differences between pixels and their neighbours to the right and below; (n, k, side, side) to (n, k, m)."""
-    n, k, side, _ = images.shape
-    half = side * (side - 1)
-    out = np.empty((n, k, 2, half), dtype=np.float32)
-    np.subtract(images[..., 1:], images[..., :-1], out=out[:, :, 0].reshape(n, k, side, side - 1))
-    np.subtract(images[..., 1:, :], images[..., :-1, :], out=out[:, :, 1].reshape(n, k, side - 1, side))
-    return out.reshape(n, k, 2 * half)
+@kernel(fastmath=True)
+def _fit(
+    image: Image,
+    base: IntArray,
+    off: Image,
+    per_px: Image,
+    along: Image,
+    across: Image,
+    basis: Image,
+    side: int,
+    images: Image,
+    columns: Image,
+    products: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Fill in the fields of `Patches`, one after the other (12, n).
+
+    Buffers are `images` (5, side^2), `columns` (5, m), their differences, and `products` (5, 5).
+
+    Columns of the least squares are the relief, its slopes along the body's length and width, its derivative by half the blur's
+    variance, and the frame.
+    """
+    places, half, zero = len(along), side // 2, np.float32(len(along) // 2 + 0.5)
+    for n in range(len(base)):
+        # the body's smoothed step, its slope and its curvature, from the nearest entry of each table
+        for j in range(side):
+            v = np.float32(j - half) - off[n, 1]
+            row, along_v, across_v = image[base[n, 1] + j - half], per_px[0, 1] * v, per_px[1, 1] * v
+            for i in range(side):
+                u = np.float32(i - half) - off[n, 0]
+                a = min(max(int((per_px[0, 0] * u + zero) + along_v), 0), places - 1)
+                b = min(max(int((per_px[1, 0] * u + zero) + across_v), 0), places - 1)
+                images[0, j * side + i] = along[a, 0] * across[b, 0]
+                images[1, j * side + i] = along[a, 1] * across[b, 0]
+                images[2, j * side + i] = along[a, 0] * across[b, 1]
+                # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
+                images[3, j * side + i] = along[a, 2] * across[b, 0] + along[a, 0] * across[b, 2]
+                images[4, j * side + i] = row[base[n, 0] + i - half]
+        for k in range(5):
+            _differences(images[k], side, columns[k])
+        for k in range(5):
+            of = _products(columns, columns[k])
+            for m in range(5):
+                products[k, m] = of[m]
+        for c in range(len(basis)):
+            smooth = _products(columns, basis[c])
+            for k in range(5):
+                for m in range(5):
+                    products[k, m] -= smooth[k] * smooth[m]
+        for k in range(3):
+            eliminate(products, k, 4)
+        out[3, n] = products[0, 4]  # before the blur is fitted as well
+        eliminate(products, 3, 4)
+        height, power, found = products[0, 4], max(products[4, 4], 1e-300), 0.0
+        for k in range(4):
+            found += products[k, 4] * products[4, k]
+        some = min(height, 1e150) if height > 0.0 else 1e150  # what is no bump has no place
+        # h T(x - d) = h T(x) - h d T'(x)
+        for k in range(2):
+            out[k, n] = min(max(-products[1 + k, 4] / some, -FARTHEST_MM), FARTHEST_MM)
+            for m in range(2):
+                out[4 + 2 * k + m, n] = products[1 + k, 1 + m] / (some * some)
+        left = max(power - found, 0.0)
+        out[2, n], out[8, n], out[9, n] = height, products[3, 4] / some, products[3, 3] / (some * some)
+        out[10, n], out[11, n] = left, left / power
+
+
+@kernel(fastmath=True)
+def _differences(image: Image, side: int, out: Image) -> None:
+    """Differences between pixels and the next ones, row by row, 0 at the end of a row; then between them and those below."""
+    count = len(image)
+    for i in range(count - 1):
+        out[i] = image[i + 1] - image[i]
+    for i in range(side - 1, count - 1, side):
+        out[i] = 0.0
+    for i in range(count - side):
+        out[count - 1 + i] = image[i + side] - image[i]
+
+
+@inner_kernel(fastmath=True)
+def _products(columns: Image, other: Image) -> tuple[float, float, float, float, float]:
+    """Scalar products of five columns with another one: together they take half the time."""
+    a = b = c = d = e = np.float32(0.0)
+    for i in range(len(other)):
+        a += columns[0, i] * other[i]
+        b += columns[1, i] * other[i]
+        c += columns[2, i] * other[i]
+        d += columns[3, i] * other[i]
+        e += columns[4, i] * other[i]
+    return float(a), float(b), float(c), float(d), float(e)
 
 
 @lru_cache(maxsize=64)
-def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> tuple[Image, Image, Image]:
-    """A smoothed step up and down, its slope and curvature, at `reach` places on both sides of the middle, `dense` a mm."""
+def _profile(half_mm: float, blur_mm: float, reach: int, dense: float) -> Image:
+    """A smoothed step up and down, its slope and curvature, `reach` places on both sides of the middle, `dense` a mm; (k, 4)."""
     at = np.arange(-reach, reach + 1) / dense
     up, down = (at + half_mm) / blur_mm, (at - half_mm) / blur_mm
     value = [(erf(a / sqrt(2.0)) - erf(b / sqrt(2.0))) / 2.0 for a, b in zip(up.tolist(), down.tolist(), strict=True)]
     bell_up, bell_down = (np.exp(-(z**2) / 2.0) / (sqrt(2.0 * pi) * blur_mm) for z in (up, down))
     slope, curvature = bell_up - bell_down, (down * bell_down - up * bell_up) / blur_mm
-    tables = np.array(value, dtype=np.float32), slope.astype(np.float32), curvature.astype(np.float32)
-    for table in tables:
-        table.setflags(write=False)
-    return tables
+    table = np.array([value, slope, curvature, np.zeros(len(at))], dtype=np.float32).T.copy()  # an entry is in one cache line
+    table.setflags(write=False)
+    return table

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import cos, hypot, log, pi, sin, sqrt
 
 import numpy as np
 
+from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.dots.filters import Image, averaged
 from tactape_fab.sense.decode.dots.rim import ONE_SIDED
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.grid.posterior import Beliefs
-from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, settled_patches, unknown_relief
+from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, rehearse_patches, settled_patches, unknown_relief
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
@@ -91,7 +93,7 @@ def refine(
         image = averaged(image, fit.factor)
     # mm along the body's length and width of pixels right and down (SPEC section 1; board +y is up, texture +y down)
     turn = pose.theta_rad - part.rotation_deg * pi / 180.0
-    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ _mm_of_px(fit, at[chosen].mean(axis=0))
+    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ _mm_of_px(fit, at[chosen])
     found, centres = settled_patches(fit, image, at[chosen], to_body, part)
     good = found.height > 0.0
     if good.sum() < LEAST_PATCHES or not median(found.misfit) <= MOST_MISFIT:
@@ -125,6 +127,12 @@ def refine(
     return (pose, why) if why is not None else (replace(refined, agree=pose.agree), None)
 
 
+def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
+    """Compile the kernels and make the tables of some parts now, so that no frame waits."""
+    rehearse_patches(fit, parts)
+    _mean_directions(*np.zeros((3, 1, 2)))
+
+
 def _doubt(pose: Pose, refined: Pose) -> str | None:
     """Why a refined pose is not believed; None if it is."""
     finite = np.isfinite(refined.covariance).all() and np.isfinite(refined.position_mm).all()
@@ -140,8 +148,10 @@ def _doubt(pose: Pose, refined: Pose) -> str | None:
 
 
 def _mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
-    """The gel's mm, right and down, of pixels right and down at a place; shape (2, 2)."""
-    steps = fit.from_px(at_px + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
+    """The gel's mm, right and down, of pixels right and down amid some places; shape (2, 2)."""
+    if fit.camera.k1 == 0.0:
+        return fit.camera.inverse * fit.factor
+    steps = fit.from_px(at_px.mean(axis=0) + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
     return np.stack([steps[0] - steps[1], steps[2] - steps[3]], axis=1)
 
 
@@ -179,15 +189,28 @@ def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArra
         Those of all dots of the contact.
     height : ndarray, shape (n,)
     """
-    apart = neighbours_mm[None] - texture_mm[:, None]
-    distance = np.hypot(apart[..., 0], apart[..., 1])
-    near = (distance > 0.0) & (distance < RIM_MM)
-    mean = (apart * (near / np.maximum(distance, 1e-9))[..., None]).sum(axis=1) / np.maximum(near.sum(axis=1), 1)[:, None]
+    mean = np.empty(texture_mm.shape)
+    _mean_directions(texture_mm, neighbours_mm, mean)
     length = np.hypot(mean[:, 0], mean[:, 1])
     inner = length <= ONE_SIDED
     level = median(height[inner] if inner.sum() >= LEAST_INNER else np.sort(height)[len(height) // 2 :])
     low = np.where(inner, 0.0, np.minimum(np.maximum(1.0 - LEVEL_ERROR - height / level, 0.0), 1.0))
     return mean / np.maximum(length, 1e-9)[:, None], low
+
+
+@kernel()
+def _mean_directions(texture_mm: FloatArray, neighbours_mm: FloatArray, mean: FloatArray) -> None:
+    """Fill in the mean of the unit vectors to the neighbours within `RIM_MM`."""
+    for i in range(len(texture_mm)):
+        count = x = y = 0.0
+        for k in range(len(neighbours_mm)):
+            dx, dy = neighbours_mm[k, 0] - texture_mm[i, 0], neighbours_mm[k, 1] - texture_mm[i, 1]
+            distance = np.sqrt(dx * dx + dy * dy)
+            if 0.0 < distance < RIM_MM:
+                count += 1.0
+                x += dx / distance
+                y += dy / distance
+        mean[i, 0], mean[i, 1] = x / max(count, 1.0), y / max(count, 1.0)
 
 
 def _weights(own: FloatArray, error_mm: FloatArray, rim_mm: FloatArray) -> FloatArray:

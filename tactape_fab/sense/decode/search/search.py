@@ -30,7 +30,7 @@ from tactape_fab.sense.decode.search.tally import (
     Tally,
     new_tally,
 )
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
 from tactape_fab.texture.tape import Tape
 
 MOST_RADIUS_MM = 50.0
@@ -113,6 +113,8 @@ class Place:
         Registered tape; quarter turns.
     cells : ndarray of int, shape (n, 2)
         Column and row of each dot on the tape; outside it for dots that hang over.
+    shown : ndarray of uint8, shape (rows, columns)
+        The tape's symbols, from `single_place.shown_by`.
     others : float
         Weighted evidence of all other registered places together, as a multiple of this one's.
     lead : float
@@ -129,6 +131,7 @@ class Place:
     tape: int
     turn: int
     cells: IntArray
+    shown: SymbolArray
     others: float
     lead: float
     most_said: float
@@ -234,6 +237,7 @@ def search(
         tape=family.tapes[site],
         turn=turn,
         cells=tables[of].cells[turn] + np.array([column, row]),
+        shown=family.shown[site],
         others=max(total - 1.0, 0.0),
         lead=score + float(cue[turn]) - _next_best(tallies, answer),
         most_said=float(tables[of].most[turn, :, -1, -1].sum()),

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.base.jit import kernel
+from tactape_fab.sense.decode.rule import GOOD_TRUST
 from tactape_fab.sense.decode.search.evidence import Tables
-from tactape_fab.texture.frames import FloatArray, IntArray, SymbolArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, SymbolArray
 from tactape_fab.texture.tape import Tape
 
 NO_PART = 8
@@ -63,3 +64,40 @@ def _add_evidence(
                         total += evidence[i, 3] * (2.0 * (symbol // 4) - 1.0)
                     count += 1
         values[n], dots[n] = total, count
+
+
+@kernel()
+def parts_under(
+    cells: IntArray,
+    shown: SymbolArray,
+    xy_px: FloatArray,
+    weights: FloatArray,
+    trust: FloatArray,
+    pitch_mm: float,
+    around_mm: FloatArray,
+    centre_px: FloatArray,
+    inside: BoolArray,
+    kept: IntArray,
+    nominal_mm: FloatArray,
+    offset_px: FloatArray,
+    together: FloatArray,
+) -> tuple[int, int]:
+    """Fill in which dots are at a part of a tape, and of these cells, nominal places, offsets from the centre, and weight times
+    trust; how many there are, and how many of them are trusted.
+
+    ``around_mm`` are the displacements by symbol, as `shown_by` has them.
+    """
+    k, good = 0, 0
+    for i in range(len(cells)):
+        column, row = cells[i, 0], cells[i, 1]
+        inside[i] = 0 <= column < shown.shape[1] and 0 <= row < shown.shape[0] and shown[row, column] != NO_PART
+        if inside[i]:
+            symbol = shown[row, column]
+            for axis in range(2):
+                kept[k, axis] = cells[i, axis]
+                nominal_mm[k, axis] = cells[i, axis] * pitch_mm + around_mm[symbol, axis]
+                offset_px[k, axis] = xy_px[i, axis] - centre_px[axis]
+            together[k] = weights[i] * trust[i]
+            good += trust[i] > GOOD_TRUST
+            k += 1
+    return k, good

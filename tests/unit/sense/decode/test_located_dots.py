@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from tactape_fab import Localization, Localizer, TapeSpec, texture_to_board
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import LocatedDots, Scene, load_sensor, simulate, simulate_frames
+from tactape_fab.sense.decode import accept
+from tactape_fab.sense.decode.located_dots import located_dots
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.draw import Frames
 from tactape_fab.texture.code import TOUCH_CODE
@@ -228,3 +231,28 @@ def test_a_mapping_has_dots_only_if_asked_for(localizer: Localizer) -> None:
     lost = localizer.locate_dots(dots(semi_mm=(2.6, 2.6)))
     assert lost.to_mapping(dots=True)["dots"] is None
     assert is_near(fix, *POSE, mm=0.001, deg=0.01)
+
+
+def test_dots_are_computed_when_they_are_asked_for(localizer: Localizer, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def counted(*args: object) -> LocatedDots:
+        asked.append(args)
+        return located_dots(*args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(accept, "located_dots", counted)
+    fix = localizer.locate(simulate_frames(TAPE, 1, 3).depth[0])
+    assert fix.located and fix.dots is not None
+    assert json.dumps(fix.to_mapping(0)) and not asked
+    dots = replace(fix, timestamp=1.0).dots
+    assert dots is not None and len(dots.cell) == fix.n_dots and len(asked) == 1
+    assert fix.to_mapping(dots=True)["dots"] == dots.to_mapping() and len(asked) == 1
+    with pytest.raises(AttributeError, match="cells"):
+        _ = dots.cells  # type: ignore[attr-defined]
+
+
+def test_dots_pass_to_other_processes_whether_asked_for_or_not(localizer: Localizer) -> None:
+    fix = localizer.locate(simulate_frames(TAPE, 1, 3).depth[0])
+    there = pickle.loads(pickle.dumps(fix))
+    assert isinstance(there.dots, LocatedDots)
+    assert there.dots.to_mapping() == dots_of(fix).to_mapping()

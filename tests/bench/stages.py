@@ -1,0 +1,143 @@
+"""Where a frame's time goes: each stage of the decoder, in compiled kernels and in Python between them.
+
+    python -m tests.bench.stages [--world closed] [--refine pixels] [--frames 20] [--rounds 30]
+
+prints the table of docs/localization.md. Other threads can decode while a kernel runs: what is in Python, they wait for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import wraps
+from importlib import import_module
+from pkgutil import walk_packages
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+
+from tactape_fab import Localizer
+from tactape_fab.base.jit import COMPILED
+from tactape_fab.sense import decode
+from tests.bench.localization_rows import ROWS, frames_of, registered_tape
+
+STAGES = {
+    "input": ("localizer", "canonical_frame"),
+    "dots": ("localizer", "detect"),
+    "rim": ("localizer", "settled"),
+    "grid": ("rank", "_fits"),
+    "symbols": ("rank", "posteriors"),
+    "registered places": ("rank", "_place"),
+    "unregistered tapes": ("accept", "_doubt"),
+    "pose": ("accept", "fit_pose"),
+    "pixels": ("accept", "refine"),
+}
+"""Stages by the function that each is, and the module that calls it."""
+REST = "the rest"
+
+
+@dataclass
+class Clock:
+    """Nanoseconds of one frame by stage: in all, in kernels, and how many kernels Python called."""
+
+    open: list[str] = field(default_factory=lambda: [REST])
+    spent: dict[str, list[int]] = field(default_factory=dict)
+
+    def begin(self) -> None:
+        self.spent = {name: [0, 0, 0] for name in (*STAGES, REST)}
+
+    def staged(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function, its time taken from the stage that calls it and added to its own."""
+
+        @wraps(function)
+        def timed(*args: Any, **options: Any) -> Any:
+            self.open.append(name)
+            start = perf_counter_ns()
+            try:
+                return function(*args, **options)
+            finally:
+                spent = perf_counter_ns() - start
+                self.open.pop()
+                self.spent[name][0] += spent
+                self.spent[self.open[-1]][0] -= spent
+
+        return timed
+
+    def kernel(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The kernel, its time added to that in kernels of the stage that calls it."""
+
+        def timed(*args: Any) -> Any:
+            spent = self.spent[self.open[-1]]
+            start = perf_counter_ns()
+            out = function(*args)
+            spent[1] += perf_counter_ns() - start
+            spent[2] += 1
+            return out
+
+        return timed
+
+
+def instrumented(clock: Clock) -> None:
+    """Put a clock round every stage and every kernel that Python calls."""
+    from numba.core.dispatcher import Dispatcher
+
+    modules = [import_module(found.name) for found in walk_packages(decode.__path__, f"{decode.__name__}.")]
+    kernels: dict[int, Callable[..., Any]] = {}
+    for module in modules:
+        for name, value in vars(module).copy().items():
+            if isinstance(value, Dispatcher):
+                setattr(module, name, kernels.setdefault(id(value), clock.kernel(value)))
+    for stage, (module_name, name) in STAGES.items():
+        module = import_module(f"{decode.__name__}.{module_name}")
+        setattr(module, name, clock.staged(stage, getattr(module, name)))
+
+
+def measured(localizer: Localizer, frames: list[Any], rounds: int) -> dict[str, np.ndarray[Any, Any]]:
+    """Microseconds in all, in kernels, and kernels called, of each stage: mean over frames of the quickest of some rounds."""
+    for frame in frames:
+        localizer.locate(frame)  # every kernel is compiled, and in the processor's cache
+    clock = Clock()
+    instrumented(clock)
+    best: list[dict[str, list[int]]] = []
+    for frame in frames:
+        found, least = {}, sys.maxsize
+        for _ in range(rounds):
+            clock.begin()
+            start = perf_counter_ns()
+            localizer.locate(frame)
+            spent = perf_counter_ns() - start
+            clock.spent[REST][0] += spent
+            if spent < least:
+                found, least = clock.spent, spent
+        best.append(found)
+    return {name: np.mean([found[name] for found in best], axis=0) / (1e3, 1e3, 1.0) for name in (*STAGES, REST)}
+
+
+def table(stages: dict[str, np.ndarray[Any, Any]]) -> str:
+    """The stages as a table in Markdown."""
+    lines = ["| stage | kernels | in kernels, us | in Python, us |", "|---|---|---|---|"]
+    stages = {name: row for name, row in stages.items() if row[0] > 0.0}
+    for name, (whole, inside, calls) in {**stages, "**a frame**": np.sum(list(stages.values()), axis=0)}.items():
+        lines.append(f"| {name} | {calls:.1f} | {inside:.0f} | {whole - inside:.0f} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.stages", description=__doc__.splitlines()[0])
+    parser.add_argument("--world", choices=("open", "closed"), default="open")
+    parser.add_argument("--refine", choices=("dots", "pixels"), default="dots")
+    parser.add_argument("--frames", type=int, default=20)
+    parser.add_argument("--rounds", type=int, default=30)
+    asked = parser.parse_args()
+    if not COMPILED:
+        raise SystemExit("there are no kernels to be timed: numba is missing or switched off")
+    localizer = Localizer([registered_tape()], world=asked.world, refine=asked.refine)
+    frames = [frame.depth for frame in frames_of(ROWS[0], asked.frames)]
+    print(table(measured(localizer, frames, asked.rounds)))
+
+
+if __name__ == "__main__":
+    main()
