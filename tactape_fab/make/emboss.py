@@ -157,7 +157,7 @@ def emboss_kit(
     artifacts = [*_artifacts(tape, made, name), *render_certificate(certify(tape))]
     surface = _surface(source, made, unit)
     manifest = {
-        **content,
+        **{key: value for key, value in content.items() if key != "made"},  # of the kit's own files
         "tool": {"name": "tactape-fab", "version": __version__},
         "surface": surface,
         "files": [
