@@ -24,10 +24,18 @@ if TYPE_CHECKING:
 )
 @click.option("--sensor", metavar="NAME", help=SENSOR_HELP)
 @click.option("--map", "map_file", metavar="FILE.png", help="Write a picture of where contacts can be located on the tape.")
+@click.option("--overwrite", is_flag=True, help="Replace a file of the map's name.")
 @click.option("--reproduce", is_flag=True, help="Only make the kit again from its manifest, and compare every byte.")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
 def verify(
-    kit: str, quick: bool, contact: str | None, sensor: str | None, map_file: str | None, reproduce: bool, as_json: bool
+    kit: str,
+    quick: bool,
+    contact: str | None,
+    sensor: str | None,
+    map_file: str | None,
+    overwrite: bool,
+    reproduce: bool,
+    as_json: bool,
 ) -> None:
     """Read a written kit back with software that is not ours, decode contacts of the parts that it places, and make it again.
 
@@ -35,7 +43,7 @@ def verify(
     Example: tactape-fab verify tactape-s007 --contact 6x6 --map map.png
     """
     with answers():
-        verification = _verified(kit, contact, sensor, map_file, quick=quick, reproduce=reproduce)
+        verification = _verified(kit, contact, sensor, map_file, overwrite=overwrite, quick=quick, reproduce=reproduce)
         if as_json:
             echo_json(
                 {"name": verification.name, "passed": verification.passed, "checks": [asdict(c) for c in verification.checks]}
@@ -47,7 +55,7 @@ def verify(
 
 
 def _verified(
-    kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, quick: bool, reproduce: bool
+    kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, overwrite: bool, quick: bool, reproduce: bool
 ) -> Verification:
     """The verification of a kit; its map is drawn if asked for. All invalid values are refused together."""
     from tactape_fab.verify import read_contact, verify_kit
@@ -67,7 +75,7 @@ def _verified(
     if map_file is not None:
         from tactape_fab.verify.trip.map import refuse_map
 
-        path = tried(lambda: refuse_map(kit, map_file), problems)
+        path = tried(lambda: refuse_map(kit, map_file, overwrite=overwrite), problems)
     if problems:
         raise SpecError(problems)
     if reproduce:
@@ -79,7 +87,7 @@ def _verified(
     if path is not None and touched is not None and verification.checks[0].passed:  # only if its manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 
-        map_kit(kit, path, touched, verification.trips, step_shown())
+        map_kit(kit, path, touched, verification.trips, step_shown(), overwrite=overwrite)
     return verification
 
 

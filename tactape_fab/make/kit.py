@@ -11,7 +11,7 @@ from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
-from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.spec.tape_spec import TapeSpec
@@ -84,7 +84,7 @@ def make_kit(
     path: str | Path | None = None,
     *,
     avoid: Sequence[Tape] = (),
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -99,8 +99,9 @@ def make_kit(
     avoid : sequence of Tape
         Existing tapes: the origin is chosen away from them, and the spec's must be ``"best"``; a touch code is designed
         away from them.
-    overwrite : bool
-        Replace an older kit of this tool at `path`. Anything else there is refused.
+    overwrite : bool or "edits"
+        Replace an older kit of this tool at `path`; with ``"edits"`` also one whose files were edited since they were
+        written. Anything else there is refused.
     verify : bool
         Verify the written files before the kit gets its name.
     force : bool
@@ -128,7 +129,7 @@ def make_examined(
     examined: Examined,
     path: str | Path | None = None,
     *,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -197,7 +198,9 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
 
 
-def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: bool, force: bool) -> list[Finding]:
+def refuse_broken(
+    findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: Overwrite, force: bool
+) -> list[Finding]:
     """Refuse a path that is taken, and broken rules unless they are forced; returns the broken ones.
 
     `drawn` is the tape, or any of those on a panel: something that cannot be drawn is refused even if forced.

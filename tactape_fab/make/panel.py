@@ -12,6 +12,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined
 from tactape_fab.kit.order_facts import panel_order_facts
+from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import Panel
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import PlacedKit, made_record, panel_manifest, panel_record, render_all, write_kit
@@ -79,7 +80,7 @@ def make_panel(
     examined: ExaminedPanel,
     path: str | Path | None = None,
     *,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -92,7 +93,8 @@ def make_panel(
         From `examine_order`.
     path : str or Path, optional
         Folder of the panel; by default its name in the current folder.
-    overwrite, verify, force : bool
+    overwrite : bool or "edits"
+    verify, force : bool
         As for `make_kit`.
     progress : callable
         Called with the name of each step.
