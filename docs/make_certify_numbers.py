@@ -45,7 +45,7 @@ def picture() -> None:
     with tempfile.TemporaryDirectory() as folder:
         kit = make_kit(TapeSpec(sector=7, models=False), Path(folder) / "tactape-s007")
     drawn = draw_certified(certified([kit.tape]))
-    write_picture(FIGURE, drawn)
+    write_picture(FIGURE, drawn, overwrite=True)
 
 
 def main() -> None:

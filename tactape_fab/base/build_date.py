@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from datetime import datetime, timezone
 
 from tactape_fab.base.errors import SpecError
@@ -13,6 +16,18 @@ EPOCH = datetime(1980, 1, 1, tzinfo=timezone.utc)
 
 ZIP_LATEST = datetime(2107, 12, 31, tzinfo=timezone.utc)
 
+_GIVEN: ContextVar[datetime | None] = ContextVar("_GIVEN", default=None)
+
+
+@contextmanager
+def dated(date: datetime) -> Iterator[None]:
+    """Context manager: files are written with this date, whatever the environment says, as when a kit is made again."""
+    token = _GIVEN.set(date)
+    try:
+        yield
+    finally:
+        _GIVEN.reset(token)
+
 
 def build_date() -> datetime:
     """Date of all written files: SOURCE_DATE_EPOCH (reproducible-builds.org), else 1980-01-01, in UTC.
@@ -22,6 +37,9 @@ def build_date() -> datetime:
     SpecError
         If SOURCE_DATE_EPOCH is not a whole number of seconds since 1970.
     """
+    given = _GIVEN.get()
+    if given is not None:
+        return given
     text = os.environ.get("SOURCE_DATE_EPOCH")
     if text is None:
         return EPOCH

@@ -5,7 +5,10 @@ A robot installs numpy, numba and click alone; what reads and draws pictures, bu
 
 from __future__ import annotations
 
+import zlib
+from functools import cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from tactape_fab.base.errors import MissingLibraryError
@@ -22,6 +25,8 @@ _INSTALLED_BY = {
 }
 """Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
 _OWN = "tactape-fab"
+_IN_KITS = ("numpy", "shapely", "gerbonara", "jinja2", "Hershey-Fonts", "trimesh", "opencv-python-headless")
+"""Distributions whose version may decide a byte of a kit: figures, outlines, label, previews, notes, report."""
 
 
 def library(module: str, use: str) -> Any:
@@ -50,3 +55,15 @@ def missing(module: str, use: str) -> str:
     """Message that a library is not installed, with the command that installs it."""
     name = module.partition(".")[0]
     return f"{use} needs {name}, which is not installed; pip install {_INSTALLED_BY.get(name, _OWN)}"
+
+
+@cache
+def versions_in_kits() -> dict[str, str]:
+    """Versions of the libraries that the bytes of a kit depend on, as its manifest records them; those not installed left out."""
+    found = {}
+    for name in _IN_KITS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # the same modules from a distribution of another name
+            continue
+    return {**found, "zlib": zlib.ZLIB_RUNTIME_VERSION}

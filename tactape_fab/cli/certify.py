@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import size
 from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
@@ -28,8 +29,11 @@ MOST_SHOWN = 6
 @click.option("--code", metavar="CODE", help="Without kits: the tapes of this code's sectors, as make would make them.")
 @click.option("--size", "size_mm", metavar="WxH", help="Outline of the tapes of --code, mm.  [default: 100x50]")
 @click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
+@click.option("--overwrite", is_flag=True, help="Replace a file of the picture's name.")
 @click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")
-def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture: str | None, as_json: bool) -> None:
+def certify(
+    kits: Sequence[str], code: str | None, size_mm: str | None, picture: str | None, overwrite: bool, as_json: bool
+) -> None:
     """Say what every 4x4, 5x5 and 6x6 window of these tapes can tell apart: kits, manifests, or folders of kits.
 
     \b
@@ -38,6 +42,8 @@ def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture:
     with answers():
         from tactape_fab.texture.certify.kits import certified
 
+        if picture is not None:
+            refuse_taken_place(Path(picture), "picture", overwrite=overwrite)
         given = {"code": code, "size_mm": None if size_mm is None else size(size_mm)}
         options = {key: value for key, value in given.items() if value is not None}
         result = certified(*tapes_to_certify(kits, options), step_shown())
@@ -45,7 +51,7 @@ def certify(kits: Sequence[str], code: str | None, size_mm: str | None, picture:
         if picture is not None:
             from tactape_fab.report.certify_picture import draw_certified, write_picture
 
-            write_picture(Path(picture), draw_certified(result))
+            write_picture(Path(picture), draw_certified(result), overwrite=overwrite)
 
 
 def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[list[Tape], tuple[str, ...]]:

@@ -17,6 +17,7 @@ from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, find
 if TYPE_CHECKING:
     from tactape_fab.kit.examine.order import ExaminedPanel
     from tactape_fab.kit.examine.tape import Examined
+    from tactape_fab.kit.output_place import Overwrite
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -205,7 +206,7 @@ def examined_order(
     of_lists: Mapping[str, object] | None = None,
     *,
     output: str | None = None,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
 ) -> Examined | ExaminedPanel:
     """One tape or panel examined; options that are for lists only (`of_lists`) are refused together with all other problems."""
     from tactape_fab.kit.examine.order import examine_order

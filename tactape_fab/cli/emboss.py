@@ -13,6 +13,7 @@ from tactape_fab.cli.options import number, pair
 from tactape_fab.cli.printing import echo_json, echo_lines, purpose_lines, step_shown
 
 if TYPE_CHECKING:
+    from tactape_fab.kit.output_place import Overwrite
     from tactape_fab.make.emboss import Embossed
 
 
@@ -25,8 +26,18 @@ if TYPE_CHECKING:
 @click.option("--unit", metavar="mm|cm|m|inch", default="mm", help="Unit of an STL, OBJ or PLY file.  [default: mm]")
 @click.option("-o", "--output", metavar="DIR", help="Folder of the result.  [default: beside the part]")
 @click.option("--overwrite", is_flag=True, help="Replace an older result of this tool.")
+@click.option("--discard-edits", is_flag=True, help="Replace it even if files in it were edited since.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: bool, as_json: bool, **place: str | None) -> None:
+def emboss(
+    kit: str,
+    surface: str,
+    unit: str,
+    output: str | None,
+    overwrite: bool,
+    discard_edits: bool,
+    as_json: bool,
+    **place: str | None,
+) -> None:
     """Put a kit's texture on a part of yours: SURFACE is an STL, 3MF, OBJ, PLY or STEP file.
 
     \b
@@ -41,7 +52,8 @@ def emboss(kit: str, surface: str, unit: str, output: str | None, overwrite: boo
         placement = read_placement(
             {key: number(text) if key == "face" else pair(text) for key, text in given.items() if text is not None}
         )
-        made = emboss_kit(kit, surface, output, placement=placement, overwrite=overwrite, unit=unit, progress=step_shown())
+        replace: Overwrite = "edits" if discard_edits else overwrite
+        made = emboss_kit(kit, surface, output, placement=placement, overwrite=replace, unit=unit, progress=step_shown())
         echo_json(made.to_mapping()) if as_json else echo_lines(embossed_lines(made))
 
 

@@ -30,6 +30,7 @@ from tactape_fab.cli.printing import (
 
 if TYPE_CHECKING:
     from tactape_fab.kit.examine.tape_lists import Planned
+    from tactape_fab.kit.output_place import Overwrite
     from tactape_fab.make.kit import Kit
     from tactape_fab.make.many import FailedKit, MadeKit, PackedFilm
     from tactape_fab.make.panel import PanelKit
@@ -53,6 +54,7 @@ _NAMED = 3
     help="Folder of the kit, or of the kits of a list.  [default: the tape's name, or tactape-kits]",
 )
 @click.option("--overwrite", is_flag=True, help="Replace older kits of this tool.")
+@click.option("--discard-edits", is_flag=True, help="Replace them even if files in them were edited since.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--force", is_flag=True, help="Write the kit in spite of broken design rules; the manifest records them.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -63,6 +65,7 @@ def make(
     jobs: str | None,
     output: str | None,
     overwrite: bool,
+    discard_edits: bool,
     no_verify: bool,
     force: bool,
     as_json: bool,
@@ -86,14 +89,15 @@ def make(
         from tactape_fab.make.panel import make_panel
 
         values, given = spec_values(spec_file), given_values(options)
+        replace: Overwrite = "edits" if discard_edits else overwrite
         if is_list(values, given, avoid):
-            settings = {"overwrite": overwrite, "verify": not no_verify, "force": force}
+            settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force}
             _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
             return
-        examined = examined_order(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=overwrite)
+        examined = examined_order(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=replace)
         say_rules(examined.findings, force=force)
         how: dict[str, Any] = {
-            "overwrite": overwrite,
+            "overwrite": replace,
             "verify": not no_verify,
             "force": force,
             "progress": lambda text: (
@@ -112,7 +116,7 @@ def _make_list(
     values: dict[str, Any],
     given: dict[str, Any],
     output: str | None,
-    settings: dict[str, bool],
+    settings: dict[str, Any],
     *,
     pack: bool,
     jobs: str | None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import click
@@ -10,7 +10,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size
-from tactape_fab.cli.printing import check_lines, echo_json, echo_lines, step_shown
+from tactape_fab.cli.printing import check_lines, counted, echo_json, echo_lines, step_shown
 
 if TYPE_CHECKING:
     from tactape_fab.verify import Verification
@@ -24,15 +24,26 @@ if TYPE_CHECKING:
 )
 @click.option("--sensor", metavar="NAME", help=SENSOR_HELP)
 @click.option("--map", "map_file", metavar="FILE.png", help="Write a picture of where contacts can be located on the tape.")
+@click.option("--overwrite", is_flag=True, help="Replace a file of the map's name.")
+@click.option("--reproduce", is_flag=True, help="Only make the kit again from its manifest, and compare every byte.")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
-def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_file: str | None, as_json: bool) -> None:
-    """Read a written kit back with software that is not ours, and decode contacts of the parts that it places.
+def verify(
+    kit: str,
+    quick: bool,
+    contact: str | None,
+    sensor: str | None,
+    map_file: str | None,
+    overwrite: bool,
+    reproduce: bool,
+    as_json: bool,
+) -> None:
+    """Read a written kit back with software that is not ours, decode contacts of the parts that it places, and make it again.
 
     \b
     Example: tactape-fab verify tactape-s007 --contact 6x6 --map map.png
     """
     with answers():
-        verification = _verified(kit, contact, sensor, map_file, quick=quick)
+        verification = _verified(kit, contact, sensor, map_file, overwrite=overwrite, quick=quick, reproduce=reproduce)
         if as_json:
             echo_json(
                 {"name": verification.name, "passed": verification.passed, "checks": [asdict(c) for c in verification.checks]}
@@ -40,10 +51,12 @@ def verify(kit: str, quick: bool, contact: str | None, sensor: str | None, map_f
         else:
             echo_lines(check_lines(verification.checks))
         verification.raise_if_failed()
-        click.echo(f"verified: {len(verification.checks)} checks of the written files", err=True)
+        click.echo(f"verified: {counted(len(verification.checks), 'check')} of the written files", err=True)
 
 
-def _verified(kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, quick: bool) -> Verification:
+def _verified(
+    kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, overwrite: bool, quick: bool, reproduce: bool
+) -> Verification:
     """The verification of a kit; its map is drawn if asked for. All invalid values are refused together."""
     from tactape_fab.verify import read_contact, verify_kit
 
@@ -52,18 +65,33 @@ def _verified(kit: str, contact: str | None, sensor: str | None, map_file: str |
     asked = ", ".join(option for option, value in given.items() if value is not None)
     if quick and asked:
         problems.append(Problem("quick", f"--quick has its own few contacts and draws no map; leave out --quick, or {asked}"))
+    if reproduce and (asked or quick):
+        other = ", ".join(["--quick"] * quick + [asked] * bool(asked))
+        message = f"--reproduce makes the kit again and does nothing else; leave out --reproduce, or {other}"
+        problems.append(Problem("reproduce", message))
     size = None if contact is None else contact_size(contact)
     touched = tried(lambda: read_contact(sensor or "gelsight-mini", size), problems)
     path = None
     if map_file is not None:
         from tactape_fab.verify.trip.map import refuse_map
 
-        path = tried(lambda: refuse_map(kit, map_file), problems)
+        path = tried(lambda: refuse_map(kit, map_file, overwrite=overwrite), problems)
     if problems:
         raise SpecError(problems)
+    if reproduce:
+        return _reproduced(kit, required=True)
     verification = verify_kit(kit, quick=quick, contact=touched, progress=step_shown())
+    if not quick and verification.checks[0].passed:  # only if its manifest can be read
+        again = _reproduced(kit, required=False)
+        verification = replace(verification, checks=(*verification.checks, *again.checks))
     if path is not None and touched is not None and verification.checks[0].passed:  # only if its manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 
-        map_kit(kit, path, touched, verification.trips, step_shown())
+        map_kit(kit, path, touched, verification.trips, step_shown(), overwrite=overwrite)
     return verification
+
+
+def _reproduced(kit: str, *, required: bool) -> Verification:
+    from tactape_fab.make.reproduce import reproduce_kit
+
+    return reproduce_kit(kit, required=required)

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path, PurePosixPath
+from typing import Literal
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
+Overwrite = bool | Literal["edits"]
+"""Whether an older kit may be replaced: never, as it was written, or even with what the user edited in it since."""
+_NAMED = 5
+_CHUNK_BYTES = 1 << 20
 
-def refuse_taken(target: Path, *, overwrite: bool) -> None:
-    """Raise SpecError if a kit may not be written here: an invalid name, a foreign folder, a kit without `overwrite`."""
+
+def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
+    """Raise SpecError if a kit may not be written here: an invalid name, a foreign folder, a kit without `overwrite`, or one
+    with files that were edited unless `overwrite` is ``"edits"``.
+    """
     if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):
         raise SpecError(f"output = {target} is no name for a kit; give a folder that does not begin with '.' and ends otherwise")
     try:
@@ -24,29 +33,62 @@ def refuse_taken(target: Path, *, overwrite: bool) -> None:
     if taken and not overwrite:
         raise SpecError(f"output = {target} exists already; use --overwrite to replace a kit, or -o to name another folder")
     if taken:
-        _refuse_foreign(target)
+        _refuse_foreign(target, edits=overwrite == "edits")
 
 
-def _refuse_foreign(target: Path) -> None:
-    """Only a folder made by this tool may be replaced: it has our manifest, and no file that the manifest does not list."""
+def _refuse_foreign(target: Path, *, edits: bool) -> None:
+    """Only a folder made by this tool may be replaced: it has our manifest, no file or folder that the manifest does not list,
+    and, unless `edits` are to go too, no file that is not as it was written.
+    """
     remedy = "nothing was touched; use -o to name another folder"
     try:
         listed = _listed(target, "")
     except SpecError as error:
-        raise SpecError(f"output = {target} is no kit of this tool ({error}); {remedy}") from None
-    for place in target.rglob("*"):
-        if (place.is_symlink() or not place.is_dir()) and place.relative_to(target).as_posix() not in listed:
-            raise SpecError(f"output = {target} holds {place.relative_to(target)}, which its manifest does not list; {remedy}")
+        raise SpecError(f"output = {shown_path(target)} is no kit of this tool ({error}); {remedy}") from None
+    folders = {str(parent) for path in listed for parent in PurePosixPath(path).parents}
+    edited = []
+    for place in sorted(target.rglob("*")):
+        path = place.relative_to(target).as_posix()
+        is_folder = place.is_dir() and not place.is_symlink()
+        if path not in (folders if is_folder else listed):
+            what = "the folder " if is_folder else ""
+            message = f"output = {shown_path(target)} holds {what}{shown_path(path)}, which its manifest does not list; {remedy}"
+            raise SpecError(message)
+        if not is_folder and not edits and not _as_written(place, listed[path]):
+            edited.append(path)
+    if edited:
+        more = f" and {len(edited) - _NAMED} more" if len(edited) > _NAMED else ""
+        raise SpecError(
+            f"output = {shown_path(target)} holds files that were edited since: {', '.join(edited[:_NAMED])}{more}; "
+            "nothing was touched; use -o to name another folder, or --discard-edits to lose these edits"
+        )
 
 
-def _listed(folder: Path, within: str) -> set[str]:
-    """Every file that the manifest of a kit lists, or that of a panel and of each kit on it; relative to the outer folder."""
+def _as_written(place: Path, sha256: str | None) -> bool:
+    """Whether a file has the digest that its manifest records; a manifest itself has none, unless a panel's does."""
+    if sha256 is None:
+        return True
+    try:
+        with place.open("rb") as stream:
+            digest = hashlib.sha256()
+            while chunk := stream.read(_CHUNK_BYTES):
+                digest.update(chunk)
+    except OSError:
+        return False
+    return place.is_file() and not place.is_symlink() and digest.hexdigest() == sha256
+
+
+def _listed(folder: Path, within: str, digest: str | None = None) -> dict[str, str | None]:
+    """Every file that the manifest of a kit lists, or that of a panel and of each kit on it, with its SHA-256; paths are relative
+    to the outer folder. ``digest`` is that of this manifest, where a panel records it.
+    """
     content = read_any_manifest(folder / MANIFEST_NAME)
     rows = content.get("files")
-    listed = {f"{within}{row.get('path')}" for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
-    listed.add(f"{within}{MANIFEST_NAME}")
+    rows = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
+    listed: dict[str, str | None] = {f"{within}{row.get('path')}": str(row.get("sha256")) for row in rows}
+    listed[f"{within}{MANIFEST_NAME}"] = digest
     if is_panel(content) and not within:
         for placed in read_placed(Fields(content)):
             place = PurePosixPath(placed.manifest).parent
-            listed |= _listed(folder / place, f"{place}/")
+            listed |= _listed(folder / place, f"{place}/", placed.sha256)
     return listed

@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.build_date import zip_date
+from tactape_fab.base.build_date import build_date, zip_date
+from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.anchors import anchor_plan
@@ -106,6 +107,26 @@ def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifac
         **tape.to_mapping(),
         **made_by,
         "files": _rows(artifacts),
+    }
+
+
+def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
+    """Record of what the bytes of a kit depend on beside its spec, so that it can be made again.
+
+    Parameters
+    ----------
+    spec : TapeSpec
+        As it was asked for.
+    verified : bool
+        Whether the kit was read back when it was made, which its report tells.
+    """
+    return {
+        "made": {
+            "date": f"{build_date():%Y-%m-%dT%H:%M:%S+00:00}",
+            "libraries": versions_in_kits(),
+            "verified": verified,
+            "coverlay_asked": spec.coverlay is not None,
+        }
     }
 
 

@@ -17,7 +17,7 @@ from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.writer import write_kit
 from tactape_fab.make.publish import finished
@@ -103,7 +103,7 @@ def emboss_kit(
     output: str | Path | None = None,
     *,
     placement: Placement = Placement(),  # noqa: B008 (frozen)
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     unit: str = "mm",
     progress: Progress = lambda *_: None,
 ) -> Embossed:
@@ -119,8 +119,8 @@ def emboss_kit(
         Folder of the result; by default ``<part>-<tape>`` beside the part.
     placement : Placement
         Place on the part, and direction of board +y.
-    overwrite : bool
-        Replace an older result at `output`. Anything else there is refused.
+    overwrite : bool or "edits"
+        Replace an older result at `output`, as for `make_kit`. Anything else there is refused.
     unit : {"mm", "cm", "m", "inch"}
         Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
     progress : callable
@@ -157,7 +157,7 @@ def emboss_kit(
     artifacts = [*_artifacts(tape, made, name), *render_certificate(certify(tape))]
     surface = _surface(source, made, unit)
     manifest = {
-        **content,
+        **{key: value for key, value in content.items() if key != "made"},  # of the kit's own files
         "tool": {"name": "tactape-fab", "version": __version__},
         "surface": surface,
         "files": [

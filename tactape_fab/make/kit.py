@@ -11,12 +11,21 @@ from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
-from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.kit.writer import film_record, manifest, render_all, render_models, search_record, texture_record, write_kit
+from tactape_fab.kit.writer import (
+    film_record,
+    made_record,
+    manifest,
+    render_all,
+    render_models,
+    search_record,
+    texture_record,
+    write_kit,
+)
 from tactape_fab.make.publish import finished
 from tactape_fab.report import add_report
 from tactape_fab.solids.checks import form_problems
@@ -76,7 +85,7 @@ def make_kit(
     path: str | Path | None = None,
     *,
     avoid: Sequence[Tape] = (),
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -91,8 +100,9 @@ def make_kit(
     avoid : sequence of Tape
         Existing tapes: the origin is chosen away from them, and the spec's must be ``"best"``; a touch code is designed
         away from them.
-    overwrite : bool
-        Replace an older kit of this tool at `path`. Anything else there is refused.
+    overwrite : bool or "edits"
+        Replace an older kit of this tool at `path`; with ``"edits"`` also one whose files were edited since they were
+        written. Anything else there is refused.
     verify : bool
         Verify the written files before the kit gets its name.
     force : bool
@@ -120,7 +130,7 @@ def make_examined(
     examined: Examined,
     path: str | Path | None = None,
     *,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -128,23 +138,8 @@ def make_examined(
     """Make the kit of a tape that has been examined; see `make_kit`."""
     target = Path(examined.tape.name if path is None else path)
     blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
-    progress("rendering")
-    artifacts, content = rendered(examined)
-    if blocking:
-        content["forced"] = [forced(finding) for finding in blocking]
-    checks: tuple[Check, ...] = ()
     with finished(target, "kit", overwrite=overwrite) as folder:
-        progress("writing")
-        write_kit(folder, content, artifacts)
-        if verify:
-            progress("verifying")
-            from tactape_fab.verify import verify_folder  # imported here: it takes long to load
-
-            verification = verify_folder(folder / MANIFEST_NAME, quick=True)
-            verification.raise_if_failed()
-            checks = verification.checks
-        progress("reporting")
-        artifacts.append(add_report(folder, content, examined.tape, checks=checks, findings=examined.findings))
+        artifacts, checks = fill_kit(folder, examined, blocking, verify=verify, progress=progress)
     return Kit(
         path=target,
         tape=examined.tape,
@@ -153,6 +148,38 @@ def make_examined(
         files={a.role: a.path for a in artifacts},
         search=examined.search,
     )
+
+
+def fill_kit(
+    folder: Path, examined: Examined, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
+) -> tuple[list[Artifact], tuple[Check, ...]]:
+    """Write every file of a kit into a folder, verify them there, and add the report; returns the files and the checks.
+
+    ``blocking`` are the broken rules that the kit is made in spite of.
+
+    Raises
+    ------
+    VerifyError
+        If the written files fail the verification.
+    """
+    progress("rendering")
+    artifacts, content = rendered(examined)
+    content |= made_record(examined.spec, verified=verify)
+    if blocking:
+        content["forced"] = [forced(finding) for finding in blocking]
+    progress("writing")
+    write_kit(folder, content, artifacts)
+    checks: tuple[Check, ...] = ()
+    if verify:
+        progress("verifying")
+        from tactape_fab.verify import verify_folder  # imported here: it takes long to load
+
+        verification = verify_folder(folder / MANIFEST_NAME, quick=True)
+        verification.raise_if_failed()
+        checks = verification.checks
+    progress("reporting")
+    artifacts.append(add_report(folder, content, examined.tape, checks=checks, findings=examined.findings))
+    return artifacts, checks
 
 
 def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
@@ -173,7 +200,9 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
 
 
-def refuse_broken(findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: bool, force: bool) -> list[Finding]:
+def refuse_broken(
+    findings: Sequence[Finding], drawn: Examined, target: Path, *, overwrite: Overwrite, force: bool
+) -> list[Finding]:
     """Refuse a path that is taken, and broken rules unless they are forced; returns the broken ones.
 
     `drawn` is the tape, or any of those on a panel: something that cannot be drawn is refused even if forced.

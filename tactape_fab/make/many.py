@@ -13,6 +13,7 @@ from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.pool import LostProcessError, ProcessPool
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.examine.tape_lists import Planned
+from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.packing import Packing, pack, sheet_room_mm
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
@@ -94,7 +95,7 @@ class _Order:
 
     spec: TapeSpec
     path: Path
-    overwrite: bool
+    overwrite: Overwrite
     verify: bool
     force: bool
 
@@ -103,7 +104,7 @@ def make_kits(
     tapes: Sequence[Planned],
     folder: Path,
     *,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     jobs: int,
@@ -117,7 +118,8 @@ def make_kits(
     tapes : sequence of Planned
         From `list_tapes`.
     folder : Path
-    overwrite, verify, force : bool
+    overwrite : bool or "edits"
+    verify, force : bool
         As for `make_kit`.
     jobs : int
         Number of processes.

@@ -7,18 +7,19 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import Check, Finding, VerifyError
+from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined
 from tactape_fab.kit.order_facts import panel_order_facts
+from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import Panel
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.order_notes import render_order_notes
-from tactape_fab.kit.writer import PlacedKit, panel_manifest, panel_record, render_all, write_kit
-from tactape_fab.make.kit import forced, refuse_broken, rendered
+from tactape_fab.kit.writer import PlacedKit, made_record, panel_manifest, panel_record, render_all, write_kit
+from tactape_fab.make.kit import fill_kit, forced, refuse_broken
 from tactape_fab.make.publish import finished
-from tactape_fab.report import add_panel_report, add_report
+from tactape_fab.report import add_panel_report
 from tactape_fab.texture.manifest import MANIFEST_NAME
 from tactape_fab.texture.panel_manifest import KITS_FOLDER
 from tactape_fab.texture.tape import Tape
@@ -80,7 +81,7 @@ def make_panel(
     examined: ExaminedPanel,
     path: str | Path | None = None,
     *,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -93,7 +94,8 @@ def make_panel(
         From `examine_order`.
     path : str or Path, optional
         Folder of the panel; by default its name in the current folder.
-    overwrite, verify, force : bool
+    overwrite : bool or "edits"
+    verify, force : bool
         As for `make_kit`.
     progress : callable
         Called with the name of each step.
@@ -115,24 +117,14 @@ def make_panel(
     findings = examined.findings
     blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
     with finished(target, "panel", overwrite=overwrite) as folder:
-        checks = _write_kits(examined, folder, verify=verify, progress=progress)
-        artifacts, content = _write_panel(examined, folder, blocking, progress)
-        own: tuple[Check, ...] = ()
-        if verify:
-            from tactape_fab.verify.panel import verify_panel_folder
-
-            progress("verifying the panel")
-            verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
-            verification.raise_if_failed()
-            own = verification.checks
-        artifacts.append(add_panel_report(folder, content, checks=own, findings=findings))
+        artifacts, checks = fill_panel(folder, examined, blocking, verify=verify, progress=progress)
     return PanelKit(
         path=target,
         name=examined.name,
         panel=examined.panel,
         tapes=tuple(tape.tape for tape in examined.tapes),
         findings=findings,
-        checks=(*checks, *own),
+        checks=checks,
         files={a.role: a.path for a in artifacts},
         kits=tuple(_kit_folder(tape) for tape in examined.tapes),
     )
@@ -142,32 +134,39 @@ def _kit_folder(tape: Examined) -> str:
     return f"{KITS_FOLDER}/{tape.tape.name}"
 
 
-def _write_kits(examined: ExaminedPanel, folder: Path, *, verify: bool, progress: Callable[[str], None]) -> list[Check]:
-    """The complete kit of every tape; each is verified before the next one is begun."""
+def fill_panel(
+    folder: Path, examined: ExaminedPanel, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
+) -> tuple[list[Artifact], tuple[Check, ...]]:
+    """Write a panel with all its kits into a folder, as `tactape_fab.make.kit.fill_kit` does a kit.
+
+    Raises
+    ------
+    VerifyError
+        If the written files of a kit or of the panel fail the verification.
+    """
     checks: list[Check] = []
     for number, tape in enumerate(examined.tapes, start=1):
         progress(f"tape {number} of {len(examined.tapes)}")
-        artifacts, content = rendered(tape)
-        if blocking := [finding for finding in tape.findings if finding.blocks]:
-            content["forced"] = [forced(finding) for finding in blocking]
         place = folder / _kit_folder(tape)
         place.mkdir(parents=True)
-        write_kit(place, content, artifacts)
-        verified: tuple[Check, ...] = ()
-        if verify:
-            from tactape_fab.verify import verify_folder
-
-            verification = verify_folder(place / MANIFEST_NAME, quick=True)
-            if not verification.passed:
-                raise VerifyError([c for c in verification.checks if not c.passed])
-            verified = verification.checks
-        add_report(place, content, tape.tape, checks=verified, findings=tape.findings)
+        broken = [finding for finding in tape.findings if finding.blocks]
+        _, verified = fill_kit(place, tape, broken, verify=verify, progress=lambda _: None)
         checks += verified
-    return checks
+    artifacts, content = _write_panel(examined, folder, blocking, verify=verify, progress=progress)
+    own: tuple[Check, ...] = ()
+    if verify:
+        from tactape_fab.verify.panel import verify_panel_folder
+
+        progress("verifying the panel")
+        verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
+        verification.raise_if_failed()
+        own = verification.checks
+    artifacts.append(add_panel_report(folder, content, checks=own, findings=examined.findings))
+    return artifacts, (*checks, *own)
 
 
 def _write_panel(
-    examined: ExaminedPanel, folder: Path, blocking: Sequence[Finding], progress: Callable[[str], None]
+    examined: ExaminedPanel, folder: Path, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
 ) -> tuple[list[Artifact], dict[str, Any]]:
     """The panel's own files, and the content of its manifest."""
     progress("rendering the panel")
@@ -186,7 +185,7 @@ def _write_panel(
         )
         number += tape.tape.part_count
     record = panel_record(film.layout, first.spec, film.fab)
-    content = panel_manifest(examined.name, examined.panel, kits, record, artifacts)
+    content = panel_manifest(examined.name, examined.panel, kits, record, artifacts) | made_record(first.spec, verified=verify)
     if blocking:
         content["forced"] = [forced(finding) for finding in blocking]
     write_kit(folder, content, artifacts)

@@ -12,7 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tactape_fab.base.errors import TactapeError
-from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.base.output_file import sync_below, sync_folder
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 
 _RENAME_EXCHANGE = 2
@@ -20,7 +21,7 @@ _AT_FDCWD = -100
 
 
 @contextmanager
-def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
+def finished(target: Path, what: str, *, overwrite: Overwrite) -> Iterator[Path]:
     """Context manager: a new folder beside `target` that replaces it at the end of the block, or is removed after an error.
 
     Parameters
@@ -28,7 +29,7 @@ def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
     target : Path
     what : str
         Kind of the written folder, for the error message.
-    overwrite : bool
+    overwrite : bool or "edits"
         Replace an older kit of this tool.
 
     Raises
@@ -41,7 +42,9 @@ def finished(target: Path, what: str, *, overwrite: bool) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True)
         yield folder
+        sync_below(folder)  # a power cut after the rename must not find a name without its files
         put_in_place(folder, target, overwrite=overwrite)
+        sync_folder(target.parent)
     except OSError as error:
         reason = error.strerror or error
         raise TactapeError(f"the {what} cannot be written to {target}: {reason}; use -o to name another folder") from error
@@ -61,7 +64,7 @@ def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
         raise
 
 
-def put_in_place(folder: Path, target: Path, *, overwrite: bool) -> None:
+def put_in_place(folder: Path, target: Path, *, overwrite: Overwrite) -> None:
     """Give a finished folder its name; other processes see the old kit or the new one, never a mixture."""
     if not (target.exists() or target.is_symlink()):
         folder.rename(target)

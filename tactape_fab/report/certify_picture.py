@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import TactapeError
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.output_file import write_file
 from tactape_fab.texture.certify.certificate import Certificate, Closest, nearest_distances
 from tactape_fab.texture.certify.kits import Certified
 from tactape_fab.texture.certify.pairs import BEYOND, NO_WINDOWS, Across
@@ -50,21 +49,19 @@ def draw_certified(result: Certified) -> Picture:
     )
 
 
-def write_picture(path: Path, picture: Picture) -> None:
-    """Write a picture as PNG.
+def write_picture(path: Path, picture: Picture, *, overwrite: bool = False) -> None:
+    """Write a picture as PNG, whole or not at all.
 
     Raises
     ------
+    SpecError
+        When something else is there, or another file without `overwrite`.
     TactapeError
         When it cannot be written.
     """
     import cv2
 
-    try:
-        path.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes())
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise TactapeError(f"{shown_path(path)} cannot be written: {reason}; use --picture FILE.png elsewhere") from error
+    write_file(path, cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "picture", overwrite=overwrite)
 
 
 def _text(picture: Picture, text: str, x: int, y: int, colour: Colour = _INK) -> None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
+from tactape_fab.base.output_file import write_file
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray
 from tactape_fab.texture.tape import Tape
@@ -89,13 +90,13 @@ def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
     """
     cv2 = library("cv2", "drawing a picture")
 
-    path = folder / f"frame-{frame:06d}.png"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise TactapeError(f"{shown_path(path)} cannot be written: {reason}") from error
+        raise TactapeError(f"{shown_path(folder)} cannot be written: {reason}") from error
+    data = cv2.imencode(".png", picture)[1].tobytes()
+    write_file(folder / f"frame-{frame:06d}.png", data, "overlay", overwrite=True)
 
 
 class View:

@@ -19,7 +19,7 @@ def check_certificate(file: WrittenFile, tape: Tape) -> Check:
         content = json.loads(file.data)
     except (ValueError, RecursionError) as error:
         return Check(name=CERTIFICATE, passed=False, message=f"{file.path} cannot be read as JSON: {error}")
-    wrong = _difference(content, certificate.to_mapping(), "")
+    wrong = difference(content, certificate.to_mapping())
     size = certificate.sizes[0]
     if wrong is not None:
         return Check(name=CERTIFICATE, passed=False, message=f"{file.path} is not this tape's: {wrong}")
@@ -29,18 +29,18 @@ def check_certificate(file: WrittenFile, tape: Tape) -> Check:
     return Check(name=CERTIFICATE, passed=True, message=message, figure=size.distance)
 
 
-def _difference(found: Any, expected: Any, where: str) -> str | None:
+def difference(found: Any, expected: Any, where: str = "") -> str | None:
     """Description of the first place where two JSON values differ."""
     if isinstance(expected, dict) and isinstance(found, dict):
         for key in [*expected, *(k for k in found if k not in expected)]:
             place = f"{where}.{key}" if where else str(key)
             if key not in found or key not in expected:
                 return f"{shown(place)} {'is missing' if key in expected else 'does not belong there'}"
-            if (wrong := _difference(found[key], expected[key], place)) is not None:
+            if (wrong := difference(found[key], expected[key], place)) is not None:
                 return wrong
         return None
     if isinstance(expected, list) and isinstance(found, list) and len(found) == len(expected):
-        wrongs = (_difference(f, e, f"{where}[{i}]") for i, (f, e) in enumerate(zip(found, expected, strict=True)))
+        wrongs = (difference(f, e, f"{where}[{i}]") for i, (f, e) in enumerate(zip(found, expected, strict=True)))
         return next((wrong for wrong in wrongs if wrong is not None), None)
     same = type(found) is type(expected) and found == expected
     return None if same else f"{where or 'the content'} = {shown(found)}, computed {shown(expected)}"

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import re
-import zipfile
-import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +12,6 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown
-from tactape_fab.kit.writer import FAB_ZIP_ROLES
 from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 
@@ -169,54 +165,6 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
         problem = f"its data cannot be read: {type(error).__name__}"
     message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
     return Check(name=REPORT, passed=problem is None, message=message)
-
-
-def check_zip(files: Mapping[str, WrittenFile], *, with_job: bool = True) -> Check:
-    """Check that the zip holds exactly the fabrication files, byte for byte."""
-    roles = [role for role in FAB_ZIP_ROLES if role in files and (with_job or role != "job")]
-    expected = {files[role].path.rsplit("/", 1)[-1]: files[role].data for role in roles}
-    problems: list[str] = []
-    try:
-        with zipfile.ZipFile(io.BytesIO(files["fab-zip"].data)) as archive:
-            members = archive.infolist()
-            names = [m.filename for m in members]
-            problems += [f"{name} is missing from the zip" for name in expected if name not in names]
-            problems += [f"{name} does not belong in the zip" for name in names if name not in expected]
-            problems += [f"{name} is in the zip twice" for name in sorted(set(names)) if names.count(name) > 1]
-            packed = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
-            problems += [
-                f"{m.filename} is packed in a way that few programs open" for m in members if m.compress_type not in packed
-            ]
-            for member in (m for m in members if m.compress_type in packed):
-                if member.filename in expected and (
-                    member.file_size != len(expected[member.filename]) or archive.read(member) != expected[member.filename]
-                ):
-                    problems.append(f"{member.filename} in the zip differs from the kit's")
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError) as error:
-        problems.append(f"it cannot be opened: {error}")
-    message = named(problems) if problems else f"{len(expected)} files, each as in the kit, nothing else"
-    return Check(name="fab-zip", passed=not problems, message=message)
-
-
-def check_job(board_mm: tuple[float, float], files: Mapping[str, WrittenFile]) -> Check:
-    """Check that the job file is JSON, and names this board and these files."""
-    try:
-        job = json.loads(files["job"].data)
-        size = job["GeneralSpecs"]["Size"]
-        paths = {str(row["Path"]) for row in job["FilesAttributes"]}
-        size_mm = (float(size["X"]), float(size["Y"]))
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        return Check(name="job", passed=False, message=f"the job file cannot be read: {type(error).__name__} {error}")
-    expected = {
-        files[role].path.rsplit("/", 1)[-1] for role in FAB_ZIP_ROLES if role in files and role not in ("job", "drill-npth")
-    }
-    problems = [f"it names {p}, which is not there" for p in sorted(paths - expected)]
-    problems += [f"it does not name {p}" for p in sorted(expected - paths)]
-    if size_mm != board_mm:
-        problems.append(f"its board is {size_mm[0]:g} x {size_mm[1]:g} mm")
-    return Check(
-        name="job", passed=not problems, message=named(problems) or f"names the {len(expected)} layers and the board's size"
-    )
 
 
 def check_signature(role: str, data: bytes) -> str | None:

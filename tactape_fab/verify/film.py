@@ -18,7 +18,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, check_signature, named
-from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear
+from tactape_fab.verify.layers.board import check_components, check_drill, check_edges, check_legend_clear, check_part_data
 from tactape_fab.verify.layers.cpl_rows import RecordedAssembly, read_assembly
 from tactape_fab.verify.layers.film_layers import (
     FilmRecord,
@@ -28,6 +28,7 @@ from tactape_fab.verify.layers.film_layers import (
     file_function,
     read_film_record,
 )
+from tactape_fab.verify.layers.job_file import FabOrder, read_fab_order
 from tactape_fab.verify.layers.lands import (
     LandPairs,
     Recorded,
@@ -38,7 +39,7 @@ from tactape_fab.verify.layers.lands import (
     point_tree,
     read_recorded,
 )
-from tactape_fab.verify.layers.legend import check_tag
+from tactape_fab.verify.layers.legend import LegendRecord, check_label, check_tag, read_legend_record
 from tactape_fab.verify.symbols import check_symbols
 
 FILE_FUNCTIONS = {
@@ -65,6 +66,8 @@ class FilmManifest:
     film: FilmRecord
     x2: object
     legend_is_light: bool
+    legend: LegendRecord | None
+    order: FabOrder | None
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
@@ -75,6 +78,8 @@ def read_film_manifest(table: Fields) -> FilmManifest:
         film=read_film_record(table),
         x2=table.table("spec").values.get("x2"),
         legend_is_light=table.table("fab").values.get("legend_colour") != "black",
+        legend=read_legend_record(table),
+        order=read_fab_order(table),
     )
 
 
@@ -147,7 +152,7 @@ def check_tape(
         if role in gerbers and (outline_mm is not None or "profile" in gerbers):
             checks.append(check_backing(role, gerbers[role], files[role].path, backing, outline_mm))
     if cpl is not None:
-        checks += _check_with_cpl(gerbers, pairs, record, tape, cpl)
+        checks += _check_with_cpl(gerbers, pairs, record, tape, cpl, files)
     if anchor is not None and "copper-top" in gerbers and "coverlay-top" in gerbers:
         checks += check_anchors(gerbers["copper-top"], gerbers["coverlay-top"], anchor, record.lands.pads, tape)
     if cpl is not None:
@@ -156,11 +161,17 @@ def check_tape(
         checks += check_symbols(tape, pairs["copper-top"].centre_mm, "copper")
     if "legend-top" in gerbers:
         checks += check_tag(gerbers["legend-top"], tape, legend_is_light=record.legend_is_light, with_pupil=with_pupil)
+        checks.append(check_label(gerbers["legend-top"], tape, record.legend, light=record.legend_is_light))
     return checks
 
 
 def _check_with_cpl(
-    gerbers: Mapping[str, GerberContent], pairs: Mapping[str, LandPairs], record: FilmManifest, tape: Tape, cpl: CplContent
+    gerbers: Mapping[str, GerberContent],
+    pairs: Mapping[str, LandPairs],
+    record: FilmManifest,
+    tape: Tape,
+    cpl: CplContent,
+    files: Mapping[str, WrittenFile],
 ) -> list[Check]:
     """Check that every layer has each part's lands where the CPL places the part, and keeps its clearances."""
     checks: list[Check] = []
@@ -175,6 +186,7 @@ def _check_with_cpl(
         checks += check_openings(gerbers["coverlay-top"], lands, tape, cpl, rows)
     if "components-top" in gerbers:
         checks.append(check_components(gerbers["components-top"], tape, cpl))
+        checks.append(check_part_data(gerbers["components-top"], files["components-top"].data, tape, record.assembly, lands.pads))
     if "copper-top" in gerbers:
         checks += check_edges(gerbers, lands, tape, cpl)
     if "legend-top" in gerbers and "coverlay-top" in gerbers:

@@ -19,10 +19,8 @@ from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import (
     CERTIFICATE,
     WrittenFile,
-    check_job,
     check_listed,
     check_picture,
-    check_zip,
     kind_of,
     named,
     read_files,
@@ -40,8 +38,11 @@ from tactape_fab.verify.film import (
 )
 from tactape_fab.verify.layers.board import check_outline
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl, check_order_notes
+from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.film_layers import pardoned
+from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
+from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
@@ -155,7 +156,7 @@ def _check_film(
     """Check all files that a fab gets, the CPL among them; the part positions of each file are added to `sources`."""
     checks: list[Check] = []
     layers = read_layers(files, cpl, film.film, checks)
-    checks.append(check_attributes(layers.gerbers, files, film))
+    checks += [check_attributes(layers.gerbers, files, film), check_form(files, layers.gerbers)]
     outline_mm = None
     if "profile" in layers.gerbers:
         profile = layers.gerbers["profile"]
@@ -170,4 +171,5 @@ def _check_film(
         sources.append(copper_source(flashes_mm, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
     shown = shown_tape(tape, *anchor_lines(film, tape))
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands)
-    return [*checks, check_job(tape.board.size_mm, files), check_zip(files, with_job=film.film.job_in_zip)]
+    checks.append(check_job(tape.name, tape.board.size_mm, film.order, files))
+    return [*checks, check_zip(files, with_job=film.film.job_in_zip)]

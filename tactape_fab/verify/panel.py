@@ -26,10 +26,8 @@ from tactape_fab.verify.files import (
     ALWAYS,
     PICTURES,
     WrittenFile,
-    check_job,
     check_listed,
     check_picture,
-    check_zip,
     named,
     read_files,
     read_inside,
@@ -46,11 +44,15 @@ from tactape_fab.verify.film import (
     read_role,
 )
 from tactape_fab.verify.kit import verify_folder
+from tactape_fab.verify.layers.board import pen_problem
 from tactape_fab.verify.layers.cpl_rows import Ordered, check_bom, check_cpl, check_order_notes
+from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.film_layers import pardoned
+from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
+from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 from tactape_fab.verify.verification import Verification, unreadable
 
@@ -174,7 +176,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[s
     layers = read_layers(files, cpl, film.film, checks)
     if "drill-npth" not in files:
         layers = replace(layers, holes=np.empty((0, 3)))
-    checks.append(check_attributes(layers.gerbers, files, film))
+    checks += [check_attributes(layers.gerbers, files, film), check_form(files, layers.gerbers)]
     if "profile" in layers.gerbers:
         checks.append(_check_cut(layers.gerbers["profile"], panel))
     count = sum(on.tape.part_count for on in tapes)
@@ -189,7 +191,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[s
         lines = pardoned(_check_tape(record, on, layers, files, quick=quick), film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(record, tapes), film.lands)
-    checks += [check_job(panel.size_mm, files), check_zip(files, with_job=film.film.job_in_zip)]
+    checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
     return [*checks, check_picture(files)]
 
 
@@ -224,6 +226,8 @@ def _check_cut(content: GerberContent, panel: Panel) -> Check:
         return Check(name=name, passed=False, message="objects that are not closed contours")
     if len(strokes) != 1 + len(expected):
         return Check(name=name, passed=False, message=f"{len(strokes)} contours instead of {1 + len(expected)}")
+    if (pen := pen_problem(content)) is not None:
+        return Check(name=name, passed=False, message=pen)
     drawn = [shapely.Polygon(stroke) for stroke in strokes]
     if not all(polygon.is_valid for polygon in drawn):
         return Check(name=name, passed=False, message="a contour crosses itself")

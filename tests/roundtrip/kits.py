@@ -60,6 +60,7 @@ class OpenKit:
                 self.zip_members(
                     lambda members: members.update({self.name(r): self.data[r] for r in changed if r in (*IN_ZIP, *BACKINGS)})
                 )
+                changed.append("fab-zip")
             for role in changed if "report" in self.data and "report" not in changed else ():
                 self.data["report"] = self.data["report"].replace(_listed(self._before[role]), _listed(self.data[role]))
             for row in self.manifest["files"]:
@@ -93,9 +94,16 @@ class OpenKit:
         change(members)
         stream = io.BytesIO()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, data in members.items():
-                archive.writestr(name, data)
+            for name, data in sorted(members.items()):
+                archive.writestr(as_written(name), data)
         self.data["fab-zip"] = stream.getvalue()
+
+
+def as_written(name: str) -> zipfile.ZipInfo:
+    """A member of a zip as the kit's writer makes it."""
+    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+    entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
+    return entry
 
 
 def _listed(data: bytes) -> bytes:

@@ -9,6 +9,7 @@ from typing import Any
 from tactape_fab.base.errors import Finding, Problem, SpecError, tried
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
 from tactape_fab.kit.panel.panel_drawing import panel_drawing
 from tactape_fab.kit.profiles import FabProfile, load_fab
@@ -66,7 +67,7 @@ def _tighter(a: Finding, b: Finding) -> bool:
 
 
 def examine_order(
-    values: Mapping[str, Any], *, output: str | None = None, overwrite: bool = False, avoid: Sequence[Tape] = ()
+    values: Mapping[str, Any], *, output: str | None = None, overwrite: Overwrite = False, avoid: Sequence[Tape] = ()
 ) -> tuple[Examined | ExaminedPanel, tuple[str, ...]]:
     """Examine untrusted values of a tape, or of a panel where one is asked for or the fab profile puts tapes on panels.
 
@@ -76,7 +77,7 @@ def examine_order(
         Option names to values, as for `TapeSpec.from_mapping`, and those of a panel; untrusted.
     output : str, optional
         Folder for the result; an existing one is refused together with all other problems.
-    overwrite : bool
+    overwrite : bool or "edits"
         Whether an older result of this tool there may be replaced.
     avoid : sequence of Tape
         Tapes to choose the origin away from.

@@ -11,7 +11,7 @@ from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound,
 from tactape_fab.base.fields import shown
 from tactape_fab.kit.film.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film.layout import Layout, build_layout
-from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.plan import ELEMENT_KEYS, plan, plan_texture
 from tactape_fab.kit.profiles import (
     ElementProfile,
@@ -109,7 +109,7 @@ def examine(
     *,
     avoid: Sequence[Tape] = (),
     output: str | None = None,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     known: Sequence[Problem] = (),
 ) -> Examined:
     """Decide whether a tape can be made, and measure every rule. Nothing is written, and a broken rule does not raise.
@@ -123,7 +123,7 @@ def examine(
         given; a touch code is designed away from them.
     output : str, optional
         Path of the kit to be made.
-    overwrite : bool
+    overwrite : bool or "edits"
         Whether an older kit there may be replaced.
     known : sequence of Problem
         Problems already found in the order that the tape is part of; raised together with all others.

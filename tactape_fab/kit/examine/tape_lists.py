@@ -12,7 +12,7 @@ from typing import Any
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.kit.examine.tape import Examined, examine
-from tactape_fab.kit.output_place import refuse_taken
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.panel.packing import misfit
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
@@ -63,7 +63,7 @@ def list_tapes(
     folder: Path,
     *,
     jobs: object = None,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     force: bool = False,
     packed: bool = False,
 ) -> Listed:
@@ -79,7 +79,8 @@ def list_tapes(
         Folder for the kits.
     jobs : object
         Number of processes, untrusted; None for the number of processors.
-    overwrite, force : bool
+    overwrite : bool or "edits"
+    force : bool
         As for `make_kit`.
     packed : bool
         Whether the tapes must fit the panels of their fabs.
@@ -226,7 +227,7 @@ def _shared_names(tapes: Sequence[Planned]) -> list[Problem]:
     ]
 
 
-def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[Problem]:
+def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: Overwrite) -> list[Problem]:
     """Problems of the kits' paths; all older kits are reported in one problem."""
     problems: list[Problem] = []
     older: list[str] = []
@@ -237,7 +238,7 @@ def _taken(tapes: Sequence[Planned], folder: Path, *, overwrite: bool) -> list[P
             try:
                 refuse_taken(folder / name, overwrite=True)
                 older.append(name)
-            except SpecError as error:
+            except SpecError as error:  # not ours, or edited
                 problems += error.problems
     if older:
         more = f" and {len(older) - _NAMED} more" if len(older) > _NAMED else ""

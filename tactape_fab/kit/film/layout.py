@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import Protocol
 
 import numpy as np
 
@@ -12,14 +13,14 @@ from tactape_fab.kit.film.coverlay import gang_window
 from tactape_fab.kit.film.label import Label, compose_label
 from tactape_fab.kit.film.tag_ink import tag_ink
 from tactape_fab.kit.outlines import PartOutlines, part_outlines
-from tactape_fab.kit.plan import TAG_KEEP_OUT_MM, strip_width_mm
+from tactape_fab.kit.plan import TAG_KEEP_OUT_MM
 from tactape_fab.kit.profiles import FabProfile, PartProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
 from tactape_fab.texture.tag import SIDE_CELLS
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tag, Tape
 
 _TAG_TO_TEXT_MM = 1.0
 _END_GAP_MM = 1.0
@@ -53,6 +54,21 @@ class Legend:
     strokes_mm: tuple[FloatArray, ...] = ()
     line_mm: float = 0.0
     left_out: tuple[str, ...] = ()
+
+
+class LegendSizes(Protocol):
+    """Sizes of legend print, mm: of a fab profile's `LegendRules`, or as a manifest records them."""
+
+    @property
+    def line_mm(self) -> float: ...
+    @property
+    def text_mm(self) -> float: ...
+    @property
+    def gap_mm(self) -> float: ...
+    @property
+    def bleed_mm(self) -> float: ...
+    @property
+    def edge_mm(self) -> float: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,7 +131,7 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
         openings=Flashes(outline_mm=outlines.opening, xy_mm=xy_mm),
         bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
         outline_mm=_board_outline(tape),
-        legend=_legend(tape, spec, fab),
+        legend=tape_legend(tape, fab.legend, light=fab.legend_colour == "white"),
         window_mm=gang_window(tape.board, xy_mm, outlines.opening) if gang else None,
         anchors=anchors,
         stiffener=spec.stiffener,
@@ -128,30 +144,33 @@ def _board_outline(tape: Tape) -> FloatArray:
     return rounded_rectangle(size_mm, radius_mm, outline_corner_points(radius_mm)) + np.array(size_mm) / 2
 
 
-def _legend(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Legend:
+def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:
+    """Tag and label of a tape's strip; empty without a strip.
+
+    Parameters
+    ----------
+    tape : Tape
+    rules : LegendSizes
+        Sizes of what the fab's legend printer prints.
+    light : bool
+        Whether the ink is lighter than the film.
+    """
     if tape.tag is None:
         return Legend()
-    ink = tag_ink(
-        tape.tag.id,
-        cell_mm=tape.tag.cell_mm,
-        gap_mm=fab.legend.gap_mm,
-        bleed_mm=fab.legend.bleed_mm,
-        legend_is_light=fab.legend_colour == "white",
-    )
-    label = _label(tape, spec, fab)
+    ink = tag_ink(tape.tag.id, cell_mm=tape.tag.cell_mm, gap_mm=rules.gap_mm, bleed_mm=rules.bleed_mm, legend_is_light=light)
+    label = _label(tape, tape.tag, rules)
     return Legend(
         areas_mm=tuple(snap_mm(area + tape.tag.center_mm) for area in ink.areas_mm),
         strokes_mm=tuple(snap_mm(stroke) for stroke in label.strokes_mm),
-        line_mm=fab.legend.line_mm,
+        line_mm=rules.line_mm,
         left_out=label.left_out,
     )
 
 
-def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Label:
+def _label(tape: Tape, tag: Tag, rules: LegendSizes) -> Label:
     """The strip's label: between the tag and the upper end, inside the outline's rounded corner."""
-    assert tape.tag is not None
-    left_mm = TAG_KEEP_OUT_MM + fab.legend.line_mm
-    radius_mm, edge_mm = tape.board.corner_radius_mm, fab.legend.edge_mm
+    left_mm = TAG_KEEP_OUT_MM + rules.line_mm
+    radius_mm, edge_mm = tape.board.corner_radius_mm, rules.edge_mm
     rise_mm = sqrt(max((radius_mm - edge_mm) ** 2 - (radius_mm - left_mm) ** 2, 0.0)) if left_mm < radius_mm else radius_mm
     return compose_label(
         [
@@ -160,10 +179,10 @@ def _label(tape: Tape, spec: TapeSpec, fab: FabProfile) -> Label:
             f"{tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
             f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
         ],
-        x_mm=(left_mm, strip_width_mm(spec) - left_mm),
+        x_mm=(left_mm, SIDE_CELLS * tag.cell_mm + 2 * TAG_KEEP_OUT_MM - left_mm),
         y_mm=(
-            tape.tag.center_mm[1] + SIDE_CELLS * tape.tag.cell_mm / 2 + _TAG_TO_TEXT_MM,
+            tag.center_mm[1] + SIDE_CELLS * tag.cell_mm / 2 + _TAG_TO_TEXT_MM,
             tape.board.size_mm[1] - max(_END_GAP_MM, radius_mm - rise_mm),
         ),
-        cap_mm=fab.legend.text_mm,
+        cap_mm=rules.text_mm,
     )

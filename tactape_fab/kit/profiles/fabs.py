@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Level
@@ -175,6 +175,10 @@ class FabProfile:
             "job_in_zip": self.job_in_zip,
             "legend_bleed_mm": self.legend.bleed_mm,
             "legend_gap_mm": self.legend.gap_mm,
+            "legend_line_mm": self.legend.line_mm,
+            "legend_text_mm": self.legend.text_mm,
+            "legend_edge_mm": self.legend.edge_mm,
+            "material": {**asdict(self.material), "mask": self.mask_name, "flexible": self.bend is not None},
             "largest_board_mm": list(self.size.largest_mm),
             "limits_mm": {name: limit.value_mm for name, limit in self.limits.items()},
         }

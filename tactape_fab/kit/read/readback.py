@@ -33,7 +33,11 @@ def read_drill(data: bytes) -> FloatArray:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             text = data.decode("ascii")
+            if re.search(r"^R\d", text, re.MULTILINE):  # a line of 12 bytes may stand for 100 million holes
+                raise ReadbackError("it repeats holes, which this tool never writes")
             file = ExcellonFile.from_string(text, plated=False)
+    except ReadbackError:
+        raise
     except Exception as error:  # gerbonara raises exceptions of any type
         raise ReadbackError(f"gerbonara cannot read it: {one_line(error)}") from error
     if not text.rstrip().endswith("\nM30"):

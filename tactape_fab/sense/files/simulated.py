@@ -16,6 +16,7 @@ import numpy as np
 from tactape_fab.base.build_date import zip_date
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.output_file import sync_file, sync_folder
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, iterate_frames
@@ -254,7 +255,9 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
                 buffer = io.BytesIO()
                 np.lib.format.write_array(buffer, np.asarray(array, order="C"), version=(1, 0), allow_pickle=False)
                 archive.writestr(_entry(name), buffer.getvalue())
+        sync_file(partial_path)
         partial_path.replace(path)
+        sync_folder(path.parent)
     except OSError as error:
         raise TactapeError(f"{shown_path(path)} cannot be written: {error.strerror or error}") from error
     finally:

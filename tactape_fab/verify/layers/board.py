@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from math import ceil, pi, sqrt
 
@@ -9,19 +10,24 @@ import numpy as np
 import shapely
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown
 from tactape_fab.kit.film.gaps import gaps_mm, pen_strokes, polygons
+from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
+from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, Recorded, nearest
 
 OUTLINE_TOLERANCE_MM = 0.001
 EDGE_TOLERANCE_MM = 0.0005
 _ARC_MISFIT_MM, _MOST_ARC_POINTS = 1e-6, 2048
 _CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
+OUTLINE_LINE_MM = 0.1
+_PART_DATA = re.compile(rb"%TO\.C([A-Z][A-Za-z]*),([^*]*)\*%")
 
 
 def check_outline(content: GerberContent, tape: Tape) -> Check:
@@ -29,6 +35,8 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     board = tape.board
     if len(content.strokes_mm) != 1 or len(content.flash_xy_mm) or len(content.areas_mm):
         return Check(name="profile", passed=False, message=f"{len(content.strokes_mm)} contours instead of one")
+    if (pen := pen_problem(content)) is not None:
+        return Check(name="profile", passed=False, message=pen)
     stroke = content.strokes_mm[0]
     if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9:
         return Check(name="profile", passed=False, message="the outline is not closed")
@@ -45,6 +53,14 @@ def check_outline(content: GerberContent, tape: Tape) -> Check:
     size = stroke.max(axis=0) - stroke.min(axis=0)
     message = f"closed, {size[0]:g} x {size[1]:g} mm" + ("" if passed else f", {error_mm:.3f} mm from the manifest's outline")
     return Check(name="profile", passed=passed, message=message, figure=error_mm * 1000, unit="um")
+
+
+def pen_problem(content: GerberContent) -> str | None:
+    """Fault of the pen that draws an outline: fabs take the middle of a thin, dark line."""
+    widest = float(np.abs(content.stroke_width_mm - OUTLINE_LINE_MM).max(initial=0.0))
+    if content.clear:
+        return "it draws in clear polarity"
+    return f"its line is {widest:.3f} mm wider or narrower than {OUTLINE_LINE_MM:g} mm" if widest > 1e-6 else None
 
 
 def _arc_points(radius_mm: float) -> int:
@@ -134,6 +150,42 @@ def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Che
         else f"{len(centres)} parts within {figure:.3f} um of the CPL"
     )
     return Check(name="components-top", passed=not len(far), message=message, figure=figure, unit="um")
+
+
+def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: RecordedAssembly, pads: LandPattern) -> Check:
+    """Check what the component layer says of its parts: rotation, value, footprint, height, both pins and the body's outline."""
+    fields = {
+        "Rot": f"{tape.part.rotation_deg:g}",
+        "Mnt": "SMD",
+        "Val": recorded.value.replace(",", "\\u002C"),
+        "Ftp": recorded.footprint.replace(",", "\\u002C"),
+        "Hgt": f"{tape.part.body_mm[2]:g}",
+    }
+    found = [(name.decode("ascii"), value.decode("ascii", "replace")) for name, value in _PART_DATA.findall(data)]
+    problems = []
+    if found != list(fields.items()):
+        wrong = [f".C{name} {shown(value)}" for name, value in found if fields.get(name) != value]
+        problems.append(f"it says {named(wrong) or 'a value twice, or not at all'}, which the manifest does not")
+    pin = np.array([bool(name) for name in content.flash_pin], dtype=bool)
+    names = [name for name, keep in zip(content.flash_component, pin, strict=True) if keep]
+    numbers = [name for name in content.flash_pin if name]
+    half = rotate(np.array([(-pads.offset_mm, 0.0), (pads.offset_mm, 0.0)]), tape.part.rotation_deg)
+    expected = (tape.part_xy_mm()[:, None] + half).reshape(-1, 2)
+    if names != [name for name in tape.designators() for _ in "12"] or numbers != ["1", "2"] * tape.part_count:
+        problems.append("its pins are not 1 and 2 of each part, in order")
+    elif np.hypot(*(content.flash_xy_mm[pin] - expected).T).max() > PLACE_TOLERANCE_MM:
+        problems.append("a pin does not stand on its pad")
+    bodies = rotate(np.array(tape.part.body_mm[:2]) / 2 * _CORNERS, tape.part.rotation_deg)
+    outlines = [stroke for stroke in content.strokes_mm if len(stroke) == len(_CORNERS) + 1]
+    if len(outlines) != len(content.strokes_mm) or len(outlines) != tape.part_count:
+        problems.append("it does not draw one body for each part")
+    else:
+        corners = np.array(outlines)[:, :-1] - tape.part_xy_mm()[:, None]
+        far = np.abs(corners[:, :, None] - bodies).max(axis=-1).min(axis=-1)
+        if far.max(initial=0.0) > PLACE_TOLERANCE_MM:
+            problems.append("the body of a part has another size or place")
+    message = named(problems) or f"rotation, value, footprint, height, pins and body of {tape.part_count} parts as the manifest's"
+    return Check(name="components-top data", passed=not problems, message=message)
 
 
 def check_drill(holes: FloatArray, tape: Tape) -> Check:

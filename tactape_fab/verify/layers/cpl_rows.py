@@ -24,6 +24,8 @@ DESIGNATORS_PER_ROW = 200
 """Most designators that JLCPCB accepts in one row of a BOM."""
 UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
+_CELL = r"[A-Za-z0-9][A-Za-z0-9 ._()+/,:#-]{0,199}"
+_CELL_REMEDY = "a cell begins with a letter or digit and holds no formula"
 _PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos)(?!\w)")
 _NUMBER = r"(-?\d+\.\d)"
 _PRINT_AREA = re.compile(
@@ -48,10 +50,10 @@ def read_assembly(table: Fields) -> RecordedAssembly:
     numbered = assembly.values.get("part_number") is not None
     return RecordedAssembly(
         format=assembly.text("format", choices=ASSEMBLY_FORMATS, default=ASSEMBLY_FORMATS[0]),
-        value=assembly.text("value", longest=200),
-        footprint=assembly.text("footprint", longest=200),
-        description=assembly.text("description", longest=200),
-        part_number=assembly.text("part_number", longest=200) if numbered else "",
+        value=assembly.text("value", pattern=_CELL, remedy=_CELL_REMEDY),
+        footprint=assembly.text("footprint", pattern=_CELL, remedy=_CELL_REMEDY),
+        description=assembly.text("description", pattern=_CELL, remedy=_CELL_REMEDY),
+        part_number=assembly.text("part_number", pattern=_CELL, remedy=_CELL_REMEDY) if numbered else "",
     )
 
 

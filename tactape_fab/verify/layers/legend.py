@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
@@ -11,17 +12,22 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.film.layout import tape_legend
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tag import CODE_CELLS
 from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.verify.layers.job_file import known_fab
+from tactape_fab.verify.layers.written_form import segments
 
 _PX_PER_CELL = 12
 _OVERSAMPLING = 4
 _MARGIN_CELLS = 4
 _CORNER_TOLERANCE_CELLS = 0.1
 _INK, _FILM = 235, 90
+_PRINT_TOLERANCE_MM = 1e-5
 _DARK_INK = 20
 
 GrayImage = npt.NDArray[np.uint8]
@@ -50,6 +56,52 @@ def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_lig
         cv2.polylines(image, [px(stroke)], False, ink, max(round(float(width) * px_per_mm), 1), cv2.LINE_8, 4)
     size = cells * _PX_PER_CELL
     return np.asarray(cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LegendRecord:
+    """Sizes of legend print, mm, as a manifest records them."""
+
+    line_mm: float
+    text_mm: float
+    gap_mm: float
+    bleed_mm: float
+    edge_mm: float
+
+
+def read_legend_record(table: Fields) -> LegendRecord | None:
+    """Read it from a manifest; None where it has no record and names a profile of the user. Problems are collected in `table`."""
+    fab = table.table("fab")
+    sizes = ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm")
+    if all(f"legend_{size}" in fab.values for size in sizes):
+        return LegendRecord(**{size: fab.number(f"legend_{size}", low=0.0, high=10.0) for size in sizes})
+    profile = known_fab(fab)
+    return None if profile is None else LegendRecord(**{size: getattr(profile.legend, size) for size in sizes})
+
+
+def check_label(content: GerberContent, tape: Tape, sizes: LegendRecord | None, *, light: bool) -> Check:
+    """Check that the legend draws this tape's tag and label, stroke by stroke, and nothing else."""
+    if sizes is None:
+        message = "not compared: the manifest does not record the sizes of its fab profile's print"
+        return Check(name="label", passed=False, warning=True, message=message)
+    expected = tape_legend(tape, sizes, light=light)
+    problems = []
+    found, right = segments(content.strokes_mm), segments(expected.strokes_mm)
+    if len(content.flash_xy_mm):
+        problems.append(f"{len(content.flash_xy_mm)} flashes, which no legend has")
+    if found.shape != right.shape or (np.abs(found - right) > _PRINT_TOLERANCE_MM).any():
+        problems.append(f"its {len(found)} lines are not the {len(right)} of this tape's label")
+    if len(found) and np.abs(content.stroke_width_mm - expected.line_mm).max() > _PRINT_TOLERANCE_MM:
+        problems.append(f"a line is not {expected.line_mm:g} mm wide")
+    areas = [area[:-1] if np.array_equal(area[0], area[-1]) else area for area in content.areas_mm]
+    if len(areas) != len(expected.areas_mm) or not all(map(_alike, areas, expected.areas_mm)):
+        problems.append(f"its {len(areas)} areas are not the {len(expected.areas_mm)} of this tape's tag")
+    message = "; ".join(problems) or f"{len(areas)} areas and {len(found)} lines, those of this tape's tag and label"
+    return Check(name="label", passed=not problems, message=message)
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    return a.shape == b.shape and bool((np.abs(a - b) <= _PRINT_TOLERANCE_MM).all())
 
 
 def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_pupil: bool) -> list[Check]:

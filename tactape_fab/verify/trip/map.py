@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
 from tactape_fab.texture.manifest import find_manifest
 from tactape_fab.texture.tape import Tape
@@ -28,50 +29,39 @@ _SIZE = -1
 """The outline of a contact in the legend, beside the outcomes of a `Trip`."""
 
 
-def refuse_map(kit: str | Path, file: str | Path) -> Path:
+def refuse_map(kit: str | Path, file: str | Path, *, overwrite: bool = False) -> Path:
     """Check the path of a map.
 
     Raises
     ------
     SpecError
-        If it does not end with .png, its folder does not exist, or it lies in the kit, which holds no file that its manifest
-        does not list.
+        If it does not end with .png, its folder does not exist, it is taken and `overwrite` does not allow it, or it lies in the
+        kit, which holds no file that its manifest does not list.
     """
     path, folder = Path(file), find_manifest(kit).parent
+    if path.suffix.lower() != ".png":
+        raise SpecError(Problem("map", f"map = {shown_path(path)} does not end with .png; give a name that does"))
     try:
-        if path.suffix.lower() != ".png":
-            raise SpecError(Problem("map", f"map = {shown_path(path)} does not end with .png; give a name that does"))
-        if not path.parent.is_dir():
-            raise SpecError(Problem("map", f"map = {shown_path(path)}: there is no folder of that name; make it first"))
-        if path.resolve().is_relative_to(folder.resolve()):
-            message = f"map = {shown_path(path)} lies in the kit, which holds only what its manifest lists; give a place outside"
-            raise SpecError(Problem("map", message))
-        if path.is_dir():
-            raise SpecError(Problem("map", f"map = {shown_path(path)} is a folder; give the name of a file"))
-    except (OSError, RuntimeError) as error:
+        inside = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SpecError(Problem("map", f"map = {shown_path(path)} cannot be looked at: {reason}; use another name")) from error
+    if inside:
+        message = f"map = {shown_path(path)} lies in the kit, which holds only what its manifest lists; give a place outside"
+        raise SpecError(Problem("map", message))
+    refuse_taken_place(path, "map", overwrite=overwrite)
     return path
 
 
-def write_map(path: Path, picture: Picture) -> None:
-    """Write a picture.
-
-    Raises
-    ------
-    TactapeError
-        When it cannot be written.
-    """
-    import cv2
-
-    try:
-        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise TactapeError(f"{shown_path(path)} cannot be written: {reason}") from error
-
-
-def map_kit(kit: str | Path, path: Path, contact: Contact, trips: Sequence[Trip], progress: Progress = lambda *_: None) -> None:
+def map_kit(
+    kit: str | Path,
+    path: Path,
+    contact: Contact,
+    trips: Sequence[Trip],
+    progress: Progress = lambda *_: None,
+    *,
+    overwrite: bool = False,
+) -> None:
     """Write the map of a kit; nothing for a texture on a part, which is not a plane.
 
     Parameters
@@ -95,7 +85,10 @@ def map_kit(kit: str | Path, path: Path, contact: Contact, trips: Sequence[Trip]
     """
     tape = Tape.load(kit)
     if tape.surface is None:
-        write_map(path, draw_map(tape, coverage_of(tape, contact, progress), contact, trips))
+        import cv2
+
+        picture = draw_map(tape, coverage_of(tape, contact, progress), contact, trips)
+        write_file(path, cv2.imencode(".png", picture)[1].tobytes(), "map", overwrite=overwrite)
 
 
 def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[Trip]) -> Picture:

@@ -1,0 +1,145 @@
+"""A file that a user asks for: written beside its place, on the disk before it gets its name, and never over another file."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.fields import shown_path
+
+_SUFFIX = ".partial"
+
+
+def refuse_taken_place(path: Path, key: str, *, overwrite: bool) -> None:
+    """Refuse a path of a new file: in no folder, or that of something else.
+
+    Parameters
+    ----------
+    path : Path
+    key : str
+        The option that names it, for the message.
+    overwrite : bool
+        Whether a regular file there may be replaced; a link, a folder or a device never is.
+
+    Raises
+    ------
+    SpecError
+    """
+    said = f"{key} = {shown_path(path)}"
+    try:
+        if not path.parent.is_dir():
+            raise SpecError(Problem(key, f"{said}: there is no folder of that name; make it first"))
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return
+    except (OSError, RuntimeError, ValueError) as error:
+        if isinstance(error, SpecError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason}; use another name")) from error
+    if not stat.S_ISREG(mode):
+        what = "a folder" if stat.S_ISDIR(mode) else "a link" if stat.S_ISLNK(mode) else "no regular file"
+        raise SpecError(Problem(key, f"{said} is {what}; nothing was touched; use another name"))
+    if not overwrite:
+        raise SpecError(Problem(key, f"{said} exists already; use --overwrite to replace it, or another name"))
+
+
+def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
+    """Write a file, whole or not at all: until it has its name, what stood there stands there.
+
+    Parameters
+    ----------
+    path : Path
+    data : bytes
+    key : str
+        The option that names it, for messages.
+    overwrite : bool
+        As for `refuse_taken_place`, which is asked again.
+
+    Raises
+    ------
+    SpecError
+        If the place is taken.
+    TactapeError
+        If it cannot be written; nothing is left of it.
+    """
+    refuse_taken_place(path, key, overwrite=overwrite)
+    partial = path.with_name(f".{path.name[:200]}.{secrets.token_hex(4)}{_SUFFIX}")
+    try:
+        try:
+            with partial.open("xb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+            if overwrite:
+                refuse_taken_place(path, key, overwrite=True)
+                partial.replace(path)
+            else:
+                _name_if_free(partial, path)
+        finally:
+            with suppress(OSError):
+                partial.unlink()
+        sync_folder(path.parent)
+    except FileExistsError:  # it came into being since
+        refuse_taken_place(path, key, overwrite=False)
+        raise
+    except (OSError, ValueError) as error:
+        if isinstance(error, SpecError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        message = f"{key} = {shown_path(path)} cannot be written: {reason}; what stood there is as it was; use another place"
+        raise TactapeError(message) from error
+
+
+def _name_if_free(partial: Path, path: Path) -> None:
+    """Give a file its name unless another one has it; in one step where the file system has hard links."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise
+    except OSError:
+        if path.exists() or path.is_symlink():
+            raise FileExistsError(str(path)) from None
+        partial.rename(path)
+
+
+def sync_file(path: Path) -> None:
+    """Bring a file to the disk.
+
+    Raises
+    ------
+    OSError
+    """
+    handle = os.open(path, os.O_RDWR)  # some systems sync only what may be written
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a folder's list of names to the disk, where the system can: a rename in it outlives a power cut."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def sync_below(folder: Path) -> None:
+    """Bring every file and folder below a folder to the disk.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be brought there.
+    """
+    for place, _, names in os.walk(folder, topdown=False):
+        for name in names:
+            sync_file(Path(place) / name)
+        sync_folder(Path(place))

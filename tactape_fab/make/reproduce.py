@@ -1,0 +1,307 @@
+"""Reproduction of a kit: it is made again from its manifest in a scratch folder, and every byte is compared.
+
+A manifest is untrusted. Its spec is read as one that a user typed, names no file, and must be that of the tape which the manifest
+describes, so that what is made again is about as large as what was made.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from tactape_fab.base.build_date import dated
+from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.libraries import versions_in_kits
+from tactape_fab.base.version import __version__
+from tactape_fab.kit.examine.order import ExaminedPanel
+from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.panel.arrange import plan_panel
+from tactape_fab.kit.spec.panel_options import MOST_ALONG, PanelRequest
+from tactape_fab.kit.spec.tape_spec import KEYS, PROFILE_KEYS, TapeSpec
+from tactape_fab.make.kit import fill_kit
+from tactape_fab.make.panel import fill_panel
+from tactape_fab.texture.certify.origin import Choice
+from tactape_fab.texture.code import has_plane
+from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
+from tactape_fab.texture.panel_manifest import is_panel, read_placed
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.certificate import difference
+from tactape_fab.verify.files import named, read_inside
+from tactape_fab.verify.verification import Verification
+
+NAME = "reproduced"
+_SPARE_POINTS = 10_000
+_MORE_POINTS = 4
+"""Grid points that a board of this size has room for may exceed those of the manifest so far: margins and a strip take some."""
+_MOST_HOLES = 10_000
+_DATE = "%Y-%m-%dT%H:%M:%S+00:00"
+
+
+class NotReproducibleError(TactapeError):
+    """A kit that this version cannot make again, whether it is right or not; the message says why and what can."""
+
+
+def reproduce_kit(path: str | Path, *, required: bool = True) -> Verification:
+    """Make a kit, or a panel with its kits, again from its manifest, and compare every byte.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of a kit or panel, or its manifest.json.
+    required : bool
+        Whether the line of a kit that this version cannot make again is a failure; a warning otherwise. Such are kits of
+        other versions, of the user's own profiles, on the user's own part, and designs that avoid other tapes.
+
+    Returns
+    -------
+    Verification
+        With one line.
+
+    Raises
+    ------
+    SpecError
+        When there is no kit at `path`.
+    """
+    file = find_manifest(path)
+    try:
+        content = read_any_manifest(file)
+        problems, count = _reproduced_panel(file, content) if is_panel(content) else _reproduced(file, content)
+    except NotReproducibleError as why:
+        return _answer(file, Check(name=NAME, passed=False, warning=not required, message=f"not made again: {why}"))
+    except (TactapeError, MemoryError, RecursionError) as error:
+        said = "; ".join(str(error).splitlines()) or type(error).__name__
+        return _answer(file, Check(name=NAME, passed=False, message=f"it cannot be made from its manifest: {said}"))
+    message = named(problems) or f"made again from its manifest: {count} files, the same bytes"
+    return _answer(file, Check(name=NAME, passed=not problems, message=message, figure=float(count)))
+
+
+def _answer(file: Path, check: Check) -> Verification:
+    return Verification(name=file.resolve().parent.name, checks=(check,))
+
+
+# One tape
+
+
+def _reproduced(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]:
+    """Differences of a kit from the one that is made again, and the number of files that were compared."""
+    if "surface" in content:
+        raise NotReproducibleError("it was made on the user's own part, which is not in it; run emboss with that part again")
+    made = _read_made(content)
+    examined = _examined(content, made)
+    with tempfile.TemporaryDirectory(prefix="tactape-", ignore_cleanup_errors=True) as scratch, dated(made["date"]):
+        again = Path(scratch)
+        blocking = [finding for finding in examined.findings if finding.blocks]
+        fill_kit(again, examined, blocking, verify=made["verified"], progress=lambda _: None)
+        return _differences(file.parent, again, made["libraries"])
+
+
+def _read_made(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The record of how a kit was made.
+
+    Raises
+    ------
+    NotReproducibleError
+        If another version made it.
+    """
+    tool = content.get("tool")
+    version = tool.get("version") if isinstance(tool, Mapping) else None
+    if version != __version__:
+        raise NotReproducibleError(f"tactape-fab {shown(version)} made it, this is {__version__}; install that version")
+    if not isinstance(content.get("made"), Mapping):
+        raise NotReproducibleError("it does not record what it was made with, as this version does; make it anew")
+    table = Fields(content).table("made", ("date", "libraries", "verified", "coverlay_asked"))
+    date = table.text("date", longest=40)
+    try:
+        moment = datetime.strptime(date, _DATE).replace(tzinfo=timezone.utc)
+    except ValueError:
+        table.problem("date", f"date = {shown(date)} is no date of a kit; it is written as 1980-01-01T00:00:00+00:00")
+        moment = datetime(1980, 1, 1, tzinfo=timezone.utc)
+    libraries = table.table("libraries").values
+    made = {
+        "date": moment,
+        "verified": table.flag("verified"),
+        "coverlay_asked": table.flag("coverlay_asked"),
+        "libraries": {name: libraries.get(name) for name in versions_in_kits()},
+    }
+    if table.problems:
+        raise SpecError(table.problems)
+    return made
+
+
+def _examined(content: Mapping[str, Any], made: Mapping[str, Any]) -> Examined:
+    """The tape of a manifest's spec, examined."""
+    values = content.get("spec")
+    if not isinstance(values, Mapping):
+        raise SpecError("the manifest has no spec")
+    values = {key: value for key, value in values.items() if value is not None}
+    for key in PROFILE_KEYS:
+        if isinstance(values.get(key), str) and values[key].endswith(".toml"):
+            raise NotReproducibleError(
+                f"its {key} profile, {shown(values[key])}, is the user's own, and not in it; make it there"
+            )
+    tape = Tape.from_mapping(content)
+    search = content.get("search")
+    avoided = _avoided(content if search is None else search)
+    if avoided and not has_plane(tape.code):
+        raise NotReproducibleError(f"its design avoids other tapes, not in it: {shown(avoided)}; make it again beside them")
+    if search is not None and not avoided:
+        values["origin"] = "best"
+    if not made["coverlay_asked"]:
+        values.pop("coverlay", None)
+    _refuse_other(values, tape)
+    examined = examine(TapeSpec.from_mapping(values))
+    return replace(examined, search=_recorded_choice(search, tape), avoided=avoided) if avoided else examined
+
+
+def _avoided(record: object) -> tuple[str, ...]:
+    """Names of the tapes that an origin or a design was chosen away from."""
+    found = record.get("avoided") if isinstance(record, Mapping) else None
+    return tuple(str(name)[:64] for name in found) if isinstance(found, list) else ()
+
+
+def _recorded_choice(search: object, tape: Tape) -> Choice:
+    """The result of a search among tapes that are not in the kit: its figures are taken from the manifest."""
+    table = Fields(search if isinstance(search, Mapping) else {}, "search.")
+    choice = Choice(
+        origin=tape.origin,
+        candidates=table.integer("candidates", low=1, high=1_000_000_000),
+        distance=table.integer("distance", low=0, high=16),
+        default_distance=_distance(table, "default_distance"),
+        from_others=_distance(table, "from_others"),
+    )
+    if table.problems:
+        raise SpecError(table.problems)
+    return choice
+
+
+def _distance(table: Fields, key: str) -> int | None:
+    return None if table.values.get(key) is None else table.integer(key, low=0, high=16)
+
+
+def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
+    """Refuse a spec that is not of this tape, before anything is computed of it."""
+    board = tape.board
+    known = {
+        "sector": tape.sector,
+        "name": tape.name,
+        "code": tape.code,
+        "origin": list(tape.origin),
+        "pitch_mm": tape.pitch_mm,
+        "displacement_mm": tape.displacement_mm,
+        "size_mm": list(board.size_mm),
+        "corner_radius_mm": board.corner_radius_mm,
+        "holes_mm": [list(hole) for hole in board.holes],
+        "rotation_deg": tape.part.rotation_deg,
+        "tag_id": None if tape.tag is None else tape.tag.id,
+    }
+    problems = [
+        Problem(key, f"spec.{key} = {shown(values.get(key))} is not that of the tape, {shown(value)}")
+        for key, value in known.items()
+        if values.get(key) != value and not (key == "origin" and values.get(key) == "best")
+    ]
+    problems += [Problem(str(key), f"spec.{shown(key)} is no option") for key in values if key not in KEYS]
+    points = (board.size_mm[0] / tape.pitch_mm + 1) * (board.size_mm[1] / tape.pitch_mm + 1)
+    if points > _MORE_POINTS * tape.columns * tape.rows + _SPARE_POINTS:
+        problems.append(Problem("size_mm", f"its {tape.columns} x {tape.rows} grid points are not those of a board of that size"))
+    if len(board.holes) > _MOST_HOLES:
+        problems.append(Problem("holes_mm", f"it has {len(board.holes)} holes, more than {_MOST_HOLES}"))
+    if problems:
+        raise SpecError(problems)
+
+
+# A panel
+
+
+def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]:
+    """As `_reproduced`, of a panel with all its kits."""
+    made = _read_made(content)
+    placed = read_placed(table := Fields(content))
+    if table.problems:
+        raise SpecError(table.problems)
+    root = file.parent.resolve()
+    tapes = []
+    for place in placed:
+        kit = file.parent / PurePosixPath(place.manifest)
+        try:
+            read_inside(root, kit)
+        except (OSError, RuntimeError) as error:
+            raise SpecError(f"{place.manifest} {getattr(error, 'strerror', None) or error}") from error
+        own = read_any_manifest(kit)
+        record = _read_made(own)
+        if {**record, "libraries": None} != {**made, "libraries": None}:
+            raise SpecError(f"{place.manifest} was not made with the panel")
+        tapes.append(_examined(own, record))
+    examined = _examined_panel(content, tapes)
+    with tempfile.TemporaryDirectory(prefix="tactape-", ignore_cleanup_errors=True) as scratch, dated(made["date"]):
+        again = Path(scratch)
+        blocking = [finding for finding in examined.findings if finding.blocks]
+        fill_panel(again, examined, blocking, verify=made["verified"], progress=lambda _: None)
+        problems, count = [], 0
+        for place in placed:
+            folder = PurePosixPath(place.manifest).parent
+            found, files = _differences(file.parent / folder, again / folder, made["libraries"])
+            problems += [f"{folder}/{problem}" for problem in found]
+            count += files
+        found, files = _differences(file.parent, again, made["libraries"])
+        return problems + found, count + files
+
+
+def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> ExaminedPanel:
+    table = Fields(content)
+    name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
+    record = table.table("panel")
+    columns, rows = (record.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows"))
+    sides = "".join(side for side in "xy" if record.integer(f"tabs_{side}", low=0, high=1000))
+    if table.problems or record.problems:
+        raise SpecError([*table.problems, *record.problems])
+    board = tapes[0].tape.board
+    if columns * rows != len(tapes) or any(tape.film is None or tape.tape.board.size_mm != board.size_mm for tape in tapes):
+        raise SpecError(f"its {len(tapes)} tapes are not {columns} x {rows} films of one size")
+    panel = plan_panel(board.size_mm, board.corner_radius_mm, (columns, rows), sides, tapes[0].fab)
+    request = PanelRequest(mode="given", arrangement=(columns, rows), sectors=None, same_sector=False, tabs=sides)
+    return ExaminedPanel(name=name, tapes=tuple(tapes), panel=panel, request=request, remarks=())
+
+
+# Comparison
+
+
+def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tuple[list[str], int]:
+    """Files that differ from those made again, the manifest last with the first of its values; and their number."""
+    root, problems = folder.resolve(), []
+    expected = _read_json(again)
+    paths = [str(row["path"]) for row in expected["files"]]
+    for path in paths:
+        try:
+            same = read_inside(root, folder / path) == (again / path).read_bytes()
+        except (OSError, RuntimeError) as error:
+            problems.append(f"{path} {getattr(error, 'strerror', None) or error}")
+        else:
+            problems += [] if same else [f"{path} is not what this manifest makes"]
+    if read_inside(root, folder / MANIFEST_NAME) != (again / MANIFEST_NAME).read_bytes():
+        problems += _manifest_difference(_read_json(folder), expected, problems)
+    others = {name: (libraries[name], own) for name, own in versions_in_kits().items() if libraries[name] != own}
+    if problems and others:
+        said = ", ".join(f"{name} {shown(theirs)}, here {own}" for name, (theirs, own) in others.items())
+        raise NotReproducibleError(f"{named(problems)}; it was made with {said}: install these to tell whether that is why")
+    return problems, len(paths) + 1
+
+
+def _read_json(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / MANIFEST_NAME).read_bytes())
+    return found
+
+
+def _manifest_difference(found: Mapping[str, Any], expected: Mapping[str, Any], problems: Sequence[str]) -> list[str]:
+    """Where a manifest differs; sizes and digests of files that differ themselves are said already."""
+    skipped = {"files"} if problems else set()
+    said, right = ({key: value for key, value in side.items() if key not in skipped} for side in (found, expected))
+    wrong = difference(said, right)
+    if wrong is not None:
+        return [f"{MANIFEST_NAME}: {wrong}"]
+    return [] if problems else [f"{MANIFEST_NAME} has the right content, but is not written as this version writes it"]
