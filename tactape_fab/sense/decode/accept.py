@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from math import degrees, exp, isfinite, log
+from math import degrees, exp, log
 from typing import Any
 
 import numpy as np
@@ -86,7 +86,7 @@ def judge(
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
         return Localization(located=False, reason=seen, **said), other
     pose = fit_pose(on.offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs)
-    if not all(map(isfinite, (*pose.position_mm.tolist(), *pose.covariance.ravel().tolist(), pose.px_per_mm))):
+    if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(pose.agree.sum())
     reason = _refusal(p_tape, doubt, limits, agree, on.good)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, remainder, tau
+from math import exp, isfinite, remainder, tau
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class Pose:
     agree: BoolArray
     sigma_mm: float
     camera: FloatArray
+
+    @property
+    def finite(self) -> bool:
+        """Whether the dots give a pose and a covariance."""
+        return all(map(isfinite, (*self.position_mm.tolist(), *self.covariance.ravel().tolist(), self.px_per_mm)))
 
 
 def fit_pose(

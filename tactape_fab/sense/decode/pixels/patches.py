@@ -197,11 +197,10 @@ def _usable(sensor: SensorProfile, factor: int, half: int) -> BoolArray:
 
 def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
     """Whether all pixels around places can be used."""
-    nearest = np.rint(np.minimum(np.maximum(at_px, -1.0), 1e6)).astype(np.int64)
-    within = np.logical_and(nearest >= 0, nearest < fit.usable.shape[::-1])
-    inside: BoolArray = np.logical_and(within[:, 0], within[:, 1])
-    inside[inside] = fit.usable[nearest[inside, 1], nearest[inside, 0]]
-    return inside
+    u, v = np.rint(np.minimum(np.maximum(at_px, -1.0), 1e6)).astype(np.int64).T
+    h, w = fit.usable.shape
+    inside: BoolArray = (u >= 0) & (u < w) & (v >= 0) & (v < h)
+    return inside & fit.usable[np.where(inside, v, 0), np.where(inside, u, 0)]
 
 
 def median(values: FloatArray) -> float:
@@ -238,14 +237,13 @@ def settled_patches(
 
 def _wanted_blur_mm(blur_mm: float, found: Patches) -> float:
     """The blur of `BLURS_MM` that a fit under another one asks for, half to twice that."""
-    bumps = found.height > 0.0
-    if 2 * bumps.sum() > len(bumps):
-        weight = np.where(bumps, 1.0 / found.more_variance, 0.0)
+    weight = (found.height > 0.0) / found.more_variance
+    if 2 * np.count_nonzero(weight) > len(weight):
         square = blur_mm**2 + 2.0 * float(weight @ found.more_mm2) / max(float(weight.sum()), 1e-300)
     else:  # what is much sharper looks like a negative height and a blur that makes up for it
         square = 0.0
     square = min(max(square, blur_mm**2 / 4.0), blur_mm**2 * 4.0)
-    return BLURS_MM[int(np.argmin(np.abs(2.0 * np.log(BLURS_MM) - log(square))))]
+    return min(BLURS_MM, key=lambda blur: abs(2.0 * log(blur) - log(square)))
 
 
 def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, part: TapePart, blur_mm: float) -> Patches:

@@ -12,7 +12,7 @@ from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.dots.filters import Image, averaged
 from tactape_fab.sense.decode.dots.rim import ONE_SIDED
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
-from tactape_fab.sense.decode.grid.posterior import Beliefs
+from tactape_fab.sense.decode.grid.posterior import Beliefs, eliminate
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, rehearse_patches, settled_patches, unknown_relief
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
@@ -41,7 +41,7 @@ MOST_SCATTER = 1.1
 """Largest scatter of refined dots over that of the dots: where parts are placed badly both scatter alike."""
 MOST_MOVE = 25.0
 """Largest squared distance, in the covariance of the dots' pose, by which the pixels may move it: chance has more in 2e-5."""
-MOVE_FLOOR = np.array([0.003, 0.003, 0.0005])
+MOVE_FLOOR = np.diag([0.003, 0.003, 0.0005]) ** 2
 """Errors of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
 LEAST_SIGMA_MM = 0.0005
 USUAL_MM = 0.005
@@ -130,19 +130,20 @@ def refine(
 def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
     """Compile the kernels and make the tables of some parts now, so that no frame waits."""
     rehearse_patches(fit, parts)
-    _mean_directions(*np.zeros((3, 1, 2)))
+    place, some = np.zeros((1, 2)), np.ones(7)
+    _mean_directions(place, place, place)
+    _take_camera(place, place, some[:1], some, place[0], some, np.empty((1, 2, 7)), np.zeros((7, 8)))
 
 
 def _doubt(pose: Pose, refined: Pose) -> str | None:
     """Why a refined pose is not believed; None if it is."""
-    finite = np.isfinite(refined.covariance).all() and np.isfinite(refined.position_mm).all()
-    if not finite or refined.agree.sum() < LEAST_AGREEING:
+    if not refined.finite or refined.agree.sum() < LEAST_AGREEING:
         return "the refined dots give no pose"
     if refined.sigma_mm > MOST_SCATTER * pose.sigma_mm:
         return f"refined dots scatter by {refined.sigma_mm * 1000:.1f} um, the dots by {pose.sigma_mm * 1000:.1f} um"
     turn = (refined.theta_rad - pose.theta_rad + pi) % (2.0 * pi) - pi
     move = np.array([*(refined.position_mm - pose.position_mm), turn])
-    if not move @ np.linalg.solve(pose.covariance + np.diag(MOVE_FLOOR) ** 2, move) <= MOST_MOVE:
+    if not move @ np.linalg.solve(pose.covariance + MOVE_FLOOR, move) <= MOST_MOVE:
         return f"the pixels move the pose by {hypot(*move[:2]) * 1000:.1f} um, more than the dots' errors allow"
     return None
 
@@ -157,19 +158,44 @@ def _mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
 
 def _without_camera(error_mm: FloatArray, gel_mm: FloatArray, weights: FloatArray, beliefs: Beliefs) -> FloatArray:
     """Errors of dots, image axes, less what the pose and the camera, within its priors, may be off by; both (n, 2)."""
-    x, y = gel_mm.T
-    from_centre = gel_mm - beliefs.centre_mm
-    bent = from_centre * ((from_centre / beliefs.corner_mm) ** 2).sum(axis=1, keepdims=True)
-    scale, aspect, shear, k1 = beliefs.sigmas
-    rates = np.zeros((7, len(x), 2))
-    rates[0, :, 0] = rates[1, :, 1] = 1.0
-    rates[2, :, 0], rates[2, :, 1] = -y, x
-    rates[3], rates[4, :, 0], rates[4, :, 1] = scale * gel_mm, aspect / 2.0 * x, -aspect / 2.0 * y
-    rates[5, :, 0], rates[6] = shear * y, k1 * bent
-    weighted, flat = (rates * weights[:, None]).reshape(7, -1), rates.reshape(7, -1)
-    prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    left: FloatArray = error_mm - (np.linalg.solve(weighted @ flat.T + prior, weighted @ error_mm.ravel()) @ flat).reshape(-1, 2)
+    left, rates, normal = error_mm.copy(), np.empty((len(weights), 2, 7)), np.zeros((7, 8))
+    _take_camera(left, gel_mm, weights, beliefs.sigmas, beliefs.centre_mm, beliefs.corner_mm, rates, normal)
     return left
+
+
+@kernel()
+def _take_camera(
+    error_mm: FloatArray,
+    gel_mm: FloatArray,
+    weights: FloatArray,
+    sigmas: FloatArray,
+    centre_mm: FloatArray,
+    corner_mm: FloatArray,
+    rates: FloatArray,
+    normal: FloatArray,
+) -> None:
+    """`_without_camera` in place, by least squares; `rates` (n, 2, 7) and `normal` (7, 8), zero before, are work buffers."""
+    for i in range(len(weights)):
+        x, y = gel_mm[i, 0], gel_mm[i, 1]
+        dx, dy = x - centre_mm[0], y - centre_mm[1]
+        square = (dx / corner_mm[0]) ** 2 + (dy / corner_mm[1]) ** 2
+        u, v = rates[i, 0], rates[i, 1]
+        # x, y, the turn, ln of the scale, aspect, shear and k1
+        aspect, bend = sigmas[1] / 2.0, sigmas[3] * square
+        u[0], u[1], u[2], u[3], u[4], u[5], u[6] = 1.0, 0.0, -y, sigmas[0] * x, aspect * x, sigmas[2] * y, bend * dx
+        v[0], v[1], v[2], v[3], v[4], v[5], v[6] = 0.0, 1.0, x, sigmas[0] * y, -aspect * y, 0.0, bend * dy
+        for k in range(7):
+            for m in range(7):
+                normal[k, m] += weights[i] * (u[k] * u[m] + v[k] * v[m])
+            normal[k, 7] += weights[i] * (u[k] * error_mm[i, 0] + v[k] * error_mm[i, 1])
+    for k in range(3, 7):  # the priors
+        normal[k, k] += 1.0
+    for k in range(7):
+        eliminate(normal, k, 7)
+    for i in range(len(weights)):
+        for axis in range(2):
+            for k in range(7):
+                error_mm[i, axis] -= rates[i, axis, k] * normal[k, 7]
 
 
 def _pull_mm(low: FloatArray, along_mm: FloatArray) -> float:
