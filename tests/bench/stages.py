@@ -8,8 +8,8 @@ prints the table of docs/localization.md. Other threads can decode while a kerne
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import wraps
 from importlib import import_module
@@ -80,46 +80,50 @@ class Clock:
         return timed
 
 
-def instrumented(clock: Clock) -> None:
-    """Put a clock round every stage and every kernel that Python calls."""
+@contextmanager
+def instrumented(clock: Clock) -> Iterator[None]:
+    """A clock round every stage and every kernel that Python calls."""
     from numba.core.dispatcher import Dispatcher
 
     modules = [import_module(found.name) for found in walk_packages(decode.__path__, f"{decode.__name__}.")]
     kernels: dict[int, Callable[..., Any]] = {}
-    for module in modules:
-        for name, value in vars(module).copy().items():
-            if isinstance(value, Dispatcher):
-                setattr(module, name, kernels.setdefault(id(value), clock.kernel(value)))
-    for stage, (module_name, name) in STAGES.items():
-        module = import_module(f"{decode.__name__}.{module_name}")
-        setattr(module, name, clock.staged(stage, getattr(module, name)))
+    found = [(module, name, value) for module in modules for name, value in vars(module).items() if isinstance(value, Dispatcher)]
+    staged = [(import_module(f"{decode.__name__}.{module}"), name) for module, name in STAGES.values()]
+    before = [*found, *((module, name, getattr(module, name)) for module, name in staged)]
+    try:
+        for module, name, value in found:
+            setattr(module, name, kernels.setdefault(id(value), clock.kernel(value)))
+        for stage, (module, name) in zip(STAGES, staged, strict=True):
+            setattr(module, name, clock.staged(stage, getattr(module, name)))
+        yield
+    finally:
+        for module, name, value in before:
+            setattr(module, name, value)
 
 
 def measured(localizer: Localizer, frames: list[Any], rounds: int) -> dict[str, np.ndarray[Any, Any]]:
     """Microseconds in all, in kernels, and kernels called, of each stage: mean over frames of the quickest of some rounds."""
     for frame in frames:
         localizer.locate(frame)  # every kernel is compiled, and in the processor's cache
-    clock = Clock()
-    instrumented(clock)
-    best: list[dict[str, list[int]]] = []
-    for frame in frames:
-        found, least = {}, sys.maxsize
-        for _ in range(rounds):
-            clock.begin()
-            start = perf_counter_ns()
-            localizer.locate(frame)
-            spent = perf_counter_ns() - start
-            clock.spent[REST][0] += spent
-            if spent < least:
-                found, least = clock.spent, spent
-        best.append(found)
-    return {name: np.mean([found[name] for found in best], axis=0) / (1e3, 1e3, 1.0) for name in (*STAGES, REST)}
+    clock, best = Clock(), []
+    with instrumented(clock):
+        for frame in frames:
+            found: list[tuple[int, dict[str, list[int]]]] = []
+            for _ in range(rounds):
+                clock.begin()
+                start = perf_counter_ns()
+                localizer.locate(frame)
+                spent = perf_counter_ns() - start
+                clock.spent[REST][0] += spent
+                found.append((spent, clock.spent))
+            best.append(min(found, key=lambda one: one[0])[1])
+    stages = {name: np.mean([found[name] for found in best], axis=0) / (1e3, 1e3, 1.0) for name in (*STAGES, REST)}
+    return {name: row for name, row in stages.items() if row[0] > 0.0}
 
 
 def table(stages: dict[str, np.ndarray[Any, Any]]) -> str:
     """The stages as a table in Markdown."""
     lines = ["| stage | kernels | in kernels, us | in Python, us |", "|---|---|---|---|"]
-    stages = {name: row for name, row in stages.items() if row[0] > 0.0}
     for name, (whole, inside, calls) in {**stages, "**a frame**": np.sum(list(stages.values()), axis=0)}.items():
         lines.append(f"| {name} | {calls:.1f} | {inside:.0f} | {whole - inside:.0f} |")
     return "\n".join(lines)

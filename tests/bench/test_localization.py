@@ -26,6 +26,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, iterate_frames, load_sensor
+from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Geometry
 from tests.bench.false_accepts import SECTORS_DOTS, bound_of, by_subject, plan, worst_jobs
 from tests.bench.false_tally import DECADES, Tally, total
@@ -35,6 +36,7 @@ from tests.bench.localization_measure import WORLDS, localizer_of, measure, meas
 from tests.bench.localization_report import Report
 from tests.bench.localization_rows import CODE_ROWS, COUNT, ROWS, Row, frames_of, registered_tape
 from tests.bench.measure import Timed, run
+from tests.bench.stages import measured
 
 MOST_FALSE = 1e-4
 MEDIAN_MS = {"open": 0.7, "closed": 0.5}
@@ -189,6 +191,17 @@ def test_a_frame_takes_less_than_a_tag_of_the_same_size(benchmark: BenchmarkFixt
         # 6.06 ms is AprilTag's figure on the machine that the targets are for; on a slower one the ratio decides
         kept = median <= MEDIAN_MS[world] or median / tag_ms <= 1.3 * MEDIAN_MS[world] / 6.06
         assert kept, f"{world} world: {median:.3f} ms, a tag {tag_ms:.3f} ms"
+
+
+@pytest.mark.parametrize("refine", ["dots", "pixels"])
+def test_python_calls_few_kernels(refine: Refined, benchmark: BenchmarkFixture, report: Report) -> None:
+    """Between two kernels a thread waits for all others, so they are counted; the table is that of docs/localization.md."""
+    localizer, frames = Localizer([registered_tape()], refine=refine), [frame.depth for frame in frames_of(ROWS[0], 10)]
+    stages = run(benchmark, lambda: measured(localizer, frames, 10), rounds=1)
+    whole, inside, calls = np.sum(list(stages.values()), axis=0)
+    report.figure(f"{refine}: kernels a frame, us in them, us in Python", [round(calls, 1), round(inside), round(whole - inside)])
+    assert calls <= (25 if refine == "dots" else 33)
+    assert whole - inside <= 1.5 * (1 if refine == "dots" else 2) * inside
 
 
 def test_many_tapes_and_large_frames_take_little_longer(benchmark: BenchmarkFixture, report: Report) -> None:

@@ -88,7 +88,7 @@ def judge(
     pose = fit_pose(on.offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs)
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
-    said["n_agree"] = agree = int(pose.agree.sum())
+    said["n_agree"] = agree = int(np.count_nonzero(pose.agree))
     reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other

@@ -412,13 +412,14 @@ class Localizer:
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
         raw = dots
-        if len(dots.weights) and np.abs(dots.xy_px).max() <= LARGE:
+        small = (image is not None and self._straight) or len(dots.weights) == 0 or np.abs(dots.xy_px).max() <= LARGE
+        if small:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
         n = len(dots.weights)
         empty = Localization(status=status_of(n), located=False, n_dots=n)
         if n < LEAST_DOTS:
             return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
-        if dots.trust.sum() < 1.0 or np.abs(dots.xy_px).max() > LARGE:
+        if dots.trust.sum() < 1.0 or not small:
             return replace(empty, reason="no dot stands out of the noise")
         reading = read(dots, self._view, self._world, prior, self._limits.on_tape, self._limits.precision)
         explained = False

@@ -96,27 +96,31 @@ def refine(
     to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ _mm_of_px(fit, at[chosen])
     found, centres = settled_patches(fit, image, at[chosen], to_body, part)
     good = found.height > 0.0
-    if good.sum() < LEAST_PATCHES or not median(found.misfit) <= MOST_MISFIT:
+    usable = np.count_nonzero(good)
+    if usable < LEAST_PATCHES or not median(found.misfit) <= MOST_MISFIT:
         return pose, "the pixels around the dots do not look like the tape's parts"
-    excess = 1.0 if fit.variance is None else median(found.left) / (fit.freedom * fit.variance)
+    left = median(found.left)
+    excess = 1.0 if fit.variance is None else left / (fit.freedom * fit.variance)
     if not excess <= MOST_EXCESS:
         return pose, f"the pixels around the dots differ from the tape's parts by {sqrt(excess):.1f} times the slopes' noise"
-    if not good.all():
+    if usable < len(good):
         chosen, centres, found = chosen[good], centres[good], found.taken(good)
-    gel_mm = fit.from_px(centres)
-    turned = np.array([[cos(pose.theta_rad), -sin(pose.theta_rad)], [sin(pose.theta_rad), cos(pose.theta_rad)]])  # for rows
-    slopes = np.maximum(found.left, median(found.left)) / fit.freedom
+        left = median(found.left)
+    gel_mm, nominal_mm = fit.from_px(centres), texture_mm.take(chosen, 0)
+    c, s = cos(pose.theta_rad), sin(pose.theta_rad)
+    turned = np.array([[c, -s], [s, c]])  # for rows
+    slopes = np.maximum(found.left, left) / fit.freedom
     own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
-    inwards, low = _at_rim(texture_mm[chosen], texture_mm[pose.agree], found.imprint)
+    inwards, low = _at_rim(nominal_mm, texture_mm[pose.agree], found.imprint)
     scale = view.px_per_mm / pose.px_per_mm
-    error_mm = pose.position_mm + gel_mm @ turned * scale - texture_mm[chosen]
+    error_mm = pose.position_mm + gel_mm @ turned * scale - nominal_mm
     weights = 1.0 / (own + (PULL_MM * low) ** 2 + USUAL_MM**2)
     error_mm = _without_camera(error_mm @ turned.T, gel_mm, weights, view.beliefs) @ turned
     pull_mm = _pull_mm(low, (error_mm * inwards).sum(axis=1))
     drawn_mm = (pull_mm * low)[:, None] * inwards
     refined = fit_pose(
         (gel_mm - drawn_mm @ turned.T / scale) * view.px_per_mm,
-        texture_mm[chosen],
+        nominal_mm,
         _weights(own, error_mm - drawn_mm, PULL_REST * pull_mm * low),
         view.px_per_mm,
         view.beliefs,
@@ -137,7 +141,7 @@ def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
 
 def _doubt(pose: Pose, refined: Pose) -> str | None:
     """Why a refined pose is not believed; None if it is."""
-    if not refined.finite or refined.agree.sum() < LEAST_AGREEING:
+    if not refined.finite or np.count_nonzero(refined.agree) < LEAST_AGREEING:
         return "the refined dots give no pose"
     if refined.sigma_mm > MOST_SCATTER * pose.sigma_mm:
         return f"refined dots scatter by {refined.sigma_mm * 1000:.1f} um, the dots by {pose.sigma_mm * 1000:.1f} um"
@@ -219,7 +223,7 @@ def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArra
     _mean_directions(texture_mm, neighbours_mm, mean)
     length = np.hypot(mean[:, 0], mean[:, 1])
     inner = length <= ONE_SIDED
-    level = median(height[inner] if inner.sum() >= LEAST_INNER else np.sort(height)[len(height) // 2 :])
+    level = median(height[inner] if np.count_nonzero(inner) >= LEAST_INNER else np.sort(height)[len(height) // 2 :])
     low = np.where(inner, 0.0, np.minimum(np.maximum(1.0 - LEVEL_ERROR - height / level, 0.0), 1.0))
     return mean / np.maximum(length, 1e-9)[:, None], low
 
@@ -243,10 +247,10 @@ def _weights(own: FloatArray, error_mm: FloatArray, rim_mm: FloatArray) -> Float
     """Least variance over that of each dot: its own (n,), mm^2, the rim's, and what else places scatter by."""
     whole = rim_mm <= np.sqrt(own)
     scatter = 0.0
-    if whole.sum() >= LEAST_INNER:
-        off = error_mm[whole] - [median(along) for along in error_mm[whole].T]
+    if np.count_nonzero(whole) >= LEAST_INNER:
+        x, y = error_mm[whole].T
         # the squared length of a normal vector has the median 2 ln 2 times the variance of a component
-        scatter = max(median((off**2).sum(axis=1)) / (2.0 * log(2.0)) - median(own[whole]), 0.0)
+        scatter = max(median((x - median(x)) ** 2 + (y - median(y)) ** 2) / (2.0 * log(2.0)) - median(own[whole]), 0.0)
     variance = own + rim_mm**2 + scatter
     weights: FloatArray = variance.min() / variance
     return weights
