@@ -319,22 +319,25 @@ def _fit(
     Columns of the least squares are the relief, its slopes along the body's length and width, its derivative by half the blur's
     variance, and the frame.
     """
-    places, half, zero = len(along), side // 2, np.float32(len(along) // 2 + 0.5)
+    last, half, zero = len(along) - 1, side // 2, np.float32(len(along) // 2 + 0.5)
+    along_u, along_v, across_u, across_v = per_px[0, 0], per_px[0, 1], per_px[1, 0], per_px[1, 1]
     for n in range(len(base)):
         # the body's smoothed step, its slope and its curvature, from the nearest entry of each table
+        off_u, left = off[n, 0], base[n, 0] - half
         for j in range(side):
             v = np.float32(j - half) - off[n, 1]
-            row, along_v, across_v = image[base[n, 1] + j - half], per_px[0, 1] * v, per_px[1, 1] * v
+            row, drawn = image[base[n, 1] + j - half, left : left + side], images[:, j * side : (j + 1) * side]
+            down, right = along_v * v, across_v * v
             for i in range(side):
-                u = np.float32(i - half) - off[n, 0]
-                a = min(max(int((per_px[0, 0] * u + zero) + along_v), 0), places - 1)
-                b = min(max(int((per_px[1, 0] * u + zero) + across_v), 0), places - 1)
-                images[0, j * side + i] = along[a, 0] * across[b, 0]
-                images[1, j * side + i] = along[a, 1] * across[b, 0]
-                images[2, j * side + i] = along[a, 0] * across[b, 1]
+                u = np.float32(i - half) - off_u
+                a = along[min(max(int((along_u * u + zero) + down), 0), last)]
+                b = across[min(max(int((across_u * u + zero) + right), 0), last)]
+                drawn[0, i] = a[0] * b[0]
+                drawn[1, i] = a[1] * b[0]
+                drawn[2, i] = a[0] * b[1]
                 # a Gaussian spreads as heat does: the derivative by half its variance is the sum of the second ones by both axes
-                images[3, j * side + i] = along[a, 2] * across[b, 0] + along[a, 0] * across[b, 2]
-                images[4, j * side + i] = row[base[n, 0] + i - half]
+                drawn[3, i] = a[2] * b[0] + a[0] * b[2]
+                drawn[4, i] = row[i]
         for k in range(5):
             _differences(images[k], side, columns[k])
         for k in range(5):
