@@ -1,8 +1,9 @@
 """Where a frame's time goes: each stage of the decoder, in compiled kernels and in Python between them.
 
-    python -m tests.bench.stages [--world closed] [--refine pixels] [--frames 20] [--rounds 30]
+    python -m tests.bench.stages [--frames 20] [--rounds 30] [--write]
 
-prints the table of docs/localization.md. Other threads can decode while a kernel runs: what is in Python, they wait for.
+prints the table of docs/localization.md, or puts it there. Other threads can decode while a kernel runs: what is in Python, they
+wait for.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import wraps
 from importlib import import_module
+from pathlib import Path
 from pkgutil import walk_packages
 from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab import Localizer
 from tactape_fab.base.jit import COMPILED
@@ -37,6 +40,10 @@ STAGES = {
 }
 """Stages by the function that each is, and the module that calls it."""
 REST = "the rest"
+PAGE = Path(__file__).parents[2] / "docs" / "localization.md"
+BEGIN, END = "<!-- stages -->\n", "<!-- /stages -->\n"
+Stages = dict[str, npt.NDArray[np.float64]]
+"""Microseconds in all, in kernels, and kernels called, by stage."""
 
 
 @dataclass
@@ -101,7 +108,7 @@ def instrumented(clock: Clock) -> Iterator[None]:
             setattr(module, name, value)
 
 
-def measured(localizer: Localizer, frames: list[Any], rounds: int) -> dict[str, np.ndarray[Any, Any]]:
+def measured(localizer: Localizer, frames: list[Any], rounds: int) -> Stages:
     """Microseconds in all, in kernels, and kernels called, of each stage: mean over frames of the quickest of some rounds."""
     for frame in frames:
         localizer.locate(frame)  # every kernel is compiled, and in the processor's cache
@@ -121,26 +128,41 @@ def measured(localizer: Localizer, frames: list[Any], rounds: int) -> dict[str, 
     return {name: row for name, row in stages.items() if row[0] > 0.0}
 
 
-def table(stages: dict[str, np.ndarray[Any, Any]]) -> str:
-    """The stages as a table in Markdown."""
-    lines = ["| stage | kernels | in kernels, us | in Python, us |", "|---|---|---|---|"]
-    for name, (whole, inside, calls) in {**stages, "**a frame**": np.sum(list(stages.values()), axis=0)}.items():
-        lines.append(f"| {name} | {calls:.1f} | {inside:.0f} | {whole - inside:.0f} |")
-    return "\n".join(lines)
+def table(setups: dict[str, Stages]) -> str:
+    """The stages of some set-ups as a table in Markdown."""
+    lines = [
+        "| | " + " | ".join(f"{name}: kernels | in them, µs | in Python, µs" for name in setups) + " |",
+        "|---" * (1 + 3 * len(setups)) + "|",
+    ]
+    nothing = np.zeros(3)
+    for stage in (*STAGES, REST, "**a frame**"):
+        cells = []
+        for stages in setups.values():
+            whole, inside, calls = stages.get(stage, nothing) if stage in (*STAGES, REST) else np.sum([*stages.values()], axis=0)
+            cells += [f"{calls:.0f}", f"{inside:.0f}", f"{whole - inside:.0f}"]
+        lines.append(f"| {' | '.join([stage, *cells])} |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.stages", description=__doc__.splitlines()[0])
-    parser.add_argument("--world", choices=("open", "closed"), default="open")
-    parser.add_argument("--refine", choices=("dots", "pixels"), default="dots")
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--rounds", type=int, default=30)
+    parser.add_argument("--write", action="store_true", help="put the table into docs/localization.md")
     asked = parser.parse_args()
     if not COMPILED:
         raise SystemExit("there are no kernels to be timed: numba is missing or switched off")
-    localizer = Localizer([registered_tape()], world=asked.world, refine=asked.refine)
+    localizers = {
+        "closed world": Localizer([registered_tape()], world="closed"),
+        "open world": Localizer([registered_tape()]),
+        "open, to the pixels": Localizer([registered_tape()], refine="pixels"),
+    }
     frames = [frame.depth for frame in frames_of(ROWS[0], asked.frames)]
-    print(table(measured(localizer, frames, asked.rounds)))
+    found = table({name: measured(localizer, frames, asked.rounds) for name, localizer in localizers.items()})
+    print(found, end="")
+    if asked.write:
+        head, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+        PAGE.write_text(f"{head}{BEGIN}{found}{END}{rest.split(END)[1]}", encoding="utf-8")
 
 
 if __name__ == "__main__":

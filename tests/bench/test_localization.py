@@ -199,7 +199,7 @@ def test_python_calls_few_kernels(refine: Refined, benchmark: BenchmarkFixture, 
     localizer, frames = Localizer([registered_tape()], refine=refine), [frame.depth for frame in frames_of(ROWS[0], 10)]
     stages = run(benchmark, lambda: measured(localizer, frames, 10), rounds=1)
     whole, inside, calls = np.sum(list(stages.values()), axis=0)
-    report.figure(f"{refine}: kernels a frame, us in them, us in Python", [round(calls, 1), round(inside), round(whole - inside)])
+    report.figure(f"{refine}: kernels a frame, µs in them, us in Python", [round(calls, 1), round(inside), round(whole - inside)])
     assert calls <= (25 if refine == "dots" else 33)
     assert whole - inside <= 1.5 * (1 if refine == "dots" else 2) * inside
 
