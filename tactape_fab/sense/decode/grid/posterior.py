@@ -194,13 +194,13 @@ def _settled_correlated(
     """`_settled` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
     own = 1.0 / np.sqrt(weights)
     for taken in range(1, MOST_STEPS + 1):
-        _linearised(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
+        _linearised_alone(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
         inverse = np.linalg.inv(smooth + np.diag(variance * own + rim_mm2 * (1.0 - weights) ** 1.75))
         weighted = rates @ inverse
         flat = weighted.reshape(10, -1)
         np.matmul(flat, rates.reshape(10, -1).T, out=normal)
         np.matmul((weighted * own).reshape(10, -1), flat.T, out=spread)
-        before, variance = variance, _stepped(normal, spread, state, variance, float(inverse.diagonal() @ own))
+        before, variance = variance, _stepped_alone(normal, spread, state, variance, float(inverse.diagonal() @ own))
         if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
             break
     return variance
@@ -288,7 +288,7 @@ def lens_of(k1: float, square: float) -> tuple[float, float]:
     return lens, -bent * lens / (1.0 + 3.0 * k1 * bent)
 
 
-@kernel()
+@inner_kernel()
 def _linearised(
     seen_mm: FloatArray,
     target: FloatArray,
@@ -377,7 +377,7 @@ def eliminate(matrix: FloatArray, k: int, rows: int) -> None:
                 matrix[j, i] -= factor * matrix[k, i]
 
 
-@kernel()
+@inner_kernel()
 def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance: float, known: float) -> float:
     """Take a step of Gauss and Newton: the normal equations, `normal`, become the covariance (9, 9), and the state is moved.
 
@@ -401,3 +401,7 @@ def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance
     # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
     errors = USUAL_ERRORS + variance * (2.0 * known - trace)
     return float((USUAL_ERRORS * USUAL_MM**2 + variance * variance * max(square, 0.0)) / max(errors - 2.0, 1.0))
+
+
+_linearised_alone, _stepped_alone = kernel()(_linearised.py_func), kernel()(_stepped.py_func)
+"""For Python, which calls them, and so has them compiled, only where a profile says that the gel is displaced."""
