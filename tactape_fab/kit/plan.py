@@ -161,6 +161,25 @@ def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, 
     return _plan(spec, element_claim(part, process, spec.rotation_deg), tape_part, spec.base_mm, avoid)
 
 
+def film_size_mm(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> tuple[float, float]:
+    """The spec's outline, or where not one window of the code fits, the least one on each axis that holds it, mm."""
+    claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
+    return _holding(spec, claim)
+
+
+def texture_size_mm(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> tuple[float, float]:
+    """The same as `film_size_mm`, for a texture of solid elements."""
+    return _holding(spec, element_claim(part, process, spec.rotation_deg))
+
+
+def _holding(spec: TapeSpec, claim: Claim) -> tuple[float, float]:
+    code = get_code(spec.code)
+    if not any(_size_problems(spec, code, _grid(spec.size_mm, spec, claim), claim)):
+        return spec.size_mm
+    least = _least_size_mm(spec, code, claim)
+    return max(spec.size_mm[0], least[0]), max(spec.size_mm[1], least[1])
+
+
 def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, avoid: Sequence[Tape] = ()) -> SymbolArray:
     """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
     others = [tape.symbols for tape in avoid]
@@ -217,6 +236,12 @@ def _has_window(free: BoolArray, code: Code) -> bool:
     return bool(np.lib.stride_tricks.sliding_window_view(free, (code.window, code.window)).all(axis=(2, 3)).any())
 
 
+def _holds(spec: TapeSpec, code: Code, claim: Claim) -> bool:
+    """Whether a window of the code fits the outline, rounded corners considered."""
+    least = _least_size_mm(spec, code, claim)
+    return all(side >= least_mm - TOLERANCE_MM for side, least_mm in zip(spec.size_mm, least, strict=True))
+
+
 def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Iterator[Problem]:
     least_height_mm = _strip_height_mm(spec)
     fits = grid.columns >= code.window and grid.rows >= code.window
@@ -227,8 +252,9 @@ def _size_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> Ite
     yield Problem(
         "size_mm",
         f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm is too small: {what}one {code.window}x{code.window} window "
-        f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use a larger --size"
-        + (", or --tag none" if spec.tag == "strip" else ""),
+        f"of code '{code.name}' at pitch {spec.pitch_mm:g} mm needs {least[0]:g} x {least[1]:g} mm; use --size "
+        f"{max(spec.size_mm[0], least[0]):g}x{max(spec.size_mm[1], least[1]):g}"
+        + (", or --tag none" if spec.tag == "strip" and _holds(spec.but(tag="none", tag_id=None), code, claim) else ""),
         needs=(*claim.needs, "code", "corner_radius_mm"),
     )
 
@@ -271,12 +297,14 @@ def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> It
             f"'{code.name}'; use a smaller --size{other}",
             needs=(*claim.needs, "code"),
         )
+    last = (code.range - grid.columns, code.range - grid.rows)
+    within = ",".join(str(max(min(at, most), 0)) for at, most in zip(spec.place, last, strict=True))
     for name, first, count in (("column", spec.place[0], grid.columns), ("row", spec.place[1], grid.rows)):
         if first + count > code.range:
             yield ReachProblem(
                 "origin",
                 f"origin {name} {first} + {count} {name}s of the tape exceed {code.range}, the range of code "
-                f"'{code.name}'; give --origin COL,ROW with {name} at most {max(code.range - count, 0)}, or a smaller --size",
+                f"'{code.name}'; use --origin {within}, with {name} at most {max(code.range - count, 0)}, or a smaller --size",
                 needs=(*claim.needs, "code", "sector", "size_mm"),
             )
 
@@ -290,11 +318,16 @@ def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
     if spec.tag_id is None:
         return
     ring = np.array(_tag_centre_mm(spec)) + SIDE_CELLS * spec.tag_cell_mm / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    if inset_mm(ring, spec.size_mm, spec.corner_radius_mm).min() < ink_edge_mm - TOLERANCE_MM:
+
+    def inside(radius_mm: float) -> bool:
+        return bool(inset_mm(ring, spec.size_mm, radius_mm).min() >= ink_edge_mm - TOLERANCE_MM)
+
+    if not inside(spec.corner_radius_mm):
+        most_mm = max((step / 10 for step in range(int(spec.corner_radius_mm * 10) + 1) if inside(step / 10)), default=0.0)
         yield Problem(
             "corner_radius_mm",
             f"corner_radius_mm = {spec.corner_radius_mm:g} mm cuts into the tag, whose ring must stay {ink_edge_mm:g} "
-            "mm inside the outline; use a smaller --corner-radius or --tag none",
+            f"mm inside the outline; use --corner-radius {most_mm:g}, or --tag none",
             needs=("fab", "size_mm", "tag", "tag_cell_mm"),
         )
 

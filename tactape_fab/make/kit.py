@@ -213,7 +213,11 @@ def refuse_broken(
     except SpecError as error:
         raise SpecError(error.problems, blocking) from None
     form = drawn.spec.form
-    never = undrawable(form_problems(drawn.tape, form)) if force and form is not None and drawn.film is not None else []
+    never = (
+        undrawable(form_problems(drawn.tape, form), drawn.spec, drawn.film)
+        if force and form is not None and drawn.film is not None
+        else []
+    )
     if blocking and (never or not force):
         raise DesignRuleError(never or findings)
     return blocking

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import asin, pi
+from math import asin, ceil, pi
 
 import numpy as np
 
@@ -39,11 +39,12 @@ def _cell_problems(tape: Tape) -> Iterator[Problem]:
     worst = float(reach.max())
     if worst > tape.pitch_mm / 2 - LEAST_CLEARANCE_MM + _TOLERANCE_MM:
         most_mm = tape.pitch_mm / 2 - LEAST_CLEARANCE_MM
+        least_mm = ceil(round(2 * (worst + LEAST_CLEARANCE_MM) * 1000, 3)) / 1000
         yield Problem(
             "part",
             f"part = '{tape.part.name}' is larger than its cell: displaced by {tape.displacement_mm:g} mm it reaches "
             f"{worst:.3f} mm from its grid point, more than {most_mm:.3f} mm, half the pitch {tape.pitch_mm:g} mm less a "
-            "clearance; use a larger --w, a smaller --delta or a smaller element",
+            f"clearance; use --w {least_mm:g} --delta {tape.displacement_mm:g}, or a smaller element",
         )
 
 

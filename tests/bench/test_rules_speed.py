@@ -24,7 +24,8 @@ def best_of(runs: int, work: Callable[[], object]) -> float:
 
 
 def rules(examined: Examined) -> object:
-    return check(examined.layout, examined.fab) + film_findings(examined.layout, examined.spec, examined.fab)
+    spec, fab = examined.spec, examined.fab
+    return check(examined.layout, fab, spec) + film_findings(examined.layout, spec, fab)
 
 
 @pytest.mark.parametrize("anchor", ["none", "spur"])

@@ -56,7 +56,7 @@ def designs() -> list[tuple[Layout, FabProfile]]:
     found = []
     for values in SHAPES:
         layout, fab = layout_of(values)
-        measured = {f.rule: f.value for f in check(layout, fab) if f.rule in KINDS and f.value is not None}
+        measured = {f.rule: f.value for f in check(layout, fab, TapeSpec(sector=7)) if f.rule in KINDS and f.value is not None}
         for step_mm in STEPS_MM:
             moved = {rule: round(value + step_mm, 6) for rule, value in measured.items() if rule != "courtyard"}
             found.append((layout, with_limits(fab, moved)))
@@ -86,7 +86,7 @@ def verdicts(kicad_python: str) -> list[tuple[dict[str, bool], dict[str, int]]]:
     text = json.dumps([as_json(*case) for case in cases])
     run = subprocess.run([kicad_python, str(JUDGE)], input=text, capture_output=True, encoding="utf-8", check=False)
     assert run.returncode == 0, run.stderr[-2000:]
-    ours = [{f.rule: f.passed for f in check(layout, fab) if f.rule in KINDS} for layout, fab in cases]
+    ours = [{f.rule: f.passed for f in check(layout, fab, TapeSpec(sector=7)) if f.rule in KINDS} for layout, fab in cases]
     return list(zip(ours, json.loads(run.stdout), strict=True))
 
 

@@ -26,6 +26,7 @@ from tactape_fab.kit.profiles import (
 from tactape_fab.kit.profiles.assembly import part_number_problem
 from tactape_fab.kit.rules.film_rules import fab_for, film_findings, film_problems
 from tactape_fab.kit.rules.process_rules import check_models, check_texture
+from tactape_fab.kit.rules.remedies import film_remedy
 from tactape_fab.kit.rules.spacing import check
 from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_SIZE_MM
 from tactape_fab.kit.spec.options import DEFAULT_FAB
@@ -212,7 +213,7 @@ def _profiles(spec: TapeSpec, problems: list[Problem]) -> tuple[TapeSpec, Profil
     process = loaded(load_process, spec.process, DEFAULT_PROCESS)
     part = None if any(p.root == "part" for p in problems) else tried(lambda: read_part(spec.part), problems)
     if isinstance(part, PartProfile) and fab is not None:
-        found = film_problems(spec, fab)
+        found = film_problems(spec, fab, part)
         problems += sound([replace(problem, needs=("fab",)) for problem in found], problems)
         spec = spec.but(**{problem.root: DEFAULTS[problem.root] for problem in found})
         fab = replace(fab, x2=cast(X2Mode, spec.x2 or fab.x2), assembly=spec.assembly or fab.assembly)
@@ -292,15 +293,15 @@ def _measured(spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Pro
     if isinstance(part, PartProfile):
         assert fab is not None
         film = Film(fab=fab, layout=build_layout(tape, spec, fab, part))
-        findings = check(film.layout, fab) + film_findings(film.layout, spec, fab)
-        findings += [] if _broken(findings, "body-body") else undrawable(of_form)
+        findings = check(film.layout, fab, spec) + film_findings(film.layout, spec, fab)
+        findings += [] if _broken(findings, "body-body") else undrawable(of_form, spec, film)
         findings += _corner_findings(tape, form)
-        findings += check_models(tape, form, process) if form is not None and process is not None else []
+        findings += check_models(tape, form, process, spec, part) if form is not None and process is not None else []
         of_form = [problem for problem in of_form if problem.key != "part"]
     else:
         assert form is not None
         assert process is not None
-        findings = check_texture(tape, form, process)
+        findings = check_texture(tape, form, process, spec, part)
     needs: dict[str, tuple[str, ...]] = {"part": ELEMENT_KEYS, "holes_mm": (), "rotation_deg": ()}
     problems += sound([replace(p, needs=needs.get(p.key, _FORM_KEYS)) for p in of_form], problems)
     return film, findings
@@ -310,13 +311,14 @@ def _broken(findings: Sequence[Finding], rule: str) -> bool:
     return any(f.rule == rule and f.blocks for f in findings)
 
 
-def undrawable(problems: Sequence[Problem]) -> list[Finding]:
+def undrawable(problems: Sequence[Problem], spec: TapeSpec, film: Film) -> list[Finding]:
     """Reason why the models cannot be built: a fab can place parts that are too large for the cells of the models."""
-    return [
-        Finding(rule="models", level="block", passed=False, unit="", message=f"{problem.message}, or --no-3d")
-        for problem in problems
-        if problem.key == "part"
-    ]
+    found = []
+    for problem in (p for p in problems if p.key == "part"):
+        words = film_remedy(spec, film.fab, film.layout.part).words() or "use a smaller part"
+        message = f"{problem.message.rpartition('; ')[0]}; {words}, or --no-3d"
+        found.append(Finding(rule="models", level="block", passed=False, unit="", message=message))
+    return found
 
 
 def _corner_findings(tape: Tape, form: SolidForm | None) -> list[Finding]:

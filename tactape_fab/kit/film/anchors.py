@@ -13,6 +13,7 @@ from tactape_fab.kit.film.coverlay import Mode, least_pitch_mm, whole_um_up
 from tactape_fab.kit.outlines import PartOutlines, spur_tips
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, LandPattern
+from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray, snap_mm, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
@@ -165,39 +166,54 @@ def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
     return float("inf"), np.zeros(2)
 
 
-def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tape: Tape) -> tuple[Mode, ...]:
-    """Least pitch, mm, at which spurs and mesh are legal for any symbols."""
-    rotation_deg, displacement_mm = tape.part.rotation_deg, tape.displacement_mm
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placing:
+    """How parts stand on the grid, apart from its pitch."""
+
+    rotation_deg: float
+    displacement_mm: float
+    directions: int
+
+
+def anchor_pitch_mm(
+    name: str, fab: FabProfile, outlines: PartOutlines, pads: LandPattern, placing: Placing, *, copper_mm: float | None = None
+) -> float | None:
+    """Least pitch, mm, at which spurs or mesh are legal for any symbols; None if at no pitch.
+
+    ``copper_mm`` is the gap between spurs of two parts, by default the fab's limit.
+    """
+    rotation_deg, displacement_mm = placing.rotation_deg, placing.displacement_mm
     rules, (a, b) = fab.anchor, outlines.opening_size_mm
+    clear = clearance_mm(fab) + rules.web_mm / 2
+    if name == "mesh":
+        if rotation_deg % 90.0 != 45.0:
+            return None
+        sideways_mm = displacement_mm * DIRECTIONS[placing.directions].reach_diagonal
+        return max(sqrt(2) * (2 * clear + b) + 2 * sideways_mm, sqrt(2) * (clear + a / 2) + sideways_mm)
     plan = anchor_plan("spur", fab, outlines)
     half, middle = (plan.tip_mm - pads.offset_mm) / 2, (plan.tip_mm + pads.offset_mm) / 2
-    clear = clearance_mm(fab) + rules.web_mm / 2
-    apart = fab.limits["pad-pad"].value_mm + rules.web_mm
-    of_symbols = partial(least_pitch_mm, directions=tape.directions)
-    spur = max(
+    apart = (fab.limits["pad-pad"].value_mm if copper_mm is None else copper_mm) + rules.web_mm
+    of_symbols = partial(least_pitch_mm, directions=placing.directions)
+    return max(
         of_symbols((half + a / 2, b / 2), clear, rotation_deg, displacement_mm, (middle, 0.0)),
         of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm, (2 * middle, 0.0)),
         of_symbols((2 * half, 0.0), apart, rotation_deg, displacement_mm),
     )
-    modes = [_judged("spur", spur, fab, tape)]
-    if rotation_deg % 90.0 == 45.0:
-        sideways_mm = displacement_mm * tape.points_in.reach_diagonal
-        across = sqrt(2) * (2 * clear + b) + 2 * sideways_mm
-        along = sqrt(2) * (clear + a / 2) + sideways_mm
-        modes.append(_judged("mesh", max(across, along), fab, tape))
-    else:
-        modes.append(
-            Mode(name="mesh", legal=False, least_pitch_mm=None, reason="its webs lie along the parts; use --rotation 45")
-        )
-    return tuple(modes)
 
 
-def _judged(name: str, pitch_mm: float, fab: FabProfile, tape: Tape) -> Mode:
+def anchor_modes(fab: FabProfile, outlines: PartOutlines, pads: LandPattern, tape: Tape) -> tuple[Mode, ...]:
+    """Least pitch, mm, at which spurs and mesh are legal for any symbols."""
+    placing = Placing(rotation_deg=tape.part.rotation_deg, displacement_mm=tape.displacement_mm, directions=tape.directions)
+    return tuple(_judged(name, anchor_pitch_mm(name, fab, outlines, pads, placing), fab, tape) for name in ("spur", "mesh"))
+
+
+def _judged(name: str, pitch_mm: float | None, fab: FabProfile, tape: Tape) -> Mode:
+    if pitch_mm is None:
+        return Mode(name=name, legal=False, least_pitch_mm=None, reason="its webs lie along the parts")
     least = whole_um_up(pitch_mm)
     if fab.coverlay_mode == "gang":
         reason = "in coverlay mode gang there is no coverlay to hold an anchor"
         return Mode(name=name, legal=False, least_pitch_mm=None, reason=reason)
     legal = tape.pitch_mm >= pitch_mm - TOLERANCE_MM
     web = f"webs of {fab.anchor.web_mm:g} mm with {clearance_mm(fab):g} mm to each opening"
-    reason = f"{web} need W of at least {least:.3f} mm" + ("" if legal else f"; use --w {least:.3f}")
-    return Mode(name=name, legal=legal, least_pitch_mm=least, reason=reason)
+    return Mode(name=name, legal=legal, least_pitch_mm=least, reason=f"{web} need W of at least {least:.3f} mm")

@@ -30,7 +30,7 @@ class Mode:
     """A way to open the coverlay, or to anchor pads under it.
 
     ``least_pitch_mm`` is the least pitch at which it is legal at this displacement, for any symbols; 0 if it is legal at any
-    pitch, None if at no pitch. ``reason`` describes the obstacle and the remedy.
+    pitch, None if at no pitch. ``reason`` describes what decides it.
     """
 
     name: str
@@ -132,19 +132,15 @@ def coverlay_modes(
     modes = []
     for name in COVERLAY_MODES:
         if name not in fab.coverlay_modes:
-            other = "generic-lpi" if name == "lpi" else "generic-fpc"
-            reason = f"{fab.name} opens its coverlay otherwise: {', '.join(fab.coverlay_modes)}; use --fab {other}"
+            reason = f"{fab.name} opens its coverlay otherwise: {', '.join(fab.coverlay_modes)}"
             modes.append(Mode(name=name, legal=False, least_pitch_mm=None, reason=reason))
         elif name == "gang":
             modes.append(Mode(name=name, legal=True, least_pitch_mm=0.0, reason="no coverlay holds a pad down"))
         elif not large:
-            below = f"openings of {min(size_mm):.3f} mm are below {least_size.value_mm:.3f} mm, whatever W"
-            reason = f"{below}; use a part with wider pads"
+            reason = f"openings of {min(size_mm):.3f} mm are below {least_size.value_mm:.3f} mm, whatever W"
             modes.append(Mode(name=name, legal=False, least_pitch_mm=None, reason=reason))
         else:
-            reason = f"bridges down to {gap_mm:.3f} mm, limit {bridge.value_mm:.3f} mm" + (
-                "" if wide else f"; use --w {pitch:.3f}"
-            )
+            reason = f"bridges down to {gap_mm:.3f} mm, limit {bridge.value_mm:.3f} mm"
             modes.append(Mode(name=name, legal=wide, least_pitch_mm=pitch, reason=reason))
     return tuple(modes)
 

@@ -24,6 +24,7 @@ from tactape_fab.texture.tape import Tag, Tape
 
 _TAG_TO_TEXT_MM = 1.0
 _END_GAP_MM = 1.0
+_MOST_HIGHER_MM = 120
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -158,7 +159,7 @@ def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:
     if tape.tag is None:
         return Legend()
     ink = tag_ink(tape.tag.id, cell_mm=tape.tag.cell_mm, gap_mm=rules.gap_mm, bleed_mm=rules.bleed_mm, legend_is_light=light)
-    label = _label(tape, tape.tag, rules)
+    label = _label(tape, tape.tag, rules, tape.board.size_mm)
     return Legend(
         areas_mm=tuple(snap_mm(area + tape.tag.center_mm) for area in ink.areas_mm),
         strokes_mm=tuple(snap_mm(stroke) for stroke in label.strokes_mm),
@@ -167,8 +168,19 @@ def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:
     )
 
 
-def _label(tape: Tape, tag: Tag, rules: LegendSizes) -> Label:
-    """The strip's label: between the tag and the upper end, inside the outline's rounded corner."""
+def labelled_size_mm(tape: Tape, fab: FabProfile) -> tuple[float, float] | None:
+    """The least outline, higher by whole millimetres, whose strip has room for the whole label, mm; None if there is none."""
+    assert tape.tag is not None
+    width_mm, height_mm = tape.board.size_mm
+    for higher_mm in range(_MOST_HIGHER_MM):
+        size_mm = (width_mm, height_mm + higher_mm)
+        if not _label(tape, tape.tag, fab.legend, size_mm).left_out:
+            return size_mm
+    return None
+
+
+def _label(tape: Tape, tag: Tag, rules: LegendSizes, size_mm: tuple[float, float]) -> Label:
+    """The label of a strip on an outline: between the tag and the upper end, inside the outline's rounded corner."""
     left_mm = TAG_KEEP_OUT_MM + rules.line_mm
     radius_mm, edge_mm = tape.board.corner_radius_mm, rules.edge_mm
     rise_mm = sqrt(max((radius_mm - edge_mm) ** 2 - (radius_mm - left_mm) ** 2, 0.0)) if left_mm < radius_mm else radius_mm
@@ -176,13 +188,13 @@ def _label(tape: Tape, tag: Tag, rules: LegendSizes) -> Label:
         [
             tape.name,
             f"sector {tape.sector}" + ("" if tape.code == DEFAULT_CODE else f" of {tape.code}"),
-            f"{tape.board.size_mm[0]:g} x {tape.board.size_mm[1]:g} mm",
+            f"{size_mm[0]:g} x {size_mm[1]:g} mm",
             f"W {tape.pitch_mm:g}  Δ {tape.displacement_mm:g} mm",
         ],
         x_mm=(left_mm, SIDE_CELLS * tag.cell_mm + 2 * TAG_KEEP_OUT_MM - left_mm),
         y_mm=(
             tag.center_mm[1] + SIDE_CELLS * tag.cell_mm / 2 + _TAG_TO_TEXT_MM,
-            tape.board.size_mm[1] - max(_END_GAP_MM, radius_mm - rise_mm),
+            size_mm[1] - max(_END_GAP_MM, radius_mm - rise_mm),
         ),
         cap_mm=rules.text_mm,
     )

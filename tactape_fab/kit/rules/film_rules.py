@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from math import hypot, isinf
+from math import ceil, hypot, isinf
 
 from tactape_fab.base.errors import Finding, Problem
 from tactape_fab.kit.film.anchors import anchor_modes, between_spurs_mm, clearance_mm, foreign_openings_mm
 from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, first_legal
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.profiles import FabProfile, PartProfile
+from tactape_fab.kit.outlines import opening_size_mm, part_outlines
+from tactape_fab.kit.plan import TOLERANCE_MM, film_size_mm
+from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab
+from tactape_fab.kit.rules.remedies import film_remedy, part_words
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import area_mm2, reach_mm
 
 
-def film_problems(spec: TapeSpec, fab: FabProfile) -> list[Problem]:
+def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Problem]:
     """Problems of options that the fab does not offer."""
     problems = []
     if spec.coverlay is not None and spec.coverlay not in fab.coverlay_modes:
-        other = f"--coverlay {' or '.join(fab.coverlay_modes)}"
-        profile = {"lpi": ", or --fab generic-lpi", "per-part": ", or --fab generic-fpc"}.get(spec.coverlay, "")
-        said = f"coverlay = '{spec.coverlay}' is not what {fab.name} does; use {other}{profile}"
+        profile = ", or " + words if (words := _other_fab(spec, part, spec.coverlay)) else ""
+        said = f"coverlay = '{spec.coverlay}' is not what {fab.name} does; leave out --coverlay{profile}"
         problems.append(Problem("coverlay", said))
     for key, given, backing in (("stiffener", spec.stiffener, fab.stiffener), ("adhesive", spec.adhesive, fab.adhesive)):
         if given is not None and given not in backing.choices:
@@ -31,12 +33,31 @@ def film_problems(spec: TapeSpec, fab: FabProfile) -> list[Problem]:
             remedy = f"{fab.name} has: {known}; give one of them" if known else f"{fab.name} has none; leave out --{key}"
             problems.append(Problem(key, f"{key} = '{given}' is none that can be had; {remedy}"))
     if spec.bend_radius_mm is not None and fab.bend is None:
-        said = f"bend_radius_mm = {spec.bend_radius_mm:g} mm contradicts fab = '{fab.name}', a rigid board; use a flex profile"
+        said = f"bend_radius_mm = {spec.bend_radius_mm:g} mm contradicts fab = '{fab.name}', a rigid board; "
+        said += "leave out --bend-axis and --bend-radius, or use --fab generic-fpc"
         problems.append(Problem("bend_radius_mm", said))
     if spec.anchor == "mesh" and spec.rotation_deg % 90.0 != 45.0:
         said = f"anchor = 'mesh' contradicts rotation_deg = {spec.rotation_deg:g} deg: its webs lie along the parts"
-        problems.append(Problem("anchor", f"{said}; use --rotation 45 or --anchor spur"))
+        turned, spurs = (
+            film_remedy(other, fab, part).options()
+            for other in (spec.but(rotation_deg=45.0, anchor="mesh"), spec.but(anchor="spur"))
+        )
+        ways = [f"--rotation 45 {turned}"] * (turned is not None) + [f"--anchor spur {spurs}"] * (spurs is not None)
+        problems.append(Problem("anchor", f"{said}; use {', or '.join(way.strip() for way in [*ways, '--anchor none'])}"))
     return problems
+
+
+def _other_fab(spec: TapeSpec, part: PartProfile, mode: str) -> str:
+    """A fab that opens its coverlay in this way, with W and Δ where they must change; "" if there is none."""
+    name = {"lpi": "generic-lpi", "per-part": "generic-fpc"}.get(mode)
+    if name is None:
+        return ""
+    fab = load_fab(name)
+    if not _large_openings(part, fab):
+        return ""
+    options = film_remedy(spec.but(fab=name), fab, part, ["opening-bridge"]).options()
+    mode_words = "" if spec.coverlay in (None, mode) else f"--coverlay {mode} "
+    return "" if options is None else f"{mode_words}--fab {name} {options}".strip()
 
 
 def fab_for(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> FabProfile:
@@ -60,15 +81,15 @@ def film_findings(layout: Layout, spec: TapeSpec, fab: FabProfile) -> list[Findi
     modes = _modes(spec, fab, layout.part)
     anchors = anchor_modes(fab, layout.outlines, layout.part.pads, layout.tape)
     return [
-        *_coverlay(modes, spec, fab),
-        *_anchors(anchors, modes, layout, spec, fab),
-        *_drawn(layout, fab),
+        *_coverlay(modes, layout.part, spec, fab),
+        *_anchors(anchors, layout, spec, fab),
+        *_drawn(layout, spec, fab),
         *assembly_findings(layout.tape.board.size_mm, layout.tape.part_count, fab),
         *_bending(layout, spec, fab),
     ]
 
 
-def _of_mode(mode: Mode, what: str, pitch_mm: float) -> Finding:
+def _of_mode(mode: Mode, what: str, pitch_mm: float, remedy: str) -> Finding:
     """A way as a finding: the tape's W, and the least legal W."""
     verdict = "legal" if mode.legal else "not legal"
     return Finding(
@@ -77,60 +98,88 @@ def _of_mode(mode: Mode, what: str, pitch_mm: float) -> Finding:
         passed=mode.legal,
         value=pitch_mm if mode.least_pitch_mm else None,
         limit=mode.least_pitch_mm or None,
-        message=f"{verdict} at W {pitch_mm:g} mm: {mode.reason}",
+        message=f"{verdict} at W {pitch_mm:g} mm: {mode.reason}" + (f"; use {remedy}" if remedy else ""),
     )
 
 
-def _coverlay(modes: Sequence[Mode], spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
+def _mode_remedy(mode: Mode, part: PartProfile, spec: TapeSpec, fab: FabProfile) -> str:
+    """Options by which the coverlay is opened in a way that is not legal as it is; "" if there are none."""
+    if mode.name not in fab.coverlay_modes:
+        return _other_fab(spec, part, mode.name)
+    if mode.least_pitch_mm is None:
+        return part_words(
+            spec, fab.in_mode(mode.name), lambda other: _large_openings(other, fab), "with wider pads"
+        ).removeprefix("use ")
+    asked = spec.coverlay == mode.name or (spec.coverlay is None and mode.name == fab.coverlay_modes[0])
+    options = film_remedy(spec, fab, part, ["opening-bridge"]).options() or ""
+    return options if asked or not options else f"--coverlay {mode.name} {options}"
+
+
+def _large_openings(part: PartProfile, fab: FabProfile) -> bool:
+    return min(opening_size_mm(part, fab)) >= fab.limits["opening-size"].value_mm - TOLERANCE_MM
+
+
+def _coverlay(modes: Sequence[Mode], part: PartProfile, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
+    remedies = {mode.name: "" if mode.legal else _mode_remedy(mode, part, spec, fab) for mode in modes}
     for mode in modes:
-        yield _of_mode(mode, "coverlay", spec.pitch_mm)
+        yield _of_mode(mode, "coverlay", spec.pitch_mm, remedies[mode.name])
     chosen, preferred = fab.coverlay_mode, fab.coverlay_modes[0]
     if spec.coverlay is None and chosen != preferred:
         refused = next(mode for mode in modes if mode.name == preferred)
         message = f"the first legal way to open the coverlay is {chosen}, which holds no pad down; {preferred}: {refused.reason}"
+        message += f"; use {remedies[preferred]}" if remedies[preferred] else ""
         yield Finding(rule="coverlay", level="warn", passed=False, unit="", message=message)
     else:
         how = "as asked for" if spec.coverlay is not None else f"the first legal way of {fab.name}"
         yield Finding(rule="coverlay", level="info", passed=True, unit="", message=f"coverlay {chosen}, {how}")
 
 
-def _anchors(
-    anchors: Sequence[Mode], modes: Sequence[Mode], layout: Layout, spec: TapeSpec, fab: FabProfile
-) -> Iterator[Finding]:
+def _anchors(anchors: Sequence[Mode], layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
     for mode in anchors:
-        yield _of_mode(mode, "anchor", spec.pitch_mm)
+        yield _of_mode(mode, "anchor", spec.pitch_mm, "" if mode.legal else _anchor_remedy(mode.name, layout.part, spec, fab))
     pads = len(layout.pads.xy_mm)
     held = 0 if layout.anchors is None else len(layout.anchors.spurs_mm)
     message = f"{held / pads:.0%} of {pads} pads are anchored under the {fab.mask_name}"
     yield Finding(rule="anchor", level="info", passed=True, value=held / pads, unit="", message=message)
     if spec.anchor != "none" and layout.anchors is None:
-        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it, and {_what_would(spec, modes, layout, fab)}"
+        remedy = _anchor_remedy(spec.anchor, layout.part, spec, fab)
+        said = f"anchor {spec.anchor}: coverlay gang leaves nothing to hold it"
+        said += f", {fab.coverlay_modes[0]} with it is legal further apart; use {remedy}, or --anchor none" if remedy else ""
+        said += "" if remedy else "; use --anchor none"
         yield Finding(rule="anchor-opening", level="block", passed=False, unit="", message=said)
     if layout.anchors is not None:
-        yield _anchor_gap(anchors, layout, fab)
+        yield _anchor_gap(layout, spec, fab)
         if layout.anchors.mode == "spur":
             gap_mm, at_mm = between_spurs_mm(layout.anchors)
             measured = (gap_mm, (float(at_mm[0]), float(at_mm[1])))
-            remedy = "use a larger --w or --anchor none"
-            yield replace(finding(fab, "pad-pad", measured, "gap between spurs of two parts", remedy), rule="anchor-copper")
+
+            def remedy_for(_: float) -> str:
+                words = film_remedy(spec, fab, layout.part, ["anchor-spur"]).words()
+                return f"{words}, or --anchor none" if words else "use --anchor none"
+
+            yield replace(finding(fab, "pad-pad", measured, "gap between spurs of two parts", remedy_for), rule="anchor-copper")
 
 
-def _what_would(spec: TapeSpec, modes: Sequence[Mode], layout: Layout, fab: FabProfile) -> str:
-    """Least pitch, mm, at which both the other way to open the coverlay and the anchors under it are legal."""
-    film = next(mode for mode in modes if mode.name == fab.coverlay_modes[0])
-    held = anchor_modes(fab.in_mode(fab.coverlay_modes[0]), layout.outlines, layout.part.pads, layout.tape)
-    anchor = next(mode for mode in held if mode.name == spec.anchor)
-    if not film.least_pitch_mm or not anchor.least_pitch_mm:
-        return f"{film.name} is not legal: {film.reason}"
-    return f"{film.name} with it is legal from W {max(film.least_pitch_mm, anchor.least_pitch_mm):.3f} mm on; use that --w"
+def _anchor_remedy(name: str, part: PartProfile, spec: TapeSpec, fab: FabProfile) -> str:
+    """Options by which pads are held by this anchor; "" if there are none."""
+    if spec.coverlay == "gang" or fab.coverlay_modes[0] == "gang" or not _large_openings(part, fab):
+        return ""
+    with_it = (
+        spec.but(anchor=name, rotation_deg=45.0) if name == "mesh" and spec.rotation_deg % 90.0 != 45.0 else spec.but(anchor=name)
+    )
+    options = film_remedy(with_it, fab, part).options()
+    if options is None:
+        return ""
+    turn = "" if with_it.rotation_deg == spec.rotation_deg else " --rotation 45"
+    return f"{'' if spec.anchor == name else f'--anchor {name}'}{turn} {options}".strip()
 
 
-def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Finding:
+def _anchor_gap(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
     assert layout.anchors is not None
     gap_mm, at_mm = foreign_openings_mm(layout.anchors, layout.parts_xy_mm, layout.outlines.opening)
     limit_mm = clearance_mm(fab)
     passed = gap_mm >= limit_mm - TOLERANCE_MM
-    mode = next(m for m in anchors if m.name == layout.anchors.mode)
+    remedy = "" if passed else _anchor_remedy(layout.anchors.mode, layout.part, spec, fab)
     message = f"anchors to openings of other pads {gap_mm:.3f} mm {'meet' if passed else 'are below'} {limit_mm:.3f} mm"
     return Finding(
         rule="anchor-opening",
@@ -141,11 +190,11 @@ def _anchor_gap(anchors: Sequence[Mode], layout: Layout, fab: FabProfile) -> Fin
         at_mm=None if isinf(gap_mm) else (float(at_mm[0]), float(at_mm[1])),
         source=fab.anchor.origin.source,
         confirmed=fab.anchor.origin.confirmed,
-        message=message if passed else f"{message} of {fab.name}; {mode.reason}, or --anchor none",
+        message=message if passed else f"{message} of {fab.name}; use {f'{remedy}, or ' if remedy else ''}--anchor none",
     )
 
 
-def _drawn(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
     """Legend and stencil."""
     if layout.tape.tag is not None:
         ink_mm, origin = layout.tape.tag.cell_mm - 2 * fab.legend.bleed_mm, fab.legend.origin
@@ -159,13 +208,20 @@ def _drawn(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
             limit=fab.legend.line_mm,
             source=origin.source,
             confirmed=origin.confirmed,
-            message=message if passed else f"{message} of {fab.name}; use a larger --tag-cell",
+            message=message if passed else f"{message} of {fab.name}; use {_cell_options(layout, spec, fab)}",
         )
-    yield _paste_ratio(layout, fab)
-    yield _chip_size(layout, fab)
+    yield _paste_ratio(layout, spec, fab)
+    yield _chip_size(layout, spec, fab)
 
 
-def _chip_size(layout: Layout, fab: FabProfile) -> Finding:
+def _cell_options(layout: Layout, spec: TapeSpec, fab: FabProfile) -> str:
+    """A cell of the tag that is wide enough, and the outline that its strip needs."""
+    cell_mm = ceil(round((fab.legend.line_mm + 2 * fab.legend.bleed_mm) * 1000, 3)) / 1000
+    size_mm = film_size_mm(spec.but(tag_cell_mm=cell_mm), fab, layout.part)
+    return f"--tag-cell {cell_mm:g}" + ("" if size_mm == spec.size_mm else f" --size {size_mm[0]:g}x{size_mm[1]:g}")
+
+
+def _chip_size(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
     """Check the part's length against the smallest chip that the line is known to place."""
     length_mm, least_mm, origin = layout.part.body_mm[0], fab.parts.smallest_mm, fab.parts.smallest_origin
     passed = length_mm >= least_mm - TOLERANCE_MM
@@ -180,16 +236,31 @@ def _chip_size(layout: Layout, fab: FabProfile) -> Finding:
         source=origin.source,
         confirmed=origin.confirmed,
         message=f"{message} {least_mm:.2f} mm"
-        + ("" if passed else f"; ask {fab.name} whether they place it, or use a larger part"),
+        + (
+            ""
+            if passed
+            else f"; ask {fab.name} whether they place it, or {_other_part(spec, fab, lambda p: p.body_mm[0] >= least_mm)}"
+        ),
     )
 
 
-def _paste_ratio(layout: Layout, fab: FabProfile) -> Finding:
-    """Check the area ratio of a stencil aperture: its area over that of its walls."""
-    outline = layout.outlines.paste
+def _other_part(spec: TapeSpec, fab: FabProfile, fits: Callable[[PartProfile], bool]) -> str:
+    return part_words(spec, fab, fits, "that fits")
+
+
+def _area_ratio(outline: FloatArray, fab: FabProfile) -> float:
     around = sum(hypot(*(b - a)) for a, b in zip(outline, [*outline[1:], outline[0]], strict=True))
+    return float(area_mm2(outline) / (around * fab.stencil.thickness_mm))
+
+
+def _paste_ratio(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
+    """Check the area ratio of a stencil aperture: its area over that of its walls."""
     rules = fab.stencil
-    ratio = area_mm2(outline) / (around * rules.thickness_mm)
+    ratio = _area_ratio(layout.outlines.paste, fab)
+
+    def enough(part: PartProfile) -> bool:
+        return _area_ratio(part_outlines(part, fab, spec.rotation_deg).paste, fab) >= rules.least_ratio
+
     passed = ratio >= rules.least_ratio
     message = f"area ratio of the stencil's apertures {ratio:.2f} {'meets' if passed else 'is below'} {rules.least_ratio:.2f}"
     return Finding(
@@ -201,7 +272,7 @@ def _paste_ratio(layout: Layout, fab: FabProfile) -> Finding:
         unit="",
         source=rules.origin.source,
         confirmed=rules.origin.confirmed,
-        message=message if passed else f"{message} with {rules.thickness_mm:g} mm foil; use a part with larger paste areas",
+        message=message if passed else f"{message} with {rules.thickness_mm:g} mm foil; {_other_part(spec, fab, enough)}",
     )
 
 
@@ -225,7 +296,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
     large = any(side > most_mm + TOLERANCE_MM for side, most_mm in zip(size_mm, panel.largest_mm, strict=True))
     said = f"assembly takes {panel.smallest_mm[0]:g} x {panel.smallest_mm[1]:g} to {panel.largest_mm[0]:g} x "
     said += f"{panel.largest_mm[1]:g} mm; the {what} is {size_mm[0]:g} x {size_mm[1]:g} mm"
-    remedy = "; order it in a panel" * small + "; ask the line, or use a smaller --size" * large
+    remedy = _size_remedy(size_mm, board_mm[0] >= board_mm[1], fab, small=small, large=large)
     yield Finding(
         rule="assembly-size",
         level="info",
@@ -236,6 +307,21 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         confirmed=panel.origin.confirmed,
         message=said + remedy,
     )
+
+
+def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, small: bool, large: bool) -> str:
+    """What helps an item that assembly does not take: a panel where it fits on one with its rails, else a smaller size."""
+    panel = fab.panel
+    around_mm = 2 * (panel.rail_mm + panel.gap_mm)
+    room_mm = [most - around_mm for most in panel.largest_mm]
+    fits = all(side <= most + TOLERANCE_MM for side, most in zip(size_mm, room_mm, strict=True))
+    if small and not large and fits:
+        return "; order it in a panel"
+    if not (small or large):
+        return ""
+    held_mm = [min(side, most) for side, most in zip(size_mm, room_mm if small else panel.largest_mm, strict=True)]
+    held_mm = held_mm if level else held_mm[::-1]
+    return f"; ask the line, or use --size {held_mm[0]:g}x{held_mm[1]:g}" + (" --panel auto" if small else "")
 
 
 def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]:
@@ -255,7 +341,7 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
         limit=least_mm,
         source=fab.bend.origin.source,
         confirmed=fab.bend.origin.confirmed,
-        message=said if passed else f"{said}; bend it less, or leave out the stiffener",
+        message=said if passed else f"{said}; bend it less, --bend-radius {ceil(least_mm * 1000 - 1e-6) / 1000:g}",
     )
     stiff_mm = 2 * reach_mm(layout.outlines.body)["xy".index(str(spec.bend_axis))]
     sag_mm = stiff_mm**2 / (8 * spec.bend_radius_mm)

@@ -2,34 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from tactape_fab.base.errors import Finding
+from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.outlines import element_outline
-from tactape_fab.kit.profiles import ProcessProfile
-from tactape_fab.kit.rules.spacing import Measured, finding, gap_mm, hole_rules, hole_to_parts, neighbours, to_outline, worst_at
+from tactape_fab.kit.plan import TOLERANCE_MM
+from tactape_fab.kit.profiles import CoverlayMode, ElementProfile, PartProfile, ProcessProfile, load_fab, load_process
+from tactape_fab.kit.rules.remedies import Remedy, element_pitch_mm, film_remedy, texture_remedy
+from tactape_fab.kit.rules.spacing import (
+    Measured,
+    Remedies,
+    finding,
+    gap_mm,
+    hole_rules,
+    hole_to_parts,
+    neighbours,
+    to_outline,
+    worst_at,
+)
+from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.elements import narrowest_mm
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.shapes import reach_mm
 from tactape_fab.texture.tape import Tape
 
+Part = PartProfile | ElementProfile
+_DIAMETERS_A_HEIGHT = 2.2
+"""Least diameter of a cap, in heights, that a remedy names: a cap is lower than its radius."""
 
-def check_models(tape: Tape, form: SolidForm, process: ProcessProfile) -> list[Finding]:
+
+def check_models(tape: Tape, form: SolidForm, process: ProcessProfile, spec: TapeSpec, part: Part) -> list[Finding]:
     """Measure elements, gaps, height and base of a tape's solid models against a process.
 
     In a mould the cavities are the gaps, and the walls between them are the features.
     """
-    return list(_model_rules(tape, form, process))
+    return list(_model_rules(tape, form, process, _Remedies(spec=spec, process=process, part=part)))
 
 
-def check_texture(tape: Tape, form: SolidForm, process: ProcessProfile) -> list[Finding]:
+def check_texture(tape: Tape, form: SolidForm, process: ProcessProfile, spec: TapeSpec, part: Part) -> list[Finding]:
     """Measure a texture of solid elements: its models, and its elements and holes on the base."""
     board, parts_xy_mm = tape.board, tape.part_xy_mm()
     foot = element_outline(tape.part.shape, tape.part.body_mm, tape.part.rotation_deg)
     limit_mm = process.limits["body-edge"].value_mm
-    findings = check_models(tape, form, process)
+    findings = check_models(tape, form, process, spec, part)
     measured = to_outline(parts_xy_mm, foot, board, limit_mm)
     findings.append(finding(process, "body-edge", measured, "element to outline", "use a larger --size"))
     if board.holes:
@@ -38,22 +58,95 @@ def check_texture(tape: Tape, form: SolidForm, process: ProcessProfile) -> list[
     return findings
 
 
-def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile) -> Iterator[Finding]:
-    width: Measured = (narrowest_mm(tape.part), None)
-    between = _between_elements(tape)
-    wider, apart = "use a larger element", "use a larger --w, a smaller --delta or a smaller element"
-    other = " or another --process"
-    if form.negative:
-        if between is not None:
-            yield finding(process, "feature", between, "narrowest wall between two cavities", apart + other)
-        yield finding(process, "gap", width, "narrowest width of a cavity", wider + other)
-    else:
-        yield finding(process, "feature", width, "narrowest width of an element", wider + other)
-        if between is not None:
-            yield finding(process, "gap", between, "gap between two elements", apart + other)
+def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies: _Remedies) -> Iterator[Finding]:
+    width_mm, between = narrowest_mm(tape.part), _between_elements(tape)
+    width: Measured = (width_mm, None)
+    of_width, of_gap = ("gap", "feature") if form.negative else ("feature", "gap")
+    narrow, wall = ("width of a cavity", "wall between two cavities") if form.negative else ("width of an element", "")
+    findings = {
+        of_width: finding(process, of_width, width, f"narrowest {narrow}", remedies.of(of_width, width_mm, remedies.width))
+    }
+    if between is not None:
+        what = f"narrowest {wall}" if wall else "gap between two elements"
+        findings[of_gap] = finding(process, of_gap, between, what, remedies.of(of_gap, between[0], remedies.apart))
+    yield from (findings[rule] for rule in ("feature", "gap") if rule in findings)
     what = "depth of a cavity" if form.negative else "height of an element"
-    yield finding(process, "height", (tape.part.body_mm[2], None), what, "use a higher element" + other)
-    yield finding(process, "base", (form.base_mm, None), "thickness of the base", "use a larger --base" + other)
+    height_mm = tape.part.body_mm[2]
+    yield finding(process, "height", (height_mm, None), what, remedies.of("height", height_mm, remedies.height))
+    base = remedies.of("base", form.base_mm, lambda limit_mm: f"--base {limit_mm:g}")
+    yield finding(process, "base", (form.base_mm, None), "thickness of the base", base)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Remedies:
+    """What to type where an element is too narrow, too low, or too near to another."""
+
+    spec: TapeSpec
+    process: ProcessProfile
+    part: Part
+
+    def of(self, rule: str, value_mm: float, found: Callable[[float], str]) -> Remedies:
+        """Remedy of a rule: the options that are found for its limit, or another process that makes it as it is."""
+
+        def words(limit_mm: float) -> str:
+            others = (
+                []
+                if self.spec.holes_mm
+                else [p for p in map(load_process, profile_names("processes")) if p.name != self.process.name]
+            )
+            ways = [found(limit_mm)] + [
+                f"--process {other.name}"
+                for other in others
+                if value_mm >= max(other.limits[rule].value_mm, other.limits[rule].warn_mm or 0.0) - TOLERANCE_MM
+            ]
+            return "use " + ", or ".join(filter(None, ways)) if any(ways) else "leave out --process"
+
+        return words
+
+    def apart(self, limit_mm: float) -> str:
+        """W and Δ at which the feet of two elements are so far apart."""
+        return self._apart(self.part, limit_mm).words().removeprefix("use ")
+
+    def _apart(self, part: Part, limit_mm: float) -> Remedy:
+        if isinstance(part, ElementProfile):
+            return texture_remedy(self.spec, self.process, part, limit_mm)
+        fab = load_fab(str(self.spec.fab))
+        fab = fab if self.spec.coverlay is None else fab.in_mode(cast(CoverlayMode, self.spec.coverlay))
+        body = ElementProfile(
+            name=part.name, shape=part.shape, description="", body_mm=part.body_mm, body_tolerance_mm=0.0, top_mm=None
+        )
+        return film_remedy(self.spec, fab, part, more=[lambda placing: element_pitch_mm(limit_mm, body, placing)])
+
+    def width(self, limit_mm: float) -> str:
+        """A wider element, and the W and Δ that it needs."""
+        if not isinstance(self.part, ElementProfile):
+            return ""
+        length_mm, width_mm, height_mm = self.part.body_mm
+        top_mm = self.part.top_mm
+        if self.part.shape == "block":
+            return self._with(replace(self.part, body_mm=(max(length_mm, limit_mm), max(width_mm, limit_mm), height_mm)))
+        if top_mm is None:
+            return self._with(replace(self.part, body_mm=(limit_mm, limit_mm, height_mm)))
+        foot_mm = round(max(length_mm, limit_mm + length_mm - top_mm), 6)
+        return self._with(replace(self.part, body_mm=(foot_mm, foot_mm, height_mm), top_mm=limit_mm))
+
+    def height(self, limit_mm: float) -> str:
+        """A higher element: a cap as wide as its height asks for."""
+        if not isinstance(self.part, ElementProfile):
+            return ""
+        length_mm, width_mm, _ = self.part.body_mm
+        if self.part.shape == "dome" and self.part.top_mm is None:
+            length_mm = width_mm = max(length_mm, round(_DIAMETERS_A_HEIGHT * limit_mm, 3))
+        return self._with(replace(self.part, body_mm=(length_mm, width_mm, limit_mm)))
+
+    def _with(self, part: ElementProfile) -> str:
+        limit = self.process.limits["feature" if self.spec.negative else "gap"]
+        options = self._apart(part, max(limit.value_mm, limit.warn_mm or 0.0)).options()
+        if options is None:
+            return ""
+        sides = part.body_mm if part.shape == "block" else part.body_mm[1:]
+        top = "" if part.top_mm is None else f" --dome-top {part.top_mm:g}"
+        return f"--body {'x'.join(f'{side:g}' for side in sides)}{top} {options}".strip()
 
 
 def _between_elements(tape: Tape) -> Measured | None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 import shapely
 
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.film.gaps import Geometries, gaps_mm, pen_strokes, polygons
-from tactape_fab.kit.film.layout import Layout
+from tactape_fab.kit.film.layout import Layout, labelled_size_mm
 from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.profiles import FabProfile, ProcessProfile
+from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile
+from tactape_fab.kit.rules.remedies import opening_words, part_words, wider_words
+from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, reach_mm
 from tactape_fab.texture.tape import Board, Tape
@@ -21,23 +24,30 @@ _NEAR_LEGEND_MM = 5.0
 
 Measured = tuple[float, tuple[float, float] | None]
 """The worst value and its place (board frame, mm)."""
+Remedies = str | Callable[[float], str]
+"""A remedy, or a function that finds it for a limit in mm."""
 
 
-def check(layout: Layout, fab: FabProfile) -> list[Finding]:
-    """Measure a layout against its fab's limits.
+def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
+    """Measure a layout against its fab's limits; remedies are for the spec.
 
     Returns
     -------
     list of Finding
         One for every rule that has something to measure, broken or not.
     """
-    findings = [*_gap_rules(layout, fab), *_edge_rules(layout, fab), *_legend_rules(layout, fab), *_hole_rules(layout, fab)]
+    findings = [
+        *_gap_rules(layout, fab, spec),
+        *_edge_rules(layout, fab),
+        *_legend_rules(layout, fab),
+        *_hole_rules(layout, fab),
+    ]
     findings.append(_size_rule(layout.tape, fab))
     return findings
 
 
-def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured, what: str, remedy: str) -> Finding:
-    """Compare a measured value with the profile's limit of that rule."""
+def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured, what: str, remedy: Remedies) -> Finding:
+    """Compare a measured value with the profile's limit of that rule; the remedy is asked for where it is broken."""
     value, at_mm = measured
     limit = profile.limits[rule]
     level, least_mm = limit.level, limit.value_mm
@@ -56,7 +66,7 @@ def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured,
         at_mm=at_mm,
         source=limit.source,
         confirmed=limit.confirmed,
-        message=message if passed else f"{message}; {remedy}",
+        message=message if passed else f"{message}; {remedy if isinstance(remedy, str) else remedy(least_mm)}",
     )
 
 
@@ -115,7 +125,7 @@ def _neighbours(tape: Tape, reach: float) -> Iterator[tuple[FloatArray, FloatArr
             yield texture_to_board(shift, (0.0, 0.0)), texture_to_board(middle, tape.board.texture_origin_mm)
 
 
-def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
+def _gap_rules(layout: Layout, fab: FabProfile, spec: TapeSpec) -> Iterator[Finding]:
     tape = layout.tape
     outlines = layout.outlines
     part_reach = 2 * float(np.hypot(*np.maximum(reach_mm(outlines.courtyard), reach_mm(outlines.opening))))
@@ -128,23 +138,38 @@ def _gap_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
 
     between_own = gap_mm(outlines.pad, (outlines.pad_xy[1] - outlines.pad_xy[0])[None])
     lands = [gap_mm(outlines.pad, shifts + outlines.pad_xy[j] - outlines.pad_xy[i]) for i in range(2) for j in range(2)]
-    wider = "use a larger --w or a smaller --delta" + ("" if tape.part.rotation_deg % 90 == 45 else ", or --rotation 45")
-    yield finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider)
+
+    def wider(rule: str) -> Remedies:
+        return lambda _: wider_words(spec, fab, layout.part, rule)
+
+    yield finding(fab, "pad-pad", worst(np.min(lands, axis=0)), "gap between pads of two parts", wider("pad-pad"))
     own = (float(between_own[0]), None)
-    pair = finding(fab, "pad-pad", own, "gap between the two pads of a part", "use a part whose pads lie further apart")
+    pair = finding(
+        fab,
+        "pad-pad",
+        own,
+        "gap between the two pads of a part",
+        lambda limit_mm: part_words(spec, fab, lambda part: _own_gap_mm(part) >= limit_mm, "whose pads lie further apart"),
+    )
     yield replace(pair, rule="pad-pair")
-    yield finding(fab, "body-body", worst(gap_mm(outlines.largest_body, shifts)), "gap between two largest bodies", wider)
-    yield finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider)
+    bodies = worst(gap_mm(outlines.largest_body, shifts))
+    yield finding(fab, "body-body", bodies, "gap between two largest bodies", wider("body-body"))
+    yield finding(fab, "courtyard", worst(gap_mm(outlines.courtyard, shifts)), "gap between courtyards", wider("courtyard"))
     if layout.window_mm is not None:
         return
-    yield finding(fab, "opening-bridge", worst(gap_mm(outlines.opening, shifts)), "coverlay bridge between openings", wider)
+    bridges = worst(gap_mm(outlines.opening, shifts))
+    yield finding(fab, "opening-bridge", bridges, "coverlay bridge between openings", wider("opening-bridge"))
     yield finding(
         fab,
         "opening-size",
         (min(outlines.opening_size_mm), None),
         "shorter side of a coverlay opening",
-        "use a part with wider pads, or a profile with a larger expansion",
+        lambda limit_mm: opening_words(spec, fab, limit_mm),
     )
+
+
+def _own_gap_mm(part: PartProfile) -> float:
+    return 2.0 * part.pads.offset_mm - part.pads.size_mm[0]
 
 
 # Distances from the outline
@@ -155,7 +180,8 @@ def _edge_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
     wider = (fab.coverlay_expansion_mm, None)
     yield finding(fab, "opening-expansion", wider, f"expansion of the {fab.mask_name}", "ask the fab")
     radius = (board.corner_radius_mm, None)
-    yield finding(fab, "corner-radius", radius, "corner radius of the outline", "use a larger --corner-radius")
+    rounder: Remedies = lambda limit_mm: f"use --corner-radius {limit_mm:g}"  # noqa: E731
+    yield finding(fab, "corner-radius", radius, "corner radius of the outline", rounder)
     remedy = "use a larger --size or another --rotation"
     for rule, outline, what in (
         ("pad-edge", layout.outlines.pads, "pad to outline"),
@@ -215,20 +241,25 @@ def _legend_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         "opening-legend",
         worst_at(gaps_mm(openings, ink), near),
         "legend to coverlay opening",
-        "use another --rotation or --tag none",
+        "use --tag none",
     )
     if layout.tape.board.holes:
         holes = np.array(layout.tape.board.holes)
         gaps = gaps_mm(shapely.points(holes[:, :2]), ink) - holes[:, 2] / 2
-        yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", "move the hole or use --tag none")
+        yield finding(fab, "hole-legend", worst_at(gaps, holes), "legend to hole", "use --tag none, or leave the hole out")
     if legend.left_out:
         yield Finding(
             rule="label",
             level="warn",
             passed=False,
             unit="",
-            message=f"the strip has no room for {', '.join(legend.left_out)}; use a larger --size or a shorter --name",
+            message=f"the strip has no room for {', '.join(legend.left_out)}; {_label_words(layout, fab)}",
         )
+
+
+def _label_words(layout: Layout, fab: FabProfile) -> str:
+    size_mm = labelled_size_mm(layout.tape, fab)
+    return "use a shorter --name" if size_mm is None else f"use --size {size_mm[0]:g}x{size_mm[1]:g}, or a shorter --name"
 
 
 # Holes
@@ -247,7 +278,7 @@ def _hole_rules(layout: Layout, fab: FabProfile) -> Iterator[Finding]:
         holes, lines = np.array(layout.tape.board.holes), shapely.linestrings(layout.anchors.lines_mm)
         gaps = shapely.distance(lines[:, None], shapely.points(holes[:, :2])).min(axis=0)
         measured = worst_at(gaps - (holes[:, 2] + layout.anchors.web_mm) / 2, holes)
-        yield finding(fab, "hole-copper", measured, "hole to anchor", "move the hole, or use --anchor none")
+        yield finding(fab, "hole-copper", measured, "hole to anchor", "use --anchor none, or leave the hole out")
 
 
 def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str) -> Iterator[Finding]:
@@ -255,8 +286,17 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
     holes = np.array(board.holes)
     centres, radii = holes[:, :2], holes[:, 2] / 2
     edge = inset_mm(centres, board.size_mm, board.corner_radius_mm) - radii
-    yield finding(profile, "hole-edge", worst_at(edge, centres), "hole to outline", "move the hole inward")
-    yield finding(profile, "hole-size", worst_at(2 * radii, centres), "smallest hole", "use a larger hole")
+
+    def inward(limit_mm: float) -> str:
+        moved = [_moved_inward(hole, board, limit_mm) for hole, gap in zip(board.holes, edge, strict=True) if gap < limit_mm]
+        return f"use {', '.join(map(_hole_words, moved))} in {'its' if len(moved) == 1 else 'their'} place"
+
+    def wider(limit_mm: float) -> str:
+        wide = [(x, y, _up(limit_mm)) for x, y, diameter in board.holes if diameter < limit_mm]
+        return f"use {', '.join(map(_hole_words, wide))} in {'its' if len(wide) == 1 else 'their'} place"
+
+    yield finding(profile, "hole-edge", worst_at(edge, centres), "hole to outline", inward)
+    yield finding(profile, "hole-size", worst_at(2 * radii, centres), "smallest hole", wider)
     if len(holes) > 1:
         tree = shapely.STRtree(shapely.points(centres))
         widest = 2 * radii.max() + profile.limits["hole-hole"].value_mm + 10.0
@@ -265,7 +305,38 @@ def hole_rules(board: Board, profile: FabProfile | ProcessProfile, between: str)
         if len(a):
             gaps = np.hypot(*(centres[a] - centres[b]).T) - radii[a] - radii[b]
             what = f"{between} between two holes"
-            yield finding(profile, "hole-hole", worst_at(gaps, centres[a]), what, "move the holes apart")
+
+            def fewer(limit_mm: float) -> str:
+                left_out: dict[int, str] = {}
+                for i, j in zip(a[gaps < limit_mm].tolist(), b[gaps < limit_mm].tolist(), strict=True):
+                    if i not in left_out and j not in left_out:
+                        left_out[j] = _hole_words(board.holes[j])
+                return f"leave out {', '.join(left_out.values())}"
+
+            yield finding(profile, "hole-hole", worst_at(gaps, centres[a]), what, fewer)
+
+
+def _up(length_mm: float) -> float:
+    """Rounded up to the decimals of a hole."""
+    return ceil(round(length_mm * 1e4, 3)) / 1e4
+
+
+def _hole_words(hole: Sequence[float]) -> str:
+    return "--hole " + ",".join(f"{value:.10g}" for value in hole)
+
+
+def _moved_inward(hole: tuple[float, float, float], board: Board, limit_mm: float) -> tuple[float, float, float]:
+    """The hole moved towards the board's middle until it keeps a distance from the outline, in hundredths of a millimetre."""
+    x, y, diameter = hole
+    middle = np.array(board.size_mm) / 2
+    far_mm = limit_mm + diameter / 2
+    straight = np.clip((x, y), np.minimum(far_mm, middle), np.maximum(np.array(board.size_mm) - far_mm, middle))
+    for share in np.linspace(0.0, 1.0, 101):  # past a rounded corner
+        at = straight + share * (middle - straight)
+        at = np.where(at < middle, np.ceil(at * 100 - 1e-6), np.floor(at * 100 + 1e-6)) / 100
+        if inset_mm(at[None], board.size_mm, board.corner_radius_mm)[0] >= far_mm - TOLERANCE_MM:
+            break
+    return float(at[0]), float(at[1]), diameter
 
 
 def hole_to_parts(
@@ -290,6 +361,8 @@ def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
     most = fab.size.largest_mm
     passed = longer <= most[0] + TOLERANCE_MM and shorter <= most[1] + TOLERANCE_MM
     over = longer if longer > most[0] else shorter
+    least = (min(longer, most[0]), min(shorter, most[1]))
+    smaller = least if tape.board.size_mm[0] >= tape.board.size_mm[1] else least[::-1]
     message = (
         f"board {longer:g} x {shorter:g} mm {'is within' if passed else 'exceeds'} {most[0]:g} x {most[1]:g} mm of {fab.name}"
     )
@@ -301,5 +374,5 @@ def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
         limit=most[1] if not passed and longer <= most[0] else most[0],
         source=fab.size.source,
         confirmed=fab.size.confirmed,
-        message=message if passed else f"{message}; ask the fab, or use a smaller --size",
+        message=message if passed else f"{message}; ask the fab, or use --size {smaller[0]:g}x{smaller[1]:g}",
     )

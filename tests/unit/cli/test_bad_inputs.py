@@ -41,7 +41,7 @@ DELTA = "--delta is the displacement in millimetres"
 SIZE = "give WIDTHxHEIGHT in millimetres, such as 100x50"
 ORIGIN = "give --origin COL,ROW"
 NAMES = "use 1 to 64 letters, digits"
-WIDER = "use a larger --w or a smaller --delta"
+WIDER = re.compile(r"use --w [\d.]+ --delta [\d.]+")
 DEEPER = "or -o to name another folder"
 
 OPTIONS = [
@@ -79,12 +79,18 @@ OPTIONS = [
     Case("make --sector 7 --size 100x5600", USAGE, "size_mm[1] = 5600.0 mm", "exceeds 5062.5 mm", "use --code debruijn-4x4"),
     Case("make --sector 7 --code debruijn-4x4 --size 6500x50", USAGE, "6500.0 mm", "exceeds 6144.0 mm", "use --code anoto-6x6"),
     Case("make --sector 7 --size 9000x50", USAGE, "9000.0 mm", "exceeds 5062.5 mm", "use --code anoto-6x6"),
-    Case("make --sector 7 --size 5000x30", USAGE, "column 84 + 3328 columns", "exceed 3375", ORIGIN + " with column at most 47"),
-    Case("make --sector 250 --size 4000x40", USAGE, "3000 + 2662", "exceed 3375", ORIGIN + " with column at most 713"),
+    Case(
+        "make --sector 7 --size 5000x30",
+        USAGE,
+        "column 84 + 3328 columns",
+        "exceed 3375",
+        "use --origin 47,1428, with column at most 47",
+    ),
+    Case("make --sector 250 --size 4000x40", USAGE, "3000 + 2662", "exceed 3375", "with column at most 713"),
     Case("make --sector 7 --code anoto-6x6 --size 9000x9000", USAGE, "5995 x 5998", "500000", "use a smaller --size"),
-    Case("make --sector 7 --size 5x5", USAGE, "5 x 5 mm is too small", "needs 13 x 7.7 mm", "use a larger --size, or --tag none"),
-    Case("make --sector 7 --size 5x5 --tag none", USAGE, "5 x 5 mm", "needs 7.7 x 7.7 mm", "use a larger --size"),
-    Case("make --sector 7 --size 40x30 --w 10", USAGE, "40 x 30 mm", "at pitch 10 mm", "use a larger --size"),
+    Case("make --sector 7 --size 5x5", USAGE, "5 x 5 mm is too small", "needs 13 x 7.7 mm", "use --size 13x7.7"),
+    Case("make --sector 7 --size 5x5 --tag none", USAGE, "5 x 5 mm", "needs 7.7 x 7.7 mm", "use --size 7.7x7.7"),
+    Case("make --sector 7 --size 40x30 --w 10", USAGE, "40 x 30 mm", "at pitch 10 mm", "use --size"),
     Case("make --sector 7 --size 0x50", USAGE, "0 mm", "not above 0 mm", SIZE),
     Case("make --sector 7 --size=-100x50", USAGE, "-100 mm", "not above 0 mm", SIZE),
     Case("make --sector 7 --size 100", USAGE, "[100]", "2 numbers", SIZE),
@@ -95,8 +101,8 @@ OPTIONS = [
     Case("make --sector 7 --origin 3", USAGE, "[3]", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin=-1,0", USAGE, "-1", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin 0,3375", USAGE, "origin[1] = 3375", "0 to 3374", ORIGIN),
-    Case("make --sector 7 --origin 3370,0", USAGE, "column 3370 + 62", "3375", ORIGIN + " with column at most 3313"),
-    Case("make --sector 7 --origin 0,3370", USAGE, "row 3370 + 32", "3375", ORIGIN + " with row at most 3343"),
+    Case("make --sector 7 --origin 3370,0", USAGE, "column 3370 + 62", "3375", "use --origin 3313,0, with column at most 3313"),
+    Case("make --sector 7 --origin 0,3370", USAGE, "row 3370 + 32", "3375", "use --origin 0,3343, with row at most 3343"),
     Case("make --sector 7 --origin bets", USAGE, "bets", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin 1.5,2", USAGE, "origin[0] = 1.5", "whole number", ORIGIN),
     # tag
@@ -118,14 +124,16 @@ OPTIONS = [
     Case("make --sector 7 --hole 50,25,60", USAGE, "50,25,60 mm", "inside the outline 100 x 50 mm", REMEDY),
     Case("make --sector 7 --hole 50,25,0", USAGE, "0 mm", "not above 0 mm", "give X,Y,DIAMETER in mm"),
     Case("make --sector 7 --hole 50,10", USAGE, "[50, 10]", "3 numbers", "give X,Y,DIAMETER in mm"),
-    Case("make --sector 7 --hole 3,3.5,1", RULES, "-0.500 mm", "limit 0.150 mm", "move the hole or use --tag none"),
-    Case("make --sector 7 --hole 50,0.7,1", RULES, "0.200 mm", "limit 0.500 mm", "move the hole inward"),
-    Case("make --sector 7 --hole 50,25,0.05", RULES, "0.050 mm", "limit 0.100 mm", "use a larger hole"),
-    Case("make --sector 7 --hole 50,25,2 --hole 51,25,2", RULES, "-1.000 mm", "limit 0.500 mm", "move the holes apart"),
+    Case("make --sector 7 --hole 3,3.5,1", RULES, "-0.500 mm", "limit 0.150 mm", "use --tag none"),
+    Case("make --sector 7 --hole 50,0.7,1", RULES, "0.200 mm", "limit 0.500 mm", "use --hole 50,1,1 in its place"),
+    Case("make --sector 7 --hole 50,25,0.05", RULES, "0.050 mm", "limit 0.100 mm", "use --hole 50,25,0.1 in its place"),
+    Case("make --sector 7 --hole 50,25,2 --hole 51,25,2", RULES, "-1.000 mm", "limit 0.500 mm", "leave out --hole 51,25,2"),
     Case("make --sector 7 --size 20x20 --hole 12,10,15", USAGE, "holes", "4x4 window", "use fewer holes"),
     Case("make --sector 7 --corner-radius 30", USAGE, "30 mm", "exceeds 25 mm", "half the shorter side at most"),
     Case("make --sector 7 --corner-radius -1", USAGE, "-1 mm", "below 0 mm", "half the shorter side at most"),
-    Case("make --sector 7 --corner-radius 3", USAGE, "3 mm cuts into the tag", "0.3 mm", "use a smaller --corner-radius"),
+    Case(
+        "make --sector 7 --corner-radius 3", USAGE, "3 mm cuts into the tag", "0.3 mm", "use --corner-radius 1.7, or --tag none"
+    ),
     Case("make --sector 7 --rotation 400", USAGE, "400 deg", "exceeds 360 deg", REMEDY),
     Case("make --sector 7 --rotation=-400", USAGE, "-400 deg", "below -360 deg", REMEDY),
     Case("make --sector 7 --rotation 45mm", USAGE, "45mm", "not a number in deg", REMEDY),
@@ -140,13 +148,23 @@ OPTIONS = [
     Case("make --sector 7 --rotation 90", RULES, "pad-pad: gap between pads of two parts -0.100 mm", "limit 0.100 mm", WIDER),
     # coverlay, anchors, backing, bending
     Case("make --sector 7 --coverlay open", USAGE, "coverlay = 'open'", "per-part, lpi, gang", REMEDY),
-    Case("make --sector 7 --coverlay lpi", USAGE, "coverlay = 'lpi'", "generic-fpc", "use --coverlay per-part or gang"),
+    Case(
+        "make --sector 7 --coverlay lpi", USAGE, "coverlay = 'lpi'", "generic-fpc", "leave out --coverlay, or --fab generic-lpi"
+    ),
     Case("make --sector 7 --fab jlcpcb-fr4 --coverlay per-part", USAGE, "'per-part'", "jlcpcb-fr4", "--fab generic-fpc"),
     Case("make --sector 7 --anchor rope", USAGE, "anchor = 'rope'", "none, spur, mesh", REMEDY),
     Case("make --sector 7 --anchor spur --coverlay gang", USAGE, "anchor = 'spur'", "coverlay = 'gang'", "give one of them"),
-    Case("make --sector 7 --anchor mesh", RULES, "anchor-opening: ", "0.150 mm of generic-fpc", "use --w 1.773"),
-    Case("make --sector 7 --anchor mesh --fab jlcpcb-fpc", RULES, "anchor-opening: ", "coverlay gang", "W 2.056 mm on"),
-    Case("make --sector 7 --anchor mesh --w 1.45 --delta 0.25", RULES, "anchor-opening: ", "coverlay gang", "W 1.773 mm on"),
+    Case("make --sector 7 --anchor mesh", RULES, "anchor-opening: ", "0.150 mm of generic-fpc", "use --w 1.773 --delta 0.25"),
+    Case(
+        "make --sector 7 --anchor mesh --fab jlcpcb-fpc", RULES, "anchor-opening: ", "coverlay gang", "use --w 2.056 --delta 0.25"
+    ),
+    Case(
+        "make --sector 7 --anchor mesh --w 1.45 --delta 0.25",
+        RULES,
+        "anchor-opening: ",
+        "coverlay gang",
+        "use --w 1.773 --delta 0.25",
+    ),
     Case("make --sector 7 --w 3 --anchor mesh --rotation 0", USAGE, "'mesh'", "rotation_deg = 0", "use --rotation 45"),
     Case("make --sector 7 --stiffener FR4", USAGE, "stiffener = 'FR4'", "cannot be used", "give MATERIAL:MM"),
     Case("make --sector 7 --stiffener FR4:0.33", USAGE, "stiffener = 'FR4 0.33'", "FR4:0.2", "give one of them"),
@@ -156,7 +174,13 @@ OPTIONS = [
     Case("make --sector 7 --bend-radius 20", USAGE, "bend_radius_mm = 20", "says nothing alone", "--bend-axis x or y"),
     Case("make --sector 7 --bend-axis z --bend-radius 20", USAGE, "bend_axis = 'z'", "x, y", REMEDY),
     Case("make --sector 7 --bend-axis x --bend-radius -1", USAGE, "-1 mm", "above 0 mm", "--bend-radius is the radius"),
-    Case("make --sector 7 --bend-axis x --bend-radius 9 --fab generic-fr4", USAGE, "9 mm", "a rigid board", "use a flex profile"),
+    Case(
+        "make --sector 7 --bend-axis x --bend-radius 9 --fab generic-fr4",
+        USAGE,
+        "9 mm",
+        "a rigid board",
+        "leave out --bend-axis and --bend-radius",
+    ),
     Case("make --sector 7 --part dome --coverlay gang", USAGE, "coverlay = 'gang'", "no film", "leave out --coverlay"),
     Case("make --sector 7 --part dome --adhesive 3M468:0.13", USAGE, "'3M468:0.13'", "no film", "leave out --adhesive"),
     Case("make --sector 7 --fab jlcpcb-fpc --size 700x50", RULES, "size: board 700 x 50 mm", "600 x 250 mm", "ask the fab"),
@@ -178,28 +202,34 @@ OPTIONS = [
         USAGE,
         "part = 'block' is larger than its cell",
         "0.748 mm",
-        "use a larger --w, a smaller --delta",
+        "use --w ",
     ),
     Case(
         "make --sector 7 --part dome --w 0.7",
         USAGE,
         "part = 'dome' is larger than its cell",
         "0.348 mm",
-        "use a larger --w, a smaller --delta",
+        "use --w ",
     ),
     Case("make --sector 7 --part dome --dome-top 0.6", USAGE, "0.6 mm", "between 0 and 0.6 mm", "use a smaller top"),
     Case("make --sector 7 --part dome --dome-top 0", USAGE, "0 mm", "above 0 mm", REMEDY),
     Case("make --sector 7 --part block --dome-top 0.2", USAGE, "dome_top_mm", "is for a dome", "leave it out"),
     Case("make --sector 7 --part r0201 --body 1x1x1", USAGE, "body_mm = [1, 1, 1]", "contradicts part = 'r0201'", "--part block"),
     Case("make --sector 7 --dome-top 0.2", USAGE, "dome_top_mm = 0.2", "contradicts part = 'r0201'", "--part block"),
-    Case("make --sector 7 --part dome --size 5x5", USAGE, "5 x 5 mm is too small", "6.7 x 6.6 mm", "use a larger --size"),
+    Case("make --sector 7 --part dome --size 5x5", USAGE, "5 x 5 mm is too small", "6.7 x 6.6 mm", "use --size 6.7x6.6"),
     Case("make --sector 7 --part dome --fab generic-fpc", USAGE, "fab = 'generic-fpc'", "contradicts part", "leave out --fab"),
     Case("make --sector 7 --part dome --assembly jlcpcb", USAGE, "'jlcpcb'", "contradicts part", "leave out --assembly"),
     Case("make --sector 7 --part dome --x2 off", USAGE, "x2 = 'off'", "contradicts part", "leave out --x2"),
     Case("make --sector 7 --part dome --tag strip", USAGE, "tag = 'strip'", "contradicts part", "leave out --tag"),
     Case("make --sector 7 --part dome --tag-id 3", USAGE, "tag_id = 3", "contradicts part", "leave out --tag-id"),
     Case("make --sector 7 --part dome --no-3d", USAGE, "--no-3d", "contradicts part", "leave out --no-3d"),
-    Case("make --sector 7 --part dome --hole 50,0.8,1", RULES, "0.300 mm", "limit 0.600 mm of sla", "move the hole inward"),
+    Case(
+        "make --sector 7 --part dome --hole 50,0.8,1",
+        RULES,
+        "0.300 mm",
+        "limit 0.600 mm of sla",
+        "use --hole 50,1.1,1 in its place",
+    ),
     # process and base
     Case("make --sector 7 --process laser", USAGE, "'laser'", "none of: cnc, fdm, sla", "path of a .toml file"),
     Case("make --sector 7 --process nowhere.toml", USAGE, "nowhere.toml", "No such file", REMEDY),

@@ -333,7 +333,7 @@ def test_omitted_points_keep_the_code_and_the_grid() -> None:
 def test_a_planned_tape_breaks_no_edge_or_hole_rule() -> None:
     holes_mm = [(12.0, 8.0, 2.0), (30.3, 20.1, 0.4), (20.0, 15.0, 5.0)]
     examined = examine(TapeSpec(sector=3, size_mm=(40.0, 30.0), holes_mm=holes_mm))
-    assert all(f.passed for f in check(examined.layout, examined.fab) if "edge" in f.rule or "hole" in f.rule)
+    assert all(f.passed for f in check(examined.layout, examined.fab, examined.spec) if "edge" in f.rule or "hole" in f.rule)
 
 
 def test_holes_that_leave_no_window_are_refused() -> None:
@@ -347,7 +347,7 @@ def test_holes_that_leave_no_window_are_refused() -> None:
 
 
 def named_size(error: SpecError) -> tuple[float, float]:
-    found = re.search(r"needs ([\d.]+) x ([\d.]+) mm; use a larger --size", str(error))
+    found = re.search(r"needs ([\d.]+) x ([\d.]+) mm; use --size", str(error))
     assert found, str(error)
     return float(found[1]), float(found[2])
 
@@ -395,7 +395,7 @@ def test_the_message_of_a_size_too_small() -> None:
         tape_of(size_mm=(10.0, 50.0))
     assert str(caught.value) == (
         "size_mm = 10 x 50 mm is too small: a strip with a tag and one 4x4 window of code 'microdots-4x4' at pitch 1.5 mm "
-        "needs 13 x 7.7 mm; use a larger --size, or --tag none"
+        "needs 13 x 7.7 mm; use --size 13x50, or --tag none"
     )
 
 
@@ -429,7 +429,7 @@ def test_the_code_that_a_refused_size_names_has_the_reach(size_mm: tuple[float, 
 def test_a_tape_past_the_range_names_an_origin_that_works(sector: int, size_mm: tuple[float, float], axis: str) -> None:
     with pytest.raises(CapacityError) as caught:
         tape_of(sector=sector, size_mm=size_mm)
-    found = re.search(rf"exceed 3375, .*; give --origin COL,ROW with {axis} at most (\d+)", str(caught.value))
+    found = re.search(rf"exceed 3375, .*; use --origin \d+,\d+, with {axis} at most (\d+)", str(caught.value))
     assert found, str(caught.value)
     assert [p.key for p in caught.value.problems] == ["origin"]
     most = int(found[1])

@@ -249,7 +249,7 @@ def test_gaps_and_widths_are_measured_on_the_elements(name: str, rotation_deg: f
     assert isinstance(part, ElementProfile)
     spec = spec_of(part=name, process="fdm", rotation_deg=rotation_deg)
     tape = plan_texture(spec, process, part)
-    findings = by_rule(check_texture(tape, SolidForm(base_mm=0.7), process))
+    findings = by_rule(check_texture(tape, SolidForm(base_mm=0.7), process, spec, part))
     values = {rule: finding.value for rule, finding in findings.items()}
     assert values["feature"] == {"block": 0.3, "dome": 0.6, "cone": 0.3}[name]
     assert values["gap"] == pytest.approx(worst_gap_by_brute_force(tape, part, rotation_deg), abs=2e-6)
@@ -258,17 +258,16 @@ def test_gaps_and_widths_are_measured_on_the_elements(name: str, rotation_deg: f
         rule: process.limits[rule].value_mm for rule in ("feature", "gap", "height", "base", "body-edge")
     }
     assert not findings["base"].passed
-    assert findings["base"].message == (
-        "thickness of the base 0.700 mm is below the limit 0.800 mm of fdm; use a larger --base or another --process"
-    )
+    assert findings["base"].message == ("thickness of the base 0.700 mm is below the limit 0.800 mm of fdm; use --base 0.8")
     assert {findings[rule].level for rule in ("feature", "gap", "height", "base")} == {"warn"}
     assert findings["body-edge"].passed
 
 
 def test_in_a_mould_walls_are_features_and_cavities_are_gaps() -> None:
     process = load_process("cnc")
-    tape = examine(spec_of(part="cone", process="cnc")).tape
-    plain, mould = (by_rule(check_models(tape, SolidForm(negative=negative), process)) for negative in (False, True))
+    examined = examine(spec_of(part="cone", process="cnc"))
+    tape, spec, part = examined.tape, examined.spec, examined.profiles.part
+    plain, mould = (by_rule(check_models(tape, SolidForm(negative=negative), process, spec, part)) for negative in (False, True))
     assert plain["feature"].value == mould["gap"].value == 0.3
     assert plain["gap"].value == mould["feature"].value
     assert "wall between two cavities" in mould["feature"].message
@@ -277,10 +276,11 @@ def test_in_a_mould_walls_are_features_and_cavities_are_gaps() -> None:
 
 @pytest.mark.parametrize("offset_mm", [0.0, -0.0004, -0.0006])
 def test_a_threshold_is_met_down_to_half_a_micrometre_below_it(offset_mm: float) -> None:
-    tape = examine(spec_of(part="block")).tape
+    examined = examine(spec_of(part="block"))
+    tape, spec, part = examined.tape, examined.spec, examined.profiles.part
     process = load_process("sla")
     limits = {**process.limits, "feature": replace(process.limits["feature"], value_mm=0.3 - offset_mm)}
-    finding = by_rule(check_models(tape, SolidForm(), replace(process, limits=limits)))["feature"]
+    finding = by_rule(check_models(tape, SolidForm(), replace(process, limits=limits), spec, part))["feature"]
     assert finding.passed == (offset_mm > -0.0005)
 
 

@@ -4,6 +4,7 @@ met down to half a micrometre below it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -117,7 +118,7 @@ def test_omitted_parts_are_nobodys_neighbours() -> None:
     whole = plan(spec, FAB, PART)
     omitted = np.array([(c, r) for r in range(whole.rows) for c in range(whole.columns) if (c + r) % 2])
     tape = replace(whole, omitted=omitted)
-    findings = by_rule(check(build_layout(tape, spec, FAB, PART), FAB))
+    findings = by_rule(check(build_layout(tape, spec, FAB, PART), FAB, spec))
     drawn = draw(parts_of(tape), 45.0)
     for rule, shapes in (("body-body", drawn.largest_body), ("courtyard", drawn.courtyard), ("opening-bridge", drawn.opening)):
         assert findings[rule].value == pytest.approx(worst_pair_gap([shapes]), abs=1e-5)
@@ -285,7 +286,7 @@ def test_thresholds_are_met_down_to_half_a_micrometre_below_them() -> None:
     assert set(measured) == set(LIMIT_IDS)
     for above_mm, passed in ((-0.01, True), (0.0, True), (0.00049, True), (0.00051, False), (0.01, False)):
         limits = {rule: replace(FAB.limits[rule], value_mm=(value or 0.0) + above_mm) for rule, value in measured.items()}
-        findings = by_rule(check(examined.layout, replace(FAB, limits=limits)))
+        findings = by_rule(check(examined.layout, replace(FAB, limits=limits), examined.spec))
         for rule in LIMIT_IDS:
             assert findings[rule].passed is passed, rule
             assert findings[rule].limit == limits[rule].value_mm
@@ -346,3 +347,23 @@ def test_a_strip_without_room_says_what_it_left_out() -> None:
 def test_a_profile_that_cannot_be_read_is_no_rule() -> None:
     with pytest.raises(SpecError, match="cannot be opened"):
         examine(TapeSpec(sector=7, fab="nowhere.toml"))
+
+
+HOLE_OPTION = re.compile(r"--hole ([\d.]+),([\d.]+),([\d.]+)")
+
+
+@pytest.mark.parametrize(
+    ("holes_mm", "rule"),
+    [
+        ([(0.8, 25.0, 1.0)], "hole-edge"),
+        ([(99.3, 49.4, 0.3)], "hole-edge"),
+        ([(40.0, 0.7, 1.0), (99.5, 49.5, 0.4)], "hole-edge"),
+        ([(50.0, 25.0, 0.05)], "hole-size"),
+    ],
+)
+def test_holes_stand_well_where_the_remedy_puts_them(holes_mm: list[tuple[float, float, float]], rule: str) -> None:
+    broken = by_rule(examine(TapeSpec(sector=7, holes_mm=holes_mm, models=False)).findings)[rule]
+    assert broken.blocks
+    moved = [(float(x), float(y), float(d)) for x, y, d in HOLE_OPTION.findall(broken.message)]
+    assert len(moved) == len(holes_mm)
+    assert by_rule(examine(TapeSpec(sector=7, holes_mm=moved, models=False)).findings)[rule].passed
