@@ -186,14 +186,23 @@ def spec_values(spec_file: str | None) -> dict[str, Any]:
     return read_list_file(Path(spec_file)) if spec_file is not None else {}
 
 
-def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = ()) -> bool:
-    """Whether several tapes are asked for, each with its own kit; the tapes of a panel are one order."""
+def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] = (), *, alone: bool = False) -> bool:
+    """Whether several tapes are asked for, each with its own kit; the tapes of a panel are one order.
+
+    Sectors go on a panel where the fab's profile says so and they fill one, but with `alone`.
+    """
+    from tactape_fab.kit.examine.order import takes_panel
     from tactape_fab.kit.spec.tape_list import is_list as lists_tapes
 
     if {**values, **given}.get("panel", "none") != "none" or not lists_tapes(values, given):
         return False
     if avoid:
         raise SpecError(Problem("avoid", "avoid cannot be used with a list of tapes; make them one by one, or leave --avoid out"))
+    if not alone and "tapes" not in values:
+        together, remark = takes_panel({**values, **given})
+        if together:
+            return False
+        echo_lines_err([remark] if remark else [])
     for of in (values, given):
         of.pop("panel", None)
     return True

@@ -90,7 +90,7 @@ def make(
 
         values, given = spec_values(spec_file), given_values(options)
         replace: Overwrite = "edits" if discard_edits else overwrite
-        if is_list(values, given, avoid):
+        if is_list(values, given, avoid, alone=pack or jobs is not None):
             settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force}
             _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
             return

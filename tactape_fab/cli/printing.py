@@ -22,6 +22,9 @@ PURPOSES = (
 )
 """Purposes of files and their roles, in the order in which make prints them."""
 
+_OF_ORDERS = ("part-count", "assembly-size", "together")
+"""Rules about an order: make prints their remarks, too."""
+
 
 def rule_lines(findings: Sequence[Finding]) -> list[str]:
     """The broken rules that block."""
@@ -102,7 +105,10 @@ def warn(findings: Sequence[Finding]) -> None:
 
 
 def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
-    """Print warnings and, with force, the broken rules that do not stop it."""
+    """Print what the order asks for, warnings and, with force, the broken rules that do not stop it."""
+    echo_lines_err(
+        f"note: {f.rule}: {f.message}" for f in findings if f.level == "info" and not f.passed and f.rule in _OF_ORDERS
+    )
     warn(findings)
     if force:
         echo_lines_err(f"forced: {line}" for line in rule_lines(findings))

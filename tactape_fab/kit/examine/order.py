@@ -8,6 +8,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, tried
 from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_words, together_findings
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
@@ -16,6 +17,7 @@ from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.kit.rules.film_rules import assembly_findings
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
 from tactape_fab.kit.spec.tape_spec import read_spec
+from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
@@ -33,6 +35,8 @@ class ExaminedPanel:
     request : PanelRequest
     remarks : tuple of str
         Remarks for the user: why there is a panel, and copies of tapes.
+    together : tuple of Finding
+        What tapes of the panel share that they should not.
     """
 
     name: str
@@ -40,6 +44,7 @@ class ExaminedPanel:
     panel: Panel
     request: PanelRequest
     remarks: tuple[str, ...]
+    together: tuple[Finding, ...] = ()
 
     @property
     def fab(self) -> FabProfile:
@@ -59,7 +64,7 @@ class ExaminedPanel:
             known = worst.setdefault(finding.rule, finding)
             if (known.passed and not finding.passed) or (known.passed == finding.passed and _tighter(finding, known)):
                 worst[finding.rule] = finding
-        return tuple({**worst, **of_panel}.values())
+        return (*{**worst, **of_panel}.values(), *self.together)
 
 
 def _tighter(a: Finding, b: Finding) -> bool:
@@ -100,7 +105,7 @@ def examine_order(
     if request.wished and spec.fab is None:
         message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
         problems.append(Problem("panel", message + "leave out --panel"))
-    by_profile = request.mode is None and request.sectors is None and fab is not None and fab.panel.make == "auto"
+    by_profile = request.mode is None and fab is not None and fab.panel.make == "auto"
     if not (request.wished or by_profile):
         problems += _without_panel(request, values) if request.mode is None else []
         if request.sectors:
@@ -118,10 +123,37 @@ def examine_order(
     base = examine(base_values, output=place, overwrite=overwrite, known=problems)
     size_mm = base.tape.board.size_mm
     if by_profile and not arrangements(size_mm, base.fab):
-        remark = f"no panel: tapes of {size_mm[0]:g} x {size_mm[1]:g} mm fit on none that assembly at {base.fab.name} takes"
-        return examine(tape_values, output=output, overwrite=overwrite, avoid=avoid), (remark,)
+        return examine(base_values, output=output, overwrite=overwrite, avoid=avoid), (_no_panel(size_mm, base.fab),)
     examined = _examine_panel(base, request, values_of, by_profile=by_profile)
     return examined, examined.remarks
+
+
+def takes_panel(values: Mapping[str, Any]) -> tuple[bool, str]:
+    """Whether the sectors of a list go on one panel without --panel, as the fab's profile says; else a remark, or "".
+
+    They do where so many tapes fill a panel that fab and assembly take: the same rule as for one sector, which takes the
+    sectors that follow along.
+    """
+    request, problems = read_panel_request(values)
+    spec, refused = read_spec({"sector": 0, **{key: value for key, value in values.items() if key not in PANEL_KEYS}})
+    fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
+    if problems or refused or request.mode is not None or request.sectors is None or fab is None or fab.panel.make != "auto":
+        return False, ""
+    fitting = arrangements(spec.size_mm, fab)
+    if not fitting:
+        return False, _no_panel(spec.size_mm, fab)
+    counts = sorted({columns * rows for columns, rows in fitting}, key=lambda n: abs(n - len(request.sectors or ())))
+    if len(request.sectors) in counts:
+        return True, ""
+    width, height = spec.size_mm
+    return False, (
+        f"no panel: {len(request.sectors)} tapes of {width:g} x {height:g} mm fill none that assembly at {fab.name} takes, but "
+        f"{', '.join(map(str, counts[:3]))} do; each is made alone"
+    )
+
+
+def _no_panel(size_mm: tuple[float, float], fab: FabProfile) -> str:
+    return f"no panel: tapes of {size_mm[0]:g} x {size_mm[1]:g} mm fit on none that assembly at {fab.name} takes"
 
 
 def _without_panel(request: PanelRequest, values: Mapping[str, Any]) -> list[Problem]:
@@ -173,8 +205,20 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
         tapes=tapes,
         panel=panel,
         request=request,
-        remarks=tuple(_remarks(panel, sectors, fab, by_profile=by_profile)),
+        remarks=tuple(_remarks(panel, sectors, fab, by_profile=by_profile, filled=request.sectors is None and not copies)),
+        together=() if copies else _together(tapes, named=request.sectors is not None),
     )
+
+
+def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
+    """What tapes of a panel share that they should not, with sectors at which they do not."""
+
+    def remedy(found: Sequence[Conflict]) -> str:
+        drawn = [tape.tape for tape in tapes]
+        sectors = other_sectors(drawn, found, lambda i, sector: of_sector(tapes[i].spec, tapes[i].profiles.plan, sector))
+        return f"use --sectors {sector_words(sectors)}" + ("" if named else " in place of --sector") if sectors else ""
+
+    return together_findings([tape.tape for tape in tapes], remedy)
 
 
 def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> list[Problem]:
@@ -190,18 +234,27 @@ def _sector_problems(base: Examined, panel: Panel, request: PanelRequest) -> lis
     return [Problem("sector", message)]
 
 
-def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profile: bool) -> list[str]:
+def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profile: bool, filled: bool) -> list[str]:
     width, height = panel.size_mm
-    words = f"panel: {panel.columns} x {panel.rows} tapes, sectors {', '.join(map(str, sectors))}, on {width:g} x {height:g} mm"
     said = []
     if by_profile:
         least, most = fab.panel.smallest_mm, fab.panel.largest_mm
+        added = (
+            f"{sectors[0]}, and {', '.join(map(str, sectors[1:]))} to fill it"
+            if filled and len(sectors) > 1
+            else _listed(sectors)
+        )
         said.append(
-            f"{words}: assembly at {fab.name} takes {least[0]:g} x {least[1]:g} to {most[0]:g} x {most[1]:g} mm with rails; "
-            "--panel none makes the tape alone"
+            f"panel: assembly at {fab.name} takes {least[0]:g} x {least[1]:g} to {most[0]:g} x {most[1]:g} mm with rails, so "
+            f"{panel.columns} x {panel.rows} tapes go on {width:g} x {height:g} mm: sector {added}; "
+            f"{'--sectors names others, ' if filled else ''}--panel none makes tapes alone"
         )
     if len(set(sectors)) < len(sectors):
         said.append(
             f"warning: all {len(sectors)} tapes show sector {sectors[0]}: a contact cannot tell one of these copies from another"
         )
     return said
+
+
+def _listed(sectors: Sequence[int]) -> str:
+    return ", ".join(map(str, dict.fromkeys(sectors)))

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
 from tactape_fab.base.fields import shown
+from tactape_fab.kit.examine.together import of_sector, other_sectors, together_findings
 from tactape_fab.kit.film.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
@@ -36,11 +37,15 @@ from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.texture.certify.certificate import Certificate, certify, pair_words
 from tactape_fab.texture.certify.origin import Choice, choose_origin, choose_sector
+from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import DEFAULT_CODE, get_code, get_plane, has_plane
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.tape import Tape
 
 T = TypeVar("T")
+
+_SECTORS_BESIDE = 4
+"""Most other sectors that are tried beside tapes to avoid: a search for the origin each."""
 
 _FORM_KEYS = (*ELEMENT_KEYS, "size_mm", "process", "base_mm", "around", "shell")
 """Keys on which the building of the solid models depends."""
@@ -160,6 +165,7 @@ def examine(
     if problems:
         raise refusal(problems, [replace(f, at_mm=None) for f in findings if f.blocks and measurable])
     certificate = certify(tape)
+    findings += _beside(spec, tape, profiles, avoid)
     return Examined(
         spec=spec,
         tape=tape,
@@ -283,6 +289,23 @@ def _planned(
     board = board if "size_mm" in refused else {key: value for key, value in board.items() if key in refused}
     spec = spec.but(**board, code=DEFAULT_CODE, sector=0, origin=(0, 0), directions=USUAL_DIRECTIONS)
     return spec, tried(lambda: profiles.plan(spec), []), None
+
+
+def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape]) -> tuple[Finding, ...]:
+    """What a tape shares with those to avoid although its place was chosen away from them, and a sector at which it does not."""
+
+    def elsewhere(_: int, sector: int) -> Tape | None:
+        if not has_plane(spec.code):
+            return None
+        other = tried(lambda: choose_origin(get_plane(spec.code), sector, tape.placed, avoid), [])
+        return None if other is None else of_sector(spec.but(origin=other.origin), profiles.plan, sector)
+
+    def remedy(found: Sequence[Conflict]) -> str:
+        own = [replace(conflict, tapes=(conflict.tapes[1], 0)) for conflict in found[:1]]
+        sectors = other_sectors([tape, *avoid], own, elsewhere, tries=_SECTORS_BESIDE)
+        return f"use --sector {sectors[0]}" if sectors else "leave out --sector, or use a smaller --size"
+
+    return together_findings([tape, *avoid], remedy, new=1)
 
 
 def _measured(spec: TapeSpec, tape: Tape, profiles: Profiles, problems: list[Problem]) -> tuple[Film | None, list[Finding]]:

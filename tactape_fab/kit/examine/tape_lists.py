@@ -9,20 +9,27 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError
+from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, shown_path
-from tactape_fab.kit.examine.tape import Examined, examine
+from tactape_fab.kit.examine.tape import Examined, Profiles, examine
+from tactape_fab.kit.examine.together import apart, of_sector, other_sectors, sector_words, together_findings, too_many
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.panel.packing import misfit
 from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.kit.spec.grid_options import BEST
 from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.texture.code import has_plane
+from tactape_fab.texture.certify.origin import choose_origin
+from tactape_fab.texture.certify.pairs import Conflict
+from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.manifest import MANIFEST_NAME
+from tactape_fab.texture.tape import Tape
 
 MOST_JOBS = 64
 _NAMED = 5
 """Most tapes that a message names as refused for one reason; the others are counted."""
+_MOST_SEARCHED = 24
+"""Most tapes of a list for which the best origins are searched before they are made: a quarter of a second each."""
 _OF_THE_TAPE = ("sector", "origin", "name", "tag_id")
 """Keys that are refused tape by tape; any other is refused once for its table."""
 
@@ -113,7 +120,54 @@ def list_tapes(
         raise SpecError(problems, [replace(finding, at_mm=None) for finding in broken])
     if broken and not force:
         raise DesignRuleError(broken)
-    return Listed(tapes=tuple(tally.tapes), findings=(*tally.findings, *_copies(tally.tapes)), jobs=count)
+    together = () if len(tally.drawn) < len(tally.tapes) else _together(tally, by_table="tapes" in values)
+    return Listed(tapes=tuple(tally.tapes), findings=(*tally.findings, *_copies(tally.tapes), *together), jobs=count)
+
+
+def _together(tally: _Tally, *, by_table: bool) -> tuple[Finding, ...]:
+    """What tapes of a list share that they should not, with sectors, or a search for origins, by which they do not."""
+    if len(tally.drawn) > _MOST_SEARCHED and any(drawn.spec.origin == BEST for drawn in tally.drawn):
+        return (too_many(len(tally.drawn)),)
+    tapes = [drawn.tape() for drawn in tally.drawn]
+
+    def remedy(found: Sequence[Conflict]) -> str:
+        sectors = other_sectors(tapes, found, lambda i, sector: tally.drawn[i].of_sector(sector))
+        ways = []
+        if sectors and by_table:
+            moved = [(tape.name, s) for tape, s in zip(tapes, sectors, strict=True) if tape.sector != s]
+            ways.append(", ".join(f"sector = {sector} for {name}" for name, sector in moved))
+        elif sectors:
+            ways.append(f"--sectors {sector_words(sectors)}")
+        if len(tapes) <= _MOST_SEARCHED and all(drawn.spec.origin != BEST for drawn in tally.drawn):
+            searched = [drawn.of_origin() for drawn in tally.drawn]
+            if apart([tape for tape in searched if tape is not None]) and None not in searched:
+                ways.append("--origin best")
+        return "use " + ", or ".join(ways) if ways else "make one of them alone, with --avoid and the folder of the others"
+
+    return together_findings(tapes, remedy, copies=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    """A tape of a list as it will be made; at the default place if its origin is still to be searched for."""
+
+    spec: TapeSpec
+    profiles: Profiles
+    planned: Tape
+
+    def tape(self) -> Tape:
+        """The tape, at the best origin if it is asked for."""
+        return self.planned if self.spec.origin != BEST else self.of_origin() or self.planned
+
+    def of_sector(self, sector: int) -> Tape | None:
+        """The same tape with another sector."""
+        return of_sector(self.spec, self.profiles.plan, sector)
+
+    def of_origin(self) -> Tape | None:
+        """The same tape at the best origin."""
+        spec, placed = self.spec, self.planned.placed
+        choice = tried(lambda: choose_origin(get_plane(spec.code), spec.sector, placed), [])
+        return None if choice is None else tried(lambda: self.profiles.plan(spec.but(origin=choice.origin)), [])
 
 
 @dataclass(slots=True, kw_only=True)
@@ -135,6 +189,7 @@ class _Tally:
     def __init__(self, *, packed: bool) -> None:
         self.packed = packed
         self.tapes: list[Planned] = []
+        self.drawn: list[_Drawn] = []
         self.findings: list[Finding] = []
         self._kinds: dict[str, _Kind] = {}
         self._problems: dict[tuple[str, str], dict[str, Problem]] = {}
@@ -162,19 +217,22 @@ class _Tally:
             return
         kind.findings = kind.examined.findings
         kind.refusal = _unpackable(kind.examined) if self.packed else []
-        self._pass(kind.examined.spec, kind.examined)
+        self._pass(kind.examined.spec, kind.examined, kind.examined.tape)
 
     def _another(self, entry: TapeEntry, kind: _Kind) -> None:
         try:
             spec = TapeSpec.from_mapping(entry.values)
             if kind.examined is not None:
                 if has_plane(spec.code):  # only the design depends on the sector, and designing takes seconds
-                    kind.examined.profiles.plan(spec)
-                self._pass(spec, kind.examined)
+                    self._pass(spec, kind.examined, kind.examined.profiles.plan(spec))
+                else:
+                    self._pass(spec, kind.examined, None)
         except SpecError as error:
             self._refuse(entry, [problem for problem in error.problems if problem not in kind.refusal])
 
-    def _pass(self, spec: TapeSpec, examined: Examined) -> None:
+    def _pass(self, spec: TapeSpec, examined: Examined, tape: Tape | None) -> None:
+        if tape is not None:
+            self.drawn.append(_Drawn(spec=spec, profiles=examined.profiles, planned=replace(tape, name=spec.name)))
         self.tapes.append(Planned(spec=spec, fab=None if examined.film is None else examined.fab))
 
     def _refuse(self, entry: TapeEntry, problems: Sequence[Problem]) -> None:

@@ -117,10 +117,12 @@ def test_exit_status_tells_what_happened(here: Path) -> None:
     assert run("verify kit").exit_code == 4
 
 
-def test_make_writes_data_on_stdout_and_nothing_on_stderr(here: Path) -> None:
+def test_make_writes_data_on_stdout_and_remarks_on_the_order_on_stderr(here: Path) -> None:
     result = run(f"make {SMALL} --tag none")
     assert result.exit_code == 0
-    assert result.stderr == ""
+    said = result.stderr.splitlines()
+    assert [line.split(":")[:2] for line in said] == [["note", " assembly-size"]]
+    assert said[0].endswith("; order it in a panel")
     assert "tactape-s009/tactape-s009-fab.zip" in result.stdout
     assert "verified: " in result.stdout
 

@@ -1,0 +1,128 @@
+"""What is made or ordered together is certified together, before anything is written: tapes that share places or windows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from tactape_fab.base.errors import Finding, tried
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.certify.pairs import Conflict, across, conflicts
+from tactape_fab.texture.code import default_origin, get_code
+from tactape_fab.texture.tape import Tape
+
+MOST_POINTS = 200_000
+"""Grid points up to which tapes are compared before they are made: some seconds; more are left to `registry`."""
+_SIDE = 4
+_NAMED = 3
+"""Most conflicts that a message names; the others are counted."""
+_TRIES = 64
+"""Most sectors that are tried in place of one that conflicts."""
+
+
+def together_findings(
+    tapes: Sequence[Tape], remedy: Callable[[Sequence[Conflict]], str], *, new: int | None = None, copies: bool = False
+) -> tuple[Finding, ...]:
+    """The finding of tapes that cannot be told apart somewhere, or whose tags are the same; none if they can.
+
+    Parameters
+    ----------
+    tapes : sequence of Tape
+    remedy : callable
+        Function of the conflicts that gives what to type, or "".
+    new : int, optional
+        How many tapes, the first ones, are new; conflicts among the others are not told.
+    copies : bool
+        Whether tapes that are the same are meant to be, or told elsewhere.
+    """
+    if len(tapes) < 2:
+        return ()
+    if sum(tape.columns * tape.rows for tape in tapes) > MOST_POINTS:
+        return (too_many(len(tapes)),)
+    found = [c for c in _conflicts(tapes, copies) if new is None or c.tapes[0] < new]
+    if not found:
+        return ()
+    said = "; ".join(c.message for c in found[:_NAMED])
+    more = f" and {len(found) - _NAMED} more conflicts" if len(found) > _NAMED else ""
+    way = remedy(found)
+    message = f"{said}{more}" + (f"; {way}" if way else "")
+    return (Finding(rule="together", level="warn", passed=False, unit="", message=message),)
+
+
+def too_many(count: int) -> Finding:
+    """The remark that so many tapes are not compared."""
+    message = f"{count} tapes are too many to be compared before they are made; run registry on their folder afterwards"
+    return Finding(rule="together", level="info", passed=False, unit="", message=message)
+
+
+def _conflicts(tapes: Sequence[Tape], copies: bool) -> list[Conflict]:
+    found = conflicts(tapes, [tape.name for tape in tapes], across(tapes, _SIDE))
+    same = {c.tapes for c in found if c.kind == "same-tape"}
+    return [c for c in found if not (copies and c.tapes in same)]
+
+
+def apart(tapes: Sequence[Tape]) -> bool:
+    """Whether no two tapes conflict."""
+    return not _conflicts(tapes, copies=False)
+
+
+def other_sectors(
+    tapes: Sequence[Tape], found: Sequence[Conflict], moved_to: Callable[[int, int], Tape | None], tries: int = _TRIES
+) -> list[int]:
+    """Sectors at which the tapes do not conflict: each tape keeps its own, but for one of every two that conflict.
+
+    Parameters
+    ----------
+    moved_to : callable
+        The tape at an index with another sector; None if there is none.
+    tries : int
+        Most sectors that are tried for each.
+
+    Returns
+    -------
+    list of int
+        In the order of the tapes; empty if none were found.
+    """
+    moved = {c.tapes[1] for c in found}
+    kept = [tape for i, tape in enumerate(tapes) if i not in moved]
+    sectors = {i: tape.sector for i, tape in enumerate(tapes)}
+    for i in sorted(moved):
+        for tape in _others(i, set(sectors.values()), moved_to, tries):
+            if apart([tape, *kept]):
+                kept.append(tape)
+                sectors[i] = tape.sector
+                break
+        else:
+            return []
+    return list(sectors.values())
+
+
+def of_sector(spec: TapeSpec, plan: Callable[[TapeSpec], Tape], sector: int) -> Tape | None:
+    """The tape of a spec with another sector, whose origin and tag follow the sector where they did; None if there is none."""
+    if sector >= get_code(spec.code).sectors:
+        return None
+    followed = spec.origin == default_origin(spec.code, spec.sector)
+    other = spec.but(
+        sector=sector,
+        origin=default_origin(spec.code, sector) if followed else spec.origin,
+        tag_id=sector if spec.tag_id == spec.sector else spec.tag_id,
+    )
+    return tried(lambda: plan(other), [])
+
+
+def _others(i: int, used: set[int], moved_to: Callable[[int, int], Tape | None], tries: int) -> Iterator[Tape]:
+    free = [sector for sector in range(max(used) + tries + 1) if sector not in used]
+    for sector in sorted(free, key=lambda s: (s < max(used), s))[:tries]:  # those that follow first
+        tape = moved_to(i, sector)
+        if tape is not None:
+            yield tape
+
+
+def sector_words(sectors: Sequence[int]) -> str:
+    """Sectors as --sectors takes them, runs of three and more as ranges: ``0-2,7``."""
+    runs: list[list[int]] = []
+    for sector in sectors:
+        if runs and sector == runs[-1][-1] + 1:
+            runs[-1].append(sector)
+        else:
+            runs.append([sector])
+    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 2 else ",".join(map(str, run)) for run in runs)
