@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -265,18 +266,24 @@ def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *
     lines = list(advice.lines)
     asked = [k for k, line in enumerate(lines[:SIMULATED_LINES]) if line.least_mm is not None]
     for done, k in enumerate(asked):
-        lines[k] = replace(lines[k], simulated=simulated(lines[k], advice.question, FRAMES))
-        progress("simulated: line", done + 1, len(asked))
+        shown = partial(progress, f"line {done + 1} of {len(asked)}: contact")
+        lines[k] = replace(lines[k], simulated=simulated(lines[k], advice.question, FRAMES, progress=shown))
     return replace(advice, lines=tuple(lines))
 
 
-def simulated(line: Line, question: Question, frames: int, seed: int = 3) -> Simulated:
-    """Locate contacts of the predicted size on a tape of the line, as depth maps, among the requested number of tapes."""
+def simulated(
+    line: Line, question: Question, frames: int, seed: int = 3, progress: Callable[[int, int], None] = lambda *_: None
+) -> Simulated:
+    """Locate contacts of the predicted size on a tape of the line, as depth maps, among the requested number of tapes.
+
+    ``progress`` is called with the number of contacts that were located or refused so far, 0 at first, and their number.
+    """
     from tactape_fab.sense.decode.localizer import Localizer
     from tactape_fab.sense.simulation.draw import simulate_frames
     from tactape_fab.sense.simulation.scene import Scene
 
     assert line.least_mm is not None
+    progress(0, frames)
     tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
     scene = Scene(
         contact_mm=(line.least_mm, line.least_mm),
@@ -286,7 +293,10 @@ def simulated(line: Line, question: Question, frames: int, seed: int = 3) -> Sim
     )
     drawn = simulate_frames(tapes[0], frames, seed, question.sensor, scene)
     localizer = Localizer(tapes, sensor=question.sensor)
-    fixes = [localizer.locate(depth) for depth in drawn.depth]
+    fixes = []
+    for depth in drawn.depth:
+        fixes.append(localizer.locate(depth))
+        progress(len(fixes), frames)
     found = [
         (np.hypot(*np.subtract(fix.position_mm, at_mm)), abs((fix.theta_deg - theta_deg + 180.0) % 360.0 - 180.0))
         for fix, at_mm, theta_deg in zip(fixes, drawn.position_mm, drawn.theta_deg, strict=True)

@@ -38,6 +38,16 @@ def _range_text(low: float, high: float, above: float, below: float, of_unit: st
     return " ".join(["a number", *filter(None, (least, most if least else most.removeprefix("and ")))]) + of_unit
 
 
+def nearest(value: str, known: Sequence[str]) -> str | None:
+    """The known name that was probably meant: one that differs in case or a letter, or that begins or ends with the value."""
+    folded = {name.casefold(): name for name in known}
+    if value.casefold() in folded:
+        return folded[value.casefold()]
+    parts = [name for name in known if len(value) > 1 and value.casefold() in re.split(r"[^a-z0-9]+", name.casefold())]
+    near = difflib.get_close_matches(value.casefold(), folded, n=1)
+    return min(parts, default=folded[near[0]] if near else None)
+
+
 def unknown_key(key: object, known: Sequence[str], where: str = "") -> Problem:
     """The problem of an unknown key, with the nearest known one."""
     near = difflib.get_close_matches(str(key), known, n=1)
@@ -208,8 +218,8 @@ class Fields:
             wanted = "one of: " + ", ".join(choices) if choices else f"at most {longest} characters in quotes"
             self.problem(key, f"{key} = {shown(value)} is not a text; {remedy or f'give {wanted}'}")
         elif choices and value not in choices:
-            near = difflib.get_close_matches(value, choices, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else remedy or "give one of them"
+            near = nearest(value, choices)
+            hint = f"did you mean '{near}'?" if near else remedy or "give one of them"
             self.problem(key, f"{key} = {shown(value)} is none of: {', '.join(choices)}; {hint}")
         elif pattern and not re.fullmatch(pattern, value):
             self.problem(key, f"{key} = {shown(value)} has a form that cannot be used; {remedy or pattern}")

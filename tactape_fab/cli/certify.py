@@ -90,7 +90,8 @@ def certified_lines(result: Certified) -> list[str]:
         return _one(result.certificates[0])
     header = ("tape", *(f"{s.side}x{s.side}" for s in result.certificates[0].sizes), "told apart", "one wrong symbol")
     rows = [
-        (c.tape.name, *map(_of_size, c.sizes), _square(c.distinct_side), _square(c.correcting_side)) for c in result.certificates
+        (name, *map(_of_size, c.sizes), _square(c.distinct_side), _square(c.correcting_side))
+        for name, c in zip(result.names, result.certificates, strict=True)
     ]
     lines = [
         "least number of differing symbols of two windows, and how many pairs differ by no more:",

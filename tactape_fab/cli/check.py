@@ -183,6 +183,8 @@ def spec_values(spec_file: str | None) -> dict[str, Any]:
     """The values of SPEC.toml; empty without one."""
     from tactape_fab.kit.spec.tape_list import read_list_file
 
+    if spec_file is not None and spec_file.isdigit() and not Path(spec_file).exists():
+        raise SpecError(Problem("sector", f"SPEC.toml = {spec_file} is no file; did you mean --sector {spec_file}?"))
     return read_list_file(Path(spec_file)) if spec_file is not None else {}
 
 

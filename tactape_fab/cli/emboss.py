@@ -10,7 +10,7 @@ import click
 
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import number, pair
-from tactape_fab.cli.printing import echo_json, echo_lines, purpose_lines, step_shown
+from tactape_fab.cli.printing import echo_json, echo_lines, purpose_lines, step_shown, verified_line
 
 if TYPE_CHECKING:
     from tactape_fab.kit.output_place import Overwrite
@@ -65,6 +65,6 @@ def embossed_lines(made: Embossed) -> list[str]:
         f"pitch error {distortion['pitch_error_min']:+.2%} to {distortion['pitch_error_max']:+.2%}, median "
         f"{distortion['pitch_error_median']:+.2%}; the texture reaches {distortion['reach_mm']:.1f} mm, usable are "
         f"{distortion['usable_radius_mm']:.1f} mm",
-        f"verified: {len(made.checks)} checks of the written files",
+        verified_line(made.checks),
         *purpose_lines(made.path, made.files),
     ]

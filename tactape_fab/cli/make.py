@@ -26,6 +26,7 @@ from tactape_fab.cli.printing import (
     say_rules,
     step_shown,
     table_lines,
+    verified_line,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from tactape_fab.make.many import FailedKit, MadeKit, PackedFilm
     from tactape_fab.make.panel import PanelKit
     from tactape_fab.texture.certify.origin import Choice
+    from tactape_fab.texture.tape import Tape
 
 _OBJECTS_A_COLLECTION = 50_000
 """Garbage collection threshold: loading modules makes many objects and few cycles, and each collection scans all of them."""
@@ -42,8 +44,22 @@ _NAMED = 3
 """Most tapes of a packed sheet that are named."""
 
 
+class _Make(click.Command):
+    """The command, which knows what is meant by an option of other tools."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if error.option_name not in ("--dry-run", "--check"):
+                raise
+            raise click.UsageError(
+                f"No such option '{error.option_name}'. tactape-fab check measures, and writes nothing."
+            ) from error
+
+
 @tape_options
-@click.command()
+@click.command(cls=_Make)
 @avoid_option
 @click.option("--pack", is_flag=True, help="Lay the tapes of a list out on the fab's largest panels, and say how full they are.")
 @click.option("--jobs", metavar="N", help="Processes that make the kits of a list.  [default: one per processor]")
@@ -175,14 +191,21 @@ def _kit_lines(kit: Kit) -> list[str]:
     tape = kit.tape
     width, height = tape.board.size_mm
     return [
-        f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm",
+        f"{kit.path}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, board {width:g} x {height:g} mm"
+        + left_out(tape),
         f"sector {tape.sector} of {tape.code} at origin {tape.origin[0]},{tape.origin[1]}; "
         f"pitch {tape.pitch_mm:g} mm, displacement {tape.displacement_mm:g} mm{tape.in_directions}",
         *_search_lines(kit.search),
-        f"verified: {len(kit.checks)} checks of the written files" if kit.checks else "not verified",
+        verified_line(kit.checks) if kit.checks else "not verified",
         *(f"{f.rule}: {f.message}" for f in kit.findings if f.rule == "coverlay" and f.level == "info"),
         *purpose_lines(kit.path, kit.files),
     ]
+
+
+def left_out(tape: Tape) -> str:
+    """How many grid points carry no part, because a hole or a rounded corner is there; "" if all do."""
+    count = len(tape.omitted)
+    return f"; {counted(count, 'grid point')} at holes and corners left out" if count else ""
 
 
 def _search_lines(search: Choice | None) -> list[str]:
@@ -208,7 +231,7 @@ def _panel_lines(made: PanelKit) -> list[str]:
         f"panel {width:g} x {height:g} mm, {parts} parts",
         f"{first.code}; pitch {first.pitch_mm:g} mm, displacement {first.displacement_mm:g} mm{first.in_directions}",
         *table_lines(("tape", "sector", "origin", "at x, y mm", "kit"), rows),
-        f"verified: {len(made.checks)} checks of the written files" if made.checks else "not verified",
+        verified_line(made.checks) if made.checks else "not verified",
         *(f"{f.rule}: {f.message}" for f in made.findings if f.rule == "coverlay" and f.level == "info"),
         *purpose_lines(made.path, made.files),
     ]

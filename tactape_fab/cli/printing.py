@@ -69,6 +69,13 @@ def check_lines(checks: Sequence[Check]) -> list[str]:
     return [f"{verdict}  {c.name.ljust(width)}  {c.message}" for verdict, c in zip(verdicts, checks, strict=True)]
 
 
+def verified_line(checks: Sequence[Check]) -> str:
+    """How many checks were made, and how many were not because a program or library for them is not installed."""
+    absent = sum(not c.passed and c.warning and "not installed" in c.message for c in checks)
+    said = f"verified: {counted(len(checks) - absent, 'check')} of the written files"
+    return said + (f", {absent} not run: what they need is not installed" if absent else "")
+
+
 def purpose_lines(folder: Path, files: Mapping[str, str]) -> list[str]:
     """The files of a result by purpose; `files` is role to path, relative to the folder."""
     lines = []

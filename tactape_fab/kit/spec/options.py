@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tactape_fab.base.errors import Problem, tried
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields, nearest, shown
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import X2_MODES, ElementProfile, read_part
 from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
@@ -23,6 +24,7 @@ DEFAULT_FAB = "generic-fpc"
 DEFAULT_PART = "r0201"
 DEFAULT_TAG_CELL_MM = 0.5
 DEFAULT_ROTATION_DEG = 45.0
+_CHIP_SIZE = re.compile(r"[rRcC]?(\d{4,5})")
 _NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 
 
@@ -79,9 +81,22 @@ def _process(table: Fields, usual: str | None) -> str | None:
     return _profile_name(table, "process", "processes", usual) if "process" in table.values else usual
 
 
+def _meant(name: str, known: Sequence[str]) -> str:
+    """The profile that was probably meant, and of chips that are named by their size the ones that come with the package."""
+    size = _CHIP_SIZE.fullmatch(name)
+    if size is None:
+        near = nearest(name, known)
+        return "" if near is None else f"; did you mean '{near}'?"
+    chips = [other for other in known if _CHIP_SIZE.fullmatch(other)]
+    near = next((chip for chip in chips if chip[1:] == size[1]), None)
+    return f"; did you mean '{near}'?" if near else f"; chips that come with it are {', '.join(chips)}" if chips else ""
+
+
 def _profile_name(table: Fields, key: str, kind: str, usual: str | None) -> str | None:
     """A profile's name or path; a fab or process profile that cannot be read is reported when it is loaded."""
     name = table.text(key, longest=4096)
     if name and not name.endswith(".toml") and name not in (known := profile_names(kind)):
-        table.problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file")
+        table.problem(
+            key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file{_meant(name, known)}"
+        )
     return usual if table.refused(key) else name

@@ -1,0 +1,65 @@
+"""What was probably meant is named, and what is left out or not run is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from tactape_fab.base.errors import Check
+from tactape_fab.cli import main
+from tactape_fab.cli.printing import verified_line
+
+
+def run(command: str) -> Result:
+    return CliRunner().invoke(main, command.split(), prog_name="tactape-fab")
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("check --sector 7 --fab jlcpcb", "did you mean 'jlcpcb-fpc'?"),
+        ("check --sector 7 --fab PCBWay-FR4", "did you mean 'pcbway-fr4'?"),
+        ("check --sector 7 --part Dome", "did you mean 'dome'?"),
+        ("check --sector 7 --part 0201", "did you mean 'r0201'?"),
+        ("check --sector 7 --part 0402", "chips that come with it are r01005, r0201"),
+        ("check --sector 7 --part r0603", "chips that come with it are r01005, r0201"),
+        ("check --sector 7 --coverlay Gang", "did you mean 'gang'?"),
+        ("check --sector 7 --code anoto", "did you mean 'anoto-6x6'?"),
+        ("check --sector 7 --assembly jlc", "did you mean 'jlcpcb'?"),
+        ("make 7", "did you mean --sector 7?"),
+        ("make --sector 7 --dry-run", "tactape-fab check measures, and writes nothing"),
+    ],
+)
+def test_what_was_meant_is_named(command: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run(command)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_check_that_was_not_run_is_not_counted() -> None:
+    made = [
+        Check(name="a", passed=True, message="within limits"),
+        Check(name="b", passed=False, warning=True, message="unlisted"),
+    ]
+    absent = Check(name="OCCT", passed=False, warning=True, message="OCCT is not installed: the models were not read with it")
+    assert verified_line(made) == "verified: 2 checks of the written files"
+    assert verified_line([*made, absent]).startswith("verified: 2 checks of the written files, 1 not run")
+
+
+def test_grid_points_without_a_part_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run("make --sector 7 --size 30x20 --hole 20,10,2 --no-3d --no-verify")
+    assert result.exit_code == 0
+    assert "grid points at holes and corners left out" in result.stdout.splitlines()[0]
+
+
+def test_equal_names_are_certified_with_their_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("a", "b"):
+        assert run(f"make --sector 7 --size 30x20 --no-3d --no-verify -o lab/{folder}").exit_code == 0
+    rows = [line for line in run("certify lab").stdout.splitlines() if line.startswith("tactape-s007")]
+    assert [row.split()[1] for row in rows] == ["(lab/a)", "(lab/b)"]
