@@ -10,7 +10,7 @@ import click
 
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import number, pair
-from tactape_fab.cli.printing import echo_json, echo_lines, purpose_lines, step_shown, verified_line
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, purpose_lines, step_shown, verified_line
 
 if TYPE_CHECKING:
     from tactape_fab.kit.output_place import Overwrite
@@ -54,7 +54,23 @@ def emboss(
         )
         replace: Overwrite = "edits" if discard_edits else overwrite
         made = emboss_kit(kit, surface, output, placement=placement, overwrite=replace, unit=unit, progress=step_shown())
+        echo_lines_err(distortion_lines(made))
         echo_json(made.to_mapping()) if as_json else echo_lines(embossed_lines(made))
+
+
+def distortion_lines(made: Embossed) -> list[str]:
+    """Warning of a texture that its place distorts by more than is good."""
+    from tactape_fab.make.emboss import worst_pitch_error
+    from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
+
+    distortion = made.surface["distortion"]
+    if (worst := worst_pitch_error(distortion)) <= MOST_PITCH_ERROR:
+        return []
+    return [
+        f"warning: distortion: the pitch is off by up to {worst:.0%}, more than {MOST_PITCH_ERROR:.0%}; the texture reaches "
+        f"{distortion['reach_mm']:.1f} mm, usable are {distortion['usable_radius_mm']:.1f} mm; leave out --at, or use a kit of a "
+        "smaller --size"
+    ]
 
 
 def embossed_lines(made: Embossed) -> list[str]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactape_fab.base.build_date import build_date, zip_date
-from tactape_fab.base.errors import Check, SpecError, VerifyError
+from tactape_fab.base.errors import Check, Problem, SpecError, VerifyError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
 from tactape_fab.base.version import __version__
@@ -22,8 +22,8 @@ from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.writer import write_kit
 from tactape_fab.make.publish import finished
 from tactape_fab.report import add_report
-from tactape_fab.solids.mesh.triangles import stl_bytes, threemf_bytes
-from tactape_fab.solids.surface.charts import Placement
+from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
+from tactape_fab.solids.surface.charts import Chart, Placement
 from tactape_fab.solids.surface.fuse import Fused, Progress, fuse_mesh
 from tactape_fab.solids.surface.part_files import (
     MESH_FORMATS,
@@ -33,7 +33,8 @@ from tactape_fab.solids.surface.part_files import (
     read_surface_mesh,
     refuse_wrong_size,
 )
-from tactape_fab.solids.surface.part_mesh import MeshChart
+from tactape_fab.solids.surface.part_mesh import Facets, MeshChart
+from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
 from tactape_fab.solids.surface.place import LaidOut, lay_out, record, refuse_tape, texture_size_mm
 from tactape_fab.solids.surface.placements import placements_csv
 from tactape_fab.texture.certify.certificate import certify
@@ -42,6 +43,9 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.embossed import check_embossed
 
 STEP_FORMATS = ("step", "stp")
+_FAR = 10.0
+"""Distance of the points to which the sides of a part are the nearest, in its largest dimension."""
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,8 +208,60 @@ def _on_mesh(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     refuse_wrong_size(np.ptp(mesh.vertices_mm, axis=0), None if source.kind == "3mf" else unit, texture_size_mm(tape))
     mesh = closed_mesh(mesh)
     progress("mapping", 0, tape.part_count)
-    laid = lay_out(tape, MeshChart(mesh, placement))
+    laid = laid_well(tape, lambda at: MeshChart(mesh, replace(placement, at_mm=at)), placement, _sides_mm(mesh))
     return _Made(laid=laid, fused=fuse_mesh(mesh, laid, progress))
+
+
+def _sides_mm(mesh: Mesh) -> list[Point]:
+    """Points of a mesh nearest to far ones along the axes of its coordinates: its sides, its back and its lower end."""
+    low, high = mesh.vertices_mm.min(axis=0), mesh.vertices_mm.max(axis=0)
+    middle, facets = (low + high) / 2, Facets(mesh=mesh)
+    far = [middle + sign * _FAR * float((high - low).max()) * axis for axis in np.eye(3) for sign in (1, -1)]
+    return [(float(x), float(y), float(z)) for x, y, z in (facets.nearest(point)[1] for point in far)]
+
+
+def laid_well(
+    tape: Tape, chart_at: Callable[[Point | None], Chart], placement: Placement, others_mm: Sequence[Point] = ()
+) -> LaidOut:
+    """The texture where it was asked to be, or else at a place where its pitch is right within `MOST_PITCH_ERROR`.
+
+    Parameters
+    ----------
+    chart_at : callable
+        The chart at a point; None for the surface's usual place, which is taken if it is good.
+    others_mm : sequence of (float, float, float)
+        Places that are tried beside it; the one of least error is taken.
+
+    Raises
+    ------
+    SpecError
+        If the texture fits nowhere, or nowhere without a larger error and no place was asked for.
+    """
+    if placement.at_mm is not None or placement.face is not None:
+        return lay_out(tape, chart_at(placement.at_mm))
+    refused: list[Problem] = []
+    usual = tried(lambda: lay_out(tape, chart_at(None)), refused)
+    if usual is not None and worst_pitch_error(usual.distortion.to_mapping()) <= MOST_PITCH_ERROR:
+        return usual
+    found = [usual, *(tried(lambda at=at: lay_out(tape, chart_at(at)), []) for at in others_mm)]  # type: ignore[misc]
+    laid = [one for one in found if one is not None]
+    if not laid:
+        raise SpecError(refused)
+    best = min(laid, key=lambda one: worst_pitch_error(one.distortion.to_mapping()))
+    if (worst := worst_pitch_error(best.distortion.to_mapping())) <= MOST_PITCH_ERROR:
+        return best
+    at = ",".join(f"{value:.6g}" for value in best.centre.points_mm[0])
+    message = (
+        f"the pitch is off by up to {worst:.0%} at the best of {1 + len(others_mm)} places, more than {MOST_PITCH_ERROR:.0%}; "
+        f"the texture reaches {best.distortion.reach_mm:.1f} mm, usable are {best.distortion.usable_radius_mm:.1f} mm; "
+        f"use --at {at} to have it so, or a kit of a smaller --size"
+    )
+    raise SpecError(Problem("surface", message))
+
+
+def worst_pitch_error(distortion: Mapping[str, float | None]) -> float:
+    """Largest error of the pitch, either way, of a recorded distortion."""
+    return max(abs(float(distortion[key] or 0.0)) for key in ("pitch_error_min", "pitch_error_max"))
 
 
 def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
@@ -215,7 +271,7 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     refuse_wrong_size(model.size_mm, None, texture_size_mm(tape))
     chart = FaceChart(model, placement)
     progress("mapping", 0, tape.part_count)
-    laid = lay_out(tape, chart)
+    laid = laid_well(tape, lambda _: chart, placement)
     fused = fuse_mesh(model.tessellated(), laid, progress, chord_error_mm=model.chord_error_mm)
     stamp = build_date().replace(tzinfo=None).isoformat()
     return _Made(laid=laid, fused=fused, face=chart.face, step=model.embossed(laid, stamp, progress))

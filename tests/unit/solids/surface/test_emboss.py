@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +16,14 @@ import trimesh
 
 from tactape_fab import Tape
 from tactape_fab.base.errors import SpecError
-from tactape_fab.make.emboss import emboss_kit
+from tactape_fab.cli.emboss import distortion_lines
+from tactape_fab.make.emboss import emboss_kit, worst_pitch_error
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.mesh.triangles import stl_bytes
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.fuse import fuse_mesh
 from tactape_fab.solids.surface.part_mesh import MeshChart
+from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
 from tactape_fab.solids.surface.place import lay_out
 from tactape_fab.texture.tape import TapePart
 from tactape_fab.verify.models.embossed import check_embossed
@@ -320,3 +323,33 @@ def test_flat_face_beside_fillets_stays_flat(tape: Tape) -> None:
     chart = MeshChart(mesh_of(hull), Placement(at_mm=(0.0, 0.0, 5.0)))
     normals = lay_out(tape, chart).elements.normal
     assert np.degrees(np.arccos(np.clip(normals[:, 2], -1, 1))).max() < 0.1
+
+
+# The choice of a place
+
+
+def capsule() -> Any:
+    return trimesh.creation.capsule(height=60.0, radius=15.0, count=[48, 48])
+
+
+def test_a_place_that_distorts_is_not_chosen_where_another_is_good(tmp_path: Path) -> None:
+    kit = kit_folder(tmp_path / "kit", planned((34.0, 22.0)))
+    made = emboss(kit, capsule())
+    assert made.surface["centre_mm"] == pytest.approx([15.0, 0.0, 0.0], abs=0.05)
+    assert worst_pitch_error(made.surface["distortion"]) < 0.01
+    at = emboss(kit, None, placement=Placement(at_mm=(0.0, 0.0, 45.0)), overwrite=True)
+    assert worst_pitch_error(at.surface["distortion"]) > MOST_PITCH_ERROR
+    said = distortion_lines(at)
+    assert len(said) == 1 and f"usable are {at.surface['distortion']['usable_radius_mm']:.1f} mm" in said[0]
+    assert distortion_lines(made) == []
+
+
+def test_a_part_that_distorts_everywhere_is_refused_with_a_place_that_can_be_taken(tmp_path: Path) -> None:
+    kit = kit_folder(tmp_path / "kit", planned((34.0, 22.0)))
+    with pytest.raises(SpecError, match=r"off by up to \d+% at the best of 7 places, more than 10%") as caught:
+        emboss(kit, ball(15.0))
+    way = re.search(r"use --at ([-\d.e]+),([-\d.e]+),([-\d.e]+) to have it so", str(caught.value))
+    assert way is not None
+    x, y, z = map(float, way.groups())
+    assert emboss(kit, None, placement=Placement(at_mm=(x, y, z))).checks
+    assert not list(tmp_path.glob("*.tmp"))
