@@ -39,7 +39,7 @@ def certify(
     \b
     Example: tactape-fab certify tactape-s007 --picture windows.png
     """
-    with answers():
+    with answers({"size_mm": "--size"}):
         from tactape_fab.texture.certify.kits import certified
 
         if picture is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
@@ -13,6 +14,7 @@ from tactape_fab.base.errors import DesignRuleError, FrameError, SpecError, Tact
 from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import rule_lines
 
+_KEY = re.compile(r"(\w+)(?:\[\d\])?(?= = )")
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
 
@@ -21,6 +23,11 @@ def fail(status: int, lines: Sequence[str]) -> NoReturn:
     for line in lines:
         click.echo(f"error: {line}", err=True)
     sys.exit(status)
+
+
+def _as_typed(line: str, typed: Mapping[str, str]) -> str:
+    found = _KEY.match(line)
+    return typed[found[1]] + line[found.end() :] if found is not None and found[1] in typed else line
 
 
 def answer(error: TactapeError) -> tuple[int, list[str]]:
@@ -36,12 +43,16 @@ def answer(error: TactapeError) -> tuple[int, list[str]]:
 
 
 @contextmanager
-def answers() -> Iterator[None]:
-    """Turn an error of the package into messages and an exit status."""
+def answers(typed: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Turn an error of the package into messages and an exit status.
+
+    ``typed`` are keys of values and the options that they were typed as: a message begins with the option.
+    """
     try:
         yield
     except TactapeError as error:
-        fail(*answer(error))
+        status, lines = answer(error)
+        fail(status, [_as_typed(line, typed or {}) for line in lines])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise

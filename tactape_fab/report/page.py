@@ -142,6 +142,9 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     yield "pitch W, displacement Δ", f"{tape.pitch_mm:g} mm, {tape.displacement_mm:g} mm{tape.in_directions}"
     if surface is not None:
         yield "on", f"{surface['source']}, round ({', '.join(f'{v:.3f}' for v in surface['centre_mm'])}) mm"
+        distortion = surface["distortion"]
+        yield "pitch error", f"{distortion['pitch_error_min']:+.1%} to {distortion['pitch_error_max']:+.1%}"
+        yield "reach", f"{distortion['reach_mm']:.1f} mm from the middle, usable are {distortion['usable_radius_mm']:.1f} mm"
     else:
         yield "size", f"{width_mm:g} x {height_mm:g} mm"
     yield "part", f"{tape.part.name}, {' x '.join(f'{v:g}' for v in tape.part.body_mm)} mm, turned by {tape.part.rotation_deg:g}°"

@@ -40,6 +40,21 @@ def test_what_was_meant_is_named(command: str, said: str, tmp_path: Path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("advise --contact nan", "error: --contact = nan mm is not a finite number"),
+        ("advise --contact 6 --blur 9", "error: --blur = 9 mm exceeds"),
+        ("advise --contact 6 --size 1x", "error: --size = '' is not a number"),
+        ("certify --code microdots-4x4 --size 3x", "error: --size = '' is not a number"),
+    ],
+)
+def test_values_are_named_as_they_were_typed(command: str, said: str) -> None:
+    result = run(command)
+    assert result.exit_code == 2
+    assert said in result.stderr
+
+
 def test_a_check_that_was_not_run_is_not_counted() -> None:
     made = [
         Check(name="a", passed=True, message="within limits"),
