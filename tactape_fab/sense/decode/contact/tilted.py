@@ -18,7 +18,7 @@ RIM_SHARE = 0.5
 """Share of what `rim.settled` moves dots by that is believed under a tilt. There the pressure falls all across the contact and
 not at its rim alone: dots amid it are low as well, and are moved too far. With all of it positions are off by 9 and 42 um at 2
 and 5 degrees (0.5 and 2 N), without it by -15 and -57, with half of it by -4 and -13: seed 5 of the elastic simulator."""
-STRAIN = 2.0
+STRAIN = 2.5
 """Standard deviation of a linear displacement of the dots about their middle, over that which independent errors of the dots make
 of it in the direction in which they reach least far: all are drawn to where the pressure is, and parts that are longer than wide
 are drawn along themselves. Contractions in the frames of seed 5 have 1 to 4 times that."""
