@@ -68,7 +68,12 @@ def _compliance(wavenumber: FloatArray, thickness_mm: float, modulus_mpa: float,
 
 
 def force_on(
-    depth_mm: FloatArray, cell_mm: tuple[float, float], touched: BoolArray, gel: Gel, zero_mm: float
+    depth_mm: FloatArray,
+    cell_mm: tuple[float, float],
+    touched: BoolArray,
+    gel: Gel,
+    zero_mm: float,
+    valid: BoolArray | None = None,
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """The force on a gel, and the frame's zero, each with its standard deviation; N and mm.
 
@@ -84,16 +89,22 @@ def force_on(
         With thickness and modulus.
     zero_mm : float
         Standard deviation of the depth that a gel would have which nothing touches, about 0.
+    valid : ndarray of bool, shape (h, w), optional
+        Cells whose depth is known.
     """
     assert gel.modulus_kpa is not None
+    known_cells = slice(None) if valid is None else valid.ravel()
     depth = depth_mm.ravel()
-    pressed = np.maximum(depth - np.quantile(depth, 0.05), 0.0) * touched.ravel()
+    pressed = np.maximum(depth - np.quantile(depth[known_cells], 0.05), 0.0) * touched.ravel()
+    if valid is not None:
+        pressed = np.where(valid.ravel(), pressed, pressed[known_cells].mean() * touched.ravel())
     there = np.flatnonzero(pressed)
     # unknowns over their standard deviations: the forces on the cells there, and the zero
     sigmas = np.append(PRESSURE * gel.modulus_kpa / 1000.0 * cell_mm[0] * cell_mm[1] * pressed[there], zero_mm)
     rates = np.ones((len(depth), len(there) + 1))
     rates[:, :-1] = response((depth_mm.shape[0], depth_mm.shape[1]), cell_mm, gel)[:, there]
     rates *= sigmas / ERROR_MM
+    rates, depth = rates[known_cells], depth[known_cells]
     sums = np.column_stack([sigmas, sigmas])
     sums[-1, 0] = sums[:-1, 1] = 0.0
     known = rates.T @ rates

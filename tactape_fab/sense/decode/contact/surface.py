@@ -51,6 +51,8 @@ class ContactView:
         Pixels that a top reaches to.
     factor : int
         Pixels along a cell of the coarse frame.
+    valid : ndarray of bool, shape (h, w), or None
+        Cells of it that the sensor's mask leaves whole; None: all.
     gel : Gel
     """
 
@@ -63,6 +65,7 @@ class ContactView:
     around: IntArray
     margin: int
     factor: int
+    valid: BoolArray | None
     gel: Gel
 
     def on_gel(self, seen_px: FloatArray) -> FloatArray:
@@ -82,6 +85,7 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
     margin = max(round(TOP_MM * scale), 1)
     v, u = np.mgrid[-margin : margin + 1, -margin : margin + 1].reshape(2, -1)
     least = sqrt(sensor.width_px * sensor.height_px / MOST_CELLS)
+    factor = max(round(CELL_MM * scale), ceil(least))
     return ContactView(
         unit_mm=sensor.depth_unit_mm,
         px_per_mm=sensor.px_per_mm,
@@ -91,9 +95,16 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
         strides=np.array([1, sensor.width_px]),
         around=v * sensor.width_px + u,
         margin=margin,
-        factor=max(round(CELL_MM * scale), ceil(least)),
+        factor=factor,
+        valid=None if sensor.mask is None else _whole(sensor.mask, factor),
         gel=sensor.gel,
     )
+
+
+def _whole(mask: BoolArray, factor: int) -> BoolArray:
+    """Cells of which all pixels are in a mask."""
+    h, w = mask.shape[0] // factor, mask.shape[1] // factor
+    return np.asarray(mask[: h * factor, : w * factor].reshape(h, factor, w, factor).all(axis=(1, 3)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,14 +167,16 @@ class ContactSurface:
         depth, gel = self.coarse * self.view.unit_mm, self.view.gel
         if depth.size == 0 or not np.isfinite(depth).all():
             return None, None
-        span = float(depth.max() - depth.min())
-        has_zero = abs(float(depth.mean())) > NO_ZERO * span
+        shown = depth if self.view.valid is None else depth[self.view.valid]
+        if shown.size == 0:
+            return None, None
+        has_zero = abs(float(shown.mean())) > NO_ZERO * float(shown.max() - shown.min())
         if gel.thickness_mm is None or gel.modulus_kpa is None:
             return None, ((0.0, ZERO_MM) if has_zero else None)
         cell_mm = (self.view.factor / self.view.px_per_mm[0], self.view.factor / self.view.px_per_mm[1])
         try:
             zero_mm = ZERO_MM if has_zero else UNKNOWN_ZERO_MM
-            force, zero = force_on(depth.astype(np.float64), cell_mm, self._touched(), gel, zero_mm)
+            force, zero = force_on(depth.astype(np.float64), cell_mm, self._touched(), gel, zero_mm, self.view.valid)
         except np.linalg.LinAlgError:
             return None, None
         return force, zero

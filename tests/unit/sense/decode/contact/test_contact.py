@@ -187,6 +187,15 @@ def test_depths_are_in_the_profile_s_unit() -> None:
     assert half.force_n == pytest.approx(fix.force_n, rel=1e-3)
 
 
+def test_pixels_outside_the_mask_say_nothing() -> None:
+    frame = frame_of(1.0)
+    mask = np.zeros(frame.depth.shape, dtype=bool)
+    mask[16:-16, 16:-16] = True
+    wrong = replace(frame, depth=np.where(mask, frame.depth, np.float32(0.5)))
+    fix = located(wrong, replace(SENSOR, mask=mask))
+    assert fix.force_n == pytest.approx(1.0, rel=0.1)
+
+
 def test_what_is_not_observable_is_null() -> None:
     frame = frame_of(2.0)
     uncalibrated = located(frame, replace(SENSOR, depth_unit_mm=None))
