@@ -63,6 +63,10 @@ class Gel:
         Standard deviation of the Gaussian that correlates it from place to place.
     blur_mm : float or None
         Standard deviation of the Gaussian by which the gel smooths what is pressed into it.
+    poisson : float or None
+        Poisson's ratio; None: 0.485.
+    crown_mm : (float, float) or None
+        Radii of the undeformed surface along image u and v, highest in the image's centre; 1e9 for a plane gel.
     """
 
     thickness_mm: float | None = None
@@ -70,6 +74,8 @@ class Gel:
     displacement_um: float = 0.0
     correlation_mm: float = 4.0
     blur_mm: float | None = None
+    poisson: float | None = None
+    crown_mm: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -218,8 +218,13 @@ def _read_gel(table: Fields) -> Gel:
         "displacement_um": (0.0, 1000.0, "um"),
         "correlation_mm": (0.1, 100.0, "mm"),
         "blur_mm": (0.01, 5.0, "mm"),
+        "poisson": (0.0, 0.4999, ""),
     }
-    return Gel(**_given(read, bounds))
+    found: dict[str, Any] = dict(_given(read, bounds))
+    if "crown_mm" in read.values:
+        radii = read.numbers("crown_mm", 2, low=10.0, high=1e9)
+        found["crown_mm"] = (radii[0], radii[1])
+    return Gel(**found)
 
 
 def as_sensor(sensor: object) -> SensorProfile:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import degrees, exp, log
 from typing import Any
 
 import numpy as np
 
+from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
+from tactape_fab.sense.decode.contact.tilted import tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
@@ -50,6 +53,7 @@ def judge(
     world: Registry | CodePlane,
     limits: Limits,
     pixels: Pixels | None = None,
+    pressed: tuple[ContactView, Image] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
@@ -66,6 +70,8 @@ def judge(
     limits : Limits
     pixels : Pixels or None
         The frame, where its pixels are to refine the pose of an answer that is accepted.
+    pressed : (ContactView, Image) or None
+        The canonical frame, where its depths are millimetres.
 
     Returns
     -------
@@ -92,6 +98,15 @@ def judge(
     reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
+    if pressed is not None and dots.seen_px is not None:
+        gel, image = pressed
+        seen_px = dots.seen_px[on.inside]
+        said["contact"] = contact = contact_surface(gel, image, seen_px, pose.agree, on.weights, view.pitch_mm)
+        slope = contact.slope()
+        if slope is not None:
+            places = (on.offset_px, gel.on_gel(seen_px) * view.px_per_mm, on.nominal_mm)
+            pose, moved_px = tilted_pose(pose, slope, *places, on.weights, view)
+            on = replace(on, offset_px=moved_px)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()

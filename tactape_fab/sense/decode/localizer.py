@@ -19,6 +19,7 @@ from tactape_fab.base.fields import shown
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.contact.surface import contact_view
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
@@ -247,6 +248,7 @@ class Localizer:
         self._aspect = float(self._camera.matrix[0, 0] / self._camera.matrix[1, 1])  # factor on v that makes pixels square
         bent = (self.sensor.geometry.shear, self.sensor.geometry.k1) != (0.0, 0.0)
         self._straight = not (bent or self.sensor.geometry.aspect != 0.0)
+        self._contact_view = contact_view(self.sensor)
         self._view = View(
             pitch_mm=pitch_mm,
             displacement_mm=displacement_mm,
@@ -426,7 +428,8 @@ class Localizer:
         if reading is None:
             found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
-            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits, pixels)
+            pressed = None if image is None or self._contact_view is None else (self._contact_view, image)
+            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits, pixels, pressed)
         if found.located or explained or n < SOLID_DOTS:
             return found
         negated = None if image is None else lambda: self._detected(-image)

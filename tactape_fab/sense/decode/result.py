@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from math import cos, inf, radians, sin
-from typing import Any, Literal
+from dataclasses import dataclass, field, fields
+from math import degrees, inf, radians
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance, texture_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.decode.contact.surface import ContactSurface
 
 Status = Literal["none", "weak", "solid"]
 Strain = tuple[float | None, float | None, None]
@@ -19,6 +23,9 @@ SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
 """Indices of x, y and the turn about z among the six degrees of freedom."""
+_FRAMES, _ORIGINS = ("texture", "board", "object"), ("tape", "gel")
+_PRESSED = ("tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n")
+"""What the contact says, in the order of `to_mapping`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +58,13 @@ class LocatedDots:
     def to_mapping(self) -> dict[str, Any]:
         """The arrays as lists, by name."""
         return {field.name: getattr(self, field.name).tolist() for field in fields(self)}
+
+
+class OnObject(Protocol):
+    """An object that knows where its tapes are: `TapedObject`."""
+
+    def surface_of(self, fix: Localization) -> Surface | None:
+        """Where texture points of a fix's tape are on the object; None where that tape is not on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,6 +122,9 @@ class Localization:
         What the pose was fitted to: the dots' centres, or the pixels around them. None where it is not located.
     refine_reason : str or None
         Why the pose is that of the dots although the pixels were asked for.
+    contact : ContactSurface or None
+        Depths at the parts' tops, from which the properties below are computed when they are asked for; None where it is not
+        located, by `locate_dots`, with method "paper", and where the sensor's profile has no `depth.unit_mm`.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
@@ -138,44 +155,90 @@ class Localization:
     strain_sigma: Strain | None = None
     refined: Refined | None = None
     refine_reason: str | None = None
+    contact: ContactSurface | None = field(default=None, repr=False)
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 
-    def transform(self, frame: str = "board") -> FloatArray | None:
-        """The pose of the sensor's image in a frame of the tape, as a homogeneous matrix.
+    @property
+    def tilt_deg(self) -> tuple[float, float] | None:
+        """Angles by which the tape rises towards the sensor along image u and v, degrees.
+
+        They are those of the parts' tops in the image's centre. None where fewer than eight tops are seen.
+        """
+        tilt = None if self.contact is None else self.contact.tilt
+        return None if tilt is None else (degrees(tilt[0][0]), degrees(tilt[0][1]))
+
+    @property
+    def tilt_covariance(self) -> FloatArray | None:
+        """Covariance of the two angles of `tilt_deg`; shape (2, 2), in rad^2 as in `covariance`."""
+        tilt = None if self.contact is None else self.contact.tilt
+        return None if tilt is None else tilt[1]
+
+    @property
+    def indentation_mm(self) -> float | None:
+        """How deep the parts' tops are pressed into the gel, in the middle of the contact, mm.
+
+        None also where the frame has no zero, as one whose mean is zero, and the profile does not know the gel.
+        """
+        found = None if self.contact is None else self.contact.indentation
+        return None if found is None else found[0]
+
+    @property
+    def indentation_sigma_mm(self) -> float | None:
+        """Standard deviation of `indentation_mm`."""
+        found = None if self.contact is None else self.contact.indentation
+        return None if found is None else found[1]
+
+    @property
+    def force_n(self) -> float | None:
+        """Normal force on the gel that the image shows, N; None where the profile has no thickness or modulus of the gel.
+
+        It is proportional to the profile's `gel.modulus_kpa`, and no more exact.
+        """
+        found = None if self.contact is None else self.contact.force[0]
+        return None if found is None else found[0]
+
+    @property
+    def force_sigma_n(self) -> float | None:
+        """Standard deviation of `force_n` for a gel that is as the profile says."""
+        found = None if self.contact is None else self.contact.force[0]
+        return None if found is None else found[1]
+
+    def transform(self, frame: str = "board", *, on: OnObject | None = None, origin: str = "tape") -> FloatArray | None:
+        """The pose of the sensor's image in a frame of the tape or of an object, as a homogeneous matrix.
 
         The image's own frame has its origin at the image centre, x along u, y along v and z into the tape, all in mm; it is
-        right-handed. A pixel p of the canonical image is at ``q = ((p - p0) / px_per_mm, 0, 1)`` there, and its texture point at
-        ``transform("texture") @ q`` (paper, Eq. 12). The plane z = 0 is the one in which the tape's parts stand.
+        right-handed. Its origin is on the tape: a pixel p of the canonical image is at ``q = ((p - p0) / px_per_mm, 0, 1)``
+        there, and where `tilt_deg` is None its texture point is at ``transform("texture") @ q`` (paper, Eq. 12). Where the tilt
+        is known, z is the sensor's axis, inclined to the tape. The plane z = 0 is the one in which the tape's parts stand.
 
         Parameters
         ----------
-        frame : {"board", "texture"}
+        frame : {"board", "texture", "object"}
             ``"board"``: x right, y up, z out of the tape, origin at the outline's lower left corner. ``"texture"``: x right,
-            y down, so z into the tape, origin at grid point (0, 0).
+            y down, so z into the tape, origin at grid point (0, 0). ``"object"``: that of the object `on`.
+        on : TapedObject, optional
+            The object that the tape is on, flat or round a cylinder: ``read_object(FILE)``. With "object" only.
+        origin : {"tape", "gel"}
+            Where the image's frame is along its z: on the tape, or where the sensor's axis meets the gel's undeformed surface,
+            which moves with the sensor. That is known from tilt and indentation.
 
         Returns
         -------
         ndarray, shape (4, 4), or None
-            mm. None if the frame is not located, if only a code is known, or if the texture is not on a board.
+            mm. None if the frame is not located, if only a code is known, if the texture is not on a board, if the tape is
+            not on the object, or if the gel's surface is asked for and not known.
 
         Raises
         ------
         SpecError
-            For another frame. An object's is asked of the object: ``read_object(FILE).locate(fix).transform()``.
+            For another frame or origin, and for an object without "object" or the reverse.
         """
-        board = _is_board(frame)
-        origin = self.board_mm if board else self.position_mm
-        if not self.located or origin is None or self.theta_deg is None:
-            return None
-        c, s = cos(radians(self.theta_deg)), sin(radians(self.theta_deg))
-        out = np.eye(4)
-        out[:3, :3] = [(c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, -1.0)] if board else [(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]
-        out[:2, 3] = origin
-        return out
+        surface, state = self._surface(frame, on), state_of(self, origin)
+        return None if surface is None or state is None else image_pose(surface, state[0])
 
-    def covariance6(self, frame: str = "board") -> FloatArray | None:
-        """Covariance of `transform`, including the three degrees of freedom that a contact does not show.
+    def covariance6(self, frame: str = "board", *, on: OnObject | None = None, origin: str = "tape") -> FloatArray | None:
+        """Covariance of `transform`: of what a contact does not show the variance is infinite.
 
         Order and units are (x, y, z) in mm, then small turns about the frame's own x, y and z axes in rad, right-handed.
         `theta_deg` is counter-clockwise seen from above, so in the texture frame, whose z points into the tape, the turn about z
@@ -183,26 +246,56 @@ class Localization:
 
         Parameters
         ----------
-        frame : {"board", "texture"}
+        frame, on, origin
             As for `transform`.
 
         Returns
         -------
         ndarray, shape (6, 6), or None
-            The variances of z and of the turns about x and y are infinite: nothing is known of them. None where
+            The turns about x and y have infinite variance where `tilt_deg` is None, and so have those axes of an object about
+            which they turn. z has in the board and the texture frame where the origin is on the tape: nothing is said of the
+            sensor's distance. In an object's frame that origin is a point of the tape, and certain along its normal. None where
             `transform` is None, or the method states no covariance.
 
         Raises
         ------
         SpecError
-            For another frame.
+            As `transform`.
         """
-        if self.transform(frame) is None or self.covariance is None:
+        surface, state = self._surface(frame, on), state_of(self, origin)
+        if surface is None or state is None or state[1] is None:
             return None
-        signs = np.array([1.0, -1.0, 1.0] if _is_board(frame) else [1.0, 1.0, -1.0])
-        out = np.diag([0.0, 0.0, inf, inf, inf, 0.0])
-        out[np.ix_(_PLANAR, _PLANAR)] = self.covariance * np.outer(signs, signs)
+        if frame != "object" and np.isinf(state[1][3, 3]):  # exactly, as there is nothing to carry over
+            signs = np.array([1.0, -1.0, 1.0] if frame == "board" else [1.0, 1.0, -1.0])
+            out = np.diag([0.0, 0.0, inf, inf, inf, 0.0])
+            out[np.ix_(_PLANAR, _PLANAR)] = state[1][:3, :3] * np.outer(signs, signs)
+            return out
+        out = pose_covariance(surface, state[0], state[1])
+        if origin == "tape" and frame != "object":
+            out[2], out[:, 2] = 0.0, 0.0
+            out[2, 2] = inf
         return out
+
+    def _surface(self, frame: str, on: OnObject | None) -> Surface | None:
+        """Where the tape is in a frame; None where that is not known."""
+        if frame not in _FRAMES or (frame == "object" and on is None):
+            remedy = "give one of them; for an object's give 'object' and on=read_object(FILE), or use"
+            message = (
+                f"frame = {shown(frame)} is neither 'board' nor 'texture'; {remedy} read_object(FILE).locate(fix).transform()"
+            )
+            raise SpecError(Problem("frame", message))
+        if frame != "object" and on is not None:
+            raise SpecError(Problem("on", f"on is for frame = 'object', not {shown(frame)}; leave it out, or give 'object'"))
+        if not self.located or self.position_mm is None:
+            return None
+        if on is not None:
+            return on.surface_of(self)
+        if frame == "texture":
+            return texture_plane
+        if self.board_mm is None:
+            return None
+        x0, y0 = self.board_mm[0] - self.position_mm[0], self.board_mm[1] + self.position_mm[1]
+        return lambda at_mm: (np.array([x0 + at_mm[0], y0 - at_mm[1], 0.0]), np.diag([1.0, -1.0, -1.0]))
 
     def to_mapping(self, frame: int | None = None, *, dots: bool = False) -> dict[str, Any]:
         """The answer as a mapping that `json.dumps` takes.
@@ -217,24 +310,42 @@ class Localization:
         Returns
         -------
         dict
-            Every attribute but `dots` by its name, numbers as Python's own.
+            Every attribute but `dots` and `contact` by its name, and what the contact says, numbers as Python's own.
         """
         values: dict[str, Any] = {} if frame is None else {"frame": frame}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name != "dots":
-                values[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+        names = [name for one in fields(self) for name in (_PRESSED if one.name == "contact" else (one.name,))]
+        for name in names:
+            value = getattr(self, name)
+            if name != "dots":
+                values[name] = value.tolist() if isinstance(value, np.ndarray) else value
             elif dots:
                 values["dots"] = None if self.dots is None else self.dots.to_mapping()
         return values
 
 
-def _is_board(frame: str) -> bool:
-    """Whether a frame of a tape is the board's; the texture's otherwise."""
-    if frame not in ("board", "texture"):
-        remedy = "give one of them; for an object's, use read_object(FILE).locate(fix).transform()"
-        raise SpecError(Problem("frame", f"frame = {shown(frame)} is neither 'board' nor 'texture'; {remedy}"))
-    return frame == "board"
+def state_of(fix: Localization, origin: str = "tape") -> tuple[FloatArray, FloatArray | None] | None:
+    """The state of a located answer's pose, as `space.image_pose` takes it, and its covariance, (6,) and (6, 6).
+
+    The tilt is 0 with an infinite variance where it is not known. None where there is no pose, or no `origin` of it.
+    """
+    if origin not in _ORIGINS:
+        raise SpecError(Problem("origin", f"origin = {shown(origin)} is neither 'tape' nor 'gel'; give one of them"))
+    ahead = fix.contact.ahead if origin == "gel" and fix.contact is not None else None
+    if not fix.located or fix.position_mm is None or fix.theta_deg is None or (origin == "gel" and ahead is None):
+        return None
+    state, plane = np.array([*fix.position_mm, radians(fix.theta_deg), 0.0, 0.0, 0.0]), None
+    covariance = np.diag([0.0, 0.0, 0.0, inf, inf, 0.0])
+    if fix.contact is not None and fix.contact.plane is not None:
+        plane = fix.contact.plane
+        state[3:5] = plane.rise[1:]
+        covariance[3:5, 3:5] = plane.covariance[1:, 1:]
+    if ahead is not None and plane is not None:
+        state[5], covariance[5, 5] = ahead[0], ahead[1] ** 2
+        covariance[5, 3:5] = covariance[3:5, 5] = plane.covariance[0, 1:]
+    if fix.covariance is None:
+        return state, None
+    covariance[:3, :3] = fix.covariance
+    return state, covariance
 
 
 def status_of(dots: int) -> Status:

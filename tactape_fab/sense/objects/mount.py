@@ -8,17 +8,18 @@ axis, and at height y; if board y is, it is at arc length y from the x axis, and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, radians, sin
+from math import radians
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.sense.decode.space import Surface, image_pose
 from tactape_fab.sense.objects.rigid import from_quaternion, to_quaternion
 from tactape_fab.texture.frames import FloatArray, texture_to_board
 from tactape_fab.texture.tape import Tape
 
-Surface = Literal["plane", "cylinder"]
+SurfaceKind = Literal["plane", "cylinder"]
 Around = Literal["x", "y"]
 
 
@@ -42,7 +43,7 @@ class Mount:
         Cylinder only: the board axis along the circumference.
     """
 
-    surface: Surface
+    surface: SurfaceKind
     rotation: FloatArray
     position_mm: FloatArray
     top_mm: float = 0.0
@@ -50,7 +51,7 @@ class Mount:
     around: Around = "x"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObjectPose:
     """Pose of a contact on an object.
 
@@ -62,11 +63,14 @@ class ObjectPose:
         The point of the film's top under the image centre (object frame, mm).
     rotation : (float, float, float, float)
         Quaternion (x, y, z, w) of the image's frame in the object frame: x along u, y along v, z into the object.
+    covariance : ndarray, shape (6, 6), or None
+        Of the position, mm, then of small turns about the object's x, y and z axes, rad, as `Localization.covariance6` has it.
     """
 
     object: str
     position_mm: tuple[float, float, float]
     rotation: tuple[float, float, float, float]
+    covariance: FloatArray | None = None
 
     def transform(self) -> FloatArray:
         """The pose of the sensor's image in the object frame, as a homogeneous matrix.
@@ -113,6 +117,16 @@ def to_object(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatA
     return points @ mount.rotation.T + mount.position_mm, mount.rotation @ axes
 
 
+def texture_surface(mount: Mount, tape: Tape) -> Surface:
+    """Where texture points of a mounted tape are in the object frame, and the texture's axes there, z into the object."""
+
+    def surface(at_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        points, axes = to_object(mount, texture_to_board(at_mm, tape.board.texture_origin_mm)[None])
+        return points[0], axes[0] * (1.0, -1.0, -1.0)
+
+    return surface
+
+
 def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.ArrayLike, theta_deg: float) -> ObjectPose:
     """The pose of a sensor on a tape, in the frame of the object that the tape is on.
 
@@ -132,9 +146,7 @@ def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.Array
     -------
     ObjectPose
     """
-    board = texture_to_board(position_mm, tape.board.texture_origin_mm)
-    points, axes = to_object(mount, board[None])
-    c, s = cos(radians(theta_deg)), sin(radians(theta_deg))
-    image = np.array([(c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, -1.0)])  # u, v and into the film as columns, along the board's axes
-    x, y, z = points[0].tolist()
-    return ObjectPose(object=name, position_mm=(x, y, z), rotation=to_quaternion(axes[0] @ image))
+    x, y = np.asarray(position_mm, dtype=np.float64).tolist()
+    pose = image_pose(texture_surface(mount, tape), np.array([x, y, radians(theta_deg), 0.0, 0.0, 0.0]))
+    x, y, z = pose[:3, 3].tolist()
+    return ObjectPose(object=name, position_mm=(x, y, z), rotation=to_quaternion(pose[:3, :3]))

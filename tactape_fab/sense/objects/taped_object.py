@@ -12,8 +12,10 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.templates import read_toml
-from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, sensor_on_object
-from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy
+from tactape_fab.sense.decode.result import state_of
+from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
+from tactape_fab.sense.objects.mount import Mount, ObjectPose, on_surface, texture_surface
+from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm, tag_side_mm
 from tactape_fab.texture.registry import read_registered
 from tactape_fab.texture.tape import Tape
@@ -58,7 +60,8 @@ class TapedObject:
     def locate(self, fix: Localization) -> ObjectPose | None:
         """A fix in the object's frame; None if it is not located, or on a tape that is not on this object.
 
-        A tape is identified by name, sector and origin, as in a fix: `refuse_ambiguous` reports tapes with equal ones.
+        A tape is identified by name, sector and origin, as in a fix: `refuse_ambiguous` reports tapes with equal ones. The pose
+        is inclined to the film where the fix knows its tilt.
 
         Parameters
         ----------
@@ -69,13 +72,34 @@ class TapedObject:
         -------
         ObjectPose or None
         """
+        surface, state = self.surface_of(fix), state_of(fix)
+        if surface is None or state is None:
+            return None
+        pose = image_pose(surface, state[0])
+        covariance = None if state[1] is None else pose_covariance(surface, state[0], state[1])
+        x, y, z = pose[:3, 3].tolist()
+        return ObjectPose(object=self.name, position_mm=(x, y, z), rotation=to_quaternion(pose[:3, :3]), covariance=covariance)
+
+    def surface_of(self, fix: Localization) -> Surface | None:
+        """Where texture points of a fix's tape are on the object, flat or round its cylinder.
+
+        Parameters
+        ----------
+        fix : Localization
+
+        Returns
+        -------
+        callable or None
+            From a texture point (2,), mm, to its place in the object's frame (3,), mm, and the texture's axes there, (3, 3):
+            columns along x, along y, and into the object. None as of `locate`.
+        """
         if not fix.located or None in (fix.index, fix.cell, fix.position_mm, fix.theta_deg):
             return None
-        assert fix.index is not None and fix.cell is not None and fix.position_mm is not None and fix.theta_deg is not None
+        assert fix.index is not None and fix.cell is not None
         place = (fix.tape, fix.sector, (fix.index[0] - fix.cell[0], fix.index[1] - fix.cell[1]))
         for entry in self.tapes:
             if place == _place(entry.tape):
-                return sensor_on_object(self.name, entry.mount, entry.tape, fix.position_mm, fix.theta_deg)
+                return texture_surface(entry.mount, entry.tape)
         return None
 
 

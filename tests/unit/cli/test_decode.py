@@ -22,7 +22,7 @@ from tactape_fab.cli import command, main
 KEYS = {
     "frame", "status", "located", "reason", "tape", "sector", "position_mm", "theta_deg", "board_mm", "contact_mm", "cell",
     "index", "px_per_mm", "covariance", "n_dots", "n_agree", "p_tape", "p_place", "p_false", "elapsed_ms", "timestamp",
-    "strain", "strain_sigma",
+    "strain", "strain_sigma", "tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n",
 }  # fmt: skip
 SPEC_OF_ANSWER = KEYS | {"plane_mm", "refined", "refine_reason"}
 

@@ -99,7 +99,10 @@ def test_every_field_of_an_answer(localizer: Localizer) -> None:
 def test_an_answer_is_plain_json() -> None:
     fix = Localizer([TAPE]).locate_dots(dots())
     told = json.loads(json.dumps(fix.to_mapping(5)))
-    assert list(told) == ["frame", *(f.name for f in fields(Localization) if f.name != "dots")]
+    contact = ["tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n"]
+    names = ["frame", *(f.name for f in fields(Localization) if f.name not in ("dots", "contact")), *contact]
+    assert sorted(told) == sorted(names)
+    assert [told[name] for name in contact] == [None] * 6  # dots alone say nothing of depth
     assert told["frame"] == 5
     assert np.shape(told["covariance"]) == (3, 3)
 

@@ -1,0 +1,115 @@
+"""Depth of a gel's surface -> the force on it, by the elasticity of a layer that is bonded to a stiff base.
+
+Nothing here is tuned on forces. The deflection u of the layer is linear in the pressure p on it, u = A p, with the layer's
+response A from its thickness, Young's modulus and Poisson's ratio (K. L. Johnson, Contact Mechanics, 1985, section 5.8). Where
+the gel is pressed in, p is believed to be normal, of mean zero and of a wide standard deviation; the frame's zero is another such
+unknown. Then force and zero given u are their conditional means (Gaussian process regression).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import sqrt
+
+import numpy as np
+
+from tactape_fab.sense.geometry import Gel
+from tactape_fab.texture.frames import BoolArray, FloatArray
+
+POISSON = 0.485
+"""Poisson's ratio of a gel whose profile has none: silicone, nearly incompressible."""
+PRESSURE = 8.0
+"""Pressure believed under a gel that is pressed in by 1 mm, over its Young's modulus; forces hardly depend on it."""
+ERROR_MM = 0.003
+"""Error of a cell's mean depth: a photometric sensor's noise, and parts that stand anywhere within a cell."""
+SHARE = 0.05
+"""Error of the force as a share, by what the layer does not have: slopes that saturate, large strains, a crown."""
+_MIRRORS = 2
+"""Multiples of the grid's frequency on each side that cells' means still show."""
+
+
+def response(size: tuple[int, int], cell_mm: tuple[float, float], gel: Gel) -> FloatArray:
+    """Mean deflection of each cell by a force of 1 N on each other; shape (n, n), mm/N, with cells row by row."""
+    assert gel.thickness_mm is not None and gel.modulus_kpa is not None
+    poisson = POISSON if gel.poisson is None else gel.poisson
+    return _response(size, cell_mm, gel.thickness_mm, gel.modulus_kpa / 1000.0, poisson)
+
+
+@lru_cache(maxsize=4)
+def _response(
+    size: tuple[int, int], cell_mm: tuple[float, float], thickness_mm: float, modulus_mpa: float, poisson: float
+) -> FloatArray:
+    reach = [n + int(np.ceil(4 * thickness_mm / cell)) for n, cell in zip(size[::-1], cell_mm, strict=True)]  # u, v
+    count = [1 << int(2 * n - 1).bit_length() for n in reach]
+    spectrum = np.zeros((count[1], count[0]))
+    of_u, of_v = (2 * np.pi * np.fft.fftfreq(n, cell) for n, cell in zip(count, cell_mm, strict=True))
+    for i in range(-_MIRRORS, _MIRRORS + 1):
+        for j in range(-_MIRRORS, _MIRRORS + 1):
+            u, v = of_u + 2 * np.pi * i / cell_mm[0], of_v + 2 * np.pi * j / cell_mm[1]
+            window = np.sinc(v * cell_mm[1] / (2 * np.pi))[:, None] ** 2 * np.sinc(u * cell_mm[0] / (2 * np.pi)) ** 2
+            spectrum += window * _compliance(np.hypot(u, v[:, None]), thickness_mm, modulus_mpa, poisson)
+    point = np.fft.ifft2(spectrum).real / (cell_mm[0] * cell_mm[1])
+    row, column = np.divmod(np.arange(size[0] * size[1]), size[1])
+    out: FloatArray = point[row[:, None] - row, column[:, None] - column]
+    out.flags.writeable = False
+    return out
+
+
+def _compliance(wavenumber: FloatArray, thickness_mm: float, modulus_mpa: float, poisson: float) -> FloatArray:
+    """Deflection of the layer's surface over a pressure wave on it, mm3/N.
+
+    It is 4 (1 - nu^2) / (E k) (kappa sinh 2a - 2a) / (2 kappa cosh 2a + 1 + kappa^2 + 4 a^2), with a = k h and kappa = 3 - 4 nu.
+    """
+    a = np.clip(wavenumber * thickness_mm, 1e-3, 20.0)  # from 20 on it is that of a half-space
+    kappa = 3.0 - 4.0 * poisson
+    share = (2 * kappa * np.sinh(2 * a) - 4 * a) / (2 * kappa * np.cosh(2 * a) + 1 + kappa**2 + 4 * a * a)
+    found: FloatArray = 2 * (1 - poisson**2) / (modulus_mpa * np.maximum(wavenumber, 1e-3 / thickness_mm)) * share
+    return found
+
+
+def force_on(
+    depth_mm: FloatArray,
+    cell_mm: tuple[float, float],
+    touched: BoolArray,
+    gel: Gel,
+    zero_mm: float,
+    valid: BoolArray | None = None,
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The force on a gel, and the frame's zero, each with its standard deviation; N and mm.
+
+    Parameters
+    ----------
+    depth_mm : ndarray, shape (h, w)
+        Mean depth of each cell of the frame.
+    cell_mm : (float, float)
+        Size of a cell along u and v.
+    touched : ndarray of bool, shape (h, w)
+        Cells on which the tape may press.
+    gel : Gel
+        With thickness and modulus.
+    zero_mm : float
+        Standard deviation of the depth that a gel would have which nothing touches, about 0.
+    valid : ndarray of bool, shape (h, w), optional
+        Cells whose depth is known.
+    """
+    assert gel.modulus_kpa is not None
+    known_cells = slice(None) if valid is None else valid.ravel()
+    depth = depth_mm.ravel()
+    pressed = np.maximum(depth - np.quantile(depth[known_cells], 0.05), 0.0) * touched.ravel()
+    if valid is not None:
+        pressed = np.where(valid.ravel(), pressed, pressed[known_cells].mean() * touched.ravel())
+    there = np.flatnonzero(pressed)
+    # unknowns over their standard deviations: the forces on the cells there, and the zero
+    sigmas = np.append(PRESSURE * gel.modulus_kpa / 1000.0 * cell_mm[0] * cell_mm[1] * pressed[there], zero_mm)
+    rates = np.ones((len(depth), len(there) + 1))
+    rates[:, :-1] = response((depth_mm.shape[0], depth_mm.shape[1]), cell_mm, gel)[:, there]
+    rates *= sigmas / ERROR_MM
+    rates, depth = rates[known_cells], depth[known_cells]
+    sums = np.column_stack([sigmas, sigmas])
+    sums[-1, 0] = sums[:-1, 1] = 0.0
+    known = rates.T @ rates
+    known[np.diag_indices(len(sigmas))] += 1.0
+    spread = np.linalg.solve(known, sums)
+    force, zero = (spread.T @ (rates.T @ (depth / ERROR_MM))).tolist()
+    variances = np.maximum((sums * spread).sum(axis=0), 0.0).tolist()
+    return (force, sqrt(variances[0] + (SHARE * force) ** 2)), (zero, sqrt(variances[1]))

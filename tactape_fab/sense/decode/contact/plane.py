@@ -1,0 +1,147 @@
+"""Tops of the parts -> the plane that they are in: a second-order surface fitted to their depths, less the gel's own crown.
+
+A depth map says how far the gel has moved. Where it touches a part's top that is as far as the tape goes in, less its own
+undeformed surface, which is highest in the image's centre: a flat tape is seen as a plane less the crown. So the slopes sought
+are those in the image's centre, and the curvature says whether the tape is flat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.texture.frames import FloatArray
+
+LEAST_TOPS = 8
+"""Six numbers are fitted."""
+GAIN, GAIN_SIGMA = 0.95, 0.05
+"""What sensors make of slopes, believed before the frame is seen: a depth network that saturates at slopes of 1.2 loses 2 to 11 %
+of tilts and curvatures between the steep edges of parts (elastic simulator, 0.5 to 10 N); one that does not loses nothing."""
+BENT_SIGMA = 0.1
+"""Curvature of a tape, 1/mm, believed before the frame is seen."""
+FLAT_TOLERANCE = 0.0004
+"""Curvature, 1/mm, by which tops of a flat tape may differ from the crown; it is 1/2500 mm."""
+FLAT_CHI2 = 11.3
+"""Squared distance of three curvatures and a gain beyond which a tape is not flat: 99 % with 3 degrees of freedom."""
+ROUNDS, FAR = 3, 2.5
+"""Rounds of the robust fit, and the errors at which its weight has fallen to a quarter (Geman and McClure)."""
+LEAST_ERROR_MM = 0.0015
+CORRELATED = 1.5
+"""Tops err together, by the gel between them: their number counts two thirds."""
+SLOPE_FLOOR, SLOPE_SHARE = 2.0e-4, 0.01
+"""Errors of the slopes that the scatter of tops does not show: 0.01 degree, and a share of the slope."""
+APEX_MM = 1.0
+"""How far the gel's highest point may be from the image's centre where the sensor's profile has no crown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plane:
+    """The plane of the parts' tops, towards the sensor, over the gel's undeformed surface at the image's centre.
+
+    Attributes
+    ----------
+    rise : ndarray, shape (3,)
+        Height in the image's centre, mm, and slopes along image u and v.
+    covariance : ndarray, shape (3, 3)
+        Without the error of the frame's zero.
+    gain : float
+        What the frame shows of a height or a slope, as a share.
+    flat : bool
+        Whether the tops' curvature is that of the gel's crown.
+    shown : ndarray, shape (6,)
+        The fitted surface as the frame shows it: height, slopes, and second derivatives by uu, vv and uv.
+    shown_variance : ndarray, shape (6, 6)
+    """
+
+    rise: FloatArray
+    covariance: FloatArray
+    gain: float
+    flat: bool
+    shown: FloatArray
+    shown_variance: FloatArray
+
+
+def terms(gel_mm: FloatArray) -> FloatArray:
+    """The second-order surface's terms at points; (n, 2) to (n, 6)."""
+    x, y = gel_mm.T
+    return np.stack([np.ones_like(x), x, y, x * x / 2, y * y / 2, x * y], axis=1)
+
+
+def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crown_mm: tuple[float, float] | None) -> Plane | None:
+    """Fit the plane.
+
+    Parameters
+    ----------
+    gel_mm : ndarray, shape (n, 2)
+        Where the tops are, right and down of the image centre.
+    tops_mm : ndarray, shape (n,)
+        Depths there.
+    weights : ndarray, shape (n,)
+        At most 1; those of dots at the contact's rim are small.
+    crown_mm : (float, float) or None
+        Radii of the gel's undeformed surface along image u and v.
+
+    Returns
+    -------
+    Plane or None
+        None of too few tops, or of tops in a line.
+    """
+    if (weights > 0.0).sum() < LEAST_TOPS:
+        return None
+    crown = np.zeros(3) if crown_mm is None else np.array([1 / crown_mm[0], 1 / crown_mm[1], 0.0])
+    found = _surface(gel_mm, tops_mm, weights, -GAIN * crown)
+    if found is None:
+        return None
+    shown, variance = found
+    flat = None if crown_mm is None else _flat(shown, variance, crown)
+    if flat is not None:
+        at, covariance = flat
+    else:
+        at, covariance = np.append(shown[:3], GAIN), np.zeros((4, 4))
+        covariance[:3, :3], covariance[3, 3] = variance[:3, :3], GAIN_SIGMA**2
+    gain = float(at[3])
+    rise = at[:3] / gain
+    rates = np.column_stack([np.eye(3), -rise]) / gain
+    of_rise = rates @ covariance @ rates.T
+    apex = 0.0 if crown_mm is not None else APEX_MM * float(np.abs(shown[3:]).max())
+    of_rise[1:, 1:] += np.eye(2) * (SLOPE_FLOOR**2 + apex**2) + np.diag(SLOPE_SHARE * rise[1:]) ** 2
+    if not (np.isfinite(rise).all() and np.isfinite(of_rise).all()):
+        return None
+    return Plane(rise=rise, covariance=of_rise, gain=gain, flat=flat is not None, shown=shown, shown_variance=variance)
+
+
+def _surface(
+    gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, curvature: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """The second-order surface and its covariance: robust, with a wide prior on the curvatures."""
+    rows, believed = terms(gel_mm), np.array([0.0, 0.0, 0.0, *curvature])
+    kept, error = weights, 0.005
+    for _ in range(ROUNDS):
+        prior = np.diag([0.0, 0.0, 0.0, *[(error / BENT_SIGMA) ** 2] * 3])
+        weighted = rows.T * kept
+        try:
+            inverse = np.asarray(np.linalg.inv(weighted @ rows + prior))
+        except np.linalg.LinAlgError:
+            return None
+        shown = inverse @ (weighted @ tops_mm + prior @ believed)
+        off = tops_mm - rows @ shown
+        # the median of an absolute normal variable is 0.674 sigma
+        error = max(float(np.median(np.abs(off[weights > 0.0]))) / 0.674, LEAST_ERROR_MM)
+        kept = weights / (1.0 + (off / (FAR * error)) ** 2) ** 2
+    return shown, inverse * (error**2 * CORRELATED)
+
+
+def _flat(shown: FloatArray, variance: FloatArray, crown: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Height and slopes as shown, and the gain, of a flat tape; with their covariance. None where the tape is bent."""
+    loose = variance + np.diag([0.0, 0.0, 0.0, *[FLAT_TOLERANCE**2] * 3])
+    known = np.asarray(np.linalg.inv(loose))
+    to_shown = np.zeros((6, 4))
+    to_shown[0, 0] = to_shown[1, 1] = to_shown[2, 2] = 1.0
+    to_shown[3:, 3] = -crown
+    prior = np.diag([0.0, 0.0, 0.0, GAIN_SIGMA**-2])
+    covariance = np.asarray(np.linalg.inv(to_shown.T @ known @ to_shown + prior))
+    at = covariance @ (to_shown.T @ known @ shown + prior @ np.array([0.0, 0.0, 0.0, GAIN]))
+    off = shown - to_shown @ at
+    chi2 = float(off @ known @ off) + ((float(at[3]) - GAIN) / GAIN_SIGMA) ** 2
+    return (at, covariance) if chi2 <= FLAT_CHI2 else None

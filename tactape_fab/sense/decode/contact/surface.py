@@ -1,0 +1,257 @@
+"""How a tape lies against the gel, from a located frame: tilt, indentation, force. Computed when it is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, sqrt
+
+import numpy as np
+
+from tactape_fab.sense.decode.contact.layer import force_on
+from tactape_fab.sense.decode.contact.plane import Plane, fit_plane, terms
+from tactape_fab.sense.decode.dots.filters import Image, averaged, ordinary_value
+from tactape_fab.sense.geometry import Camera, Gel
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+
+TOP_MM = 0.06
+"""Depths are means over so much on every side of a top: less than a part is wide."""
+CELL_MM = 1.0
+MOST_CELLS = 900
+REACH = 1.65
+"""Pitches from a dot within which the tape may press on the gel."""
+ZERO_MM = 0.0005
+"""Standard deviation of a frame's zero, the depth where nothing touches; and, as a share of the depths' span, how far from zero
+their mean is at least where a frame has a zero at all: integrated slopes alone have the mean zero."""
+NO_ZERO, UNKNOWN_ZERO_MM = 1e-4, 0.2
+INDENTATION_SHARE = 0.02
+"""Error of an indentation as a share: parts' tops are blurred."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactView:
+    """What of a sensor's profile says how a tape lies against its gel; made once.
+
+    Attributes
+    ----------
+    unit_mm : float
+        Millimetres in one unit of a frame.
+    px_per_mm : (float, float)
+    centre_px : ndarray, shape (2,)
+    bent : Camera or None
+        The camera, unless px/mm are all of it.
+    last_px : ndarray, shape (2,)
+        The last pixel along u and v.
+    strides : ndarray of int, shape (2,)
+        Pixels from one to the next along u and v, in an image that is one row after the other.
+    around : ndarray of int, shape (m,)
+        Offsets of the pixels of a top there.
+    margin : int
+        Pixels that a top reaches to.
+    factor : int
+        Pixels along a cell of the coarse frame.
+    valid : ndarray of bool, shape (h, w), or None
+        Cells of it that the sensor's mask leaves whole; None: all.
+    gel : Gel
+    """
+
+    unit_mm: float
+    px_per_mm: tuple[float, float]
+    centre_px: FloatArray
+    bent: Camera | None
+    last_px: FloatArray
+    strides: IntArray
+    around: IntArray
+    margin: int
+    factor: int
+    valid: BoolArray | None
+    gel: Gel
+
+    def on_gel(self, seen_px: FloatArray) -> FloatArray:
+        """Places of pixels, right and down of the image centre; both (n, 2), px and mm."""
+        if self.bent is not None:
+            return self.bent.from_px(seen_px) - self.bent.from_px(self.centre_px)
+        on_gel: FloatArray = (seen_px - self.centre_px) / self.px_per_mm
+        return on_gel
+
+
+def contact_view(sensor: SensorProfile) -> ContactView | None:
+    """The view of a sensor; None where its depths are no millimetres."""
+    if sensor.depth_unit_mm is None:
+        return None
+    geometry, scale = sensor.geometry, min(sensor.px_per_mm)
+    straight = (geometry.aspect, geometry.shear, geometry.k1) == (0.0, 0.0, 0.0)
+    margin = max(round(TOP_MM * scale), 1)
+    v, u = np.mgrid[-margin : margin + 1, -margin : margin + 1].reshape(2, -1)
+    least = sqrt(sensor.width_px * sensor.height_px / MOST_CELLS)
+    factor = max(round(CELL_MM * scale), ceil(least))
+    return ContactView(
+        unit_mm=sensor.depth_unit_mm,
+        px_per_mm=sensor.px_per_mm,
+        centre_px=sensor.centre_px,
+        bent=None if straight else sensor.camera,
+        last_px=np.array([sensor.width_px - 1.0, sensor.height_px - 1.0]),
+        strides=np.array([1, sensor.width_px]),
+        around=v * sensor.width_px + u,
+        margin=margin,
+        factor=factor,
+        valid=None if sensor.mask is None else _whole(sensor.mask, factor),
+        gel=sensor.gel,
+    )
+
+
+def _whole(mask: BoolArray, factor: int) -> BoolArray:
+    """Cells of which all pixels are in a mask."""
+    h, w = mask.shape[0] // factor, mask.shape[1] // factor
+    return np.asarray(mask[: h * factor, : w * factor].reshape(h, factor, w, factor).all(axis=(1, 3)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactSurface:
+    """What a located frame shows at its dots, and its coarse depths: some kilobytes.
+
+    Attributes
+    ----------
+    view : ContactView
+    pitch_mm : float
+    dots_px : ndarray, shape (k, 2)
+        The dots on the tape, as detected.
+    agree : ndarray of bool, shape (k,)
+    heights : ndarray, shape (k,)
+        Weights of the dots: about 1 inside the contact, and less at its rim.
+    around : ndarray of float32, shape (k, m)
+        Pixels about each dot, in the frame's unit.
+    coarse : ndarray of float32, shape (h, w)
+        Mean of each cell, in the frame's unit.
+    """
+
+    view: ContactView
+    pitch_mm: float
+    dots_px: FloatArray
+    agree: BoolArray
+    heights: FloatArray
+    around: Image
+    coarse: Image
+
+    @cached_property
+    def _tops(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Agreeing dots with all the pixels about them: places on the gel (n, 2), depths (n,), both mm, and weights (n,)."""
+        at, margin = np.rint(self.dots_px), self.view.margin
+        whole = self.agree & ((at >= margin) & (at <= self.view.last_px - margin)).all(axis=1)
+        tops_mm = self.around[whole].mean(axis=1, dtype=np.float64) * self.view.unit_mm
+        return self.view.on_gel(self.dots_px[whole]), tops_mm, np.minimum(self.heights[whole], 1.0) ** 2
+
+    @cached_property
+    def plane(self) -> Plane | None:
+        """The plane of the tops."""
+        return fit_plane(*self._tops, self.view.gel.crown_mm)
+
+    def slope(self) -> FloatArray | None:
+        """Slopes, shape (2,), of a flat tape that is tilted by more than a degree; None of any other, or one not known to be.
+
+        A gel with a crown touches a flat tape in the image's centre, unless it is tilted: dots about it need no fit.
+        """
+        crown_mm = self.view.gel.crown_mm
+        if crown_mm is None:
+            return None
+        off = np.abs(self.dots_px[self.agree].mean(axis=0) - self.view.centre_px) / self.view.px_per_mm
+        if (off < np.array(crown_mm) * (LEAST_OFF * LEAST_SLOPE)).all() or self.plane is None or not self.plane.flat:
+            return None
+        slope = self.plane.rise[1:]
+        return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
+
+    @cached_property
+    def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+        """Force, N, and the frame's zero, mm, each with its standard deviation; None where it is not known."""
+        depth, gel = self.coarse * self.view.unit_mm, self.view.gel
+        if depth.size == 0 or not np.isfinite(depth).all():
+            return None, None
+        shown = depth if self.view.valid is None else depth[self.view.valid]
+        if shown.size == 0:
+            return None, None
+        has_zero = abs(float(shown.mean())) > NO_ZERO * float(shown.max() - shown.min())
+        if gel.thickness_mm is None or gel.modulus_kpa is None:
+            return None, ((0.0, ZERO_MM) if has_zero else None)
+        cell_mm = (self.view.factor / self.view.px_per_mm[0], self.view.factor / self.view.px_per_mm[1])
+        try:
+            zero_mm = ZERO_MM if has_zero else UNKNOWN_ZERO_MM
+            force, zero = force_on(depth.astype(np.float64), cell_mm, self._touched(), gel, zero_mm, self.view.valid)
+        except np.linalg.LinAlgError:
+            return None, None
+        return force, zero
+
+    def _touched(self) -> BoolArray:
+        """Cells of the coarse frame near a dot."""
+        v, u = (np.indices(self.coarse.shape) + 0.5) * self.view.factor - 0.5
+        apart = self.view.on_gel(np.stack([u, v], axis=-1).reshape(-1, 2))[:, None] - self.view.on_gel(self.dots_px)
+        squares = np.einsum("ijk,ijk->ij", apart, apart).min(axis=1)
+        near: BoolArray = (squares < (REACH * self.pitch_mm) ** 2).reshape(self.coarse.shape)
+        return near
+
+    @cached_property
+    def tilt(self) -> tuple[FloatArray, FloatArray] | None:
+        """Angles by which the tape rises towards the sensor along image u and v, (2,) rad, and their covariance, (2, 2) rad^2."""
+        if self.plane is None:
+            return None
+        slopes = self.plane.rise[1:]
+        rates = np.diag(1.0 / (1.0 + slopes**2))
+        return np.arctan(slopes), rates @ self.plane.covariance[1:, 1:] @ rates
+
+    @cached_property
+    def indentation(self) -> tuple[float, float] | None:
+        """How deep the tops are in the gel in the middle of the contact, and the standard deviation, mm."""
+        plane, zero = self.plane, self.force[1]
+        if plane is None or zero is None:
+            return None
+        gel_mm, _, weights = self._tops
+        row = terms(((weights @ gel_mm) / weights.sum())[None])[0]
+        found = (float(row @ plane.shown) - zero[0]) / plane.gain
+        variance = float(row @ plane.shown_variance @ row) + zero[1] ** 2
+        return found, sqrt(variance + (INDENTATION_SHARE * found) ** 2)
+
+    @cached_property
+    def ahead(self) -> tuple[float, float] | None:
+        """How far the gel's undeformed surface is beyond the tops, in the image's centre along the sensor's axis; its deviation.
+
+        Both in mm; negative where the tape does not reach the gel there.
+        """
+        plane, zero = self.plane, self.force[1]
+        if plane is None or zero is None:
+            return None
+        found = float(plane.rise[0]) - zero[0] / plane.gain
+        return found, sqrt(float(plane.covariance[0, 0]) + zero[1] ** 2 + (INDENTATION_SHARE * found) ** 2)
+
+
+LEAST_SLOPE = 0.0175
+"""Slope, 1 degree, below which a contact counts as flat."""
+LEAST_OFF = 0.25
+"""Share of the crown's radius times that slope by which the middle of the dots is at least off the image's centre then. Where
+forces are small it is all of it; at 10 N, where the image is full of dots, about a third."""
+
+
+def contact_surface(
+    view: ContactView, image: Image, dots_px: FloatArray, agree: BoolArray, heights: FloatArray, pitch_mm: float
+) -> ContactSurface:
+    """Take what `ContactSurface` needs out of a frame, and compute nothing.
+
+    Parameters
+    ----------
+    view : ContactView
+    image : ndarray of float32, shape (h, w)
+        Canonical.
+    dots_px, agree, heights, pitch_mm
+        As in `ContactSurface`.
+    """
+    margin = view.margin
+    at = np.minimum(np.maximum(np.rint(dots_px), margin), view.last_px - margin).astype(np.intp)
+    return ContactSurface(
+        view=view,
+        pitch_mm=pitch_mm,
+        dots_px=dots_px,
+        agree=agree,
+        heights=heights,
+        around=image.reshape(-1).take((at @ view.strides)[:, None] + view.around),
+        # `averaged` takes the image's ordinary value off, so that few digits are lost
+        coarse=averaged(image, view.factor) + np.float32(ordinary_value(image)),
+    )

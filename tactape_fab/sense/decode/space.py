@@ -1,0 +1,78 @@
+"""Poses in space: the sensor's image over a tape that may be tilted, as a 4x4 matrix, and its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, hypot, inf, sin, sqrt
+
+import numpy as np
+
+from tactape_fab.texture.frames import FloatArray
+
+Surface = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Where a texture point (2,) is in space, (3,) mm, and the texture's axes there as columns, (3, 3): x, y, and z into the tape."""
+_STEP = 1e-6
+
+
+def texture_plane(at_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The texture frame itself, as a `Surface`."""
+    return np.array([at_mm[0], at_mm[1], 0.0]), np.eye(3)
+
+
+def image_pose(surface: Surface, state: FloatArray) -> FloatArray:
+    """The image's frame on a surface; shape (4, 4), mm.
+
+    Parameters
+    ----------
+    surface : Surface
+    state : ndarray, shape (6,)
+        x and y of the texture point under the image centre, mm; theta, rad; by how much the tape rises towards the sensor for
+        each mm along image u and v; how far the frame's origin is from that point along its own z, mm.
+    """
+    x, y, theta, rise_u, rise_v, ahead_mm = state.tolist()
+    point, axes = surface(np.array([x, y]))
+    c, s = cos(theta), sin(theta)
+    turn = axes @ np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]) @ _upright(rise_u, rise_v)
+    out = np.eye(4)
+    out[:3, :3] = turn
+    out[:3, 3] = point + turn[:, 2] * ahead_mm
+    return out
+
+
+def _upright(rise_u: float, rise_v: float) -> FloatArray:
+    """The least rotation that brings the normal of z = -(rise_u x + rise_v y), into the tape, to the z axis (Rodrigues)."""
+    rise = hypot(rise_u, rise_v)
+    if rise == 0.0:
+        return np.eye(3)
+    length = sqrt(1.0 + rise * rise)
+    u, v, c, s = rise_u / rise, rise_v / rise, 1.0 / length, rise / length
+    # about (v, -u, 0), which is across the slope
+    return np.array(
+        [(c + v * v * (1 - c), -u * v * (1 - c), -u * s), (-u * v * (1 - c), c + u * u * (1 - c), -v * s), (u * s, v * s, c)]
+    )
+
+
+def pose_covariance(surface: Surface, state: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Covariance of `image_pose`, shape (6, 6): of its origin in mm, then of small turns about the surface's axes x, y, z in rad.
+
+    Parameters
+    ----------
+    surface, state
+        As for `image_pose`.
+    covariance : ndarray, shape (6, 6)
+        Of the state; an infinite variance is that of something unknown, and has no covariances.
+    """
+    unknown = ~np.isfinite(covariance.diagonal())
+    here, rates = image_pose(surface, state), np.empty((6, 6))
+    for k in range(6):
+        ahead, behind = (image_pose(surface, state + side * _STEP * np.eye(6)[k]) for side in (0.5, -0.5))
+        spin = (ahead[:3, :3] - behind[:3, :3]) @ here[:3, :3].T / _STEP
+        rates[:3, k] = (ahead[:3, 3] - behind[:3, 3]) / _STEP
+        rates[3:, k] = (spin[2, 1] - spin[1, 2]) / 2, (spin[0, 2] - spin[2, 0]) / 2, (spin[1, 0] - spin[0, 1]) / 2
+    known = np.where(unknown[:, None] | unknown, 0.0, covariance)
+    found: FloatArray = rates @ known @ rates.T
+    found = (found + found.T) / 2
+    lost = (np.abs(rates[:, unknown]) > 1e-6).any(axis=1)
+    found[lost], found[:, lost] = 0.0, 0.0
+    found[lost, lost] = inf
+    return found

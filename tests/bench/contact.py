@@ -1,0 +1,130 @@
+"""Tilt, force, indentation and pose of tapes pressed into an elastic gel: `python -m tests.bench.contact [--frames N]`.
+
+A row is one contact at one force, with the slope noise of a real GelSight Mini; `--seed` draws other poses. Nothing that the
+decoder knows of forces comes from frames; its constants for tilts are from seeds 1 and 5. Errors are root mean squares; "true" is
+the mean squared error over the variance that is said, 1 where that is right. For the pose it is NEES/3.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tactape_fab import Localizer, Tape, TapeSpec
+from tactape_fab.kit.plan import plan
+from tactape_fab.kit.profiles import load_fab, load_part
+from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
+from tactape_fab.texture.frames import FloatArray
+from tests.bench.elastic import SLOPE_NOISE, WRONG_MM
+
+FORCES_N = (0.5, 1.0, 2.0, 5.0, 10.0)
+PRESSES: dict[str, dict[str, Any]] = {
+    "flat": {},
+    "tilt 2, 0": {"tilt_deg": (2.0, 0.0)},
+    "tilt 0, -2": {"tilt_deg": (0.0, -2.0)},
+    "tilt 5, 0": {"tilt_deg": (5.0, 0.0)},
+    "tilt 0, 5": {"tilt_deg": (0.0, 5.0)},
+    "tilt -3.5, 3.5": {"tilt_deg": (-3.5, 3.5)},
+    "cylinder 30": {"cylinder_radius_mm": 30.0},
+    "cylinder 30, tilt 2, 1": {"cylinder_radius_mm": 30.0, "tilt_deg": (2.0, 1.0)},
+    "cylinder 15.7": {"cylinder_radius_mm": 15.7},
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What one contact gave."""
+
+    frames: int
+    located: int
+    wrong: int
+    tilt_deg: float
+    tilt_true: float
+    force_share: float
+    force_bias: float
+    force_true: float
+    position_um: float
+    pose_true: float
+
+
+def measure(localizer: Localizer, tape: Tape, scene: Scene, count: int, seed: int) -> Row:
+    """Locate `count` frames of a scene."""
+    assert scene.elastic is not None
+    found, wrong, located = [], 0, 0
+    frames: Iterator[Frame] = iterate_frames(tape, count, seed, scene=scene)
+    for frame in frames:
+        fix = localizer.locate(frame.depth)
+        if not fix.located or fix.position_mm is None or fix.theta_deg is None:
+            continue
+        located += 1
+        off = np.asarray(fix.position_mm) - frame.position_mm
+        if np.hypot(*off) > WRONG_MM:
+            wrong += 1
+            continue
+        turn = np.radians((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
+        error = np.array([*off, turn])
+        pose = error @ np.linalg.solve(np.asarray(fix.covariance), error) / 3
+        force = np.nan if fix.force_n is None else fix.force_n / scene.elastic.force_n - 1
+        share = np.nan if fix.force_sigma_n is None else fix.force_sigma_n / scene.elastic.force_n
+        tilt: FloatArray = np.full(2, np.nan)
+        tilt_true = float("nan")
+        if fix.tilt_deg is not None:
+            tilt = np.asarray(fix.tilt_deg) - scene.elastic.tilt_deg
+            turned = np.radians(tilt)
+            tilt_true = float(turned @ np.linalg.solve(np.asarray(fix.tilt_covariance), turned)) / 2
+        found.append([*tilt, tilt_true, force, (force / share) ** 2, *off, pose])
+    values = np.array(found).reshape(-1, 8)
+    rms = np.sqrt(np.nanmean(values**2, axis=0)) if len(values) else np.full(8, np.nan)
+    mean = np.nanmean(values, axis=0) if len(values) else np.full(8, np.nan)
+    return Row(
+        frames=count,
+        located=located,
+        wrong=wrong,
+        tilt_deg=float(np.hypot(rms[0], rms[1]) / np.sqrt(2)),
+        tilt_true=float(mean[2]),
+        force_share=float(rms[3]),
+        force_bias=float(mean[3]),
+        force_true=float(mean[4]),
+        position_um=float(1000 * np.hypot(rms[5], rms[6]) / np.sqrt(2)),
+        pose_true=float(mean[7]),
+    )
+
+
+def sensors(name: str) -> dict[str, SensorProfile]:
+    """The sensor, and what it would be with other knowledge of its gel."""
+    stock = load_sensor(name)
+    return {"as profiled": stock, "crown not known": replace(stock, gel=replace(stock.gel, crown_mm=None))}
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.contact", description=__doc__)
+    parser.add_argument("--frames", type=int, default=40, metavar="N", help="frames a row")
+    parser.add_argument("--seed", type=int, default=11, metavar="S")
+    parser.add_argument("--no-crown", action="store_true", help="the gel's crown is not known")
+    parser.add_argument("--row", action="append", metavar="NAME", help="rows that start so; all when left out")
+    given = parser.parse_args()
+    tape = plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
+    localizer = Localizer([tape], sensor=sensors("gelsight-mini")["crown not known" if given.no_crown else "as profiled"])
+    print(
+        f"{'contact':30} {'located':>8} {'wrong':>5} {'tilt deg':>8} {'true':>5} {'force %':>8} {'mean %':>7} {'true':>5}",
+        end=" ",
+    )
+    print(f"{'xy um':>6} {'NEES/3':>6}")
+    for name, options in PRESSES.items():
+        if given.row and not any(name.startswith(start) for start in given.row):
+            continue
+        for force_n in FORCES_N:
+            scene = Scene(elastic=ElasticContact(force_n=force_n, **options), slope_noise=SLOPE_NOISE)
+            row = measure(localizer, tape, scene, given.frames, given.seed)
+            figures = f"{row.tilt_deg:8.3f} {row.tilt_true:5.2f} {100 * row.force_share:8.1f} {100 * row.force_bias:+7.1f}"
+            rest = f"{row.force_true:5.2f} {row.position_um:6.1f} {row.pose_true:6.2f}"
+            print(f"{f'{name}, {force_n:g} N':30} {f'{row.located}/{row.frames}':>8} {row.wrong:5d} {figures} {rest}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

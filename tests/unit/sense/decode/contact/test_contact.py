@@ -1,0 +1,235 @@
+"""Tilt, indentation and force: of surfaces known exactly, and of tapes in the elastic simulator, which shares no code."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactape_fab import Localization, Localizer
+from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
+from tactape_fab.sense.decode.contact.layer import force_on
+from tactape_fab.sense.decode.contact.plane import GAIN, Plane, fit_plane
+from tactape_fab.sense.geometry import Gel
+from tactape_fab.sense.simulation.elastic_layer import Layer, press_rigid
+from tactape_fab.sense.simulation.elastic_layer import response as response_of
+from tactape_fab.texture.frames import FloatArray
+from tests.contacts import TAPE, dots
+
+SENSOR = load_sensor("gelsight-mini")
+CROWN_MM = (189.0, 113.0)
+GEL = Gel(thickness_mm=4.0, modulus_kpa=275.0, poisson=0.485, crown_mm=CROWN_MM)
+NOTHING = ["tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n"]
+
+
+# Planes
+
+
+def tops(
+    slopes: tuple[float, float], gain: float = GAIN, bend: float = 0.0, middle_mm: tuple[float, float] = (3.0, -1.0)
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Tops of a tape as a sensor shows them that has a share `gain` of all heights; bent along v by `bend`, 1/mm."""
+    rng = np.random.default_rng(1)
+    at = np.array(middle_mm) + rng.uniform(-4, 4, (40, 2))
+    x, y = at.T
+    height = 0.3 + slopes[0] * x + slopes[1] * y - x**2 / (2 * CROWN_MM[0]) - y**2 / (2 * CROWN_MM[1]) - bend * y**2 / 2
+    return at, gain * height + 0.001 * rng.standard_normal(40), np.ones(40)
+
+
+def plane_of(at: FloatArray, tops_mm: FloatArray, weights: FloatArray, crown_mm: tuple[float, float] | None = CROWN_MM) -> Plane:
+    found = fit_plane(at, tops_mm, weights, crown_mm)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.035, 0.0), (0.0, -0.05), (0.06, 0.06)])
+@pytest.mark.parametrize("gain", [1.0, 0.95, 0.88])
+def test_the_crown_tells_what_the_sensor_makes_of_slopes(slopes: tuple[float, float], gain: float) -> None:
+    plane = plane_of(*tops(slopes, gain))
+    assert plane.flat and plane.gain == pytest.approx(gain, abs=0.04)
+    off = plane.rise - (0.3, *slopes)
+    assert off @ np.linalg.solve(plane.covariance, off) < 16.0
+    assert np.abs(off[1:]).max() < 0.003
+
+
+def test_a_bent_tape_is_not_flat_and_its_slope_is_that_of_the_image_s_centre() -> None:
+    plane = plane_of(*tops((0.02, 0.01), GAIN, 1 / 15.7))
+    assert not plane.flat
+    assert plane.rise[1:] == pytest.approx([0.02, 0.01], abs=0.002)
+    assert -plane.shown[4] / GAIN == pytest.approx(1 / 15.7 + 1 / CROWN_MM[1], rel=0.05)
+
+
+def test_one_top_that_is_none_moves_nothing() -> None:
+    at, heights, weights = tops((0.03, 0.0))
+    heights[7] += 0.2
+    assert plane_of(at, heights, weights).rise[1:] == pytest.approx([0.03, 0.0], abs=0.002)
+
+
+def test_without_the_crown_slopes_are_less_sure() -> None:
+    known, unknown = plane_of(*tops((0.03, 0.0))), plane_of(*tops((0.03, 0.0)), crown_mm=None)
+    assert not unknown.flat and unknown.covariance[1, 1] > 4 * known.covariance[1, 1]
+
+
+def test_few_tops_or_tops_in_a_line_are_no_plane_to_be_sure_of() -> None:
+    at, heights, weights = tops((0.03, 0.0))
+    assert fit_plane(at[:7], heights[:7], weights[:7], CROWN_MM) is None
+    line = np.column_stack([np.linspace(-4, 4, 40), np.zeros(40)])
+    found = fit_plane(line, heights, weights, CROWN_MM)
+    assert found is None or found.covariance[2, 2] > 0.02**2
+
+
+# Forces
+
+
+def ball(force_n: float, gel: Gel = GEL, at_mm: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+    """A stiff ball of 60 mm radius pressed into a layer by the simulator's own solver; cells of 1 mm from 4 pixels a mm."""
+    assert gel.modulus_kpa is not None and gel.thickness_mm is not None
+    v, u = np.mgrid[:60, :80]
+    x, y = (u - 39.5) / 4 - at_mm[0], (v - 29.5) / 4 - at_mm[1]
+    layer = response_of((60, 80), (4.0, 4.0), Layer(gel.thickness_mm, gel.modulus_kpa / 1000, 0.485))
+    pressed = press_rigid((x**2 + y**2) / 120, force_n * 16, layer)
+    return np.asarray(pressed.deflection_mm.reshape(15, 4, 20, 4).mean(axis=(1, 3)))
+
+
+def pressed_at(depth_mm: FloatArray) -> Any:
+    return depth_mm > 0.03 * depth_mm.max()
+
+
+@pytest.mark.parametrize("force_n", [0.5, 2.0, 8.0])
+@pytest.mark.parametrize("gel", [GEL, replace(GEL, modulus_kpa=600.0), replace(GEL, thickness_mm=2.0)])
+@pytest.mark.parametrize("zero_mm", [0.0, 0.07])
+def test_a_force_is_found_by_the_layer_s_elasticity_alone(force_n: float, gel: Gel, zero_mm: float) -> None:
+    """Also where the depth of an untouched gel is not known to be zero."""
+    depth = ball(force_n, gel, (2.0, -1.0))
+    (found, sigma), (zero, zero_sigma) = force_on(depth + zero_mm, (1.0, 1.0), pressed_at(depth), gel, 0.2 if zero_mm else 0.0005)
+    assert found == pytest.approx(force_n, rel=0.1)
+    assert abs(found - force_n) < 4 * sigma
+    assert abs(zero - zero_mm) < 4 * zero_sigma + 0.005
+
+
+def test_force_is_proportional_to_modulus() -> None:
+    depth = ball(2.0)
+    one, two = (
+        force_on(depth, (1.0, 1.0), pressed_at(depth), replace(GEL, modulus_kpa=kpa), 0.0005)[0][0] for kpa in (275.0, 550.0)
+    )
+    assert two == pytest.approx(2 * one, rel=1e-6)
+
+
+def test_nothing_pressed_is_no_force() -> None:
+    (found, sigma), _ = force_on(np.zeros((15, 20)), (1.0, 1.0), np.ones((15, 20), dtype=bool), GEL, 0.001)
+    assert (found, sigma) == (0.0, 0.0)
+
+
+# Frames
+
+
+@cache
+def localizer(sensor: SensorProfile = SENSOR) -> Localizer:
+    return Localizer([TAPE], sensor=sensor)
+
+
+@cache
+def frame_of(force_n: float, **options: Any) -> Frame:
+    return next(iterate_frames(TAPE, 1, 21, scene=Scene(elastic=ElasticContact(force_n=force_n, **options))))
+
+
+def located(frame: Frame, sensor: SensorProfile = SENSOR) -> Localization:
+    fix = localizer(sensor).locate(frame.depth)
+    assert fix.located
+    return fix
+
+
+@pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (2.0, 0.0), (0.0, -2.0), (5.0, 0.0), (-3.5, 3.5)])
+@pytest.mark.parametrize("force_n", [1.0, 5.0])
+def test_tilt_and_force_of_a_press_are_found(tilt_deg: tuple[float, float], force_n: float) -> None:
+    frame = frame_of(force_n, tilt_deg=tilt_deg)
+    fix = located(frame)
+    assert fix.tilt_deg is not None and fix.tilt_covariance is not None and fix.force_n is not None
+    off = np.radians(np.asarray(fix.tilt_deg) - tilt_deg)
+    assert np.degrees(np.abs(off)).max() < (0.1 if tilt_deg == (0.0, 0.0) else 0.3)
+    assert off @ np.linalg.solve(fix.tilt_covariance, off) < 20.0
+    assert fix.force_n == pytest.approx(force_n, rel=0.1)
+    error = np.asarray(fix.position_mm) - frame.position_mm
+    assert fix.covariance is not None and error @ np.linalg.solve(fix.covariance[:2, :2], error) < 30.0
+
+
+def test_a_cylinder_is_felt_without_tilt() -> None:
+    fix = located(frame_of(2.0, cylinder_radius_mm=30.0))
+    assert fix.tilt_deg is not None and np.abs(fix.tilt_deg).max() < 0.2
+    assert fix.contact is not None and fix.contact.plane is not None and not fix.contact.plane.flat
+    assert fix.force_n == pytest.approx(2.0, rel=0.1)
+
+
+def test_indentation_grows_with_force() -> None:
+    found = [located(frame_of(force_n)).indentation_mm for force_n in (1.0, 2.0, 5.0)]
+    assert 0.1 < found[0] < found[1] < found[2] < 0.6  # type: ignore[operator]
+
+
+def test_a_frame_without_a_zero_says_the_same_by_what_lies_beside_the_contact() -> None:
+    frame = frame_of(2.0)
+    fix, bare = located(frame), located(replace(frame, depth=frame.depth - frame.depth.mean()))
+    assert bare.tilt_deg == pytest.approx(fix.tilt_deg, abs=1e-3)
+    assert bare.force_n == pytest.approx(2.0, rel=0.1)
+    assert bare.indentation_mm == pytest.approx(fix.indentation_mm, abs=0.03)
+    unknown = replace(SENSOR, gel=replace(SENSOR.gel, modulus_kpa=None))
+    blind = located(replace(frame, depth=frame.depth - frame.depth.mean()), unknown)
+    assert (blind.indentation_mm, blind.force_n) == (None, None) and blind.tilt_deg is not None
+
+
+def test_depths_are_in_the_profile_s_unit() -> None:
+    frame = frame_of(2.0)
+    fix, half = located(frame), located(replace(frame, depth=2 * frame.depth), replace(SENSOR, depth_unit_mm=0.5))
+    assert half.tilt_deg == pytest.approx(fix.tilt_deg, abs=1e-3)
+    assert half.force_n == pytest.approx(fix.force_n, rel=1e-3)
+
+
+def test_pixels_outside_the_mask_say_nothing() -> None:
+    frame = frame_of(1.0)
+    mask = np.zeros(frame.depth.shape, dtype=bool)
+    mask[16:-16, 16:-16] = True
+    wrong = replace(frame, depth=np.where(mask, frame.depth, np.float32(0.5)))
+    fix = located(wrong, replace(SENSOR, mask=mask))
+    assert fix.force_n == pytest.approx(1.0, rel=0.1)
+
+
+def test_what_is_not_observable_is_null() -> None:
+    frame = frame_of(2.0)
+    uncalibrated = located(frame, replace(SENSOR, depth_unit_mm=None))
+    lost = localizer().locate(np.zeros_like(frame.depth))
+    by_dots = localizer().locate_dots(dots())
+    assert by_dots.located and not lost.located
+    for fix in (uncalibrated, lost, by_dots):
+        assert [getattr(fix, name) for name in NOTHING] == [None] * 6
+    gel_unknown = located(frame, replace(SENSOR, gel=Gel()))
+    assert (gel_unknown.force_n, gel_unknown.force_sigma_n) == (None, None)
+    assert gel_unknown.tilt_deg is not None and gel_unknown.indentation_mm is not None
+
+
+def test_the_mapping_is_plain_json() -> None:
+    told = json.loads(json.dumps(located(frame_of(2.0)).to_mapping(0), allow_nan=False))
+    assert np.shape(told["tilt_deg"]) == (2,) and np.shape(told["tilt_covariance"]) == (2, 2)
+    assert told["force_n"] > told["force_sigma_n"] > 0 and told["indentation_mm"] > told["indentation_sigma_mm"] > 0
+    assert "contact" not in told
+
+
+@pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (5.0, 0.0)])
+def test_a_tilt_changes_no_decision(tilt_deg: tuple[float, float]) -> None:
+    frame = frame_of(2.0, tilt_deg=tilt_deg)
+    fix, blind = located(frame), located(frame, replace(SENSOR, depth_unit_mm=None))
+    for name in ("tape", "cell", "n_agree", "p_tape", "p_place", "contact_mm"):
+        assert getattr(fix, name) == getattr(blind, name)
+    assert fix.covariance is not None and blind.covariance is not None
+    same = fix.position_mm == blind.position_mm and (fix.covariance == blind.covariance).all()
+    assert same if tilt_deg == (0.0, 0.0) else not same
+
+
+def test_the_answer_keeps_nothing_of_the_caller_s_frame() -> None:
+    frame = frame_of(2.0)
+    depth = frame.depth.copy()
+    fix, again = localizer().locate(depth), located(frame)
+    depth[:] = 0.0
+    assert fix.tilt_deg == again.tilt_deg and fix.force_n == again.force_n
