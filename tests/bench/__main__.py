@@ -57,7 +57,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer contacts: some minutes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON lines; taken up again where it exists")
-    about_counts = "what tests.bench.false_accepts --json wrote; a job in two of them counts as the later file has it"
+    about_counts = (
+        "what tests.bench.false_accepts --json wrote; a job in two of them counts as the later file has it; "
+        "those of docs/evidence.json unless said"
+    )
     parser.add_argument("--counts", type=Path, nargs="+", default=[], metavar="FILE", help=about_counts)
     parser.add_argument("--processes", type=int, default=2, metavar="N")
     about_page = "where evidence.json, the page and its plots go; docs/ unless said, and then the README's numbers, too"
@@ -71,12 +74,15 @@ def main() -> None:
     record = Record.opened(chosen.json or Path(f"evidence-{size.name}.jsonl"))
     wanted = jobs(size)
     measure(wanted, record, chosen.processes)
+    folder = chosen.page or FIGURES_JSON.parent
+    if not counted and FIGURES_JSON.exists():  # counting takes a day: each row names the sources it was counted with
+        earlier = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))["results"]
+        counted = [entry for entry in earlier if entry["section"] == counts.SECTION]
     content = {
         "size": size.name,
         "about": record.about,
         "results": [record.results[job.key] for job in wanted] + counted,
     }
-    folder = chosen.page or FIGURES_JSON.parent
     folder.mkdir(parents=True, exist_ok=True)
     (folder / FIGURES_JSON.name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     for path in write_page(content, folder):

@@ -31,8 +31,6 @@ DESIGNS, FRAMES, SEED = 28, 100, 31
 OF_EIGHT, SEED_OF_EIGHT = 10, 32
 """As many designs of eight directions, printed ones."""
 FIT_DESIGNS, FIT_FRAMES, FIT_SEED, STEP_MM = 24, 40, 5, 0.5
-OLDER_NOISE = True
-"""The page's figures were made with the noise model of 0.1.0, white and smooth noise of the depth."""
 SLACK = 0.05
 """A promise is kept where no more than this is missing from it."""
 LEAST_PITCH_MM = {
@@ -103,8 +101,7 @@ def design_of(
 def asked(sensor: str, blur_mm: float, placement_mm: float, tapes: int, part: str) -> Question:
     process = "fpc" if part.startswith("r") else "sla"
     values = {"sensor": sensor, "blur_mm": blur_mm, "placement_mm": placement_mm, "tapes": tapes, "process": process}
-    question = read_question({"contact_mm": 6.0, **values})
-    return replace(question, sensor=replace(question.sensor, slope_noise=None)) if OLDER_NOISE else question
+    return read_question({"contact_mm": 6.0, **values})
 
 
 def _field_mm(sensor: SensorProfile) -> float:

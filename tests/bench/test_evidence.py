@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tactape_fab.sense import Scene
+from tactape_fab.sense import Scene, load_sensor
+from tests.bench import place_chance
 from tests.bench.__main__ import measure
-from tests.bench.evidence import accuracy, codes, counts, curves, table_one, table_two
+from tests.bench.evidence import accuracy, codes, conditions, counts, curves, place, resolution, simulators, table_one, table_two
 from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
 from tests.bench.evidence.page import FIGURES_JSON, PAGE, jobs, page_of
 from tests.bench.evidence.record import Record, results_of
@@ -99,8 +100,10 @@ def test_errors_are_held_against_the_bound() -> None:
     assert found["frames"] == 20
     assert 0.7 < found["position_ratio"] < 1.5 and 0.5 < found["theta_ratio"] < 1.6
     assert found["position_um"] < found["paper_position_um"] / 3  # some thirty dots instead of one
+    # no decoder is better than the pixels, 20 frames' chance aside
+    assert found["pixels"]["position_um"] > 0.7 * found["pixel_bound"]["position_um"] > 0.1
     said = accuracy.lines(dict.fromkeys(accuracy.SCENES, found))
-    assert f"| default scene | 20 | {found['dot_px']:.2f} | {found['position_um']:.1f} |" in "\n".join(said)
+    assert f"| default scene | 20 | {found['dot_px']:.2f} | {found['position_um']:.2f}, " in "\n".join(said)
 
 
 def test_windows_and_tapes_are_counted() -> None:
@@ -181,9 +184,59 @@ def test_bounds_that_are_too_small_too_often_are_named() -> None:
     assert [len(panel.get_legend_handles_labels()[0]) for panel in axes] == [3, 2]
 
 
-def test_the_default_scene_has_the_noise_that_the_page_names() -> None:
+def test_the_page_names_the_noise_of_its_figures() -> None:
+    said = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))["about"].get("noise")
+    if said is not None:
+        assert said == load_sensor("gelsight-mini").slope_noise
+        assert f"slopes of {said:g} rms" in " ".join(PAGE.read_text(encoding="utf-8").split())
+        return
     # the page's figures are of the older noise model, as it says
     smooth = Scene(texture_mm=0.0, dome_mm=0.0, tilt_mm_per_mm=(0.0, 0.0), noise_model="smooth")
     depth_um = [1000.0 * frame.depth for frame in frames_of(Row(name="noise", scenes=(smooth,)), 10)]
     high = [float((frame - cv2.blur(frame, (25, 25))).std()) for frame in depth_um]
     assert f"with {np.mean(high):.0f} µm\nof noise" in PAGE.read_text(encoding="utf-8")
+
+
+def test_covariances_and_simulators_are_shown_as_measured() -> None:
+    default = conditions.measure_row("default", 12)
+    assert default["right"] == 12 and default["wrong"] == 0 and default["nees"] < 3.0
+    wide = default | {"nees": 1.31}
+    said = conditions.lines({"default": default | {"nees": 1.0}, "tilt": wide})
+    assert said[-2] == "All rows but tilt are from 0.8 to 1.3."
+    pressed = simulators.measure("default, 2 N", "elastic", 2)
+    assert pressed["right"] == 2
+    rows = simulators.lines({"default, 2 N, imprint": default, "default, 2 N, elastic": pressed})
+    assert any(row.startswith("| default, 2 N | 12 of 12 | 0 |") and "| 2 of 2 | 0 |" in row for row in rows)
+
+
+def test_a_finer_sensor_is_more_exact() -> None:
+    coarse, fine = (resolution.measure(px_per_mm, 8) for px_per_mm in (8, 16))
+    assert fine["right"] == 8 and fine["position_um"] < coarse["position_um"]
+    assert fine["size_px"] == [320, 240]
+
+
+def test_p_place_is_held_against_what_happens() -> None:
+    found = [
+        place_chance.Said(
+            name="a", part=0, tapes=1, max_p_tape=0.3, frame=(0, 1, 2), p_tape=(0.1,) * 3, p_place=p_place, wrong=wrong
+        )
+        for p_place, wrong in (((0.5, 0.02, 3e-9), (True, False, False)), ((0.2, 1.0, 0.03), (False, True, True)))
+    ]
+    decades = [one for one in place_chance.by_decade(found) if one.answers]
+    assert [(one.exponent, one.answers, one.wrong) for one in decades] == [
+        (-1, 3, 2),
+        (-2, 2, 1),
+        (place_chance.LEAST_DECADE, 1, 0),
+    ]
+    assert decades[0].said == pytest.approx(1.7)
+    # twice the same batches: counts add up; 2 of 3.4 with the limits of a Poisson count of 4, 1.09 and 10.24
+    assert "| 1 | 0.3 | 1e-1 to 1e0 | 6 | 3.4 | 4 | 1.18 (0.32 to 3.01) |" in place_chance.rows([*decades, *decades])
+    answered = place.measure_batches("6 mm, 30 % missing", 0, 1)
+    assert answered["contacts"] == 250 and sum(one[3] for one in answered["decades"]) > 100
+
+
+def test_the_equations_of_the_paper_are_derived() -> None:
+    """Two dots with independent errors of sigma, d apart: the angle of their line errs by sqrt(2) sigma / d."""
+    rng, distance_px, sigma_px = np.random.default_rng(1), 128.0, 0.3
+    ends = rng.normal(0.0, sigma_px, (2, 20_000))
+    assert np.arctan2(ends[1] - ends[0], distance_px).std() == pytest.approx(np.sqrt(2.0) * sigma_px / distance_px, rel=0.02)

@@ -183,7 +183,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     If p_tape already refuses the answer, p_place cannot change that: unregistered tapes are then compared only to name one
     of them in the reason.
     """
-    registered = _Doubt(p_place=share_of_others(place.others), lead=place.lead, unregistered=None)
+    registered = _Doubt(p_place=share_of_others(place.others, p_tape), lead=place.lead, unregistered=None)
     if isinstance(place, PlanePlace) or isinstance(world, CodePlane) or world.unregistered_share == 0.0:
         return registered
     # `most_said` is all that the dots could say anywhere: below `clear` there is no tape to be named
@@ -201,7 +201,7 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
     if refused and not sure:
         return registered
     return _Doubt(
-        p_place=share_of_others(place.others + found.weight),
+        p_place=share_of_others(place.others + found.weight, p_tape),
         lead=min(place.lead, found.lead),
         unregistered=found.name if sure else None,
     )

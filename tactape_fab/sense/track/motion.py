@@ -13,9 +13,11 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.search.search import MOST_RADIUS_MM, Prior
+from tactape_fab.sense.track.change import Change
 from tactape_fab.texture.frames import FloatArray
 
 EventKind = Literal["begin", "end", "lost", "regained", "jump", "slip"]
+Cause = Literal["slip", "shear"]
 LINE_FIXES = 4
 """Number of fixes to which constant velocity is fitted."""
 LINE_S = 0.5
@@ -41,6 +43,11 @@ class Motion:
         Least Mahalanobis distance of two poses that counts as a change: 6 occurs once in 10^7 for normal errors.
     floor_mm, floor_deg : float
         Standard deviation of the change between two frames of a contact at rest that no covariance contains.
+    floor_strain : float
+        The same of a change of scale, aspect or shear of what is seen.
+    shear_mm : float or None
+        Largest shift of the tape that a gel which sticks to it can follow by its shear: about its thickness times coefficient of
+        friction times mean pressure over shear modulus. None: unknown, and `Slip.cause` is never "slip".
     patience : int
         Number of frames without a sign of a tape after which a contact has ended.
 
@@ -58,10 +65,12 @@ class Motion:
     slip_sigmas: float = 6.0
     floor_mm: float = 0.01
     floor_deg: float = 0.05
+    floor_strain: float = 0.002
+    shear_mm: float | None = None
     patience: int = 3
 
     def __post_init__(self) -> None:
-        table = Fields({f.name: getattr(self, f.name) for f in fields(self)})
+        table = Fields({f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None})
         table.number("radius_mm", above=0.0, high=MOST_RADIUS_MM)
         table.number("angle_deg", above=0.0, high=360.0, unit="deg")
         table.number("speed_mm_s", low=0.0, high=1e5, unit="mm/s")
@@ -70,6 +79,9 @@ class Motion:
         table.number("slip_sigmas", low=1.0, high=1000.0, unit="")
         table.number("floor_mm", low=0.0, high=10.0)
         table.number("floor_deg", low=0.0, high=90.0, unit="deg")
+        table.number("floor_strain", low=0.0, high=1.0, unit="")
+        if self.shear_mm is not None:
+            table.number("shear_mm", above=0.0, high=100.0)
         table.integer("patience", low=1, high=10_000)
         if table.problems:
             raise SpecError(table.problems)
@@ -96,15 +108,28 @@ class Event:
 class Slip:
     """Change of pose within one contact, relative to its reference pose: that of the first fixes, or of the last slip.
 
+    It is taken from the dots that the frames have in common, so that errors which they share (the camera, places of parts) go out
+    of it; from the two poses where `dots` is 0.
+
     Attributes
     ----------
     detected : bool
-        Whether it is more than the two fixes' errors explain.
+        Whether it is more than the frames' errors explain.
     shift_mm : (float, float)
         Of ``position_mm``, texture frame.
     turn_deg : float
     sigmas : float
         Mahalanobis distance of the two poses.
+    cause : {"slip", "shear"} or None
+        "slip": the tape has moved farther than the gel can follow by its shear (`Motion.shear_mm`), so it slid. "shear": scale,
+        aspect or shear of what is seen has changed, which a rigid tape that slides does not do: the gel carries the image along
+        and is deformed, so it sticks at least in part. None: nothing has changed, or frames without markers do not tell which it
+        is; a gel that is sheared evenly looks as a tape that slides.
+    strain, strain_sigma : (float, float) or None
+        Change of aspect and shear of what is seen, in the terms of `Localization.strain`, and standard deviations; None where
+        `dots` is 0. The camera's own aspect and shear are in both frames and cancel.
+    dots : int
+        Dots that the frames have in common.
     since : float
         Time of the reference pose, s.
     total_mm : (float, float)
@@ -119,16 +144,21 @@ class Slip:
     since: float
     total_mm: tuple[float, float]
     total_deg: float
+    cause: Cause | None = None
+    strain: tuple[float, float] | None = None
+    strain_sigma: tuple[float, float] | None = None
+    dots: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """A located fix as numbers: (x mm, y mm, theta rad), with its covariance."""
+    """A located fix as numbers: (x mm, y mm, theta rad), with its covariance; and the fix."""
 
     timestamp: float
     tape: str
     at: FloatArray
     covariance: FloatArray
+    fix: Localization | None = None
 
 
 def pose_of(fix: Localization, timestamp: float) -> Pose | None:
@@ -136,7 +166,7 @@ def pose_of(fix: Localization, timestamp: float) -> Pose | None:
     if not fix.located or fix.position_mm is None or fix.theta_deg is None or fix.tape is None or fix.covariance is None:
         return None
     at = np.array([*fix.position_mm, radians(fix.theta_deg)])
-    return Pose(timestamp=timestamp, tape=fix.tape, at=at, covariance=fix.covariance)
+    return Pose(timestamp=timestamp, tape=fix.tape, at=at, covariance=fix.covariance, fix=fix)
 
 
 def difference(new: FloatArray, old: FloatArray) -> FloatArray:
@@ -195,18 +225,43 @@ def mean_pose(poses: Sequence[Pose]) -> Pose:
     return Pose(timestamp=first.timestamp, tape=first.tape, at=at, covariance=covariance)
 
 
-def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion) -> Slip:
-    """Change of a pose relative to its reference pose."""
+def slip_of(pose: Pose, anchor: Pose, began: Pose, motion: Motion, change: Change | None = None) -> Slip:
+    """Change of a pose relative to its reference pose: as the dots in common have it, or the two poses."""
     shift, total = difference(pose.at, anchor.at), difference(pose.at, began.at)
+    spread = pose.covariance + anchor.covariance
+    if change is not None:
+        shift, spread = change.shift, change.covariance
     floor = np.diag([motion.floor_mm**2, motion.floor_mm**2, radians(motion.floor_deg) ** 2])
-    spread = pose.covariance + anchor.covariance + floor + 1e-18 * np.eye(3)
-    sigmas = sqrt(max(float(shift @ np.linalg.solve(spread, shift)), 0.0))
+    sigmas = _distance(shift, spread + floor)
+    detected = sigmas > motion.slip_sigmas
+    strain = strain_sigma = None
+    if change is not None:
+        strain_covariance = change.strain_covariance + motion.floor_strain**2 * np.eye(3)
+        strain, strain_sigma = _pair(change.strain[1:]), _pair(np.sqrt(strain_covariance.diagonal()[1:]))
+    cause: Cause | None = None
+    if detected and motion.shear_mm is not None and hypot(float(shift[0]), float(shift[1])) > motion.shear_mm:
+        cause = "slip"
+    elif change is not None and _distance(change.strain, strain_covariance) > motion.slip_sigmas:
+        cause = "shear"
     return Slip(
-        detected=sigmas > motion.slip_sigmas,
-        shift_mm=(float(shift[0]), float(shift[1])),
+        detected=detected,
+        shift_mm=_pair(shift),
         turn_deg=float(np.degrees(shift[2])),
         sigmas=sigmas,
+        cause=cause,
+        strain=strain,
+        strain_sigma=strain_sigma,
+        dots=0 if change is None else change.dots,
         since=anchor.timestamp,
-        total_mm=(float(total[0]), float(total[1])),
+        total_mm=_pair(total),
         total_deg=float(np.degrees(total[2])),
     )
+
+
+def _distance(off: FloatArray, covariance: FloatArray) -> float:
+    """Mahalanobis distance."""
+    return sqrt(max(float(off @ np.linalg.solve(covariance + 1e-18 * np.eye(3), off)), 0.0))
+
+
+def _pair(values: FloatArray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

@@ -13,6 +13,8 @@ from tactape_fab.base.errors import FrameError, Problem, SpecError
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.search.search import Prior
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.track.change import change_between
 from tactape_fab.sense.track.motion import (
     LINE_FIXES,
     Event,
@@ -183,11 +185,13 @@ class Tracker:
         return predicted(self._state.line, self._state.velocity, timestamp, self.motion)
 
     def _follow(self, fix: Localization, prior: Prior | None, timestamp: float) -> Track:
-        self._state, track = followed(self._state, fix, prior, timestamp, self.motion)
+        self._state, track = followed(self._state, fix, prior, timestamp, self.motion, self.localizer.sensor)
         return track
 
 
-def followed(state: _State, fix: Localization, prior: Prior | None, timestamp: float, motion: Motion) -> tuple[_State, Track]:
+def followed(
+    state: _State, fix: Localization, prior: Prior | None, timestamp: float, motion: Motion, sensor: SensorProfile
+) -> tuple[_State, Track]:
     """State after a frame, and the answer for it."""
     pose, before = pose_of(fix, timestamp), state
     state, events = _contact(replace(state, timestamp=timestamp), fix, pose is not None, timestamp, motion)
@@ -196,7 +200,7 @@ def followed(state: _State, fix: Localization, prior: Prior | None, timestamp: f
         if _jumped(before, pose, prior):
             events = (*events, "jump")
             state = replace(state, began=None, anchor=())
-        state, slip, slipped = _moved(state, pose, motion)
+        state, slip, slipped = _moved(state, pose, motion, sensor)
         if slipped:
             events = (*events, "slip")
     known = pose is not None and len(state.line) > 1
@@ -237,12 +241,14 @@ def _jumped(before: _State, pose: Pose, prior: Prior | None) -> bool:
     return pose.tape != before.line[-1].tape or (prior is not None and not within(pose, prior))
 
 
-def _moved(state: _State, pose: Pose, motion: Motion) -> tuple[_State, Slip, bool]:
+def _moved(state: _State, pose: Pose, motion: Motion, sensor: SensorProfile) -> tuple[_State, Slip, bool]:
     """State with one more fix, its slip, and whether that slip is new."""
     line = (*(() if state.began is None else state.line), pose)[-LINE_FIXES:]
     began = state.began or pose
     anchor = state.anchor or (pose,)
-    slip = slip_of(pose, mean_pose(anchor), began, motion)
+    first = anchor[0].fix
+    change = None if first is None or pose.fix is None or pose is anchor[0] else change_between(first, pose.fix, sensor)
+    slip = slip_of(pose, mean_pose(anchor), began, motion, change)
     if slip.detected:
         anchor, still = (pose,), 0
     else:

@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 
 import tactape_fab
+from tactape_fab.sense import load_sensor
 from tests.bench.evidence.job import Job, Result
 from tests.bench.localization_rows import SEED
 
@@ -29,6 +30,7 @@ def about() -> dict[str, Any]:
         "tactape_fab": tactape_fab.__version__,
         "sources": digest.hexdigest()[:16],
         "seed": SEED,
+        "noise": load_sensor("gelsight-mini").slope_noise,
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}, {_processor()}",
         **{name: version(name) for name in LIBRARIES},

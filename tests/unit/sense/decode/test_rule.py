@@ -113,8 +113,15 @@ def test_posteriors_add_up_and_doubt_remains() -> None:
 def test_the_bound_is_the_inverse_of_the_weighted_evidence() -> None:
     assert rule.bound_of(log(1e4)) == pytest.approx(1e-4)
     assert rule.bound_of(-3.0) == 1.0
-    assert [rule.share_of_others(w) for w in (0.0, 1.0, 3.0)] == [0.0, 0.5, 0.75]
+    assert [rule.share_of_others(w, 0.0) for w in (0.0, 1.0, 3.0)] == [0.0, 0.5, 0.75]
     assert sum(rule.GRID_SHARES) == pytest.approx(1.0)
+
+
+def test_a_contact_that_is_misread_counts_as_a_place_whose_evidence_is_one() -> None:
+    # posterior odds of "misread" against the answer: MISREAD_SHARE * 1 / (w E), and 1 / (w E) is p_tape
+    p_tape = rule.bound_of(log(50.0))
+    assert rule.share_of_others(0.0, p_tape) == pytest.approx(rule.MISREAD_SHARE / (50.0 + rule.MISREAD_SHARE))
+    assert rule.share_of_others(0.5, p_tape) > rule.share_of_others(0.5, 0.0)
 
 
 @pytest.mark.parametrize("counts", [[[900.0, 100.0]] * 4, [[900.0, 0.0], [0.0, 7.0], [1.0, 1.0], [3.0, 4.0]]])

@@ -10,12 +10,15 @@ import pytest
 
 from tactape_fab import Localization, Localizer, Motion, Prior, Track, Tracker
 from tactape_fab.base.errors import FrameError, SpecError
+from tactape_fab.sense import load_sensor
+from tactape_fab.sense.track.change import Change
 from tactape_fab.sense.track.motion import Pose, mean_pose, predicted, slip_of, velocity_of, within
 from tactape_fab.sense.track.tracker import _NOTHING, TOUCHES, followed
 from tests.bench import tracking
 from tests.contacts import TAPE, dots, tape_of, texture_of
 
 STEP_S = 0.04
+SENSOR = load_sensor("gelsight-mini")
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +134,8 @@ def test_localizers_without_a_prior_are_refused() -> None:
 def test_values_out_of_range_are_named_together() -> None:
     with pytest.raises(SpecError, match=r"(?s)radius_mm = -1.*patience = 0"):
         Motion(radius_mm=-1.0, patience=0)
+    with pytest.raises(SpecError, match=r"(?s)floor_strain = -1.*shear_mm = 0"):
+        Motion(floor_strain=-1.0, shear_mm=0.0)
 
 
 # Motion
@@ -166,6 +171,37 @@ def test_slip_is_measured_in_the_errors_of_both_poses() -> None:
     assert wide.sigmas == pytest.approx(1.768, abs=1e-3) and not wide.detected
     turned = slip_of(pose(1, 0, 0, 2.0), pose(0, 0, 0, 0), pose(0, 0, 0, 1.0), motion)
     assert turned.detected and [turned.turn_deg, turned.total_deg] == pytest.approx([2.0, 1.0])
+    assert (turned.cause, turned.strain, turned.strain_sigma, turned.dots) == (None, None, None, 0)
+
+
+def changed(shift_mm: float, shear: float = 0.0, sigma: float = 0.001) -> Change:
+    return Change(
+        shift=np.array([shift_mm, 0.0, 0.0]),
+        covariance=sigma**2 * np.eye(3),
+        strain=np.array([0.0, 0.0, shear]),
+        strain_covariance=sigma**2 * np.eye(3),
+        dots=20,
+    )
+
+
+def test_the_change_of_common_dots_replaces_that_of_the_poses() -> None:
+    motion = Motion(floor_mm=0.0, floor_deg=0.0)
+    wide = [pose(time, x, 0.0, 0.0, 0.04) for time, x in ((1.0, 0.1), (0.0, 0.0))]
+    slip = slip_of(wide[0], wide[1], wide[1], motion, changed(0.09))
+    assert slip.detected and slip.sigmas == pytest.approx(90.0) and slip.shift_mm == (0.09, 0.0) and slip.dots == 20
+    assert slip.total_mm == pytest.approx((0.1, 0.0))  # of the poses
+
+
+def test_what_moved_is_told_where_it_can_be() -> None:
+    still, motion = pose(0.0, 0.0, 0.0, 0.0), Motion(floor_strain=0.0)
+    known = replace(motion, shear_mm=0.5)
+    assert slip_of(still, still, still, known, changed(0.001)).cause is None  # nothing changed
+    # an even shift within what the gel may be sheared by: it may stick or slide
+    assert [slip_of(still, still, still, m, changed(0.4)).cause for m in (motion, known)] == [None, None]
+    assert [slip_of(still, still, still, m, changed(0.6)).cause for m in (motion, known)] == [None, "slip"]
+    bent = slip_of(still, still, still, known, changed(0.4, shear=0.02))
+    assert bent.cause == "shear" and bent.strain == (0.0, 0.02) and bent.strain_sigma == pytest.approx((0.001, 0.001))
+    assert slip_of(still, still, still, Motion(), changed(0.0, shear=0.01)).cause is None  # below 6 times its floor
 
 
 # Simulated sequences
@@ -223,8 +259,8 @@ def test_noise_is_no_contact() -> None:
 
 def test_a_trace_of_a_tape_is_a_contact() -> None:
     fix = Localization(status="weak", located=False, p_tape=TOUCHES / 2)
-    state, track = followed(_NOTHING, fix, None, 0.0, Motion())
+    state, track = followed(_NOTHING, fix, None, 0.0, Motion(), SENSOR)
     assert [event.kind for event in track.events] == ["begin"] and track.lost and track.contact
     faint = replace(fix, p_tape=2 * TOUCHES)
-    assert followed(_NOTHING, faint, None, 0.0, Motion())[1].contact is False
-    assert followed(state, faint, None, 1.0, Motion())[1].contact is True
+    assert followed(_NOTHING, faint, None, 0.0, Motion(), SENSOR)[1].contact is False
+    assert followed(state, faint, None, 1.0, Motion(), SENSOR)[1].contact is True

@@ -1,0 +1,143 @@
+"""Change between two frames of one contact, from the dots that both show: what the frames have in common cancels.
+
+Errors by the camera, by the places of parts and by the contact's rim are nearly the same in both poses. Dot by dot they go out
+of the difference: a rigid tape moves all its dots as one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, radians
+
+import numpy as np
+
+from tactape_fab.sense.decode.result import Localization, LocatedDots
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+
+LEAST_COMMON = 6
+"""Fewest dots that both frames must show."""
+AGREE_SIGMAS = 3.5
+"""As in `rule`: dots that moved otherwise than the most are left out, such as those that came near the contact's rim."""
+STEPS = 2
+LEAST_SIGMA_MM = 0.0003
+CAMERA_SHARE = 0.005
+"""Error of a change as a share of it: what a frame of 30 dots leaves open of scale, aspect, shear and lens, 3 mm off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Change:
+    """Change of a pose, and of the shape of what is seen.
+
+    Attributes
+    ----------
+    shift : ndarray, shape (3,)
+        Of (x mm, y mm, theta rad).
+    covariance : ndarray, shape (3, 3)
+    strain : ndarray, shape (3,)
+        Of ln of the scale, aspect and shear of the image, in the terms of `Localization.strain`. A rigid tape that slides or
+        turns leaves them as they are.
+    strain_covariance : ndarray, shape (3, 3)
+    dots : int
+        Dots that both frames show and that moved as one.
+    """
+
+    shift: FloatArray
+    covariance: FloatArray
+    strain: FloatArray
+    strain_covariance: FloatArray
+    dots: int
+
+
+def change_between(old: Localization, new: Localization, sensor: SensorProfile) -> Change | None:
+    """How pose and image have changed between two located frames of a sensor; None where they have too few dots in common."""
+    if old.dots is None or new.dots is None or old.tape != new.tape or old.theta_deg is None or new.theta_deg is None:
+        return None
+    before_px, after_px = _common(old.dots, new.dots)
+    if len(before_px) < LEAST_COMMON:
+        return None
+    n = len(before_px)
+    on_gel = _on_gel(np.concatenate([before_px, after_px, sensor.centre_px[None]]), _camera(old, new, sensor), sensor)
+    before, after = on_gel[:n], on_gel[n:]
+    # T = S + R(theta) q for both frames (SPEC, Eq. 12): q' = R(theta - theta') q + t with t = R(theta')^T (S - S')
+    turn = radians((new.theta_deg - old.theta_deg + 180.0) % 360.0 - 180.0)
+    turned = before @ _rotation(-turn).T
+    middle, left = turned.sum(axis=0) / n, after - turned
+    x, y = (turned - middle).T
+    rates = np.zeros((n, 2, 6))
+    rates[:, 0, 0] = rates[:, 1, 1] = 1.0
+    rates[:, 0, 2], rates[:, 1, 2] = -y, x
+    rates[:, 0, 3], rates[:, 1, 3] = x, y
+    rates[:, 0, 4], rates[:, 1, 4] = 0.5 * x, -0.5 * y
+    rates[:, 0, 5] = y
+    keep = _moved_as_one(rates[..., :3], left)
+    rates, left = rates[keep], left[keep]
+    (moved, spread), (bent, bent_spread) = _solved(rates[..., :3], left), _solved(rates, left)
+    # t at the image centre from that at the dots' middle
+    lever = np.array([[1.0, 0.0, middle[1]], [0.0, 1.0, -middle[0]], [0.0, 0.0, 1.0]])
+    back = np.zeros((3, 3))
+    back[:2, :2], back[2, 2] = -_rotation(radians(new.theta_deg)), 1.0
+    out = back @ lever
+    shift = out @ moved
+    shift[2] += turn
+    far = (after - before).sum(axis=0) / n
+    share_mm, share_rad = CAMERA_SHARE * hypot(far[0], far[1]), CAMERA_SHARE * abs(float(shift[2]))
+    return Change(
+        shift=shift,
+        covariance=out @ spread @ out.T + np.diag([share_mm**2, share_mm**2, share_rad**2]),
+        strain=bent[3:],
+        strain_covariance=bent_spread[3:, 3:] + share_rad**2 * np.eye(3),
+        dots=int(keep.sum()),
+    )
+
+
+def _common(old: LocatedDots, new: LocatedDots) -> tuple[FloatArray, FloatArray]:
+    """Pixels in both frames of the parts that both show, in their answers' agreeing dots; shapes (n, 2)."""
+    (old_cell, old_px), (new_cell, new_px) = ((one.cell[one.inlier], one.uv_px[one.inlier]) for one in (old, new))
+    wide = int(max(old_cell.max(initial=0), new_cell.max(initial=0))) + 1
+    _, first, second = np.intersect1d(old_cell @ [1, wide], new_cell @ [1, wide], return_indices=True)
+    return old_px[first], new_px[second]
+
+
+def _camera(old: Localization, new: Localization, sensor: SensorProfile) -> FloatArray:
+    """Inverse of what both fits say of the camera beyond the profile's, on the mean."""
+    aspect, shear = (0.5 * sum((one.strain or (0.0, 0.0, None))[k] or 0.0 for one in (old, new)) for k in (0, 1))
+    scale = 0.5 * sum((one.px_per_mm or sensor.px_per_mm[0]) / sensor.px_per_mm[0] for one in (old, new))
+    along, down = 1.0 + 0.5 * aspect, 1.0 - 0.5 * aspect
+    return np.array([[1.0 / along, -shear / (along * down)], [0.0, 1.0 / down]]) / scale
+
+
+def _on_gel(uv_px: FloatArray, undo: FloatArray, sensor: SensorProfile) -> FloatArray:
+    """Pixels as places on the gel, mm; the last of them is the image centre, from which they count."""
+    at = sensor.camera.from_px(uv_px)
+    return np.asarray((at[:-1] - at[-1]) @ undo.T)
+
+
+def _rotation(angle_rad: float) -> FloatArray:
+    """R of SPEC, Eq. 12."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, s], [-s, c]])
+
+
+def _moved_as_one(rates: FloatArray, seen: FloatArray) -> FloatArray:
+    """Mask of the dots that moved as the most of them did."""
+    n, keep = len(seen), np.ones(len(seen), dtype=bool)
+    for _ in range(STEPS):
+        at, _ = _solved(rates[keep], seen[keep])
+        apart = np.hypot(*(seen - rates @ at).T)
+        # the median distance of two normal axes is 1.177 sigma (Rayleigh)
+        sigma = max(float(np.partition(apart, n // 2)[n // 2]) / 1.177, LEAST_SIGMA_MM)
+        keep = apart <= AGREE_SIGMAS * sigma * (1.0 + 4.0 / n)
+    return keep
+
+
+def _solved(rates: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least squares, and the covariance with the errors' variance from what is left."""
+    flat, target = rates.reshape(-1, rates.shape[-1]), seen.reshape(-1)
+    inverse = np.asarray(np.linalg.inv(flat.T @ flat), dtype=np.float64)
+    at = inverse @ (flat.T @ target)
+    left = target - flat @ at
+    # the mean of the variance's posterior: a t distribution's covariance
+    freedom = max(len(target) - len(at) - 2, 1)
+    variance = max(float(left @ left) / freedom, LEAST_SIGMA_MM**2)
+    return at, variance * inverse
