@@ -20,6 +20,8 @@ from tactape_fab.texture.plane import MOST_POINTS
 
 AS_BUILT_FORMAT = "tactape-as-built/1"
 AS_BUILT_NAME = "as-built.json"
+NOMINAL = "none"
+"""Stands for the places of the design, in the place of a file."""
 SOURCES = ("scan", "survey", "aoi", "cpl")
 MOST_BYTES = 256 * 1024 * 1024
 MOST_SOURCES = 1000
@@ -102,7 +104,8 @@ class AsBuilt:
         Stretch of the whole film; a film without any is the default.
     source : tuple of mapping
         How it was measured, oldest first: each has a ``kind`` of "scan", "survey", "aoi" or "cpl", and anything else that
-        JSON can hold.
+        JSON can hold. ``drift_mm`` of the last is the standard deviation, along each axis, of what neighbouring parts are
+        wrong by together; it is part of `sigma_mm`.
 
     Raises
     ------
@@ -141,16 +144,24 @@ class AsBuilt:
         BuiltParts
         """
         n, at = len(nominal_mm), self.number - 1
+        unlisted = self.scatter_mm if self.present.sum() >= LEAST_MEASURED else 0.0
         shift = nominal_mm @ (self.film.matrix - np.eye(2)).T
         np.add.at(shift, at, np.stack([self.dx_mm, self.dy_mm], axis=1))
-        rotation, present, sigma = np.zeros(n), np.ones(n, dtype=bool), np.full(n, self._unlisted_sigma_mm())
+        rotation, present, sigma = np.zeros(n), np.ones(n, dtype=bool), np.full(n, unlisted)
         rotation[at], present[at], sigma[at] = self.rotation_deg, self.present, self.sigma_mm
         return BuiltParts(shift_mm=shift, rotation_deg=rotation, present=present, sigma_mm=sigma)
 
-    def _unlisted_sigma_mm(self) -> float:
-        """How far off a part may be that was not measured: as far as those that were."""
+    @property
+    def scatter_mm(self) -> float:
+        """Root mean square of dx and dy of the parts that are there; 0 without any."""
         d = np.concatenate([self.dx_mm[self.present], self.dy_mm[self.present]])
-        return float(np.sqrt((d**2).mean())) if len(d) >= 2 * LEAST_MEASURED else 0.0
+        return float(np.sqrt((d**2).mean())) if len(d) else 0.0
+
+    @property
+    def drift_mm(self) -> float:
+        """Standard deviation along each axis of what neighbouring parts are wrong by together: an answer's position, too."""
+        said = self.source[-1].get("drift_mm", 0.0) if self.source else 0.0
+        return float(said) if isinstance(said, int | float) and 0.0 <= said <= FARTHEST_MM else 0.0
 
     @property
     def missing(self) -> int:
@@ -183,6 +194,15 @@ class AsBuilt:
     def from_mapping(cls, content: Mapping[str, Any]) -> AsBuilt:
         """Read the content of a file; every value is checked.
 
+        Parameters
+        ----------
+        content : mapping
+            What the file's JSON holds; untrusted.
+
+        Returns
+        -------
+        AsBuilt
+
         Raises
         ------
         SpecError
@@ -198,6 +218,10 @@ class AsBuilt:
         ----------
         path : str or Path
             The file, or the folder of a kit that holds as-built.json.
+
+        Returns
+        -------
+        AsBuilt
 
         Raises
         ------
@@ -251,6 +275,10 @@ class AsBuilt:
             `manifest_digest` of its kit.
         parts : int
             Number of its parts.
+
+        Returns
+        -------
+        list of Problem
         """
         if self.manifest_sha256 != digest:
             was = "" if self.tape == name else f", of the tape {shown(self.tape)}"
@@ -266,6 +294,39 @@ class AsBuilt:
             message = f"designator R{self.number[-1]} exceeds R{parts}, the last part of {name}; leave it out"
             problems.append(Problem("as-built", message))
         return problems
+
+
+Given = AsBuilt | str | Path | None
+"""Measured places of a kit: themselves, their file, "none", or None for the file beside the manifest."""
+
+
+def as_built_of(manifest: Path, name: str, parts: int, given: Given = None) -> AsBuilt | None:
+    """Measured places of the kit of a manifest; None where there are none, or nobody asks for them.
+
+    Parameters
+    ----------
+    manifest : Path
+    name : str
+        The tape's name.
+    parts : int
+        Number of its parts.
+    given : AsBuilt, str, Path or None
+        As `Tape.load` takes it.
+
+    Raises
+    ------
+    SpecError
+        If the file cannot be read, or is that of another kit.
+    """
+    if given is None and not (manifest.parent / AS_BUILT_NAME).is_file():
+        return None
+    if isinstance(given, str) and given == NOMINAL:
+        return None
+    built = given if isinstance(given, AsBuilt) else AsBuilt.load(manifest.parent / AS_BUILT_NAME if given is None else given)
+    problems = built.problems_for(name, manifest_digest(manifest), parts)
+    if problems:
+        raise SpecError(problems)
+    return built
 
 
 def manifest_digest(manifest: str | Path) -> str:
@@ -413,6 +474,8 @@ def _read_source(table: Fields) -> tuple[Mapping[str, Any], ...]:
     for i, row in enumerate(table.rows("source", longest=MOST_SOURCES)):
         entry = Fields(row if isinstance(row, Mapping) else {}, f"source[{i}].", table.problems)
         entry.text("kind", choices=SOURCES)
+        if "drift_mm" in entry.values:
+            entry.number("drift_mm", low=0.0, high=FARTHEST_MM)
         try:
             size = len(json.dumps(row, allow_nan=False))
         except (ValueError, RecursionError):

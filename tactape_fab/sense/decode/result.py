@@ -15,6 +15,7 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 Status = Literal["none", "weak", "solid"]
 Strain = tuple[float | None, float | None, None]
 Refined = Literal["dots", "pixels"]
+Places = Literal["nominal", "as-built"]
 SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
@@ -108,6 +109,9 @@ class Localization:
         What the pose was fitted to: the dots' centres, or the pixels around them. None where it is not located.
     refine_reason : str or None
         Why the pose is that of the dots although the pixels were asked for.
+    places : {"nominal", "as-built"} or None
+        What the answer rests on: the places of parts by the design, or those measured on this tape. Of a tape that was measured
+        it is the one that the dots fit better. None without a tape.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
@@ -138,6 +142,7 @@ class Localization:
     strain_sigma: Strain | None = None
     refined: Refined | None = None
     refine_reason: str | None = None
+    places: Places | None = None
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 
