@@ -64,16 +64,14 @@ def surveyed(tape: Tape, frames: Sequence[Frame], robot: Sequence[RobotPose]) ->
 
 
 def said_of(tape: Tape, frames: Sequence[Frame]) -> str:
-    """Position (µm rms per axis), angle (degrees rms) and NEES/3 of a localizer."""
+    """Position (µm rms per axis), angle (degrees rms) and NEES/3 of a localizer, as cells of a table."""
     localizer = Localizer(tape)
     fixes = [(localizer.locate(frame.depth), frame) for frame in frames]
     errors = np.array([error_of(fix, frame) for fix, frame in fixes if fix.located])
     covariances = np.array([fix.covariance for fix, _ in fixes if fix.located])
     nees = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]).mean() / 3
     rms = np.sqrt((errors**2).mean(axis=0))
-    return (
-        f"{np.hypot(*rms[:2]) / np.sqrt(2) * 1000:.1f} um, {np.degrees(rms[2]):.3f} deg, NEES/3 {nees:.2f}, {len(errors)} located"
-    )
+    return f"{np.hypot(*rms[:2]) / np.sqrt(2) * 1000:.1f} | {np.degrees(rms[2]):.3f} | {nees:.2f}"
 
 
 def main() -> None:
