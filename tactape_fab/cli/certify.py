@@ -28,11 +28,18 @@ MOST_SHOWN = 6
 @click.argument("kits", nargs=-1, metavar="KITS...")
 @click.option("--code", metavar="CODE", help="Without kits: the tapes of this code's sectors, as make would make them.")
 @click.option("--size", "size_mm", metavar="WxH", help="Outline of the tapes of --code, mm.  [default: 100x50]")
+@click.option("--as-built", multiple=True, metavar="FILE|none", help="Which parts are missing.  [default: KIT/as-built.json]")
 @click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
 @click.option("--overwrite", is_flag=True, help="Replace a file of the picture's name.")
 @click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")
 def certify(
-    kits: Sequence[str], code: str | None, size_mm: str | None, picture: str | None, overwrite: bool, as_json: bool
+    kits: Sequence[str],
+    code: str | None,
+    size_mm: str | None,
+    as_built: Sequence[str],
+    picture: str | None,
+    overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Say what every 4x4, 5x5 and 6x6 window of these tapes can tell apart: kits, manifests, or folders of kits.
 
@@ -46,7 +53,7 @@ def certify(
             refuse_taken_place(Path(picture), "picture", overwrite=overwrite)
         given = {"code": code, "size_mm": None if size_mm is None else size(size_mm)}
         options = {key: value for key, value in given.items() if value is not None}
-        result = certified(*tapes_to_certify(kits, options), step_shown())
+        result = certified(*tapes_to_certify(kits, options, as_built), step_shown())
         echo_json(result.to_mapping()) if as_json else echo_lines(certified_lines(result))
         if picture is not None:
             from tactape_fab.report.certify_picture import draw_certified, write_picture
@@ -54,7 +61,9 @@ def certify(
             write_picture(Path(picture), draw_certified(result), overwrite=overwrite)
 
 
-def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[list[Tape], tuple[str, ...]]:
+def tapes_to_certify(
+    kits: Sequence[str], options: Mapping[str, Any], as_built: Sequence[str] = ()
+) -> tuple[list[Tape], tuple[str, ...]]:
     """Tapes of kits, or of a code's sectors as `make` plans them, and a label for each.
 
     Parameters
@@ -62,6 +71,8 @@ def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[l
     kits : sequence of path
     options : mapping
         ``code`` and ``size_mm``, if given.
+    as_built : sequence of path
+        As `texture.registry.read_tapes` takes it.
 
     Raises
     ------
@@ -70,10 +81,12 @@ def tapes_to_certify(kits: Sequence[str], options: Mapping[str, Any]) -> tuple[l
     """
     if kits and options:
         raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))
+    if as_built and not kits:
+        raise SpecError(Problem("as-built", "--as-built says where the parts of a kit are, and none is given; name the kit"))
     from tactape_fab.texture.registry import labels, read_registered
 
     if kits:
-        entries = read_registered(kits)
+        entries = read_registered(kits, as_built)
         return [e.tape for e in entries], labels(entries)
     if "code" not in options:
         said = "--size says nothing without --code" if options else "nothing to certify is given"
@@ -122,7 +135,8 @@ def _one(certificate: Certificate) -> list[str]:
     ]
     lines = [
         f"{tape.name}: {tape.part_count} parts on {tape.columns} x {tape.rows} grid points, sector {tape.sector} of {tape.code} "
-        f"at origin {tape.origin[0]},{tape.origin[1]}",
+        f"at origin {tape.origin[0]},{tape.origin[1]}"
+        + ("" if tape.as_built is None else f"; {tape.as_built.missing} are missing as built"),
         *table_lines(header, rows),
         _contact_line("two contacts never read the same", certificate.distinct_side),
         _contact_line("one wrong symbol never misleads", certificate.correcting_side),

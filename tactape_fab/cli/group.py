@@ -24,6 +24,7 @@ COMMANDS = (
     "profiles",
     "registry",
     "simulate",
+    "survey",
     "verify",
     "watch",
 )

@@ -60,6 +60,12 @@ def pair(text: str) -> Any:
 
 _LOCATING_OPTIONS = (
     click.option("--tape", "kits", multiple=True, metavar="KIT...", help="Kits that can be touched, or a folder of kits."),
+    click.option(
+        "--as-built",
+        multiple=True,
+        metavar="FILE|none",
+        help="Measured places of a kit's parts; none: those of the design.  [default: KIT/as-built.json]",
+    ),
     click.option("--code", metavar="CODE", help="Without --tape: the code alone; it asks for many more dots."),
     click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]"),
     click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]"),
@@ -89,7 +95,7 @@ def locating_options(command: F) -> F:
 
 def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a job (`sense.files.jobs.prepare`) from option texts; None for an option that is not given."""
-    names = ("code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale", "refine")
+    names = ("as_built", "code", "w", "delta", "method", "world", "max_p_false", "max_p_tape", "fixed_scale", "refine")
     return {n: _LOCATING_TEXTS[n](given[n]) if n in _LOCATING_TEXTS and given[n] is not None else given[n] for n in names}
 
 

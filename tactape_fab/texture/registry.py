@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
 from tactape_fab.texture.panel_manifest import kits_of
 from tactape_fab.texture.tape import Tape
@@ -31,13 +32,15 @@ TapeLike = Tape | str | PathLike[str]
 """A tape, or the path of a kit, a panel, a manifest, or a folder of these."""
 
 
-def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
+def read_tapes(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Tape]:
     """The tapes of kits.
 
     Parameters
     ----------
     paths : sequence of path
         Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
+    as_built : sequence of path
+        Files of measured places, each of one of the kits: in place of the as-built.json beside it. ``["none"]``: none at all.
 
     Returns
     -------
@@ -49,7 +52,7 @@ def read_tapes(paths: Sequence[str | Path]) -> list[Tape]:
     SpecError
         What is wrong with any of them, all together.
     """
-    return [entry.tape for entry in read_registered(paths)]
+    return [entry.tape for entry in read_registered(paths, as_built)]
 
 
 def as_tapes(tapes: object) -> list[Tape]:
@@ -76,13 +79,15 @@ def as_tapes(tapes: object) -> list[Tape]:
     return found
 
 
-def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
+def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Registered]:
     """The registry: kits, in the order given.
 
     Parameters
     ----------
     paths : sequence of path
         Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
+    as_built : sequence of path
+        As for `read_tapes`.
 
     Raises
     ------
@@ -91,6 +96,7 @@ def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
     """
     entries: list[Registered] = []
     problems: list[Problem] = []
+    given = tried(lambda: _Measured(as_built), problems) or _Measured(())
     for path in paths:
         try:
             places = _kits_at(Path(path))
@@ -101,16 +107,49 @@ def read_registered(paths: Sequence[str | Path]) -> list[Registered]:
             if len(entries) >= MOST_TAPES:
                 raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
             try:
-                manifest = read_manifest(find_manifest(place))
+                file = find_manifest(place)
+                manifest = read_manifest(file)
                 fab = manifest.get("fab")
                 name = fab.get("name", "") if isinstance(fab, dict) else ""
-                entries.append(Registered(path=place, tape=Tape.from_mapping(manifest), fab=str(name)[:200]))
+                tape = Tape.from_mapping(manifest).with_as_built(file, given.of(file))
+                entries.append(Registered(path=place, tape=tape, fab=str(name)[:200]))
             except SpecError as error:
                 named = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
                 problems.extend(Problem("tape", message) for message in named)
+    problems += given.unused(entries)
     if problems:
         raise SpecError(problems)
     return entries
+
+
+class _Measured:
+    """Files of measured places, by the digests of the manifests that they belong to."""
+
+    def __init__(self, files: Sequence[str | Path]) -> None:
+        self._nominal = NOMINAL in files
+        if self._nominal and len(files) > 1:
+            message = "--as-built none is given together with files; give either none or the files"
+            raise SpecError(Problem("as-built", message))
+        self._files = {} if self._nominal else {AsBuilt.load(file).manifest_sha256: file for file in files}
+        self._used: set[str] = set()
+
+    def of(self, manifest: Path) -> Given:
+        """What `Tape.with_as_built` is to take."""
+        if self._nominal or not self._files:
+            return NOMINAL if self._nominal else None
+        digest = manifest_digest(manifest)
+        self._used.add(digest)
+        return self._files.get(digest)
+
+    def unused(self, entries: Sequence[Registered]) -> list[Problem]:
+        """The files that belong to none of the kits."""
+        kits = ", ".join(entry.tape.name for entry in entries[:5])
+        of = f"of {kits} has" if kits else "is there"
+        return [
+            Problem("as-built", f"{shown_path(file)} is for the manifest {digest[:12]}..., and none {of}; give its kit as --tape")
+            for digest, file in self._files.items()
+            if digest not in self._used
+        ]
 
 
 def labels(entries: Sequence[Registered]) -> tuple[str, ...]:

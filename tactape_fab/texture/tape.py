@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
+from tactape_fab.texture.as_built import AsBuilt, BuiltParts, Given, as_built_of
 from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, get_code, read_directions
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
 from tactape_fab.texture.frames import (
@@ -123,6 +124,8 @@ class Tape:
         The user's part that carries the texture, if any: board positions then have no meaning.
     directions : int
         Number of displacement directions: 4, or 8 for a touch code.
+    as_built : AsBuilt or None
+        Where the parts of one made tape stand, as measured. All else here is the design; `built_parts` and `present` are not.
     """
 
     name: str
@@ -140,6 +143,7 @@ class Tape:
     tag: Tag | None
     surface: Surface | None = None
     directions: int = USUAL_DIRECTIONS
+    as_built: AsBuilt | None = None
 
     def __post_init__(self) -> None:
         self.symbols.setflags(write=False)
@@ -151,6 +155,14 @@ class Tape:
         placed = np.ones((self.rows, self.columns), dtype=bool)
         placed[self.omitted[:, 1], self.omitted[:, 0]] = False
         return placed
+
+    @property
+    def present(self) -> BoolArray:
+        """`placed` less the parts that are missing as built; shape (rows, columns)."""
+        present = self.placed
+        if self.as_built is not None and self.as_built.missing:
+            present[present] = self.built_parts().present
+        return present
 
     @property
     def part_count(self) -> int:
@@ -183,6 +195,15 @@ class Tape:
         symbols = self.symbols[cells[:, 1], cells[:, 0]]
         texture_mm = cells * self.pitch_mm + self.displacement_mm * DIRECTIONS_XY[symbols]
         return snap_mm(texture_to_board(texture_mm, self.board.texture_origin_mm))
+
+    def built_parts(self) -> BuiltParts:
+        """Shift from `part_xy_mm`, turn, presence and sigma of every part, designator order; of the design if nobody measured."""
+        n = self.part_count
+        if self.as_built is None:
+            return BuiltParts(
+                shift_mm=np.zeros((n, 2)), rotation_deg=np.zeros(n), present=np.ones(n, dtype=bool), sigma_mm=np.zeros(n)
+            )
+        return self.as_built.parts(self.part_xy_mm())
 
     def designators(self) -> list[str]:
         """R1 ... Rn, row-major from grid point (0, 0), placed parts only."""
@@ -230,13 +251,16 @@ class Tape:
         return _read_tape(Fields(manifest))
 
     @classmethod
-    def load(cls, path: str | Path) -> Tape:
+    def load(cls, path: str | Path, *, as_built: Given = None) -> Tape:
         """Load a tape from a kit folder or its manifest.json.
 
         Parameters
         ----------
         path : str or Path
             Folder of a kit, or its manifest.json.
+        as_built : AsBuilt, str, Path or None
+            Measured places of its parts, or their file; None for as-built.json beside the manifest, if it is there; "none" for
+            the places of the design.
 
         Returns
         -------
@@ -245,9 +269,33 @@ class Tape:
         Raises
         ------
         SpecError
-            If there is no kit at `path`, or its manifest cannot be read or contradicts itself.
+            If there is no kit at `path`, its manifest cannot be read or contradicts itself, or the measured places are those
+            of another kit.
         """
-        return cls.from_mapping(read_manifest(find_manifest(path)))
+        file = find_manifest(path)
+        return cls.from_mapping(read_manifest(file)).with_as_built(file, as_built)
+
+    def with_as_built(self, manifest: Path, as_built: Given = None) -> Tape:
+        """The tape with the measured places of its parts.
+
+        Parameters
+        ----------
+        manifest : Path
+            File of its manifest.
+        as_built : AsBuilt, str, Path or None
+            As for `load`.
+
+        Returns
+        -------
+        Tape
+
+        Raises
+        ------
+        SpecError
+            As `load`.
+        """
+        built = as_built_of(manifest, self.name, self.part_count, as_built)
+        return self if built is None else replace(self, as_built=built)
 
 
 def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from tactape_fab.base.errors import Check
+from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 
@@ -98,6 +99,7 @@ def read_files(
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
+    listed.add(AS_BUILT_NAME)  # the user's own; `check_as_built` reports it
     present = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()]
     unlisted = sorted(path for path in present if path not in listed and not path.startswith(tuple(kits)))
     if unlisted:
@@ -165,6 +167,22 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
         problem = f"its data cannot be read: {type(error).__name__}"
     message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
     return Check(name=REPORT, passed=problem is None, message=message)
+
+
+def check_as_built(manifest: Path, tape: Tape) -> list[Check]:
+    """Check the measured places beside a manifest, if they are there: no line otherwise."""
+    try:
+        built = as_built_of(manifest, tape.name, tape.part_count)
+    except SpecError as error:
+        return [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {error}; or delete the file")]
+    if built is None:
+        return []
+    sources = ", ".join(dict.fromkeys(str(entry["kind"]) for entry in built.source)) or "a source that it does not name"
+    message = (
+        f"{len(built.number)} of {tape.part_count} parts measured by {sources}: {built.missing} missing, the others "
+        f"{built.scatter_mm * 1000:.1f} um off the design (rms per axis)"
+    )
+    return [Check(name="as-built", passed=True, message=message, figure=built.scatter_mm, unit="mm")]
 
 
 def check_signature(role: str, data: bytes) -> str | None:

@@ -19,6 +19,7 @@ from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import (
     CERTIFICATE,
     WrittenFile,
+    check_as_built,
     check_listed,
     check_picture,
     kind_of,
@@ -73,7 +74,7 @@ def verify_folder(
     backings = () if film is None else tuple(film.film.backings)
     expected = roles_of(tape, kind, models=form is not None, backings=backings)
     files, missing, role_checks = check_listed(manifest, listed, expected, allowed=("step-solid",) if kind == "embossed" else ())
-    checks += [*file_checks, *role_checks]
+    checks += [*file_checks, *check_as_built(manifest_file, tape), *role_checks]
     if missing:
         checks.append(Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}"))
         return Verification(name=tape.name, checks=tuple(checks))

@@ -17,6 +17,7 @@ from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, read_panel_re
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.kit.read.readback import read_cpl
+from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import read_any_manifest
@@ -88,7 +89,7 @@ def verify_panel_folder(
     try:
         manifest = read_any_manifest(manifest_file)
         record = _read_record(manifest)
-        tapes = [OnPanel(tape=Tape.load(folder / PurePosixPath(p.manifest)), place=p) for p in record.placed]
+        tapes = [OnPanel(tape=Tape.load(folder / PurePosixPath(p.manifest), as_built=NOMINAL), place=p) for p in record.placed]
         if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
             raise SpecError("a kit on it is no film with parts")
     except SpecError as error:

@@ -91,7 +91,13 @@ def judge(
     if len(on.cells) < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
         return Localization(located=False, reason=seen, **said), other
-    pose = fit_pose(on.offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs)
+    placed_mm = None
+    built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
+    if built is not None:
+        column, row = on.cells.T
+        np.add(on.nominal_mm, built.shift_mm[row, column], out=on.nominal_mm)
+        placed_mm = built.sigma_mm[row, column]
+    pose = fit_pose(on.offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(np.count_nonzero(pose.agree))
@@ -114,10 +120,14 @@ def judge(
         args = (dots, reading.q, place.turn, on.cells, on.inside, on.offset_px, on.nominal_mm, pose, view)
         said["dots"] = LazyDots(partial(located_dots, *args))
     said |= {**strain_of(pose, view), "refined": "dots"}
+    if isinstance(place, Place):
+        said["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
-        pose, said["refine_reason"] = refine(pixels, view, part, on.offset_px, on.nominal_mm, pose)
+        pose, said["refine_reason"] = refine(pixels, view, part, on.offset_px, on.nominal_mm, pose, placed_mm)
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
+    if built is not None:
+        pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
     return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False
 
 
@@ -196,6 +206,8 @@ def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limit
         # a smaller precision takes longer: p_place only has to be known to a tenth of what is allowed
         chance = p_tape > _BY_CHANCE * limits.max_p_false
         found = rivals(world.families, place, world.unregistered_share, limits.precision, log(limits.kappa), beyond=chance)
+    if place.credit > 0.0:
+        found = replace(found, weight=found.weight * exp(-place.credit), lead=found.lead + place.credit)
     # it is named if it would be accepted itself, and the answer does not lead over it
     sure = found.score > clear and found.lead < log(limits.kappa)
     if refused and not sure:

@@ -358,6 +358,7 @@ class Localizer:
 
             size = (self.sensor.width_px, (self.sensor.height_px - 1) * self._aspect + 1)
             found, _ = locate_paper_dots(square, self.tapes, size, px_per_mm=self._view.px_per_mm)
+            found = replace(found, places="nominal") if found.located else found
         else:
             found = self._locate(Dots(xy_px=square, weights=w, trust=trusted(w), seen_px=xy), prior)
         return _stamped(found, start, timestamp)
@@ -388,7 +389,7 @@ class Localizer:
         if self._aspect != 1.0:
             image = np.asarray(cv2.resize(image, None, fx=1.0, fy=self._aspect, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
         found, _ = locate_paper(image, self.tapes, px_per_mm=self._view.px_per_mm)
-        return found
+        return replace(found, places="nominal") if found.located else found
 
     def _detected(self, image: npt.NDArray[np.float32]) -> Dots:
         """Dots of a canonical depth map within the mask, in square pixels."""

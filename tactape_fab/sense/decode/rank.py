@@ -13,6 +13,7 @@ from tactape_fab.sense.decode.grid.fit import Fit, fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
 from tactape_fab.sense.decode.grid.posterior import Beliefs
 from tactape_fab.sense.decode.rule import EVEN_TURNS, GRID_SHARES, LEAST_GRID_POWER
+from tactape_fab.sense.decode.search.built_places import as_built
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.search import Place, Prior, search
@@ -124,6 +125,9 @@ def read(
         place = _place(dots, fits[rank], q, view, world, view.centre_px - middle, prior, precision)
         if place is None or not isfinite(place.score):
             continue
+        if isinstance(world, Registry) and isinstance(place, Place) and world.built:
+            design, free = (view.pitch_mm, view.shift), view.scale_tolerance > 0.0
+            place, q = as_built(place, q, fits[rank], xy, dots, design, free, world.tapes, world.built, world.families)
         # each grid has its own weight, so that the best of several is still within the bound
         reading = Reading(place=place, grid_weight=log(GRID_SHARES[rank]), q=q)
         if best is None or reading.ln_bound > best.ln_bound:

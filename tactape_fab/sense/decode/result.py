@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Status = Literal["none", "weak", "solid"]
 Strain = tuple[float | None, float | None, None]
 Refined = Literal["dots", "pixels"]
+Places = Literal["nominal", "as-built"]
 SOLID_DOTS = 16
 """Least number of dots of a solid contact (paper, section III-B.2)."""
 _PLANAR = np.array([0, 1, 5])
@@ -125,6 +126,9 @@ class Localization:
     contact : ContactSurface or None
         Depths at the parts' tops, from which the properties below are computed when they are asked for; None where it is not
         located, by `locate_dots`, with method "paper", and where the sensor's profile has no `depth.unit_mm`.
+    places : {"nominal", "as-built"} or None
+        What the answer rests on: the places of parts by the design, or those measured on this tape. Of a tape that was measured
+        it is the one that the dots fit better. None without a tape.
     elapsed_ms : float
         Computing time, ms.
     timestamp : float or None
@@ -156,6 +160,7 @@ class Localization:
     refined: Refined | None = None
     refine_reason: str | None = None
     contact: ContactSurface | None = field(default=None, repr=False)
+    places: Places | None = None
     elapsed_ms: float = 0.0
     timestamp: float | None = None
 

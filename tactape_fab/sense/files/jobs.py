@@ -102,8 +102,8 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
     raw : Raw, optional
         Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
     **options
-        code, w, delta: the code and its grid (mm) instead of kits; method, world, max_p_false, max_p_tape, fixed_scale,
-        refine: as `Localizer` takes them. None is what is not given.
+        as_built: files of measured places, as `read_tapes` takes them; code, w, delta: the code and its grid (mm) instead of
+        kits; method, world, max_p_false, max_p_tape, fixed_scale, refine: as `Localizer` takes them. None is what is not given.
 
     Raises
     ------
@@ -137,10 +137,11 @@ def prepare_without_frames(
         As for `prepare`.
     """
     given = {name: value for name, value in options.items() if value is not None and value is not False}
+    as_built = given.pop("as_built", ())
     bare: dict[str, Any] = {name: given.pop(name) for name in ("code", "w", "delta") if name in given}
     code = _read_code(bare, bool(kits), problems)
     problems += _setting_problems(given, "code" in bare)
-    tapes = tried(lambda: read_tapes(kits), problems)
+    tapes = tried(lambda: read_tapes(kits, as_built), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
     if profile is None:
         return None

@@ -8,6 +8,7 @@ import secrets
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -21,9 +22,10 @@ from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, iterate_frames
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
-from tactape_fab.sense.simulation.parts import Parts, parts_from_cpl
+from tactape_fab.sense.simulation.parts import Parts, built_parts_of, parts_from_cpl
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.sense.simulation.view import FARTHEST_MM
+from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.manifest import find_manifest, read_manifest, safe_path
 from tactape_fab.texture.tape import Tape
 
@@ -31,6 +33,9 @@ SCENE_MEMBER = "scene"
 """Member with the simulated scene as JSON; marks a file of frames that may be overwritten."""
 
 Progress = Callable[[str, int, int], None]
+
+PLACES = ("design", "cpl", "as-built")
+"""Where the places of parts may come from."""
 
 _SCENE_KEYS = {
     "contact": "contact_mm",
@@ -81,6 +86,8 @@ def simulate_file(
     pose: object = None,
     edge: bool = False,
     from_cpl: bool = False,
+    places: str = "design",
+    as_built: str | None = None,
     progress: Progress = lambda *_: None,
     **scene: Any,
 ) -> Simulated:
@@ -99,7 +106,11 @@ def simulate_file(
     edge : bool
         Spread them along the texture's edge.
     from_cpl : bool
-        Take the places of parts from the kit's pick-and-place file.
+        Take the places of parts from the kit's pick-and-place file; the same as ``places="cpl"``.
+    places : {"design", "cpl", "as-built"}
+        Where the places of parts come from: the design, the kit's pick-and-place file, or what was measured of the tape.
+    as_built : str, optional
+        File of measured places instead of the kit's as-built.json.
     progress : callable
         Called with a text, the number of frames done and their total.
     **scene
@@ -124,15 +135,25 @@ def simulate_file(
     problems = table.problems
     how = tried(lambda: _scene(scene), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
-    tape = tried(lambda: Tape.load(kit), problems)
-    parts = tried(lambda: _written_parts(kit), problems) if from_cpl and tape is not None else None
+    if from_cpl and places not in ("design", "cpl"):
+        problems.append(Problem("from", f"--from {places} and --from-cpl both name the parts' places; give one of them"))
+    elif as_built is not None and places != "as-built":
+        problems.append(
+            Problem("as-built", "as-built is a file of measured places, and nothing asks for them; add --from as-built")
+        )
+    source = "cpl" if from_cpl else Fields({"from": places}, problems=problems).text("from", choices=PLACES, default="design")
+    measured = NOMINAL if source != "as-built" else as_built
+    tape = tried(lambda: Tape.load(kit, as_built=measured), problems)
+    parts = None if tape is None else tried(partial(_parts_from, source, tape, kit), problems)
     path = tried(lambda: refuse_taken_file(output), problems)
     if problems:
         raise SpecError(problems)
     assert how is not None and profile is not None and tape is not None and path is not None
     poses = None if at is None else np.tile(at, (frames_count, 1))
     frames = iterate_frames(tape, frames_count, whole_seed, profile, how, poses=poses, edge=edge, parts=parts)
-    record = _record(tape, profile, how, {"seed": whole_seed, "edge": edge, "from_cpl": from_cpl})
+    record = _record(tape, profile, how, {"seed": whole_seed, "edge": edge, "from_cpl": source == "cpl"})
+    if tape.as_built is not None:
+        record["as_built"] = tape.as_built.manifest_sha256
     write_frames(path, _shown(frames, frames_count, progress), frames_count, profile, record)
     return Simulated(path=path, count=frames_count, frame_shape=profile.frame_shape, tape=tape.name, sensor=profile.name)
 
@@ -171,6 +192,13 @@ def _elastic_scene(options: Mapping[str, Any]) -> Scene:
     if scene is None or problems:
         raise SpecError(problems)
     return scene
+
+
+def _parts_from(source: str, tape: Tape, kit: str | Path) -> Parts | None:
+    """The parts of a source; None for those of the design."""
+    if source == "cpl":
+        return _written_parts(kit)
+    return built_parts_of(tape) if source == "as-built" else None
 
 
 def _written_parts(kit: str | Path) -> Parts:

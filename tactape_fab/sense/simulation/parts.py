@@ -59,6 +59,22 @@ def parts_of(tape: Tape) -> Parts:
     return Parts(xy_mm=xy_mm, rotation_deg=np.full(len(xy_mm), tape.part.rotation_deg))
 
 
+def built_parts_of(tape: Tape) -> Parts:
+    """The parts of a tape that are there, where they were measured; designator order.
+
+    Raises
+    ------
+    SpecError
+        If nothing was measured.
+    """
+    if tape.as_built is None:
+        message = f"nobody measured {tape.name}: its kit has no as-built.json; name the file with --as-built, or leave out --from"
+        raise SpecError(Problem("from", message))
+    built, nominal = tape.built_parts(), parts_of(tape)
+    parts = Parts(xy_mm=nominal.xy_mm + built.shift_mm, rotation_deg=nominal.rotation_deg + built.rotation_deg)
+    return parts.taken(built.present)
+
+
 def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
     """The parts to draw: the tape's own for None, else `Parts` or an array of (x, y) or (x, y, rotation) rows.
 

@@ -165,7 +165,7 @@ def certify(tape: Tape) -> Certificate:
         sizes=sizes,
         distinct_side=_smallest(tape, sizes, 1),
         correcting_side=_smallest(tape, sizes, CORRECTING),
-        patches=patch_distances(tape.symbols, tape.placed, tape.directions) if get_code(tape.code).plane is None else (),
+        patches=patch_distances(tape.symbols, tape.present, tape.directions) if get_code(tape.code).plane is None else (),
     )
 
 
@@ -181,7 +181,7 @@ def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
 
 def closest(tape: Tape, side: int, at_least: int = 0) -> Closest:
     """The nearest windows of one size, whatever their distance; see `closest_windows`."""
-    return closest_windows(windows_of(tape.symbols, tape.placed, side, directions=tape.directions), at_least)
+    return closest_windows(windows_of(tape.symbols, tape.present, side, directions=tape.directions), at_least)
 
 
 def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
@@ -225,7 +225,7 @@ def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntAr
 
     A distance beyond `most` is given as ``most + 1``.
     """
-    windows = windows_of(tape.symbols, tape.placed, side, directions=tape.directions)
+    windows = windows_of(tape.symbols, tape.present, side, directions=tape.directions)
     distance = np.full(windows.count, most + 1, dtype=np.int64)
     for pairs in near_pairs(windows.words, plan_search(side, windows.count, most), bits=windows.bits):
         for end in (pairs.first, pairs.second):

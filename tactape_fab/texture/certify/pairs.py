@@ -86,7 +86,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     """
     count = len(tapes)
     directions = max((t.directions for t in tapes), default=4)
-    windows = [windows_of(t.symbols, t.placed, side, directions=directions) for t in tapes]
+    windows = [windows_of(t.symbols, t.present, side, directions=directions) for t in tapes]
     words, tape_of, corner_rc = joined(windows)
     matrix = np.full((count, count), NO_WINDOWS, dtype=np.uint8)
     have = np.unique(tape_of)

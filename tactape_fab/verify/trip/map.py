@@ -11,6 +11,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.output_file import refuse_taken_place, write_file
+from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
 from tactape_fab.texture.manifest import find_manifest
 from tactape_fab.texture.tape import Tape
@@ -83,7 +84,7 @@ def map_kit(
     TactapeError
         When the map cannot be written.
     """
-    tape = Tape.load(kit)
+    tape = Tape.load(kit, as_built=NOMINAL)
     if tape.surface is None:
         import cv2
 

@@ -24,7 +24,7 @@ KEYS = {
     "index", "px_per_mm", "covariance", "n_dots", "n_agree", "p_tape", "p_place", "p_false", "elapsed_ms", "timestamp",
     "strain", "strain_sigma", "tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n",
 }  # fmt: skip
-SPEC_OF_ANSWER = KEYS | {"plane_mm", "refined", "refine_reason"}
+SPEC_OF_ANSWER = KEYS | {"plane_mm", "refined", "refine_reason", "places"}
 
 
 def run(args: str) -> Result:

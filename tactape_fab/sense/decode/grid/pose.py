@@ -64,6 +64,7 @@ def fit_pose(
     *,
     least_sigma_mm: float = LEAST_SIGMA_MM,
     smoothed: bool = True,
+    placed_mm: FloatArray | None = None,
 ) -> Pose:
     """Fit a pose (SPEC section 1; paper, Eq. 12, for all dots instead of one).
 
@@ -86,6 +87,8 @@ def fit_pose(
         Least error of a dot along an axis that the robust fit believes.
     smoothed : bool
         As for `posterior`.
+    placed_mm : ndarray, shape (n,), or None
+        Standard deviation of each part's measured place; None where it is not known, and part of a dot's error.
     """
     n = len(weights)
     fit, keep, agree, room = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
@@ -96,7 +99,10 @@ def fit_pose(
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
     seen_mm, kept = px.take(used, 0) / px_per_mm, keep.take(used)
-    at, covariance, sigma, seen_by = posterior(seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed)
+    placed_mm2 = None if placed_mm is None else placed_mm.take(used) ** 2
+    at, covariance, sigma, seen_by = posterior(
+        seen_mm, mm.take(used, 0), kept, px_per_mm, fit, beliefs, smoothed=smoothed, placed_mm2=placed_mm2
+    )
     theta, ln_scale = at[2:].tolist()
     return Pose(
         position_mm=at[:2],

@@ -92,6 +92,7 @@ def posterior(
     beliefs: Beliefs,
     *,
     smoothed: bool = True,
+    placed_mm2: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Mean and covariance of a pose.
 
@@ -113,6 +114,8 @@ def posterior(
     smoothed : bool
         Whether places are tops of a smoothed image, which neighbours and the rim draw; otherwise a dot's own error has the
         variance sigma^2 / weight, and nothing is added but the gel's displacement.
+    placed_mm2 : ndarray, shape (n,), or None
+        Known variance of each part's place, to be added.
 
     Returns
     -------
@@ -156,8 +159,11 @@ def posterior(
         state,
         rates,
     )
-    if beliefs.gel_mm > 0.0:
-        variance = _settled_correlated(_displacement(seen_mm, beliefs), *args, normal, spread)
+    if beliefs.gel_mm > 0.0 or placed_mm2 is not None:
+        smooth = np.zeros((len(seen_mm), len(seen_mm))) if placed_mm2 is None else np.diag(placed_mm2)
+        if beliefs.gel_mm > 0.0:
+            smooth += _displacement(seen_mm, beliefs)
+        variance = _settled_correlated(smooth, *args, normal, spread)
     else:
         variance = _settled(*args, normal, spread, shares)
     x, y, theta, scale, *_ = state.tolist()

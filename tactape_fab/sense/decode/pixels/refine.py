@@ -57,7 +57,13 @@ class Pixels:
 
 
 def refine(
-    pixels: Pixels, view: View, part: TapePart | None, offset_px: FloatArray, texture_mm: FloatArray, pose: Pose
+    pixels: Pixels,
+    view: View,
+    part: TapePart | None,
+    offset_px: FloatArray,
+    texture_mm: FloatArray,
+    pose: Pose,
+    placed_mm: FloatArray | None = None,
 ) -> tuple[Pose, str | None]:
     """The pose from the pixels around the dots.
 
@@ -73,6 +79,8 @@ def refine(
         Their nominal places.
     pose : Pose
         Fitted to the dots.
+    placed_mm : ndarray, shape (n,), or None
+        Standard deviations of measured places; `texture_mm` are those then.
 
     Returns
     -------
@@ -126,6 +134,7 @@ def refine(
         view.beliefs,
         least_sigma_mm=LEAST_SIGMA_MM,
         smoothed=False,
+        placed_mm=None if placed_mm is None else placed_mm[chosen],
     )
     why = _doubt(pose, refined)
     return (pose, why) if why is not None else (replace(refined, agree=pose.agree), None)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.sense.decode.search.built_places import Built, built_of
 from tactape_fab.sense.decode.search.families import Family, families
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
@@ -24,11 +26,14 @@ class Registry:
         The same by code, and beside them those that nobody registered.
     unregistered_share : float
         Prior weight of all unregistered tapes together; 0 in a closed world.
+    built : tuple of Built or None
+        What was measured of each tape; empty where nothing was of any.
     """
 
     tapes: tuple[Tape, ...]
     families: tuple[Family, ...]
     unregistered_share: float
+    built: tuple[Built | None, ...] = ()
 
 
 def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
@@ -38,6 +43,7 @@ def register(tapes: Sequence[Tape], *, unregistered_share: float) -> Registry:
         tapes=tuple(kept),
         families=tuple(families(kept, open_world=unregistered_share > 0.0)),
         unregistered_share=unregistered_share,
+        built=tuple(map(built_of, kept)) if any(tape.as_built is not None for tape in kept) else (),
     )
 
 
@@ -52,6 +58,12 @@ def distinct(tapes: Sequence[Tape]) -> list[Tape]:
 
 def _union(first: Tape, other: Tape) -> Tape:
     """The first tape with the grid points of both."""
+    if first.as_built is not other.as_built:
+        message = (
+            f"{first.name} and {other.name} have one texture, so a touch cannot tell which of them was measured; "
+            "give only the one that is touched, or --as-built none"
+        )
+        raise SpecError(Problem("as-built", message))
     columns, rows = max(first.columns, other.columns), max(first.rows, other.rows)
     placed = np.zeros((rows, columns), dtype=bool)
     for tape in (first, other):

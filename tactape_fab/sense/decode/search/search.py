@@ -124,6 +124,12 @@ class Place:
     tables, groups : tuple
         Of each family, for `rivals`.
     turn_weights : ndarray, shape (4,)
+    weights : ndarray, shape (4, 2)
+        From `place_weights`, for the places of registered tapes.
+    as_built : bool
+        Whether the dots were compared with measured places of the tape's parts.
+    credit : float
+        ln of what these speak for it against places that were not, beyond the symbols.
     """
 
     score: float
@@ -138,6 +144,9 @@ class Place:
     tables: tuple[Tables, ...]
     groups: tuple[Groups, ...]
     turn_weights: FloatArray
+    weights: FloatArray
+    as_built: bool = False
+    credit: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,6 +253,7 @@ def search(
         tables=tables,
         groups=groups,
         turn_weights=turn_weights,
+        weights=base,
     )
 
 

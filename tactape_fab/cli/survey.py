@@ -1,0 +1,51 @@
+"""survey: where the parts of a tape stand, from frames of its use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import SENSOR_HELP
+from tactape_fab.cli.printing import counted, echo_json, echo_lines, step_shown
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.survey.survey import Survey
+
+
+@click.command()
+@click.argument("frames", nargs=-1, metavar="FRAMES...")
+@click.option("--tape", "kit", metavar="KIT", required=True, help="The kit of the tape that was touched.")
+@click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
+@click.option("--poses", metavar="POSES.csv", help="Poses of the sensor by a robot: frame,x_mm,y_mm,theta_deg.")
+@click.option("--from", "inspected", metavar="AS-BUILT.json", help="Measured places to start from: an inspection, or a survey.")
+@click.option("-o", "--output", metavar="AS-BUILT.json", required=True, help="File of the measured places, or the kit's folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def survey(
+    frames: Sequence[str], kit: str, sensor: str, poses: str | None, inspected: str | None, output: str, as_json: bool
+) -> None:
+    """Measure where the parts of a tape stand, from many frames of its use.
+
+    \b
+    Example: tactape-fab survey frames.npz --tape tactape-s007 -o tactape-s007/as-built.json
+    """
+    with answers():
+        from tactape_fab.sense.survey.survey import survey_files
+
+        found = survey_files(frames, kit, sensor=sensor, poses=poses, inspected=inspected, output=output, progress=step_shown())
+        path = found.as_built.write(output)
+        echo_json(found.to_mapping()) if as_json else echo_lines([*survey_lines(found), f"written: {path}"])
+
+
+def survey_lines(found: Survey) -> list[str]:
+    """What a survey found, in words."""
+    said = found.to_mapping()
+    return [
+        f"{said['tape']}: {said['contacts']} of {counted(said['frames'], 'frame')} located and used",
+        f"parts: {said['touched']} of {said['parts']} touched, {said['missing']} missing, the others "
+        f"{said['scatter_mm'] * 1000:.1f} um off the design (rms per axis)",
+        f"places: known to {said['sigma_mm'] * 1000:.1f} um (median); neighbours share {said['drift_mm'] * 1000:.1f} um of it",
+        f"dots: {said['dot_mm'] * 1000:.1f} um (rms per axis), {said['far_off']:.1%} far off and left out",
+    ]

@@ -1,0 +1,369 @@
+"""Bundle adjustment of a tape: places of parts, poses of contacts, the sensor's camera, by robust sparse least squares.
+
+A dot i of a contact c shows its part j at
+
+    S_c + R(theta_c) (q_i - push u_i + pull v_i) = nominal_j + d_j + error,
+
+with q_i the dot's place on the gel by the camera, whose scale, aspect, shear and radial distortion are common to all contacts
+(SPEC section 1; `sense.geometry`), and u_i, v_i what neighbours and the rim do (`decode.grid.posterior`). The d_j have normal
+priors: of the scatter of all parts, which is estimated, or of an inspection. These hold the gauge: a shift, turn, scale or smooth
+drift of all parts together cannot be told from one of all poses. The poses of a robot hold it better.
+
+Each part is a block of its own given poses and camera, so parts are eliminated (Schur complement; Triggs et al., Bundle
+adjustment, 2000, section 6), what is left is solved by Cholesky, and the variances of the d_j are exact for the linear problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import coo_matrix, csr_matrix
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM, beliefs_of
+from tactape_fab.sense.geometry import camera as camera_of
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.survey.contacts import Contact
+from tactape_fab.sense.survey.poses import RobotPose
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+COMMON = ("px_per_mm", "aspect", "shear", "k1", "push", "pull")
+"""Common to all contacts: ln of the scale, changes of the profile's camera, push (mm at 1 mm), pull (of missing height)."""
+ROUNDS, SETTLED_MM = 12, 2e-5
+TRUSTING = 2
+"""Rounds in which every dot counts in full: a part is far from its design before it is placed."""
+HUBER, FARTHEST = 2.0, 6.0
+"""Standard deviations from which on an error weighs less (Huber), and from which on it does not count."""
+LEAST_SIGMA_MM, USUAL_SIGMA_MM, MOST_SIGMA_MM = 0.0005, 0.006, 0.2
+"""Error of a whole dot: the least, the one to start from, and the most."""
+LEAST_SCATTER_MM, USUAL_SCATTER_MM, MOST_SCATTER_MM = 0.002, 0.05, 0.3
+"""Scatter of the parts: the least, the one to start from, and the most."""
+
+PATCH_MM, PATCHES = 4.0, 50
+"""Neighbours are the parts within this distance, about those of a contact; and so many such patches are looked at."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prior:
+    """What is known of the parts before: shift (n, 2) from the design, texture frame, mm; sigma (n,), None if it is estimated."""
+
+    shift_mm: FloatArray
+    sigma_mm: FloatArray | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Adjusted:
+    """A solved bundle.
+
+    Attributes
+    ----------
+    part : ndarray of int, shape (k,)
+        Parts that were touched, ascending.
+    shift_mm : ndarray, shape (k, 2)
+        From the design's places, texture frame.
+    sigma_mm : ndarray, shape (k,)
+        Standard deviation along each axis, that of a common drift included.
+    touched : ndarray of int, shape (k,)
+        Contacts that show each.
+    drift_mm : float
+        Standard deviation along each axis of the mean of neighbouring parts: what they are wrong by together.
+    common, common_sigma : ndarray, shape (6,)
+        `COMMON`, and standard deviations.
+    dot_mm : float
+        Error of a whole dot along an axis.
+    scatter_mm : float or None
+        Scatter of the parts about the design; None where an inspection said where they are.
+    left : float
+        Share of dots that do not count, being far off.
+    poses : ndarray, shape (contacts, 3)
+        x mm, y mm, theta rad.
+    """
+
+    part: IntArray
+    shift_mm: FloatArray
+    sigma_mm: FloatArray
+    touched: IntArray
+    drift_mm: float
+    common: FloatArray
+    common_sigma: FloatArray
+    dot_mm: float
+    scatter_mm: float | None
+    left: float
+    poses: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rows:
+    """All dots of all contacts: contact (m,), part (m,) among those touched, and the arrays of `Contact`."""
+
+    contact: IntArray
+    part: IntArray
+    seen_px: FloatArray
+    own: FloatArray
+    rim_mm2: FloatArray
+    pushed: FloatArray
+    pulled: FloatArray
+
+
+def adjust(
+    contacts: Sequence[Contact],
+    nominal_mm: FloatArray,
+    sensor: SensorProfile,
+    prior: Prior,
+    robot: Sequence[RobotPose] = (),
+) -> Adjusted:
+    """Solve for the places of the parts that some contacts show.
+
+    Parameters
+    ----------
+    contacts : sequence of Contact
+        One or more.
+    nominal_mm : ndarray, shape (n, 2)
+        The design's places of all parts, texture frame.
+    sensor : SensorProfile
+    prior : Prior
+        Of all parts.
+    robot : sequence of RobotPose
+        Of some of the frames.
+
+    Raises
+    ------
+    SpecError
+        Where the poses of a robot contradict the contacts so far that nothing can be solved.
+    """
+    touched, part = np.unique(np.concatenate([c.part for c in contacts]), return_inverse=True)
+    rows = _Rows(
+        contact=np.repeat(np.arange(len(contacts)), [len(c.part) for c in contacts]),
+        part=part,
+        **{
+            name: np.concatenate([getattr(c, name) for c in contacts])
+            for name in ("seen_px", "own", "rim_mm2", "pushed", "pulled")
+        },
+    )
+    poses = np.array([c.start for c in contacts])
+    before = prior.shift_mm[touched]
+    scatter = USUAL_SCATTER_MM if prior.sigma_mm is None else None
+    sigma_before = np.full(len(touched), USUAL_SCATTER_MM) if prior.sigma_mm is None else prior.sigma_mm[touched]
+    shift, sigma = before.copy(), USUAL_SIGMA_MM
+    mean, sigmas = _common_prior(sensor)
+    common = mean.copy()
+    arm = _Arm(robot, contacts, poses)
+    count = np.bincount(part, minlength=len(touched))
+    normal = None
+    for turn in range(ROUNDS):
+        gel, rates = _on_gel(rows, sensor, common)
+        left, turn_rates, common_rates = _residuals(rows, gel, rates, poses, nominal_mm[touched] + shift)
+        variance = sigma**2 * rows.own + rows.rim_mm2
+        apart = np.sqrt((left**2).sum(axis=1) / variance / 2.0)
+        robust = np.where(apart > FARTHEST, 0.0, np.minimum(1.0, HUBER / np.maximum(apart, 1e-9)))
+        weight = (robust if turn >= TRUSTING else np.ones_like(apart)) / variance
+        own = np.bincount(rows.part, weight, len(touched)) + 1.0 / sigma_before**2
+        normal = _Normal(rows, weight, own, left, turn_rates, common_rates, len(contacts), len(touched))
+        step, moved = normal.solved(
+            (mean - common) / sigmas**2, sigmas, (before - shift) / sigma_before[:, None] ** 2, arm, poses
+        )
+        common = common + step[: len(COMMON)]
+        poses = poses + step[len(COMMON) : len(COMMON) + poses.size].reshape(-1, 3)
+        arm = arm.moved(step[len(COMMON) + poses.size :])
+        shift = shift + moved
+        # what is left over its degrees of freedom: two a dot, less three a contact and what the parts take
+        freedom = 2.0 * (weight > 0.0).sum() - poses.size - 2.0 * (1.0 - 1.0 / sigma_before**2 / own).sum()
+        ratio = float((weight[:, None] * left**2).sum()) / max(freedom, 0.25 * len(left))
+        sigma = float(np.clip(sigma * np.sqrt(np.clip(ratio, 0.25, 4.0)), LEAST_SIGMA_MM, MOST_SIGMA_MM))
+        if scatter is not None:
+            scatter = float(np.clip(np.sqrt((shift**2).mean() + (1.0 / own).mean()), LEAST_SCATTER_MM, MOST_SCATTER_MM))
+            sigma_before = np.full(len(touched), scatter)
+        if turn > TRUSTING and np.abs(moved).max() < SETTLED_MM and abs(ratio - 1.0) < 0.01:
+            break
+    assert normal is not None
+    known, drift, common_sigma = normal.sigmas(nominal_mm[touched])
+    return Adjusted(
+        part=touched,
+        shift_mm=shift,
+        sigma_mm=known,
+        touched=count,
+        drift_mm=drift,
+        common=common,
+        common_sigma=common_sigma,
+        dot_mm=sigma,
+        scatter_mm=scatter,
+        left=float((apart > FARTHEST).mean()),
+        poses=poses,
+    )
+
+
+def _common_prior(sensor: SensorProfile) -> tuple[FloatArray, FloatArray]:
+    """Means and standard deviations of `COMMON`, as the decoder has them."""
+    sigmas = np.maximum(beliefs_of(sensor, fixed_scale=False).sigmas, 1e-9)
+    return np.array([0.0, 0.0, 0.0, 0.0, PUSH_MM, PULL]), np.array([*sigmas, PUSH_SIGMA_MM, PULL_SIGMA])
+
+
+def _on_gel(rows: _Rows, sensor: SensorProfile, common: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Dots on the gel from the image centre, right and down (m, 2), and their derivatives by `COMMON` (6, m, 2)."""
+    scale, aspect, shear, k1, push, pull = common.tolist()
+    g = sensor.geometry
+    changed = type(g)(aspect=g.aspect + aspect, shear=g.shear + shear, k1=g.k1 + k1, center_px=g.center_px)
+    u, v = sensor.px_per_mm
+    stretch = float(np.exp(scale))
+    camera = camera_of((u * stretch, v * stretch), (sensor.width_px, sensor.height_px), changed)
+    centre = camera.from_px(sensor.centre_px)
+    from_centre = camera.from_px(rows.seen_px)
+    q = from_centre - centre
+    rates = np.zeros((len(COMMON), *q.shape))
+    rates[0] = -q
+    rates[1, :, 0], rates[1, :, 1] = -0.5 * q[:, 0], 0.5 * q[:, 1]
+    rates[2, :, 0] = -q[:, 1]
+    corner2 = (camera.corner_px / u) ** 2
+    rates[3] = -from_centre * (from_centre**2).sum(axis=1, keepdims=True) / corner2 + centre * (centre**2).sum() / corner2
+    rates[4], rates[5] = -rows.pushed, rows.pulled
+    return q - push * rows.pushed + pull * rows.pulled, rates
+
+
+def _residuals(
+    rows: _Rows, gel: FloatArray, rates: FloatArray, poses: FloatArray, places_mm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Seen less modelled places (m, 2), texture frame, and the derivatives by theta (m, 2) and `COMMON` (m, 2, 6)."""
+    x, y, theta = poses[rows.contact].T
+    c, s = np.cos(theta), np.sin(theta)
+    turn = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)  # R(theta), SPEC section 1
+    turned = np.einsum("mij,mj->mi", turn, gel)
+    left = np.stack([x, y], 1) + turned - places_mm[rows.part]
+    by_theta = np.stack([turned[:, 1], -turned[:, 0]], 1)
+    return left, by_theta, np.einsum("mij,kmj->mik", turn, rates)
+
+
+class _Arm:
+    """Poses by a robot, in a frame of its own that is found too: board point p is at t + R_ccw(phi) p; `at` is (t, phi)."""
+
+    def __init__(self, robot: Sequence[RobotPose], contacts: Sequence[Contact], poses: FloatArray) -> None:
+        known = {pose.frame: pose for pose in robot}
+        self.contact = np.array([k for k, c in enumerate(contacts) if c.frame in known], dtype=np.int64)
+        told = [known[contacts[k].frame] for k in self.contact]
+        self.said = np.array([(p.x_mm, p.y_mm, np.radians(p.theta_deg)) for p in told]).reshape(-1, 3)
+        self.sigma = np.array([(p.sigma_mm, p.sigma_mm, np.radians(p.sigma_deg)) for p in told]).reshape(-1, 3)
+        self.at = np.zeros(3)
+        if told:
+            _, phi = self._of(poses)
+            turn = float(np.angle(np.exp(1j * (self.said[:, 2] - phi)).mean()))
+            board = poses[self.contact, :2] * (1.0, -1.0)
+            c, s = np.cos(turn), np.sin(turn)
+            self.at = np.array([*(self.said[:, :2] - board @ np.array([[c, s], [-s, c]])).mean(axis=0), turn])
+
+    def _of(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return poses[self.contact, :2] * (1.0, -1.0), poses[self.contact, 2]
+
+    def moved(self, step: FloatArray) -> _Arm:
+        if len(step):
+            self.at = self.at + step
+        return self
+
+    @property
+    def unknowns(self) -> int:
+        return 3 if len(self.contact) else 0
+
+    def added(self, normal: FloatArray, right: FloatArray, poses: FloatArray) -> None:
+        """Add the robot's poses to normal equations whose unknowns are `COMMON`, three a contact, and three of its frame."""
+        board, theta = self._of(poses)
+        c, s = np.cos(self.at[2]), np.sin(self.at[2])
+        turn = np.array([[c, -s], [s, c]])
+        along = board @ turn.T
+        left = np.column_stack(
+            [self.at[:2] + along - self.said[:, :2], np.angle(np.exp(1j * (theta + self.at[2] - self.said[:, 2])))]
+        )
+        weight = np.minimum(1.0, HUBER / np.maximum(np.abs(left) / self.sigma, 1e-9)) / self.sigma**2
+        last = len(normal) - 3
+        for row, contact in enumerate(self.contact.tolist()):
+            rates = np.zeros((3, 6))
+            rates[:2, :2] = turn * (1.0, -1.0)
+            rates[2, 2] = rates[2, 5] = rates[0, 3] = rates[1, 4] = 1.0
+            rates[:2, 5] = (-along[row, 1], along[row, 0])
+            of = [*range(len(COMMON) + 3 * contact, len(COMMON) + 3 * contact + 3), *range(last, last + 3)]
+            weighted = rates.T * weight[row]
+            normal[np.ix_(of, of)] += weighted @ rates
+            right[of] -= weighted @ left[row]
+
+
+class _Normal:
+    """Normal equations of a round, the parts eliminated."""
+
+    def __init__(
+        self,
+        rows: _Rows,
+        weight: FloatArray,
+        own: FloatArray,
+        left: FloatArray,
+        turn_rates: FloatArray,
+        common_rates: FloatArray,
+        contacts: int,
+        parts: int,
+    ) -> None:
+        m, shared = len(weight), len(COMMON)
+        # a column for every unknown of poses and camera; two rows a dot, x and y of all one after the other
+        columns, values, at = [], [], []
+        for axis in range(2):
+            at += [np.arange(m) + axis * m] * (shared + 2)
+            columns += [*(np.full(m, k) for k in range(shared)), shared + 3 * rows.contact + axis, shared + 3 * rows.contact + 2]
+            values += [*common_rates[:, axis].T, np.ones(m), turn_rates[:, axis]]
+        size = shared + 3 * contacts
+        jacobian: csr_matrix = coo_matrix(
+            (np.concatenate(values), (np.concatenate(at), np.concatenate(columns))), shape=(2 * m, size)
+        ).tocsr()
+        twice = np.tile(weight, 2)
+        of = coo_matrix(
+            (np.ones(2 * m), (np.arange(2 * m), np.concatenate([rows.part, parts + rows.part]))), shape=(2 * m, 2 * parts)
+        )
+        weighted = jacobian.multiply(twice[:, None]).tocsr()
+        self.cross: csr_matrix = (weighted.T @ of.tocsr()).tocsr()
+        self.poses = (weighted.T @ jacobian).toarray()
+        self.own = np.tile(own, 2)
+        flat = left.T.ravel()
+        self.right = -(weighted.T @ flat)
+        self.right_parts = np.concatenate([np.bincount(rows.part, weight * left[:, axis], parts) for axis in range(2)])
+        self.size, self.factor = size, (np.empty((0, 0)), False)
+        self.over: csr_matrix = self.cross
+
+    def solved(
+        self, towards: FloatArray, sigmas: FloatArray, parts_towards: FloatArray, arm: _Arm, poses: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Steps of camera, poses and the robot's frame, and of the parts (k, 2)."""
+        size = self.size + arm.unknowns
+        normal, right = np.zeros((size, size)), np.zeros(size)
+        normal[: self.size, : self.size], right[: self.size] = self.poses, self.right
+        index = np.arange(len(sigmas))
+        normal[index, index] += 1.0 / sigmas**2
+        right[index] += towards
+        if arm.unknowns:
+            arm.added(normal, right, poses)
+        parts = self.right_parts + parts_towards.T.ravel()
+        over = self.cross.multiply(1.0 / self.own[None, :]).tocsr()
+        # the parts' own unknowns enter with a minus sign: seen less modelled
+        normal[: self.size, : self.size] -= (over @ self.cross.T).toarray()
+        right[: self.size] += over @ parts
+        try:
+            self.factor = cho_factor(normal, overwrite_a=True, check_finite=False)
+        except LinAlgError as error:
+            message = "the contacts leave a pose open; press with more of the gel, or leave out --poses that contradict them"
+            raise SpecError(Problem("frames", message)) from error
+        step: FloatArray = cho_solve(self.factor, right, check_finite=False)
+        moved = (parts + self.cross.T @ step[: self.size]) / self.own
+        self.over = over
+        return step, moved.reshape(2, -1).T
+
+    def sigmas(self, nominal_mm: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+        """Standard deviations of the parts' places along an axis (k,), of the mean of neighbours, and of `COMMON`."""
+        inverse = cho_solve(self.factor, np.eye(len(self.factor[0])), overwrite_b=True, check_finite=False)[
+            : self.size, : self.size
+        ]
+        through = self.over.T.tocsr()
+        variance = 1.0 / self.own + np.asarray(through.multiply(through @ inverse).sum(axis=1)).ravel()
+        n, drift = len(nominal_mm), []
+        for middle in nominal_mm[:: max(n // PATCHES, 1)]:
+            near = np.flatnonzero(((nominal_mm - middle) ** 2).sum(axis=1) <= PATCH_MM**2)
+            for axis in range(2):
+                mean = np.asarray(through[near + axis * n].mean(axis=0)).ravel()
+                drift.append(mean @ inverse @ mean)
+        sigma = np.sqrt(variance.reshape(2, -1).mean(axis=0))
+        return sigma, float(np.sqrt(np.mean(drift))), np.sqrt(inverse.diagonal()[: len(COMMON)])

@@ -1,0 +1,170 @@
+"""Located frames -> contacts: where each dot is seen, which part it is, and what else draws it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, radians, sin, sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.decode.dots.detect import detect
+from tactape_fab.sense.decode.dots.inputs import canonical_frame
+from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.grid.posterior import (
+    LEAST_APART_MM,
+    MOST_APART_MM,
+    PULL_END,
+    PULL_FALL,
+    PULL_MOST,
+    PULL_REACH_MM,
+    PUSH_REACH_MM,
+    RIM_MM,
+)
+from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture
+from tactape_fab.texture.tape import Tape
+
+LEAST_WEIGHT = 0.15
+"""Lighter dots are more likely noise than parts, as in the decoder's own fit."""
+LEAST_DOTS = 6
+"""A contact of fewer says hardly more than its own pose."""
+LEAST_NEIGHBOURS, MOST_UNSEEN = 5, 1
+"""Neighbouring grid points that must show a dot for a part amid them to be expected, and those that may not: at a contact's rim
+there are three and more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contact:
+    """A located frame of a tape.
+
+    Attributes
+    ----------
+    frame : int
+        Its place among the frames.
+    part : ndarray of int, shape (n,)
+        Index of each dot's part in designator order.
+    seen_px : ndarray, shape (n, 2)
+        Where the dots are seen, canonical image, those at the rim put back.
+    own : ndarray, shape (n,)
+        Variance of a dot over that of a whole one: 1 / sqrt(weight).
+    rim_mm2 : ndarray, shape (n,)
+        Variance that the contact's rim adds.
+    pushed, pulled : ndarray, shape (n, 2)
+        What neighbours and the rim do to each, right and down, for a push and a pull of 1; see `decode.grid.posterior`.
+    start : ndarray, shape (3,)
+        x mm, y mm, theta rad of the decoder's answer.
+    expected : ndarray of int, shape (k,)
+        Parts amid the dots where none is seen.
+    """
+
+    frame: int
+    part: IntArray
+    seen_px: FloatArray
+    own: FloatArray
+    rim_mm2: FloatArray
+    pushed: FloatArray
+    pulled: FloatArray
+    start: FloatArray
+    expected: IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ground:
+    """A tape as the contacts see it: index of the part on each grid point (-1: none), and the design's places, texture frame."""
+
+    tape: Tape
+    part_at: IntArray
+    nominal_mm: FloatArray
+
+
+def ground_of(tape: Tape) -> Ground:
+    """The design of a tape; measured places are not looked at."""
+    part_at = np.full((tape.rows, tape.columns), -1)
+    part_at[tape.placed] = np.arange(tape.part_count)
+    return Ground(tape=tape, part_at=part_at, nominal_mm=board_to_texture(tape.part_xy_mm(), tape.board.texture_origin_mm))
+
+
+def contact_of(
+    frame: int, depth: npt.ArrayLike, fix: Localization, ground: Ground, sensor: SensorProfile, built_mm: FloatArray
+) -> Contact | None:
+    """What the dots of a located frame say; None where they are too few.
+
+    Parameters
+    ----------
+    built_mm : ndarray, shape (n, 2)
+        Places of parts that the answer rests on, texture frame.
+    """
+    assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
+    tape = ground.tape
+    dots = detect(canonical_frame(depth, sensor), sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
+    if sensor.mask is not None and len(dots.weights):
+        u, v = np.rint(dots.xy_px).astype(np.int64).T
+        dots = chosen(dots, sensor.mask[v.clip(0, sensor.mask.shape[0] - 1), u.clip(0, sensor.mask.shape[1] - 1)])
+    camera, scale = sensor.camera, sensor.px_per_mm[0]
+    on_gel = camera.from_px(dots.xy_px) - camera.from_px(sensor.centre_px)
+    dots = settled(replace(dots, xy_px=on_gel * scale, seen_px=dots.xy_px), tape.pitch_mm * scale, _share(tape))
+    assert dots.seen_px is not None
+    back = dots.xy_px / scale + camera.from_px(sensor.centre_px)
+    weights = np.minimum(dots.weights * dots.trust, 1.0)
+    cells = fix.dots.cell
+    if len(cells) != len(weights):
+        return None
+    used = (cells[:, 0] >= 0) & (weights > LEAST_WEIGHT) & fix.dots.inlier
+    part = ground.part_at[cells[used, 1], cells[used, 0]]
+    if len(part) < LEAST_DOTS or len(np.unique(part)) < len(part):
+        return None
+    theta = radians(fix.theta_deg)
+    pushed, pulled = _drawn(built_mm[part], weights[used], theta)
+    return Contact(
+        frame=frame,
+        part=part,
+        seen_px=camera.to_px(back[used]),
+        own=1.0 / np.sqrt(weights[used]),
+        rim_mm2=RIM_MM**2 * (1.0 - weights[used]) ** 1.75,
+        pushed=pushed,
+        pulled=pulled,
+        start=np.array([*fix.position_mm, theta]),
+        expected=_unseen(cells, ground),
+    )
+
+
+def _share(tape: Tape) -> float:
+    return tape.displacement_mm / tape.pitch_mm
+
+
+def _drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tuple[FloatArray, FloatArray]:
+    """What neighbours (push) and the rim (pull) do to each dot, right and down, for a push and a pull of 1; (n, 2) each.
+
+    The model of `decode.grid.posterior`, which has it as a kernel for one frame.
+    """
+    c, s = cos(theta_rad), sin(theta_rad)
+    at = (texture_mm - texture_mm.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+    apart = at[:, None] - at
+    square = (apart**2).sum(axis=2)
+    near = weights / (1.0 + square / PULL_REACH_MM**2) ** 2
+    within = (square > LEAST_APART_MM**2) & (square < MOST_APART_MM**2)
+    share = np.where(within, weights * np.exp((1.0 - square) / (2.0 * PUSH_REACH_MM**2)), 0.0)
+    missing = np.minimum(np.minimum(1.0 - weights, PULL_MOST), PULL_FALL * np.maximum(PULL_END - 1.0 + weights, 0.0))
+    pulled = (missing / np.maximum(near.sum(axis=1), 1e-300))[:, None] * np.einsum("ij,ijk->ik", near, apart)
+    return np.einsum("ij,ijk->ik", share, apart), pulled
+
+
+def _unseen(cells: IntArray, ground: Ground) -> IntArray:
+    """Parts without a dot amid neighbours that have one."""
+    seen = np.zeros((ground.part_at.shape[0] + 2, ground.part_at.shape[1] + 2), dtype=bool)
+    on: BoolArray = cells[:, 0] >= 0
+    seen[cells[on, 1] + 1, cells[on, 0] + 1] = True
+    rows, columns = ground.part_at.shape
+    there = np.pad(ground.part_at >= 0, 1)
+    missed, shown = np.zeros((rows, columns), dtype=np.int64), np.zeros((rows, columns), dtype=np.int64)
+    for dy in range(3):
+        for dx in range(3):
+            if (dx, dy) != (1, 1):
+                window = np.s_[dy : dy + rows, dx : dx + columns]
+                shown += seen[window]
+                missed += there[window] & ~seen[window]
+    unseen = (missed <= MOST_UNSEEN) & (shown >= LEAST_NEIGHBOURS) & ~seen[1:-1, 1:-1] & (ground.part_at >= 0)
+    found: IntArray = ground.part_at[unseen]
+    return found

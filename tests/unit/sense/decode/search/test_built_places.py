@@ -1,0 +1,169 @@
+"""Measured places of parts: they locate what the design does not, and a file of another copy of the tape misleads nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+
+from tactape_fab import Localization, Localizer, SpecError, Tape, TapeSpec
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Frame, Parts, Scene, iterate_frames
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.grid.fit import fit_grid
+from tactape_fab.sense.decode.localizer import Method
+from tactape_fab.sense.decode.search.built_places import _fitted, _Places, _said, _weighed, built_of
+from tactape_fab.sense.decode.search.hypotheses import distinct
+from tactape_fab.texture.code import TOUCH_CODE
+from tests.measured import measured
+
+SMALL = Scene(contact_mm=(6.5, 6.5))
+
+
+@cache
+def tape_7() -> Tape:
+    return examine(TapeSpec(sector=7)).tape
+
+
+def frames(tape: Tape, parts: Parts, count: int, scene: Scene | None = None) -> list[Frame]:
+    return list(iterate_frames(tape, count, 5, scene=scene, parts=parts))
+
+
+def answers(localizer: Localizer, seen: Sequence[Frame]) -> list[tuple[Localization, float]]:
+    """Answers that are located, each with its error in mm."""
+    found = [(localizer.locate(frame.depth), frame) for frame in seen]
+    return [(fix, float(np.hypot(*(np.array(fix.position_mm) - frame.position_mm)))) for fix, frame in found if fix.located]
+
+
+def test_small_contacts_of_badly_placed_parts_are_located_by_their_measured_places() -> None:
+    built, parts = measured(tape_7(), 0.1)
+    seen = frames(built, parts, 16, SMALL)
+    nominal, as_built = answers(Localizer(tape_7()), seen), answers(Localizer(built), seen)
+    assert len(nominal) <= 8
+    assert len(as_built) >= 14
+    assert all(error < 0.01 for _, error in as_built)
+    assert {fix.places for fix, _ in nominal} == {"nominal"}
+    assert {fix.places for fix, _ in as_built} == {"as-built"}
+
+
+def test_measured_places_make_the_pose_exact_with_dots_and_with_pixels() -> None:
+    built, parts = measured(tape_7(), 0.05)
+    seen = frames(built, parts, 8)
+    rms = {}
+    for name, localizer in {
+        "nominal": Localizer(tape_7()),
+        "dots": Localizer(built),
+        "pixels": Localizer(built, refine="pixels"),
+    }.items():
+        found = answers(localizer, seen)
+        assert len(found) == 8
+        rms[name] = np.sqrt(np.mean([error**2 for _, error in found]))
+        if name == "pixels":
+            assert sum(fix.refined == "pixels" for fix, _ in found) >= 7
+    assert rms["dots"] < rms["nominal"] / 3
+    assert rms["pixels"] < rms["nominal"] / 3
+
+
+def test_a_file_of_another_copy_of_the_tape_falls_back_to_the_design() -> None:
+    _, parts = measured(tape_7(), 0.05, seed=1)
+    other, _ = measured(tape_7(), 0.05, seed=2)
+    found = answers(Localizer(other), frames(other, parts, 12))
+    assert len(found) >= 10
+    assert {fix.places for fix, _ in found} == {"nominal"}
+    assert all(error < 0.06 for _, error in found)
+
+
+def test_what_is_not_measured_stays_as_it_was() -> None:
+    seen = frames(tape_7(), measured(tape_7(), 0.03)[1], 4)
+    other, _ = measured(examine(TapeSpec(sector=8)).tape, 0.05)
+    alone, beside = Localizer([tape_7()]), Localizer([tape_7(), other])
+    for frame in seen:
+        first, second = alone.locate(frame.depth), beside.locate(frame.depth)
+        assert (first.located, first.cell, first.position_mm) == (second.located, second.cell, second.position_mm)
+        assert second.places == "nominal"
+
+
+def test_a_dot_at_a_missing_part_is_no_dot_of_the_tape() -> None:
+    built, parts = measured(tape_7(), 0.03, missing=0.3)
+    frame = frames(built, parts, 1)[0]
+    fix = Localizer(built).locate(frame.depth)
+    assert fix.located and fix.dots is not None and fix.dots.inlier.sum() == fix.n_agree
+    there = built.present
+    cells = fix.dots.cell[fix.dots.cell[:, 0] >= 0]
+    assert there[cells[:, 1], cells[:, 0]].all()
+
+
+def test_eight_directions_have_measured_places_too() -> None:
+    tape = examine(TapeSpec(sector=1, code=TOUCH_CODE, size_mm=(60.0, 30.0), models=False, tag="none")).tape
+    built, parts = measured(tape, 0.05)
+    seen = frames(built, parts, 8, Scene(contact_mm=(8.0, 8.0)))
+    nominal, as_built = answers(Localizer(tape), seen), answers(Localizer(built), seen)
+    assert len(as_built) == 8 > len(nominal) - 1
+    assert all(error < 0.01 for _, error in as_built)
+    assert {fix.places for fix, _ in as_built} == {"as-built"}
+
+
+@pytest.mark.parametrize("method", ["ml", "paper"])
+def test_every_located_answer_says_what_it_rests_on(method: Method) -> None:
+    frame = frames(tape_7(), measured(tape_7(), 0.0)[1], 1)[0]
+    fix = Localizer(tape_7(), method=method).locate(frame.depth)
+    assert fix.located and fix.places == "nominal"
+    assert fix.to_mapping()["places"] == "nominal"
+
+
+def test_two_measured_copies_of_one_texture_are_refused() -> None:
+    first, second = (measured(tape_7(), 0.05, seed=seed)[0] for seed in (1, 2))
+    with pytest.raises(SpecError, match="cannot tell which of them was measured"):
+        Localizer([first, second])
+    with pytest.raises(SpecError, match="cannot tell"):
+        Localizer([first, tape_7()])
+    assert len(distinct([first, replace(first)])) == 1
+
+
+# The bound, and the fit, on few dots by hand
+
+
+def _some_dots(rng: np.random.Generator, count: int, noise: float) -> Dots:
+    cells = np.array(list(product(range(4), range(4))))[rng.permutation(16)[:count]]
+    around = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])[rng.integers(0, 4, count)]
+    xy = (cells + around / 6.0 + rng.normal(0.0, noise, (count, 2))) * 24.0
+    return Dots(xy_px=xy, weights=np.ones(count), trust=np.full(count, 0.99), elongation=np.zeros((count, 2)))
+
+
+def test_the_mean_evidence_over_all_symbols_is_at_most_1() -> None:
+    rng = np.random.default_rng(3)
+    dots = _some_dots(rng, 4, 0.05)
+    fit = fit_grid(dots.xy_px, dots.weights, dots.trust, 0.0, 24.0, 0.0, 0.0, 1.0 / 6.0, True)
+    built, _ = measured(tape_7(), 0.1)
+    said = _said(fit, dots)
+    cells = fit.nodes - fit.nodes.min(axis=0) + 5
+    for turn in range(4):
+        place = _Places(
+            tape=np.array([0]), turn=np.array([turn]), cells=cells[None], weight=np.zeros(1), nominal=np.zeros(1)
+        )  # fmt: skip
+        values = []
+        for symbols in product(range(4), repeat=4):
+            changed = built.symbols.copy()
+            changed[cells[:, 1], cells[:, 0]] = symbols
+            tape = replace(built, symbols=changed)
+            # places of the design with these symbols stay where they were: only what they are called changes
+            measure = built_of(built)
+            found = _weighed(place, fit, dots.xy_px, dots, said, (1.5, 1.0 / 6.0), True, [tape], [measure])
+            values.append(float(np.exp(found.score[0])))
+        assert 0.0 < np.mean(values) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("free_scale", [True, False])
+def test_without_shifts_the_fit_is_that_of_the_design(free_scale: bool) -> None:
+    dots = _some_dots(np.random.default_rng(5), 16, 0.015)
+    fit = fit_grid(dots.xy_px, dots.weights, dots.trust, 0.0, 24.0, 0.0, 0.0, 1.0 / 6.0, free_scale)
+    around = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]) / 6.0
+    part = dots.trust[None] * 0.99
+    nothing = np.zeros((1, 16))
+    variance, squares = _fitted(fit, dots.xy_px, dots, part, np.zeros((1, 16, 2)), nothing, around, free_scale)
+    np.testing.assert_allclose(squares[0], fit.squares, atol=2e-4)
+    np.testing.assert_allclose(np.sqrt(variance[0]), fit.sigma, rtol=0.02)

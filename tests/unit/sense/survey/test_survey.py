@@ -1,0 +1,212 @@
+"""Places of parts from use: better than the design, said as well as they are known, and held by a robot or an inspection."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactape_fab import AsBuilt, Localizer, SpecError, Tape, TapeSpec
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor
+from tactape_fab.sense.survey.adjust import Prior, adjust
+from tactape_fab.sense.survey.contacts import Contact, contact_of, ground_of
+from tactape_fab.sense.survey.poses import RobotPose, read_poses
+from tactape_fab.sense.survey.survey import Survey, _surveyed
+from tactape_fab.texture.frames import FloatArray
+from tests.measured import measured
+
+PLACEMENT_MM = 0.05
+SCENE = Scene(contact_mm=(10.0, 10.0))
+
+
+@cache
+def small_tape() -> Tape:
+    return examine(TapeSpec(sector=7, size_mm=(45.0, 25.0), models=False)).tape
+
+
+@cache
+def pressed(count: int, missing: float = 0.0) -> tuple[Tape, tuple[Frame, ...], tuple[Frame, ...]]:
+    """The tape with its true places, frames to learn from, and others to look at."""
+    truth, parts = measured(small_tape(), PLACEMENT_MM, missing=missing, error_mm=1e-9, seed=3)
+    learn, look = (tuple(iterate_frames(truth, n, seed, scene=SCENE, parts=parts)) for n, seed in ((count, 1), (12, 2)))
+    return truth, learn, look
+
+
+@dataclass
+class Frames:
+    """As `sense.files.depth_maps.FrameFile`, in memory."""
+
+    depths: list[Any]
+    px_per_mm: None = None
+
+    @property
+    def count(self) -> int:
+        return len(self.depths)
+
+    def frames(self) -> Iterator[Any]:
+        return iter(self.depths)
+
+
+def surveyed(tmp_path: Path, learn: tuple[Frame, ...], tape: Tape | None = None, robot: tuple[RobotPose, ...] = ()) -> Survey:
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text("{}")
+    files: Any = [Frames([frame.depth for frame in learn])]
+    return _surveyed(tape or small_tape(), manifest, load_sensor("gelsight-mini"), files, robot, lambda *_: None)
+
+
+def errors(found: Survey, truth: Tape) -> FloatArray:
+    """Errors of the touched parts, mm."""
+    got = replace(small_tape(), as_built=found.as_built).built_parts().shift_mm
+    return (got - truth.built_parts().shift_mm)[found.adjusted.part]
+
+
+def pose_rms(tape: Tape, look: tuple[Frame, ...]) -> tuple[float, float, float]:
+    """Error of a localizer's positions, mm rms per axis, of its angles, degrees, and the mean square over the covariance."""
+    localizer, off, turned, nees = Localizer(tape), [], [], []
+    for frame in look:
+        fix = localizer.locate(frame.depth)
+        assert fix.located and fix.position_mm is not None and fix.covariance is not None
+        e = np.array(fix.position_mm) - frame.position_mm
+        assert fix.theta_deg is not None
+        off.append(e)
+        turned.append((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
+        nees.append(e @ np.linalg.solve(fix.covariance[:2, :2], e) / 2)
+    return float(np.sqrt(np.square(off).mean())), float(np.sqrt(np.square(turned).mean())), float(np.mean(nees))
+
+
+def test_places_from_touch_are_better_than_the_design_and_said_as_well_as_they_are_known(tmp_path: Path) -> None:
+    truth, learn, look = pressed(60)
+    found = surveyed(tmp_path, learn)
+    off, sigma = errors(found, truth), found.as_built.sigma_mm
+    assert found.contacts >= 58
+    assert np.sqrt((off**2).mean()) < 0.4 * PLACEMENT_MM
+    assert 0.5 < (off**2 / sigma[:, None] ** 2).mean() < 2.0
+    nominal_mm, nominal_deg, _ = pose_rms(small_tape(), look)
+    rms_mm, rms_deg, nees = pose_rms(replace(small_tape(), as_built=found.as_built), look)
+    assert rms_mm < 0.8 * nominal_mm  # a tape so small has a shift, a turn and a stretch of its own, which touch does not show
+    assert rms_deg < 0.5 * nominal_deg
+    assert nees < 2.0
+    assert abs(found.adjusted.scatter_mm - PLACEMENT_MM) < 0.01  # type: ignore[operator]
+
+
+def test_an_inspection_is_combined_by_its_covariance(tmp_path: Path) -> None:
+    truth, learn, _ = pressed(60)
+    inspected, _ = measured(small_tape(), PLACEMENT_MM, error_mm=0.008, seed=3)
+    found = surveyed(tmp_path, learn, inspected)
+    alone = np.sqrt((errors(surveyed(tmp_path, learn), truth) ** 2).mean())
+    before = inspected.built_parts().shift_mm - truth.built_parts().shift_mm
+    both = np.sqrt((errors(found, truth) ** 2).mean())
+    assert both < 0.7 * np.sqrt((before**2).mean())
+    assert both < 0.7 * alone
+    assert [entry["kind"] for entry in found.as_built.source] == ["scan", "survey"]
+    assert len(found.as_built.number) == small_tape().part_count
+
+
+def test_a_robot_holds_what_touch_alone_does_not(tmp_path: Path) -> None:
+    """A stretch of the whole tape: touch takes it for the sensor's scale, a robot's poses do not."""
+    truth, parts = measured(small_tape(), 0.03, error_mm=1e-9, seed=3)
+    x = small_tape().part_xy_mm()[:, 0]
+    stretch = 0.004 * (x - x.mean())
+    assert truth.as_built is not None
+    drifted = replace(truth, as_built=replace(truth.as_built, dx_mm=truth.as_built.dx_mm + stretch))
+    moved = replace(parts, xy_mm=parts.xy_mm + np.stack([stretch, np.zeros_like(stretch)], axis=1))
+    learn = tuple(iterate_frames(truth, 60, 1, scene=SCENE, parts=moved))
+    rng, turn = np.random.default_rng(1), 30.0
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    robot = []
+    for k, frame in enumerate(learn):
+        board = frame.position_mm * (1.0, -1.0)
+        x_mm, y_mm = np.array([[c, -s], [s, c]]) @ board + [400.0, -20.0] + rng.normal(0.0, 0.01, 2)
+        robot.append(RobotPose(frame=k, x_mm=x_mm, y_mm=y_mm, theta_deg=frame.theta_deg + turn, sigma_mm=0.01, sigma_deg=0.05))
+    drift = {}
+    for name, given in (("touch", ()), ("robot", tuple(robot))):
+        off = errors(surveyed(tmp_path, learn, robot=given), drifted)[:, 0]
+        drift[name] = off.std()
+    assert drift["robot"] < 0.6 * drift["touch"]
+
+
+def test_parts_that_no_contact_shows_are_missing_and_no_other(tmp_path: Path) -> None:
+    truth, learn, _ = pressed(80, missing=0.03)
+    found = surveyed(tmp_path, learn).as_built
+    assert truth.as_built is not None
+    gone = set(truth.as_built.number[~truth.as_built.present].tolist())
+    said = set(found.number[~found.present].tolist())
+    assert said <= gone
+    assert len(said) >= 4
+
+
+def test_a_dot_that_is_far_off_does_not_count() -> None:
+    _, learn, _ = pressed(60)
+    ground, sensor, localizer = ground_of(small_tape()), load_sensor("gelsight-mini"), Localizer(small_tape())
+    contacts = []
+    for k, frame in enumerate(learn):
+        fix = localizer.locate(frame.depth)
+        contact = contact_of(k, frame.depth, fix, ground, sensor, ground.nominal_mm) if fix.located else None
+        if contact is not None:
+            contacts.append(contact)
+    prior = Prior(shift_mm=np.zeros_like(ground.nominal_mm), sigma_mm=None)
+    clean = adjust(contacts, ground.nominal_mm, sensor, prior)
+    well = int(clean.part[clean.touched.argmax()])
+    spoilt: list[Contact] = []
+    for contact in contacts:
+        seen = contact.seen_px.copy()
+        if well in contact.part and not any(well in c.part for c in spoilt):
+            seen[contact.part == well] += 12.0
+        spoilt.append(replace(contact, seen_px=seen))
+    found = adjust(spoilt, ground.nominal_mm, sensor, prior)
+    assert found.left > 0.0
+    at = int(np.flatnonzero(found.part == well)[0])
+    assert np.abs(found.shift_mm[at] - clean.shift_mm[at]).max() < 0.01
+
+
+def test_too_few_contacts_are_refused(tmp_path: Path) -> None:
+    _, learn, _ = pressed(60)
+    with pytest.raises(SpecError, match="only 5 of 5 frames are located"):
+        surveyed(tmp_path, learn[:5])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "its first line must be frame,x_mm,y_mm,theta_deg"),
+        ("frame,x_mm,y_mm\n0,1,2\n", "its first line must be"),
+        ("frame,x_mm,y_mm,theta_deg\n", "has no row"),
+        ("frame,x_mm,y_mm,theta_deg\n0,1,2\n", "line 2"),
+        ("frame,x_mm,y_mm,theta_deg\n0,1,nan,3\n", "y_mm = 'nan' is no number"),
+        ("frame,x_mm,y_mm,theta_deg\n0.5,1,2,3\n", "whole frame number"),
+        ("frame,x_mm,y_mm,theta_deg\n0,1,2,3\n0,1,2,3\n", "frame 0 is there twice"),
+        ("frame,x_mm,y_mm,theta_deg,sigma_mm\n0,1,2,3,0\n", "sigma_mm = '0' is no number from 0.0001"),
+    ],
+)
+def test_poses_that_cannot_be_read_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "poses.csv"
+    file.write_text(text)
+    with pytest.raises(SpecError) as raised:
+        read_poses(file)
+    assert said in str(raised.value)
+
+
+def test_poses_are_read(tmp_path: Path) -> None:
+    file = tmp_path / "poses.csv"
+    file.write_text("theta_deg, x_mm,y_mm,frame,sigma_mm\n3,1,2,7,0.5\n\n")
+    assert read_poses(file) == [RobotPose(frame=7, x_mm=1.0, y_mm=2.0, theta_deg=3.0, sigma_mm=0.5, sigma_deg=0.05)]
+
+
+def test_no_file_of_measured_places_is_read_twice(tmp_path: Path) -> None:
+    """A survey that starts from an earlier one lists both, oldest first, and is as sure as both together."""
+    _, learn, _ = pressed(60)
+    first = surveyed(tmp_path, learn[:30]).as_built
+    second = surveyed(tmp_path, learn[30:], replace(small_tape(), as_built=first)).as_built
+    assert [entry["kind"] for entry in second.source] == ["survey", "survey"]
+    common = np.intersect1d(first.number, second.number)
+
+    def sigma(built: AsBuilt) -> FloatArray:
+        return built.sigma_mm[np.isin(built.number, common)]
+
+    assert np.median(sigma(second)) < np.median(sigma(first))
