@@ -53,11 +53,11 @@ class Row:
 
 ROWS = (
     Row(name="prototype", scene=PROTOTYPE),
+    Row(name="DIGIT, prototype's errors", sensor="digit", scene=PROTOTYPE),
+    Row(name="generic, prototype's errors", sensor="generic", scene=PROTOTYPE),
     Row(name="prototype, px/mm 30 % off, sign and mirror wrong", scene=PROTOTYPE, start_scale=1.3, flipped=True),
     Row(name="prototype, px/mm 30 % off the other way", scene=PROTOTYPE, start_scale=0.7),
     Row(name="as its profile says"),
-    Row(name="DIGIT, prototype's errors", sensor="digit", scene=PROTOTYPE),
-    Row(name="generic, prototype's errors", sensor="generic", scene=PROTOTYPE),
     Row(name="prototype, noise x2", scene={**PROTOTYPE, "noise": 2.0}),
     Row(name="prototype, placement 0.05 mm", scene={**PROTOTYPE, "placement_mm": 0.05}),
     Row(name="prototype, gel displaced 0.05 mm", scene={**PROTOTYPE, "gel_displacement_um": 50.0}),

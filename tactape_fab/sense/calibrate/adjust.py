@@ -30,9 +30,9 @@ OF_PRESS = 4
 CAMERA_SIGMAS = np.array([1.0, 0.1, 0.1, 0.1, 0.05, 0.05])
 """Standard deviations of the camera's parameters before anything is seen, about a profile's: wide, so that presses decide.
 Those of the lens' centre are shares of the image's width."""
-SYSTEMATIC = np.array([1e-4, 2e-4, 1e-4, 5e-4, 0.3, 0.3])
-"""Errors that the scatter of dots does not show, as rims draw dots alike in all presses: of 14 calibrations from 10 simulated
-presses the mean error was 1.8e-4 of the aspect and -5e-4 of k1."""
+SYSTEMATIC = np.array([1e-4, 1e-4, 5e-5, 5e-4, 0.3, 0.3])
+"""Errors that the scatter of dots does not show, as rims draw dots alike in all presses: of 7 calibrations from 10 simulated
+presses the mean error was 1.4e-4 of the aspect and -6e-4 of k1."""
 LEAST_AGREEING = 8
 """Fewer dots say nothing of a camera beyond the press's own pose."""
 

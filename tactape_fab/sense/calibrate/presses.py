@@ -23,12 +23,18 @@ from tactape_fab.sense.decode.grid.posterior import (
 )
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.decode.rule import BACKGROUND_MM
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray
 from tactape_fab.texture.tape import Tape
 
 LEAST_WEIGHT = 0.15
 """Lighter dots are more likely noise than parts, as in the decoder's own fit."""
+ONE_SIDED, REACH_PITCHES, LEAST_AMID = 0.5, 1.6, 12
+"""Mean of the directions of a dot's neighbours, each of length 1, from which it stands at the rim; how far a neighbour is; and
+how many dots amid others a press needs to do without those at the rim."""
+SIDE_MM = BACKGROUND_MM / 2.0
+"""Dots nearer to the image's sides are left out: the detector's band-pass takes a mean over twice that, which the side cuts."""
 
 Frame = npt.NDArray[np.float32]
 
@@ -95,8 +101,12 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     dots = settled(seen, tape.pitch_mm * sensor.px_per_mm[0], tape.displacement_mm / tape.pitch_mm)
     assert dots.seen_px is not None and len(dots.weights) == len(fix.dots.uv_px)
     weights = np.minimum(dots.weights * dots.trust, 1.0)
-    used = (fix.dots.cell[:, 0] >= 0) & (weights > LEAST_WEIGHT)
-    cells = fix.dots.cell[used]
+    side_px = SIDE_MM * np.array(sensor.px_per_mm)
+    inside = (np.abs(dots.seen_px - sensor.centre_px) < sensor.centre_px - side_px).all(axis=1)
+    used = (fix.dots.cell[:, 0] >= 0) & (weights > LEAST_WEIGHT) & inside
+    cells = fix.dots.cell
+    used &= amid(cells * tape.pitch_mm, used, REACH_PITCHES * tape.pitch_mm)
+    cells = cells[used]
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
     texture_mm = cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols]
     theta = radians(fix.theta_deg)
@@ -114,6 +124,26 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
         position_mm=fix.position_mm,
         theta_rad=theta,
     )
+
+
+def amid(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
+    """Dots with neighbours on all sides; all dots of `of` where too few have. The rim draws the others by micrometres, alike in
+    all presses: with them the aspect and k1 of a calibration are off by 3 and by 9 in ten thousand, without by 1 and 6.
+
+    Parameters
+    ----------
+    at_mm : ndarray, shape (n, 2)
+    of : ndarray of bool, shape (n,)
+        Those that count as neighbours.
+    reach_mm : float
+        Farthest neighbours.
+    """
+    apart = at_mm[:, None] - at_mm
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    near = (distance > 0.0) & (distance < reach_mm) & of
+    ahead = np.where(near[..., None], apart / np.maximum(distance, 1e-9)[..., None], 0.0).sum(axis=1)
+    inner: BoolArray = np.hypot(*(ahead / np.maximum(near.sum(axis=1), 1)[:, None]).T) < ONE_SIDED
+    return inner if np.count_nonzero(inner & of & near.any(axis=1)) >= LEAST_AMID else of
 
 
 def detected(frame: Frame, sensor: SensorProfile) -> Dots:

@@ -46,6 +46,7 @@ def pressed(
     first_theta: float,
     *,
     tape: Tape = TAPE,
+    alike: bool = False,
     **options: float,
 ) -> Presses:
     """Presses of a sensor, with further options of the scene."""
@@ -55,7 +56,7 @@ def pressed(
         u, v = rng.uniform(0.2, 1.0, 2) * reach_mm * ((-1, -1), (1, -1), (1, 1), (-1, 1))[k % 4]
         scene = Scene(contact_offset_mm=(float(u), float(v)), contact_mm=(9.0, 8.0)).changed(options)
         x, y = rng.uniform((20.0, 15.0), (70.0, 33.0)).tolist()
-        theta = first_theta if k == 0 else float(rng.uniform(-180.0, 180.0))
+        theta = first_theta if k == 0 or alike else float(rng.uniform(-180.0, 180.0))
         frames.append(simulate(tape, (x, y), theta, sensor=sensor, scene=scene, seed=100 * seed + k))
         poses.append((x, y, theta))
     return Presses(frames=frames, poses=np.array(poses))

@@ -193,7 +193,7 @@ def test_remarks_say_what_cannot_be_observed() -> None:
     assert "quarter turns of the image cannot be told" in said and "--known-theta FRAME,DEG" in said
     cropped = calibrate_sensor([frame[10:, 20:] for frame in presses().frames], [TAPE], STOCK)
     assert any("frames are 230 x 300 px (height x width), those of 'gelsight-mini' 240 x 320" in r for r in cropped.remarks)
-    alike = [pressed(TRUE, 1, 50 + k, (5.0, 3.5), 3.0 * k).frames[0] for k in range(10)]
+    alike = pressed(TRUE, 10, 5, (5.0, 3.5), 30.0, alike=True).frames
     assert any("all presses are turned alike" in r for r in calibrate_sensor(alike, [TAPE], TRUE).remarks)
 
 
