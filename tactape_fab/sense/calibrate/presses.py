@@ -105,7 +105,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     inside = (np.abs(dots.seen_px - sensor.centre_px) < sensor.centre_px - side_px).all(axis=1)
     used = (fix.dots.cell[:, 0] >= 0) & (weights > LEAST_WEIGHT) & inside
     cells = fix.dots.cell
-    used &= amid(cells * tape.pitch_mm, used, REACH_PITCHES * tape.pitch_mm)
+    used &= amid(np.asarray(cells * tape.pitch_mm, dtype=np.float64), used, REACH_PITCHES * tape.pitch_mm)
     cells = cells[used]
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
     texture_mm = cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols]
