@@ -7,17 +7,24 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import tactape_fab
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.launch import FREECAD, PRUSA_SLICER, installed, run
+from tactape_fab.base.libraries import library
+from tactape_fab.cli.exits import answers
 from tactape_fab.cli.printing import echo_json, echo_lines, table_lines
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.calibrate.first_frames import FirstFrames
 
 PACKAGE = "tactape-fab"
 EXTRAS = {
@@ -38,15 +45,54 @@ _PATIENCE_S = 20.0
 
 
 @click.command()
+@click.option("--sensor", "frames", multiple=True, metavar="FRAMES", help="Say what looks wrong in a sensor's frames instead.")
+@click.option("--tape", "kits", multiple=True, metavar="KIT", help="With --sensor: the kit that was pressed.")
+@click.option("--like", metavar="NAME|FILE.toml", help="With --sensor: profile to compare with.  [default: generic]")
 @click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
-def doctor(as_json: bool) -> None:
+def doctor(frames: Sequence[str], kits: Sequence[str], like: str | None, as_json: bool) -> None:
     """Say what this installation can do: versions, the compiled decoder, outside programs and extras, and what each adds.
+
+    With --sensor, say what looks wrong in the first frames of a sensor.
 
     \b
     Example: tactape-fab doctor
+    Example: tactape-fab doctor --sensor frames.npz --tape tactape-s007
     """
+    if frames or kits or like is not None:
+        with answers():
+            looked = _look(frames, kits, like)
+            echo_json(looked.to_mapping()) if as_json else echo_lines(frames_lines(looked))
+        return
     found = diagnose()
     echo_json(found.to_mapping()) if as_json else echo_lines(diagnosis_lines(found))
+
+
+def _look(frames: Sequence[str], kits: Sequence[str], like: str | None) -> FirstFrames:
+    """What a sensor's frames show; all invalid values are refused together."""
+    library("scipy", "doctor --sensor")
+    from tactape_fab.sense.calibrate.first_frames import look_at_frames
+    from tactape_fab.sense.files.depth_maps import open_frame_file
+    from tactape_fab.sense.sensors import load_sensor
+    from tactape_fab.texture.registry import read_tapes
+
+    problems: list[Problem] = []
+    if not frames:
+        problems.append(Problem("sensor", "--tape and --like belong to --sensor, and no frames are given; give --sensor FRAMES"))
+    opened = [tried(partial(open_frame_file, name), problems) for name in frames]
+    tapes = tried(lambda: read_tapes(kits), problems)
+    sensor = tried(lambda: load_sensor(like or "generic"), problems)
+    if problems:
+        raise SpecError(problems)
+    assert sensor is not None
+    return look_at_frames((depth for file in opened if file is not None for depth in file.frames()), tapes or (), sensor)
+
+
+def frames_lines(found: FirstFrames) -> list[str]:
+    """What frames show as lines: one for each, what looks wrong, and what to do next."""
+    verdicts = {None: "", True: "located", False: "not located"}
+    rows = [(str(look.frame), str(look.dots), verdicts[look.located], look.reason or "") for look in found.frames]
+    wrong = [f"wrong: {line}" for line in found.wrong] or ["nothing looks wrong"]
+    return [*table_lines(("frame", "dots", "", "reason"), rows), "", *wrong, f"next: {found.next_step}"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from tactape_fab.base.version import __version__
 
 COMMANDS = (
     "advise",
+    "calibrate",
     "certify",
     "check",
     "completion",

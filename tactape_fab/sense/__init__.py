@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING
 from tactape_fab.base.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tactape_fab.sense.calibrate.calibration import calibrate_sensor as calibrate_sensor
+    from tactape_fab.sense.calibrate.hand_eye import ArmPose as ArmPose
+    from tactape_fab.sense.calibrate.hand_eye import HandEye as HandEye
+    from tactape_fab.sense.calibrate.result import Calibration as Calibration
     from tactape_fab.sense.decode.result import LocatedDots as LocatedDots
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
@@ -41,6 +45,9 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "sense.calibrate.calibration": "calibrate_sensor",
+        "sense.calibrate.hand_eye": "ArmPose HandEye",
+        "sense.calibrate.result": "Calibration",
         "sense.decode.result": "LocatedDots",
         "sense.live.messages": "image_message pose_message text_message",
         "sense.objects.mount": "Mount ObjectPose sensor_on_object",

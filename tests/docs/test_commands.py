@@ -55,7 +55,15 @@ def test_page_runs_from_top_to_bottom(page: str, tmp_path: Path) -> None:
     ("page", "least"),
     [
         *(("solids.md", 13), ("localization.md", 1), ("fabs.md", 4)),
-        *(("certify.md", 1), ("verify.md", 1), ("panels.md", 1), ("frames.md", 1), ("tutorial.md", 2), ("applications.md", 4)),
+        *(
+            ("certify.md", 1),
+            ("verify.md", 1),
+            ("panels.md", 1),
+            ("frames.md", 1),
+            ("calibrate.md", 2),
+            ("tutorial.md", 2),
+            ("applications.md", 4),
+        ),
     ],
 )
 def test_every_picture_is_there(page: str, least: int) -> None:

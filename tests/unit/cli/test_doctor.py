@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -114,3 +115,19 @@ def test_it_answers_where_nothing_can_be_written(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(f"tactape-fab {__version__}, ")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_of_a_sensor_are_looked_at(tmp_path: Path) -> None:
+    frames = tmp_path / "frames.npy"
+    np.save(frames, np.random.default_rng(0).standard_normal((3, 240, 320)).astype(np.float32) * 0.005)
+    result = CliRunner().invoke(main, ["doctor", "--sensor", str(frames)])
+    assert result.exit_code == 0 and "nothing looks wrong" in result.stdout and "next: name the kit" in result.stdout
+    result = CliRunner().invoke(main, ["doctor", "--sensor", str(frames), "--json"])
+    assert len(json.loads(result.stdout)["frames"]) == 3
+
+
+def test_bad_frames_are_refused_and_options_alone_too(tmp_path: Path) -> None:
+    missing = CliRunner().invoke(main, ["doctor", "--sensor", str(tmp_path / "no.npz"), "--like", "no-such"])
+    assert missing.exit_code == 2 and "no.npz" in missing.stderr and "no-such" in missing.stderr
+    alone = CliRunner().invoke(main, ["doctor", "--like", "digit"])
+    assert alone.exit_code == 2 and "--tape and --like belong to --sensor" in alone.stderr

@@ -1,0 +1,328 @@
+"""Calibration of a sensor: presses on known tapes -> its profile, with the standard deviation of everything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from math import exp
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.sense.calibrate import camera
+from tactape_fab.sense.calibrate.adjust import Bundle, agreeing, designs_of, problem_of, solve
+from tactape_fab.sense.calibrate.errors import Errors, Estimate, estimate_errors
+from tactape_fab.sense.calibrate.hand_eye import ArmPose, find_hand_eye
+from tactape_fab.sense.calibrate.noise import Noise, between_dots, off_contact
+from tactape_fab.sense.calibrate.orientation import KnownTurn, find_orientation, fitted_size, upright, with_mask
+from tactape_fab.sense.calibrate.posedness import (
+    LEAST_PRESSES,
+    checked_frames,
+    corner_sigma_um,
+    refuse_few,
+    refuse_unspread,
+    remarks_of,
+    unseen,
+)
+from tactape_fab.sense.calibrate.presses import Frame, Press, located
+from tactape_fab.sense.calibrate.relief import Relief, find_relief
+from tactape_fab.sense.calibrate.result import Calibration, HeldOut, Quantity
+from tactape_fab.sense.calibrate.valid import LEAST_SHARE, clear_of_blind, valid_pixels
+from tactape_fab.sense.geometry import Gel
+from tactape_fab.sense.sensors import SensorProfile, as_sensor
+from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.registry import TapeLike, as_tapes
+from tactape_fab.texture.tape import Tape
+
+ROUNDS = 3
+"""Times that frames are located and the camera adjusted: a better profile finds more dots."""
+SETTLED_UM = 1.0
+"""Change of where the image's corner is seen below which the next round would bring nothing."""
+LEAST_TOLERANCE = 0.03
+"""Scale that the decoder looks for a grid within: a gel stretches by as much where it is pressed."""
+SURE_LENS = 3.0
+"""Standard deviations of k1 from which the lens has a centre that can be told."""
+FOLDS = 5
+
+
+def calibrate_sensor(
+    frames: Iterable[npt.ArrayLike],
+    tapes: TapeLike | Iterable[TapeLike],
+    like: str | Path | SensorProfile = "generic",
+    *,
+    name: str = "calibrated",
+    known_theta: tuple[int, float] | None = None,
+    arm_poses: Sequence[ArmPose] | None = None,
+) -> Calibration:
+    """Calibrate a sensor from some ten presses anywhere on a tape, each at a pose that nobody knows.
+
+    Parameters
+    ----------
+    frames : iterable of array_like, each of shape (h, w)
+        Depth maps as the sensor delivers them, one for each press. Frames that touch nothing are welcome: noise is measured in
+        them. Six presses or more, with dots near all four corners of the image.
+    tapes : Tape, path, or sequence of either
+        As for `Localizer`: the tapes that were pressed.
+    like : str, Path or SensorProfile
+        The profile to start from: its px/mm may be wrong by a factor of two, its sign and mirror anyhow. Of frames of another
+        size its field of view is taken.
+    name : str
+        Of the new profile.
+    known_theta : (int, float), optional
+        Index of a frame, and the sensor's turn on the tape in it: degrees, counter-clockwise seen from above. Quarter turns of
+        the image are not observable otherwise, and those of `like` are kept.
+    arm_poses : sequence of ArmPose, optional
+        Poses of the robot's flange, for frames that they name.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    SpecError
+        If frames are no depth maps, show no tape or another one, are too few, or say too little of the camera; with the remedy.
+    """
+    registered, given = as_tapes(tapes), as_sensor(like)
+    images, bad = checked_frames(frames)
+    height, width = images[0].shape
+    start = fitted_size((height, width), given)
+    valid = valid_pixels(images)
+    if valid is not None and valid.mean() < LEAST_SHARE:
+        message = f"only {100 * valid.mean():.1f} % of the pixels change from frame to frame; give frames of different presses"
+        raise SpecError(Problem("frames", message))
+    known = None if known_theta is None else _known(known_theta, len(images))
+    rough = find_orientation(images, registered, start, valid)
+    if rough is None:
+        raise SpecError(unseen(images, bad, registered, with_mask(start, valid)))
+    if valid is not None:
+        valid = clear_of_blind(valid, float(np.mean(rough.px_per_mm)))
+        rough = with_mask(rough, valid)
+    if known is not None:
+        rough = _turned(images, registered, rough, known, valid)
+    presses, bundle, estimate, empty = _adjusted(images, registered, rough)
+    corner_um = corner_sigma_um(bundle)
+    refuse_unspread(presses, bundle, corner_um)
+    held_out = _held_out(presses, bundle, _free(bundle))
+    relief = find_relief(images, presses, bundle, registered)
+    noise = off_contact(images, presses, empty, bundle.sensor)
+    if noise is None and relief is not None:
+        noise = between_dots(relief.left, relief.freedom, bundle.sensor)
+    hand_eye = None if arm_poses is None else find_hand_eye(bundle, presses, registered, arm_poses)
+    sensor = _profile(name, start, bundle, estimate, relief, noise, presses)
+    return Calibration(
+        sensor=sensor,
+        quantities=tuple(_quantities(sensor, bundle, estimate, relief, noise, corner_um)),
+        held_out=held_out,
+        frames=len(images),
+        presses=tuple(presses),
+        bundle=bundle,
+        valid=valid,
+        hand_eye=hand_eye,
+        remarks=tuple(
+            remarks_of(presses, bundle, given, (height, width), known is not None, corner_um, held_out, noise, bad, hand_eye)
+        ),
+    )
+
+
+def _known(given: tuple[int, float], count: int) -> KnownTurn:
+    frame, theta_deg = given
+    if not 0 <= frame < count:
+        message = f"known_theta: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"
+        raise SpecError(Problem("known_theta", message))
+    if not -360.0 <= theta_deg <= 360.0:
+        raise SpecError(Problem("known_theta", f"known_theta: {theta_deg:g} deg is not from -360 to 360 deg; give one of those"))
+    return KnownTurn(frame=frame, theta_deg=theta_deg)
+
+
+def _turned(
+    images: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile, known: KnownTurn, valid: BoolArray | None
+) -> SensorProfile:
+    found, answers = located([images[known.frame]], tapes, rough)
+    if not found:
+        message = f"known_theta: frame {known.frame} is not located: {answers[0].reason}; name another frame"
+        raise SpecError(Problem("known_theta", message))
+    return upright(rough, known, float(np.degrees(found[0].theta_rad)), valid)
+
+
+def _adjusted(
+    images: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile
+) -> tuple[list[Press], Bundle, Estimate, list[int]]:
+    """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns."""
+    sensor, before = rough, None
+    for _ in range(ROUNDS):
+        presses, answers = located(images, tapes, sensor)
+        refuse_few(presses, answers)
+        kept, bundle, estimate = adjust(presses, sensor)
+        after = _corner_mm(bundle)
+        if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
+            break
+        before, sensor = after, replace(_with_sigmas(bundle), scale_tolerance=sensor.scale_tolerance)
+    empty = [k for k, fix in enumerate(answers) if not fix.located and fix.status != "solid"]
+    return kept, bundle, estimate, empty
+
+
+def adjust(
+    presses: Sequence[Press], sensor: SensorProfile, *, errors: Errors | None = None
+) -> tuple[list[Press], Bundle, Estimate]:
+    """Adjust presses from a rough profile: the dots that agree, the camera, and the errors of dots where they are not given."""
+    problem = problem_of(presses, sensor, errors or Errors())
+    bundle = solve(problem)
+    for _ in range(2):
+        kept = agreeing(presses, bundle, problem)
+        if len(kept) < LEAST_PRESSES:
+            refuse_few(kept, [])
+        problem = problem_of(kept, bundle.sensor, bundle.errors, _free(bundle))
+        bundle = solve(problem)
+        presses_used = kept
+        if errors is None:
+            estimate = estimate_errors(*designs_of(problem, bundle))
+            bundle = solve(replace(problem, errors=estimate.errors))
+            problem = replace(problem, errors=estimate.errors)
+        else:
+            estimate = Estimate(errors=errors, sigma_ln_gel=np.inf, sigma_ln_correlation=np.inf)
+    free = _free(bundle)
+    if not free.all():  # a lens whose distortion is not seen has no centre
+        bundle = solve(problem_of(presses_used, _centred(bundle.sensor), bundle.errors, free))
+    return presses_used, bundle, estimate
+
+
+def _free(bundle: Bundle) -> BoolArray:
+    """The camera's parameters that can be told: the lens' centre only where there is a lens."""
+    free = np.ones(camera.COUNT, dtype=bool)
+    free[4:] = abs(bundle.values[3]) > SURE_LENS * np.sqrt(bundle.covariance[3, 3])
+    return free
+
+
+def _centred(sensor: SensorProfile) -> SensorProfile:
+    return replace(sensor, geometry=replace(sensor.geometry, center_px=None))
+
+
+def _corner_mm(bundle: Bundle) -> FloatArray:
+    sensor = bundle.sensor
+    ends = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]) * (sensor.width_px - 1, sensor.height_px - 1)
+    return sensor.camera.from_px(ends) - sensor.camera.from_px(sensor.centre_px)
+
+
+def _with_sigmas(bundle: Bundle) -> SensorProfile:
+    """The profile with the standard deviations of its camera."""
+    sensor = bundle.sensor
+    scale, aspect, shear, k1 = np.sqrt(np.diag(bundle.covariance))[:4].tolist()
+    geometry = replace(
+        sensor.geometry, sigma_px_per_mm=scale * sensor.px_per_mm[0], sigma_aspect=aspect, sigma_shear=shear, sigma_k1=k1
+    )
+    return replace(sensor, geometry=geometry)
+
+
+def _held_out(presses: Sequence[Press], bundle: Bundle, free: BoolArray) -> HeldOut | None:
+    """Cross-validation: the camera from some presses, the pose alone of the others."""
+    if len(presses) < 4:
+        return None
+    outside = []
+    folds = min(FOLDS, len(presses))
+    nothing = np.zeros(camera.COUNT, dtype=bool)
+    for fold in range(folds):
+        rest = [p for k, p in enumerate(presses) if k % folds != fold]
+        out = [p for k, p in enumerate(presses) if k % folds == fold]
+        learned = solve(problem_of(rest, bundle.sensor, bundle.errors, free))
+        outside += list(solve(problem_of(out, learned.sensor, bundle.errors, nothing)).residual_mm)
+    squares = np.concatenate([r.ravel() ** 2 for r in outside])
+    return HeldOut(inside_um=1000 * bundle.rms_mm, outside_um=1000 * float(np.sqrt(squares.mean())), folds=folds)
+
+
+def _profile(
+    name: str,
+    start: SensorProfile,
+    bundle: Bundle,
+    estimate: Estimate,
+    relief: Relief | None,
+    noise: Noise | None,
+    presses: Sequence[Press],
+) -> SensorProfile:
+    """The new profile."""
+    sensor = _with_sigmas(bundle)
+    gel = Gel(
+        thickness_mm=start.gel.thickness_mm,
+        modulus_kpa=start.gel.modulus_kpa,
+        displacement_um=1000 * estimate.errors.gel_mm,
+        correlation_mm=estimate.errors.correlation_mm,
+        blur_mm=start.gel.blur_mm if relief is None else relief.blur_mm,
+    )
+    sigma = sensor.geometry.sigma_px_per_mm or 0.0
+    touched = sorted({press.tape for press in presses})
+    return replace(
+        sensor,
+        name=name,
+        title=f"{name}, calibrated from {len(presses)} presses on {', '.join(touched)}",
+        scale_tolerance=min(max(LEAST_TOLERANCE, 5.0 * sigma / sensor.px_per_mm[0]), 0.5),
+        slope_noise=sensor.slope_noise if noise is None else noise.slope if noise.slope > 0.0 else None,
+        white_um=sensor.white_um if noise is None else noise.white_um,
+        correlated_um=sensor.correlated_um if noise is None else 0.0,
+        gel=gel,
+    )
+
+
+def _quantities(
+    sensor: SensorProfile,
+    bundle: Bundle,
+    estimate: Estimate,
+    relief: Relief | None,
+    noise: Noise | None,
+    corner_um: float,
+) -> list[Quantity]:
+    geometry, (u, v) = sensor.geometry, sensor.px_per_mm
+    sigma = geometry.sigma_px_per_mm or 0.0
+    spread = np.sqrt(np.diag(bundle.covariance))
+    seen = bool(spread[4] > 0.0)
+    unit = "mm" if sensor.depth_unit_mm is not None else "frame unit"
+    um = "um" if sensor.depth_unit_mm is not None else "frame unit / 1000"
+    rows = [
+        Quantity(name="px_per_mm_u", value=u, sigma=sigma, unit="px/mm"),
+        Quantity(name="px_per_mm_v", value=v, sigma=sigma * v / u, unit="px/mm"),
+        Quantity(name="aspect", value=geometry.aspect, sigma=geometry.sigma_aspect),
+        Quantity(name="shear", value=geometry.shear, sigma=geometry.sigma_shear),
+        Quantity(name="k1", value=geometry.k1, sigma=geometry.sigma_k1),
+    ]
+    for axis, at in zip("uv", geometry.center_px or sensor.centre_px.tolist(), strict=True):
+        index = 4 if axis == "u" else 5
+        note = "" if seen else "image centre: no distortion is seen, so it has none"
+        rows.append(Quantity(name=f"center_{axis}", value=at, sigma=float(spread[index]) if seen else None, unit="px", note=note))
+    rows += [
+        Quantity(
+            name="corner", value=0.0, sigma=corner_um / 1000, unit="mm", note="error of the camera at the worst place in view"
+        ),
+        Quantity(
+            name="dot", value=1000 * estimate.errors.dot_mm, sigma=None, unit="um", note="error of a whole dot along an axis"
+        ),
+    ]
+    gel, moved = estimate.errors, estimate.errors.gel_mm > 0.0
+    rows.append(
+        Quantity(
+            name="gel_displacement",
+            value=1000 * gel.gel_mm,
+            sigma=1000 * gel.gel_mm * estimate.sigma_ln_gel if moved else None,
+            unit="um",
+            note="" if moved else "none is seen",
+        )
+    )
+    if moved:
+        about = gel.correlation_mm * estimate.sigma_ln_correlation
+        rows.append(Quantity(name="gel_correlation", value=gel.correlation_mm, sigma=about, unit="mm"))
+    if relief is not None:
+        rows += [
+            Quantity(name="blur", value=relief.blur_mm, sigma=relief.sigma_blur_mm, unit="mm"),
+            Quantity(name="amplitude", value=relief.amplitude, sigma=relief.sigma_amplitude, unit=unit, note="height of a part"),
+        ]
+    if noise is not None:
+        where = f"{noise.patches} patches off contact" if noise.patches else "between the dots; white noise is within it"
+        rows.append(Quantity(name="noise_slope", value=noise.slope, sigma=noise.sigma_slope, note=where))
+        if noise.patches:
+            rows.append(Quantity(name="noise_white", value=noise.white_um, sigma=noise.sigma_white_um, unit=um))
+    return rows
+
+
+def scale_ratio(bundle: Bundle, start: SensorProfile) -> float:
+    """The scale found, over that of the profile to start from."""
+    return exp(float(bundle.values[0])) / start.px_per_mm[0]

@@ -1,0 +1,154 @@
+"""Errors of dots: their own, the rim's, and the gel's smooth displacement, estimated by restricted maximum likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
+
+from tactape_fab.sense.calibrate.presses import Press
+from tactape_fab.sense.decode.grid.posterior import RIM_MM
+from tactape_fab.texture.frames import FloatArray
+
+START_MM = 0.01
+STARTS = ((0.03, 3.0), (0.1, 6.0))
+"""Displacement of a gel and its correlation, mm, from which the most likely ones are looked for."""
+CORRELATIONS_MM = (1.0, 20.0)
+LEAST_GAIN = 3.0
+"""ln of how much likelier the dots must be with a gel that moves than with one that does not."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errors:
+    """Of a dot's centre along one axis.
+
+    Attributes
+    ----------
+    dot_mm : float
+        Standard deviation of a whole dot.
+    gel_mm, correlation_mm : float
+        Root mean square of the gel's smooth displacement, and the standard deviation of the Gaussian that correlates it.
+    """
+
+    dot_mm: float = 0.015
+    gel_mm: float = 0.0
+    correlation_mm: float = 4.0
+
+
+def covariance(press: Press, errors: Errors) -> FloatArray:
+    """Covariance of the dots of a press along an axis; shape (n, n), mm^2. The model is that of `decode.grid.posterior`."""
+    own = errors.dot_mm**2 / np.sqrt(press.weights) + RIM_MM**2 * (1.0 - press.weights) ** 1.75
+    out: FloatArray = np.diag(own)
+    if errors.gel_mm > 0.0:
+        apart = press.texture_mm[:, None] - press.texture_mm
+        out = out + errors.gel_mm**2 * np.exp((apart**2).sum(axis=2) / (-2.0 * errors.correlation_mm**2))
+    return out
+
+
+def whitening(press: Press, errors: Errors) -> FloatArray:
+    """Matrix that makes the errors of a press along an axis independent, of variance 1; shape (n, n)."""
+    lower = np.linalg.cholesky(covariance(press, errors))
+    out: FloatArray = solve_triangular(lower, np.eye(len(lower)), lower=True)
+    return out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Design:
+    """A press as an adjustment sees it at its solution: what is left, and derivatives by shared and own unknowns."""
+
+    press: Press
+    residual_mm: FloatArray
+    shared: FloatArray
+    own: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """Errors of dots, and the standard deviations of ln of each of them; infinite for a gel that is not seen to move."""
+
+    errors: Errors
+    sigma_ln_gel: float
+    sigma_ln_correlation: float
+
+
+def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precision: FloatArray) -> Estimate:
+    """Errors of the dots by restricted maximum likelihood (Harville, JASA 72 (1977) 320): poses and camera are left out of it.
+
+    Parameters
+    ----------
+    designs : sequence of Design
+    precision : ndarray, shape (k, k)
+        Of the shared unknowns, before anything is seen.
+    own_precision : ndarray, shape (4, 4)
+        The same of a press's own.
+
+    Returns
+    -------
+    Estimate
+        Without displacement of the gel where it makes the dots less than e^3 times as likely.
+    """
+
+    def cost(z: FloatArray) -> float:
+        errors = Errors(dot_mm=float(np.exp(z[0])), **_gel(z))
+        return _minus_ln_likelihood(designs, errors, precision, own_precision)
+
+    # the errors at the start are as good as any: the likelihood of a variance alone has one maximum
+    still = minimize(cost, np.array([np.log(START_MM)]), method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01})
+    best, best_cost = None, still.fun - LEAST_GAIN
+    for gel_mm, correlation_mm in STARTS:
+        begin = np.array([float(still.x[0]), np.log(gel_mm), np.log(correlation_mm)])
+        simplex = begin + np.concatenate([np.zeros((1, 3)), np.diag([-0.2, 0.5, 0.3])])
+        moved = minimize(cost, begin, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "initial_simplex": simplex})
+        if moved.fun < best_cost:
+            best, best_cost = moved.x, moved.fun
+    if best is None:
+        return Estimate(errors=Errors(dot_mm=float(np.exp(still.x[0]))), sigma_ln_gel=inf, sigma_ln_correlation=inf)
+    spread = _spread(cost, best)
+    return Estimate(
+        errors=Errors(dot_mm=float(np.exp(best[0])), **_gel(best)), sigma_ln_gel=spread[1], sigma_ln_correlation=spread[2]
+    )
+
+
+def _gel(z: FloatArray) -> dict[str, float]:
+    if len(z) == 1:
+        return {}
+    low, high = CORRELATIONS_MM
+    return {"gel_mm": float(np.exp(min(z[1], 0.0))), "correlation_mm": float(np.clip(np.exp(z[2]), low, high))}
+
+
+def _minus_ln_likelihood(designs: Sequence[Design], errors: Errors, precision: FloatArray, own_precision: FloatArray) -> float:
+    """Of the restricted likelihood, up to a constant; presses are eliminated one by one."""
+    normal, right = precision.copy(), np.zeros(len(precision))
+    total = 0.0
+    for design in designs:
+        white = whitening(design.press, errors)
+        total -= 4.0 * float(np.log(white.diagonal()).sum())  # ln of both determinants
+        r = (white @ design.residual_mm).T.ravel()
+        a = (white @ design.shared.transpose(1, 0, 2)).reshape(-1, design.shared.shape[2])
+        b = (white @ design.own.transpose(1, 0, 2)).reshape(-1, design.own.shape[2])
+        inner = b.T @ b + own_precision
+        lean = np.linalg.solve(inner, np.column_stack([b.T @ a, b.T @ r]))
+        total += float(r @ r - (b.T @ r) @ lean[:, -1]) + float(np.linalg.slogdet(inner)[1])
+        normal += a.T @ a - (a.T @ b) @ lean[:, :-1]
+        right += a.T @ r - (a.T @ b) @ lean[:, -1]
+    total += float(np.linalg.slogdet(normal)[1]) - float(right @ np.linalg.solve(normal, right))
+    return total / 2.0
+
+
+def _spread(cost: Callable[[FloatArray], float], at: FloatArray) -> list[float]:
+    """Standard deviations from the curvature of a likelihood, by differences."""
+    steps = 0.1 * np.eye(len(at))
+    curve = np.empty((len(at), len(at)))
+    for i in range(len(at)):
+        for j in range(len(at)):
+            signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+            curve[i, j] = sum(p * q * cost(at + p * steps[i] + q * steps[j]) for p, q in signs) / 0.04
+    try:
+        variances = np.linalg.inv(curve).diagonal()
+    except np.linalg.LinAlgError:
+        return [inf] * len(at)
+    return [float(np.sqrt(v)) if v > 0.0 else inf for v in variances]

@@ -1,0 +1,158 @@
+"""A user's first frames: what looks wrong in them and in the sensor profile, before anything is calibrated."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.calibrate.orientation import find_orientation, fitted_size, with_mask
+from tactape_fab.sense.calibrate.posedness import LEAST_PRESSES, checked_frames, frame_fault
+from tactape_fab.sense.calibrate.presses import Frame, detected
+from tactape_fab.sense.calibrate.valid import valid_pixels
+from tactape_fab.sense.decode.localizer import Localizer
+from tactape_fab.sense.decode.result import SOLID_DOTS
+from tactape_fab.sense.decode.rule import GOOD_TRUST
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.tape import Tape
+
+MOST_FRAMES = 200
+"""Frames that are looked at; the first ones."""
+EIGHT_BITS = 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameLook:
+    """A frame: trusted dots, whether it is located by the profile, and else why not; None where no tape is named."""
+
+    frame: int
+    dots: int
+    located: bool | None
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstFrames:
+    """What a user's first frames show.
+
+    Attributes
+    ----------
+    frames : tuple of FrameLook
+    wrong : tuple of str
+        What looks wrong, each with its remedy; nothing where all is well.
+    next_step : str
+    """
+
+    frames: tuple[FrameLook, ...]
+    wrong: tuple[str, ...]
+    next_step: str
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like: SensorProfile) -> FirstFrames:
+    """Say what looks wrong in frames.
+
+    Parameters
+    ----------
+    frames : iterable of array_like, each of shape (h, w)
+        As the sensor delivers them.
+    tapes : sequence of Tape
+        That were pressed; none: only the frames themselves are looked at.
+    like : SensorProfile
+
+    Raises
+    ------
+    SpecError, FrameError
+        If they are no depth maps of one shape, or all of them are empty.
+    """
+    images, bad = checked_frames(frames)
+    images = images[:MOST_FRAMES]
+    wrong = [f"{fault}; leave it out, or look at how it is saved" for fault in bad[:5]]
+    wrong += _of_values(images)
+    height, width = images[0].shape
+    sensor = fitted_size((height, width), like)
+    if (height, width) != like.frame_shape:
+        h, w = like.frame_shape
+        wrong.append(f"frames are {height} x {width} px (height x width), those of '{like.name}' {h} x {w}; give another --like")
+    valid = valid_pixels(images)
+    if valid is not None:
+        wrong.append(
+            f"{100 * (1 - valid.mean()):.1f} % of the pixels never change: blind ones belong into a mask; calibrate writes it"
+        )
+        sensor = with_mask(sensor, valid)
+    dots = [int((detected(image, sensor).trust > GOOD_TRUST).sum()) for image in images]
+    if not tapes:
+        looks = tuple(FrameLook(frame=k, dots=n, located=None, reason=None) for k, n in enumerate(dots))
+        return FirstFrames(frames=looks, wrong=tuple(wrong), next_step="name the kit that was pressed with --tape, to see more")
+    localizer = Localizer(tapes, sensor)
+    answers = [localizer.locate(image) for image in images]
+    looks = tuple(
+        FrameLook(frame=k, dots=n, located=fix.located, reason=fix.reason)
+        for k, (n, fix) in enumerate(zip(dots, answers, strict=True))
+    )
+    found = sum(fix.located for fix in answers)
+    # a frame without contact is no fault
+    reasons = Counter(fix.reason for fix in answers if fix.reason is not None and fix.n_dots >= SOLID_DOTS)
+    wrong += [f"{count} of {len(images)} frames: {reason}" for reason, count in _named(reasons)]
+    if found == 0:
+        wrong += _of_profile(images, tapes, sensor)
+    return FirstFrames(frames=looks, wrong=tuple(wrong), next_step=_next_step(found, len(images), wrong))
+
+
+def _of_values(images: Sequence[Frame]) -> list[str]:
+    """What looks wrong in the numbers themselves."""
+    said = []
+    whole = [image for image in images if frame_fault(image) is None]
+    few = [len(np.unique(image[np.isfinite(image)])) for image in whole[:5]]
+    if few and max(few) <= EIGHT_BITS:
+        said.append(
+            f"frames hold at most {max(few)} different values: 8 bits are too coarse for dots; save depth as float or 16 bits"
+        )
+    same = sum(np.array_equal(a, b) for a, b in pairwise(whole))
+    if same:
+        said.append(f"{same} frames are the same as the one before, pixel for pixel; save frames as they come")
+    largest = max((float(np.mean(image == np.nanmax(image))) for image in whole), default=0.0)
+    if largest > 0.01:
+        said.append(f"up to {100 * largest:.0f} % of a frame's pixels have its largest value: depth is cut off; press less")
+    return said
+
+
+def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
+    """Reasons of refusal, most frequent first; those that differ only in numbers are one."""
+    kinds: dict[str, tuple[str, int]] = {}
+    for reason, count in reasons.most_common():
+        kind = "".join(c for c in reason if not c.isdigit())
+        said, before = kinds.get(kind, (reason, 0))
+        kinds[kind] = (said, before + count)
+    return sorted(kinds.values(), key=lambda pair: -pair[1])[:3]
+
+
+def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> list[str]:
+    """What in the profile keeps all frames from being located, where something of it does."""
+    valid = None if sensor.mask is None else valid_pixels(images)
+    found = find_orientation(images, tapes, sensor, valid)
+    if found is None:
+        return ["no sign, mirror or px/mm shows the tape: is it the one that was pressed, parts up, and are frames depth?"]
+    (u, v), mirror = found.px_per_mm, "true" if found.mirror else "false"
+    changes = [
+        *([f"sign = {found.sign}"] if found.sign != sensor.sign else []),
+        *([f"mirror = {mirror}"] if found.mirror != sensor.mirror else []),
+        f"px_per_mm = [{u:.4g}, {v:.4g}]",
+    ]
+    return [f"the tape is seen with another profile: set {', '.join(changes)}, or calibrate"]
+
+
+def _next_step(found: int, count: int, wrong: Sequence[str]) -> str:
+    if found >= LEAST_PRESSES:
+        return f"{found} of {count} frames are located: run tactape-fab calibrate with them"
+    if wrong and found == 0:
+        return "run tactape-fab calibrate with some ten presses: it finds sign, mirror and px/mm itself"
+    return f"{found} of {count} frames are located; press the tape some ten times, then run tactape-fab calibrate"

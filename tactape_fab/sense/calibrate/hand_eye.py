@@ -1,0 +1,265 @@
+"""Hand-eye: where the sensor is on the robot's flange and the tape in its base, in one solve with the camera and all presses.
+
+B X = Y P: B is the flange in the base by the robot, X the sensor on the flange, Y the tape in the base, P the sensor on the
+tape. A press gives three of P's six degrees of freedom; its height and tilt are those of a sensor that lies flat on the tape,
+within `SIGMAS`. Robot and gel err by far more than the camera: the sizes of their errors come from what is left over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.sparse import bmat, csr_matrix
+from scipy.spatial.transform import Rotation
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, pattern_of, problem_of, rows_of, start
+from tactape_fab.sense.calibrate.errors import whitening
+from tactape_fab.sense.calibrate.presses import Press
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
+
+LEAST_POSES = 5
+SIGMAS = np.array([0.1, 0.1, 0.3, 0.02, 0.02, 0.004])
+"""Errors to start from: x, y, z of the sensor on the tape, mm, and turns about its axes, rad, in its own frame."""
+LEAST_SIGMAS = np.array([0.005, 0.005, 0.01, 0.001, 0.001, 0.0002])
+FAR_MM = 2000.0
+"""Standard deviation of all places before anything is seen."""
+OBSERVED_MM, OBSERVED_RAD = 5.0, 0.1
+_STARTS = 6
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmPose:
+    """The robot's flange in its base, at a frame.
+
+    Attributes
+    ----------
+    frame : int
+        Index of the frame.
+    flange_to_base : ndarray, shape (4, 4)
+        mm.
+    """
+
+    frame: int
+    flange_to_base: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandEye:
+    """Two transforms with their covariances.
+
+    Attributes
+    ----------
+    sensor_to_flange, tape_to_base : ndarray, shape (4, 4)
+        mm. The sensor's frame is that of `Localization.transform`: origin at the image centre, x along u, y along v, z into the
+        tape. The tape's is its board frame.
+    covariance : ndarray, shape (12, 12)
+        Translation (mm) and small turns (rad), each in the sensor's own frame and in the tape's own, of both in this order.
+    tape : str
+    frames : tuple of int
+        Frames used.
+    left : ndarray, shape (6,)
+        Root mean square of what is left over of x, y, z (mm) and turns (rad) of the sensor on the tape.
+    remarks : tuple of str
+        What cannot be observed.
+    """
+
+    sensor_to_flange: FloatArray
+    tape_to_base: FloatArray
+    covariance: FloatArray
+    tape: str
+    frames: tuple[int, ...]
+    left: FloatArray
+    remarks: tuple[str, ...]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        return {
+            "format": "tactape-hand-eye/1",
+            "tape": self.tape,
+            "frames": list(self.frames),
+            "sensor_to_flange": self.sensor_to_flange.tolist(),
+            "sensor_to_flange_sigma": sigma[:6].tolist(),
+            "tape_to_base": self.tape_to_base.tolist(),
+            "tape_to_base_sigma": sigma[6:].tolist(),
+            "covariance": self.covariance.tolist(),
+            "left": self.left.tolist(),
+            "remarks": list(self.remarks),
+        }
+
+
+def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape], arm_poses: Sequence[ArmPose]) -> HandEye:
+    """Solve both transforms together with the camera and the presses.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        To start from.
+    presses : sequence of Press
+        Its presses.
+    tapes : sequence of Tape
+    arm_poses : sequence of ArmPose
+        Those of frames that are no press are not used.
+
+    Raises
+    ------
+    SpecError
+        For fewer than five presses with a pose on one tape.
+    """
+    flange = {pose.frame: pose.flange_to_base for pose in arm_poses}
+    names = [press.tape for press in presses if press.frame in flange]
+    name = max(sorted(set(names)), key=names.count) if names else ""
+    on_board = {tape.name: tape for tape in tapes}.get(name)
+    which = [k for k, press in enumerate(presses) if press.frame in flange and press.tape == name]
+    if len(which) < LEAST_POSES or on_board is None or on_board.surface is not None:
+        message = (
+            f"hand_eye: {len(which)} of {len(presses)} presses have a pose of the flange, and {LEAST_POSES} on one flat tape are "
+            "needed; name the frames by their index from 0 in the column frame"
+        )
+        raise SpecError(Problem("hand_eye", message))
+    arm = np.array([flange[presses[k].frame] for k in which])
+    origin = np.array(on_board.board.texture_origin_mm)
+    both = _first(arm, bundle.poses[which], origin)
+    sigmas = SIGMAS
+    problem = problem_of(presses, bundle.sensor, bundle.errors, bundle.free)
+    z = np.concatenate([start(problem), both])
+    z[: len(bundle.values)] = bundle.values
+    z[OF_ALL : OF_ALL + bundle.poses.size] = bundle.poses.ravel()
+    for _ in range(_ROUNDS):
+        solved = _Joint(bundle, presses, arm, np.array(which), origin, sigmas).solved(z)
+        z, left, covariance = solved
+        # as many unknowns as two transforms have are spread over the six kinds of rows
+        freedom = max(1.0 - 12.0 / (6.0 * len(which)), 0.3)
+        sigmas = np.maximum(np.sqrt((left**2).mean(axis=0) / freedom), LEAST_SIGMAS)
+    return HandEye(
+        sensor_to_flange=matrix_of(z[-12:-6]),
+        tape_to_base=matrix_of(z[-6:]),
+        covariance=covariance,
+        tape=name,
+        frames=tuple(presses[k].frame for k in which),
+        left=np.sqrt((left**2).mean(axis=0)),
+        remarks=tuple(_remarks(covariance)),
+    )
+
+
+class _Joint:
+    """All rows: those of the camera's adjustment, and six of each pose of the arm."""
+
+    def __init__(
+        self, bundle: Bundle, presses: Sequence[Press], arm: FloatArray, which: FloatArray, origin: FloatArray, sigmas: FloatArray
+    ) -> None:
+        self.problem = problem_of(presses, bundle.sensor, bundle.errors, bundle.free)
+        self.white = [whitening(press, bundle.errors) for press in presses]
+        self.arm, self.which, self.origin, self.sigmas = arm, which, origin, sigmas
+        self.count = OF_ALL + OF_PRESS * len(presses)
+        self.pattern = pattern_of([len(press.weights) for press in presses], self.count)
+
+    def solved(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Solution, what is left of the arm's rows (m, 6), and the covariance of both transforms."""
+        held = np.concatenate([~self.problem.free, np.zeros(len(z) - len(self.problem.free), dtype=bool)])
+        free = np.flatnonzero(~held)
+
+        def whole(x: FloatArray) -> FloatArray:
+            out = z.copy()
+            out[free] = x
+            return out
+
+        found = least_squares(
+            lambda x: self.rows(whole(x)), z[free], jac=lambda x: self.derivative(whole(x))[:, free], x_scale="jac", method="trf"
+        )
+        at = whole(found.x)
+        derivative = self.derivative(at)[:, free]
+        covariance = np.linalg.inv((derivative.T @ derivative).toarray())[-12:, -12:]
+        return at, self.arm_rows(at)[: 6 * len(self.which)].reshape(-1, 6) * self.sigmas, covariance
+
+    def rows(self, z: FloatArray) -> FloatArray:
+        return np.concatenate([rows_of(self.problem, self.white, z[:-12])[0], self.arm_rows(z)])
+
+    def arm_rows(self, z: FloatArray) -> FloatArray:
+        """What is left of each pose of the arm, over its error, and the priors of both places."""
+        poses = z[OF_ALL:-12].reshape(-1, OF_PRESS)[self.which]
+        left = misfits(self.arm, poses, self.origin, z[-12:]) / self.sigmas
+        return np.concatenate([left.ravel(), z[-12:-9] / FAR_MM, z[-6:-3] / FAR_MM])
+
+    def derivative(self, z: FloatArray) -> csr_matrix:
+        entries = rows_of(self.problem, self.white, z[:-12])[1]
+        seen = csr_matrix((entries, *self.pattern), shape=(self.pattern[1].size - 1, self.count))
+        poses = [OF_ALL + OF_PRESS * k + j for k in self.which for j in range(3)]
+        columns = np.array([*poses, *range(self.count, self.count + 12)])
+        step = 1e-6
+        by = np.stack(
+            [(self.arm_rows(z + d) - self.arm_rows(z - d)) / (2 * step) for d in step * np.eye(len(z))[columns]], axis=1
+        )
+        rows = np.repeat(np.arange(len(by)), len(columns))
+        own = csr_matrix((by.ravel(), (rows, np.tile(columns, len(by)))), shape=(len(by), self.count + 12))
+        empty = csr_matrix((seen.shape[0], 12))
+        return csr_matrix(bmat([[bmat([[seen, empty]])], [own]]))
+
+
+def matrix_of(values: FloatArray) -> FloatArray:
+    """Homogeneous matrix of a translation (mm) and a rotation vector (rad)."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = Rotation.from_rotvec(values[3:]).as_matrix(), values[:3]
+    return out
+
+
+def on_tape(poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
+    """Sensor on the tape's board from x, y (texture frame) and theta: SPEC section 1; (m, 4, 4)."""
+    out = np.zeros((len(poses), 4, 4))
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    out[:, 0, 0], out[:, 0, 1], out[:, 1, 0], out[:, 1, 1] = c, s, s, -c
+    out[:, 2, 2], out[:, 3, 3] = -1.0, 1.0
+    out[:, 0, 3], out[:, 1, 3] = origin_mm[0] + poses[:, 0], origin_mm[1] - poses[:, 1]
+    return out
+
+
+def misfits(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray, both: FloatArray) -> FloatArray:
+    """Where the arm has the sensor, in the frame of where the tape has it: translation (mm) and turn (rad); (m, 6)."""
+    by_arm = np.linalg.inv(matrix_of(both[6:])) @ arm @ matrix_of(both[:6])
+    off = np.linalg.inv(on_tape(poses, origin_mm)) @ by_arm
+    return np.concatenate([off[:, :3, 3], Rotation.from_matrix(off[:, :3, :3]).as_rotvec()], axis=1)
+
+
+def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatArray:
+    """Both transforms roughly: the best of several starts, which differ in the turns that flat presses leave open."""
+    seen = on_tape(poses, origin_mm)
+    best, least = np.zeros(12), np.inf
+    for k in range(_STARTS):
+        for flip in (0.0, pi):
+            guess = matrix_of(np.array([0.0, 0.0, 0.0, flip, 0.0, 0.0]))
+            guess = guess @ matrix_of(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2 * pi * k / _STARTS]))
+            base = arm[0] @ guess @ np.linalg.inv(seen[0])
+            at = np.concatenate([[0.0, 0.0, 0.0], Rotation.from_matrix(guess[:3, :3]).as_rotvec()])
+            at = np.concatenate([at, base[:3, 3], Rotation.from_matrix(base[:3, :3]).as_rotvec()])
+
+            def rows(z: FloatArray) -> FloatArray:
+                left = misfits(arm, poses, origin_mm, z) / SIGMAS
+                return np.concatenate([left.ravel(), z[:3] / FAR_MM, z[6:9] / FAR_MM])
+
+            found = least_squares(rows, at, max_nfev=40)
+            if found.cost < least:
+                best, least = found.x, found.cost
+    return best
+
+
+def _remarks(covariance: FloatArray) -> list[str]:
+    """What poses of the arm leave open."""
+    said = []
+    # the directions that matter: across and along the sensor's axis
+    sigma = np.sqrt(np.diag(covariance))
+    if sigma[:2].max() > OBSERVED_MM or sigma[5] > OBSERVED_RAD:
+        said.append("hand-eye: where the sensor is on the flange is open: turn the sensor between presses, by a quarter or more")
+    if sigma[2] > OBSERVED_MM:
+        said.append(
+            "hand-eye: how far the sensor reaches out from the flange is open, as all presses have the flange at one tilt; "
+            "the sum of that and of the tape's height is known"
+        )
+    return said

@@ -1,0 +1,108 @@
+"""Relief: how far a gel smooths the tape's parts, how high they stand in its frames, and what the fit leaves between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, log, radians, sin
+
+import numpy as np
+
+from tactape_fab.sense.calibrate.adjust import Bundle
+from tactape_fab.sense.calibrate.presses import Frame, Press
+from tactape_fab.sense.decode.dots.filters import averaged
+from tactape_fab.sense.decode.dots.inputs import canonical_frame
+from tactape_fab.sense.decode.pixels.patches import BLURS_MM, fitted, has_patch, pixel_fit, unknown_relief
+from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import Tape
+
+WHOLE = 0.9
+"""Dots of this weight are imprinted wholly."""
+FINE = (0.03, 0.04, *BLURS_MM, 0.55, 0.7)
+"""Blurs that are tried, mm; between them the least is that of a parabola."""
+MOST_PRESSES = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relief:
+    """What parts leave in the gel.
+
+    Attributes
+    ----------
+    blur_mm, sigma_blur_mm : float
+        Standard deviation of the Gaussian that smooths, and its error from press to press.
+    amplitude, sigma_amplitude : float
+        Height of a part before it is smoothed, in the frame's unit, and its error from press to press.
+    left : float
+        Squares that are left of differences between neighbouring pixels, over what slopes of variance 1 have.
+    freedom : float
+    """
+
+    blur_mm: float
+    sigma_blur_mm: float
+    amplitude: float
+    sigma_amplitude: float
+    left: float
+    freedom: float
+
+
+def find_relief(frames: Sequence[Frame], presses: Sequence[Press], bundle: Bundle, tapes: Sequence[Tape]) -> Relief | None:
+    """Blur and height of the parts, from the pixels around whole dots; None where nothing is known of the parts' relief."""
+    parts = {tape.name: tape.part for tape in tapes}
+    rows = []
+    for press, pose in list(zip(presses, bundle.poses, strict=True))[:MOST_PRESSES]:
+        if unknown_relief(parts[press.tape]) is not None:
+            continue
+        found = _of_press(
+            frames[press.frame], press, float(pose[2]), parts[press.tape].rotation_deg, bundle.sensor, parts[press.tape]
+        )
+        if found is not None:
+            rows.append(found)
+    if not rows:
+        return None
+    blurs, heights, left, freedom = (np.array(column) for column in zip(*rows, strict=True))
+    many = max(len(rows), 2)
+    return Relief(
+        blur_mm=float(np.median(blurs)),
+        sigma_blur_mm=float(blurs.std() / np.sqrt(many - 1)),
+        amplitude=float(np.median(heights)),
+        sigma_amplitude=float(heights.std() / np.sqrt(many - 1)),
+        left=float(np.median(left)),
+        freedom=float(freedom.sum()),
+    )
+
+
+def _of_press(
+    frame: Frame, press: Press, theta: float, rotation_deg: float, sensor: SensorProfile, part: object
+) -> tuple[float, float, float, float] | None:
+    """Blur, height, squares left for each expected, and how many are expected."""
+    fit = pixel_fit(sensor)
+    image = canonical_frame(frame, sensor)
+    if fit.factor > 1:
+        image = averaged(image, fit.factor)
+    at = (press.seen_px - (fit.factor - 1) / 2) / fit.factor
+    whole = (press.weights >= WHOLE) & has_patch(fit, at)
+    if whole.sum() < 4:
+        return None
+    at = at[whole]
+    turn = theta - radians(rotation_deg)
+    middle = at.mean(axis=0)
+    ends = fit.from_px(middle + np.array([(1.0, 0.0), (0.0, 1.0)])) - fit.from_px(middle[None])
+    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ ends.T
+    costs = [fitted(fit, image, at, to_body, part, blur) for blur in FINE]  # type: ignore[arg-type]
+    sums = np.array([float(np.median(found.left)) for found in costs])
+    best = int(sums.argmin())
+    blur = _least(FINE, sums, best)
+    chosen = costs[best]
+    return blur, float(np.median(chosen.height)), sums[best] / fit.freedom, fit.freedom * len(at)
+
+
+def _least(blurs: Sequence[float], sums: FloatArray, best: int) -> float:
+    """Blur of the least of a parabola through three sums, in ln of the blur."""
+    if best in (0, len(blurs) - 1):
+        return float(blurs[best])
+    x = [log(blurs[best + k]) for k in (-1, 0, 1)]
+    curve = np.polyfit(np.array(x) - x[1], sums[best - 1 : best + 2], 2)
+    step = -curve[1] / (2.0 * curve[0]) if curve[0] > 0.0 else 0.0
+    return float(blurs[best] * np.exp(np.clip(step, x[0] - x[1], x[2] - x[1])))

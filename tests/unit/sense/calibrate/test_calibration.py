@@ -1,0 +1,203 @@
+"""Calibration from presses: the truth within what is said, whatever the start; everything that presses cannot say is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tactape_fab import FrameError, Localizer, SpecError
+from tactape_fab.sense import Calibration, SensorProfile, calibrate_sensor
+from tactape_fab.sense.calibrate.presses import Frame
+from tests.tapes import tape_at
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, pressed, presses
+
+WRONG = replace(STOCK, px_per_mm=(19.5, 19.5), sign=-1, mirror=True)
+"""px/mm 30 % off, both flips wrong."""
+
+
+@cache
+def calibrated() -> Calibration:
+    return calibrate_sensor(presses().frames, [TAPE], WRONG, name="mine")
+
+
+def figure(found: Calibration, name: str) -> tuple[float, float]:
+    """A quantity and its standard deviation."""
+    q = next(q for q in found.quantities if q.name == name)
+    assert q.sigma is not None
+    return q.value, q.sigma
+
+
+def test_the_camera_is_found_within_what_is_said() -> None:
+    found = calibrated()
+    assert (found.sensor.sign, found.sensor.mirror, found.sensor.rotate90) == (1, False, 0)
+    assert len(found.presses) == found.frames == 10 and found.valid is None
+    truth = {
+        "px_per_mm_u": 15.0,
+        "px_per_mm_v": 15.0,
+        "aspect": 0.03,
+        "shear": 0.01,
+        "k1": 0.03,
+        "center_u": 159.5,
+        "center_v": 119.5,
+    }
+    for name, value in truth.items():
+        got, sigma = figure(found, name)
+        assert abs(got - value) < 4.0 * sigma, name
+    assert figure(found, "px_per_mm_u")[1] < 0.02 and figure(found, "aspect")[1] < 1e-3 and figure(found, "k1")[1] < 3e-3
+    assert found.sensor.geometry.sigma_aspect == figure(found, "aspect")[1]
+
+
+def test_gel_and_noise_are_found() -> None:
+    found = calibrated()
+    assert abs(figure(found, "blur")[0] - 0.15) < 0.03 and abs(figure(found, "amplitude")[0] - 0.12) < 0.015
+    assert abs(figure(found, "noise_slope")[0] - 0.032) < 0.002 and figure(found, "noise_white")[0] < 0.5
+    assert found.sensor.gel.displacement_um == 0.0 and found.sensor.slope_noise == figure(found, "noise_slope")[0]
+
+
+def test_held_out_presses_fit_as_well() -> None:
+    held = calibrated().held_out
+    assert held is not None and held.folds == 5
+    assert 0.9 * held.inside_um < held.outside_um < 1.5 * held.inside_um < 20.0
+
+
+def test_contacts_are_located_better_than_by_the_stock_profile() -> None:
+    tests = pressed(TRUE, 15, 9, (5.0, 3.5), 0.0)
+    off: dict[str, float] = {}
+    nees: list[float] = []
+    profiles: dict[str, SensorProfile] = {
+        "stock": replace(STOCK, px_per_mm=(15.0, 15.0)),
+        "mine": calibrated().sensor,
+        "true": TRUE,
+    }
+    for name, sensor in profiles.items():
+        localizer, errors = Localizer([TAPE], sensor), []
+        for frame, pose in zip(tests.frames, tests.poses, strict=True):
+            fix = localizer.locate(frame)
+            assert fix.located and fix.position_mm is not None and fix.covariance is not None and fix.theta_deg is not None
+            turn = (fix.theta_deg - pose[2] + 180.0) % 360.0 - 180.0
+            error = np.array([*(np.array(fix.position_mm) - pose[:2]), np.radians(turn)])
+            errors.append(error)
+            if name == "mine":
+                nees.append(float(error @ np.linalg.solve(fix.covariance, error)) / 3.0)
+        off[name] = float(np.sqrt(np.mean(np.array(errors)[:, :2] ** 2)))
+    assert off["mine"] < 0.7 * off["stock"]
+    assert 0.4 < np.mean(nees) < 1.8
+
+
+def test_a_gel_that_moves_is_seen_to() -> None:
+    made = pressed(TRUE, 12, 4, (6.0, 4.5), 0.0, gel_displacement_um=80.0)
+    found = calibrate_sensor(made.frames, [TAPE], STOCK)
+    moved, sigma = figure(found, "gel_displacement")
+    assert abs(moved - 80.0) < 4.0 * sigma < 80.0
+    along, sigma = figure(found, "gel_correlation")
+    assert abs(along - 4.0) < 4.0 * sigma < 4.0
+    assert found.sensor.gel.displacement_um == moved
+
+
+@pytest.mark.parametrize(("rotate90", "sign", "mirror"), [(0, 1, True), (1, -1, False), (2, -1, True), (3, 1, True)])
+def test_orientation_comes_from_one_press_of_known_direction(rotate90: int, sign: int, mirror: bool) -> None:
+    true = replace(TRUE, sign=sign, mirror=mirror, rotate90=rotate90)
+    made = presses(first_theta=20.0)
+    frames = [_delivered(frame, true) for frame in made.frames]
+    found = calibrate_sensor(frames, [TAPE], "generic", known_theta=(0, 20.0)).sensor
+    assert (found.sign, found.mirror, found.rotate90) == (sign, mirror, rotate90)
+    assert (found.width_px, found.height_px) == (320, 240) and found.frame_shape == frames[0].shape
+    assert abs(found.geometry.aspect - 0.03) < 2e-3 and abs(found.geometry.shear - 0.01) < 2e-3
+    fix = Localizer([TAPE], found).locate(frames[3])
+    assert fix.position_mm is not None and np.allclose(fix.position_mm, made.poses[3][:2], atol=0.05)
+
+
+def _delivered(frame: Frame, sensor: SensorProfile) -> Frame:
+    """A canonical frame as a sensor of another orientation delivers it."""
+    turned = np.rot90(frame, -sensor.rotate90)
+    return np.ascontiguousarray(sensor.sign * (turned[:, ::-1] if sensor.mirror else turned))
+
+
+def test_blind_borders_are_found_and_kept_clear_of() -> None:
+    frames = [frame.copy() for frame in presses(14).frames]
+    for frame in frames:
+        frame[:, :20] = 0.0
+    found = calibrate_sensor(frames, [TAPE], STOCK)
+    assert found.valid is not None and not found.valid[:, :25].any() and found.valid[:, 40:].all()
+    assert found.sensor.mask is not None and abs(found.sensor.geometry.aspect - 0.03) < 3e-3
+
+
+def empty_frames() -> list[Frame]:
+    rng = np.random.default_rng(0)
+    return [rng.standard_normal((240, 320)).astype(np.float32) * 0.005 for _ in range(8)]
+
+
+def holes(frames: list[Frame]) -> list[Frame]:
+    return [np.where(np.arange(320) < 200, np.nan, frame).astype(np.float32) for frame in frames]
+
+
+BAD = {
+    "none at all": ([], "there are no frames; give depth maps of some ten presses"),
+    "constant": ([np.full((240, 320), 3.0)] * 8, "no frame shows anything: frame 0 is constant: 3 in every pixel"),
+    "NaN": ([np.full((240, 320), np.nan)] * 8, "frame 0 is NaN or infinite in every pixel"),
+    "mostly NaN": (holes(presses().frames), "is NaN or infinite in 6[23] % of its pixels"),
+    "no dots": (empty_frames(), "is not seen in any of 8 frames, by either sign, mirrored or not"),
+    "one press": (presses().frames[:1], "only 1 press .*can be used, and a calibration needs 6; press the tape some ten times"),
+    "five presses": (presses().frames[:5], "only 5 presses"),
+    "one press among empty frames": ([presses().frames[0], *empty_frames()], "only 1 press of 9 frames"),
+    "all in the middle": (
+        presses(10, 2, (0.0, 0.0)).frames,
+        "all contacts are in the middle of the image: .* press near the four corners",
+    ),
+    "two shapes": ([presses().frames[0], presses().frames[1][:200]], "frame 1 is 200 x 320 px, the others are 240 x 320"),
+    "too small": ([np.zeros((8, 8))], "frame 0 is no depth map"),
+    "a stack": ([np.zeros((3, 240, 320))], r"frame 0 is no depth map: shape \(3, 240, 320\)"),
+    "words": ([np.array([["a"] * 20] * 20)], "frame 0 is no depth map"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_frames_that_say_too_little_are_refused_with_the_remedy(case: str) -> None:
+    frames, words = BAD[case]
+    with pytest.raises((SpecError, FrameError), match=words):
+        calibrate_sensor(frames, [TAPE], STOCK)
+
+
+def test_another_tape_is_named() -> None:
+    other = tape_at(9, (62, 32))
+    with pytest.raises(
+        SpecError, match=r"show another tape: it looks like sector 7 of microdots-4x4.*give the kit that was pressed"
+    ):
+        calibrate_sensor(presses().frames, [other], TRUE)
+
+
+def test_a_tape_of_another_pitch_is_not_found() -> None:
+    other = replace(TAPE, pitch_mm=5.0, displacement_mm=0.8)
+    with pytest.raises(SpecError, match=r"is not seen in any of 10 frames.*check that it is the tape that was pressed"):
+        calibrate_sensor(presses().frames, [other], TRUE)
+
+
+@pytest.mark.parametrize(
+    ("known", "words"),
+    [
+        ((99, 0.0), "known_theta: frame 99 is not from 0 to 9"),
+        ((0, 1000.0), "known_theta: 1000 deg is not from -360 to 360"),
+        ((0, 65.0), "known_theta: frame 0 is said to be at 65 deg and seen at 20.* is 45 deg from a quarter turn"),
+    ],
+)
+def test_a_known_direction_that_cannot_be_is_refused(known: tuple[int, float], words: str) -> None:
+    with pytest.raises(SpecError, match=words):
+        calibrate_sensor(presses().frames, [TAPE], TRUE, known_theta=known)
+
+
+def test_remarks_say_what_cannot_be_observed() -> None:
+    said = " ".join(calibrated().remarks)
+    assert "quarter turns of the image cannot be told" in said and "--known-theta FRAME,DEG" in said
+    cropped = calibrate_sensor([frame[10:, 20:] for frame in presses().frames], [TAPE], STOCK)
+    assert any("frames are 230 x 300 px (height x width), those of 'gelsight-mini' 240 x 320" in r for r in cropped.remarks)
+    alike = pressed(TRUE, 10, 5, (5.0, 3.5), 30.0, alike=True).frames
+    assert any("all presses are turned alike" in r for r in calibrate_sensor(alike, [TAPE], TRUE).remarks)
+
+
+def test_a_bad_frame_among_good_ones_is_only_said() -> None:
+    frames = [*presses().frames, np.full((240, 320), 1.0, dtype=np.float32)]
+    found = calibrate_sensor(frames, [TAPE], TRUE)
+    assert len(found.presses) == 10 and "frame 10 is constant: 1 in every pixel" in found.remarks

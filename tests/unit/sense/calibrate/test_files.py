@@ -1,0 +1,103 @@
+"""Files of a calibration: the profile is read back as it was found, pictures show what they say, poses are untrusted."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactape_fab import SpecError
+from tactape_fab.sense import Calibration, calibrate_sensor, load_sensor
+from tactape_fab.sense.calibrate.files import MARK, checked_output, read_arm_poses, write_profile
+from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
+from tactape_fab.sense.calibrate.posedness import empty_corners
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
+
+HEADER = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz\n"
+
+
+@cache
+def blind_left() -> Calibration:
+    """A sensor with a blind border at the left."""
+    frames = [frame.copy() for frame in presses(14).frames]
+    for frame in frames:
+        frame[:, :16] = 0.0
+    return calibrate_sensor(frames, [TAPE], STOCK, name="mine")
+
+
+def test_the_profile_is_read_back_as_it_was_found(tmp_path: Path) -> None:
+    found = blind_left()
+    files = write_profile(tmp_path / "mine.toml", found)
+    assert [file.name for file in files] == ["mine-mask.png", "mine.toml"] == sorted(p.name for p in tmp_path.iterdir())
+    read, made = load_sensor(tmp_path / "mine.toml"), found.sensor
+    assert (read.name, read.width_px, read.height_px, read.sign, read.mirror) == ("mine", 320, 240, 1, False)
+    assert np.allclose(read.px_per_mm, made.px_per_mm, rtol=1e-5) and np.array_equal(read.mask, made.mask)  # type: ignore[arg-type]
+    for key in ("aspect", "shear", "k1", "center_px", "sigma_px_per_mm", "sigma_aspect", "sigma_shear", "sigma_k1"):
+        assert np.allclose(getattr(read.geometry, key), getattr(made.geometry, key), rtol=1e-5), key
+    assert np.allclose([read.slope_noise or 0, read.gel.blur_mm or 0], [made.slope_noise or 0, made.gel.blur_mm or 0], rtol=1e-4)
+    text = (tmp_path / "mine.toml").read_text()
+    assert text.startswith(MARK) and all(f"# {q.name} = " in text for q in found.quantities)
+    json.dumps(found.to_mapping(), allow_nan=False)
+
+
+def test_only_a_calibrated_profile_is_replaced(tmp_path: Path) -> None:
+    assert checked_output(tmp_path / "new.toml") == tmp_path / "new.toml"
+    (tmp_path / "ours.toml").write_text(MARK + " from 10 presses\n")
+    assert checked_output(tmp_path / "ours.toml").name == "ours.toml"
+    (tmp_path / "theirs.toml").write_text('name = "hand-made"\n')
+    for name, words in (
+        ("theirs.toml", "is there and is no calibrated profile; use another name"),
+        ("sensor.json", "is no .toml file"),
+        ("none/sensor.toml", "is in a folder that does not exist"),
+    ):
+        with pytest.raises(SpecError, match=words):
+            checked_output(tmp_path / name)
+
+
+def test_pictures_show_dots_and_residuals(tmp_path: Path) -> None:
+    found = blind_left()
+    paths = write_pictures(tmp_path / "pictures", found)
+    assert [path.name for path in paths] == ["coverage.png", "residuals.png"] and all(
+        path.stat().st_size > 5000 for path in paths
+    )
+    assert draw_coverage(found).shape == draw_residuals(found).shape == (776, 960, 3)
+    assert empty_corners(found.presses, found.sensor) == []
+    left = [press for press in found.presses if press.seen_px[:, 0].max() < 240.0]
+    assert "upper right" in empty_corners(left, found.sensor)
+
+
+def test_poses_are_read_in_any_order_of_columns(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("qw,qx,qy,qz,frame,z_mm,y_mm,x_mm\n0.5,0.5,0.5,0.5,3,30,20,10\n")
+    (pose,) = read_arm_poses(path, 4)
+    assert pose.frame == 3 and np.allclose(pose.flange_to_base[:3, 3], (10, 20, 30))
+    assert np.allclose(pose.flange_to_base[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x,y\n1,2\n", "its first line must be frame,x_mm,y_mm,z_mm,qw,qx,qy,qz"),
+        ("", "its first line must be"),
+        (HEADER + "0,1,2,3,1,0,0\n", "line 2: .* is not eight numbers"),
+        (HEADER + "0,1,2,3,1,0,0,0,9\n", "line 2: .* is not eight numbers"),
+        (HEADER + "0,1,nan,3,1,0,0,0\n", "line 2: .* is not eight numbers"),
+        (HEADER + "9,1,2,3,1,0,0,0\n", "line 2: frame = 9 is not a whole number from 0 to 4"),
+        (HEADER + "0,1,2,3,1,1,0,0\n", "the quaternion's length is 1.41, not 1"),
+        (HEADER + "0,1e9,2,3,1,0,0,0\n", "is farther than 100000 mm"),
+        (HEADER + "0,1,2,3,1,0,0,0\n" * 2, "line 3: frame 0 is there twice"),
+    ],
+)
+def test_bad_poses_are_refused_in_words(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text(text)
+    with pytest.raises(SpecError, match=words):
+        read_arm_poses(path, 5)
+
+
+def test_poses_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="cannot be opened: No such file"):
+        read_arm_poses(tmp_path / "none.csv", 5)

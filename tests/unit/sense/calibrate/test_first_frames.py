@@ -1,0 +1,76 @@
+"""First frames: every fault of frames or profile is named with its remedy, and good ones are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactape_fab import SpecError
+from tactape_fab.sense import SensorProfile
+from tactape_fab.sense.calibrate.first_frames import look_at_frames
+from tactape_fab.sense.calibrate.presses import Frame
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
+
+FRAMES = presses(7).frames
+
+
+def said(frames: list[Frame], like: SensorProfile = TRUE) -> str:
+    return " | ".join(look_at_frames(frames, [TAPE], like).wrong)
+
+
+def test_good_frames_are_left_alone() -> None:
+    found = look_at_frames(FRAMES, [TAPE], TRUE)
+    assert found.wrong == () and [look.located for look in found.frames] == [True] * 7
+    assert found.next_step == "7 of 7 frames are located: run tactape-fab calibrate with them"
+    assert min(look.dots for look in found.frames) > 15
+    assert set(found.to_mapping()) == {"frames", "wrong", "next_step"}
+
+
+def test_without_a_tape_dots_are_counted() -> None:
+    found = look_at_frames(FRAMES, [], TRUE)
+    assert found.frames[0].located is None and found.frames[0].dots > 15 and "--tape" in found.next_step
+
+
+@pytest.mark.parametrize(
+    ("like", "words"),
+    [
+        (
+            replace(TRUE, sign=-1),
+            "the frame's sign is inverted: it shows tape-7 with sign = 1; set sign = 1 in the sensor profile",
+        ),
+        (
+            replace(TRUE, mirror=True),
+            "the frame is mirrored: it shows tape-7 from behind; set mirror = false in the sensor profile",
+        ),
+        (replace(TRUE, px_per_mm=(10.0, 10.0)), "it shows tape-7 at another scale: set px_per_mm = [15"),
+        (
+            replace(STOCK, px_per_mm=(27.0, 27.0), sign=-1, mirror=True),
+            "the tape is seen with another profile: set sign = 1, mirror = false",
+        ),
+    ],
+)
+def test_a_wrong_profile_is_named(like: SensorProfile, words: str) -> None:
+    assert words in said(FRAMES, like)
+
+
+def test_faults_of_the_frames_are_named() -> None:
+    low, high = min(f.min() for f in FRAMES), max(f.max() for f in FRAMES)
+    coarse = [np.round((f - low) / (high - low) * 50).astype(np.float32) for f in FRAMES]
+    cut = [np.minimum(f, np.quantile(f, 0.9)) for f in FRAMES]
+    blind = [np.where(np.arange(320) < 40, 0.0, f).astype(np.float32) for f in FRAMES]
+    assert "different values: 8 bits are too coarse for dots" in said(coarse)
+    assert "10 % of a frame's pixels have its largest value: depth is cut off" in said(cut)
+    assert "12.5 % of the pixels never change: blind ones belong into a mask" in said(blind)
+    assert "1 frames are the same as the one before, pixel for pixel" in said([*FRAMES, FRAMES[-1]])
+    assert "frame 7 is constant: 0 in every pixel; leave it out" in said([*FRAMES, np.zeros_like(FRAMES[0])])
+    assert "frames are 200 x 320 px (height x width), those of 'gelsight-mini' 240 x 320" in said([f[40:] for f in FRAMES])
+    with pytest.raises(SpecError, match="no frame shows anything"):
+        said([np.full((240, 320), np.nan, dtype=np.float32)])
+
+
+def test_another_tape_is_named_by_the_decoder() -> None:
+    other = replace(TAPE, pitch_mm=5.0, displacement_mm=0.8)
+    found = look_at_frames(FRAMES, [other], TRUE)
+    assert "no sign, mirror or px/mm shows the tape" in " ".join(found.wrong)

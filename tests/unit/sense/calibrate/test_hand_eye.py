@@ -1,0 +1,67 @@
+"""Hand-eye: both transforms come back within their standard deviations; what poses leave open is said."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tactape_fab import SpecError
+from tactape_fab.sense import ArmPose, Calibration, calibrate_sensor
+from tactape_fab.sense.calibrate.hand_eye import matrix_of, on_tape
+from tactape_fab.texture.frames import FloatArray
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
+
+ON_FLANGE = matrix_of(np.array([5.0, -3.0, 80.0, *Rotation.from_euler("xyz", [2, -3, 30], degrees=True).as_rotvec()]))
+IN_BASE = matrix_of(np.array([400.0, 100.0, 20.0, *Rotation.from_euler("xyz", [1, 2, -70], degrees=True).as_rotvec()]))
+
+
+def arm_poses(poses: FloatArray, tilt_rad: float = 0.01) -> list[ArmPose]:
+    """Poses of the flange that see the presses, with the errors of an arm and a gel."""
+    rng = np.random.default_rng(5)
+    seen = on_tape(np.column_stack([poses[:, :2], np.radians(poses[:, 2])]), np.array(TAPE.board.texture_origin_mm))
+    off = rng.standard_normal((len(poses), 6)) * (0.03, 0.03, 0.1, tilt_rad, tilt_rad, 0.001)
+    made = [IN_BASE @ p @ matrix_of(e) @ np.linalg.inv(ON_FLANGE) for p, e in zip(seen, off, strict=True)]
+    return [ArmPose(frame=k, flange_to_base=m) for k, m in enumerate(made)]
+
+
+@cache
+def solved() -> Calibration:
+    made = presses()
+    return calibrate_sensor(made.frames, [TAPE], STOCK, known_theta=(0, 20.0), arm_poses=arm_poses(made.poses))
+
+
+def test_both_transforms_are_found() -> None:
+    found = solved().hand_eye
+    assert found is not None and found.tape == TAPE.name and found.frames == tuple(range(10))
+    sigma = np.sqrt(np.diag(found.covariance))
+    for answer, truth, said in ((found.sensor_to_flange, ON_FLANGE, sigma[:6]), (found.tape_to_base, IN_BASE, sigma[6:])):
+        off = np.linalg.inv(truth) @ answer
+        turned = Rotation.from_matrix(off[:3, :3]).as_rotvec()
+        assert (np.abs(np.concatenate([off[:3, 3], turned])) < 4.5 * said).all()
+        assert (said[[0, 1]] < 0.3).all() and said[5] < 0.005
+    assert found.left[0] < 0.08 and 0.03 < found.left[2] < 0.3
+
+
+def test_the_mapping_says_its_format_and_is_whole() -> None:
+    found = solved()
+    assert found.hand_eye is not None
+    said = found.hand_eye.to_mapping()
+    assert said["format"] == "tactape-hand-eye/1" and np.shape(said["covariance"]) == (12, 12)
+    assert found.to_mapping()["hand_eye"]["tape"] == TAPE.name
+
+
+def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
+    made = presses()
+    found = calibrate_sensor(made.frames, [TAPE], STOCK, known_theta=(0, 20.0), arm_poses=arm_poses(made.poses, 0.0)).hand_eye
+    assert found is not None and any("how far the sensor reaches out" in remark for remark in found.remarks)
+    off = np.linalg.inv(ON_FLANGE) @ found.sensor_to_flange
+    assert np.abs(off[:2, 3]).max() < 0.2
+
+
+def test_few_poses_are_refused() -> None:
+    made = presses()
+    with pytest.raises(SpecError, match="hand_eye: 3 of 10 presses have a pose of the flange, and 5 on one flat tape are needed"):
+        calibrate_sensor(made.frames, [TAPE], STOCK, arm_poses=arm_poses(made.poses)[:3])

@@ -1,0 +1,33 @@
+"""Presses: what neighbours and the rim do to a dot is what the decoder's kernel says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactape_fab.sense.calibrate.presses import drawn, located
+from tactape_fab.sense.decode.grid import posterior
+from tests.unit.sense.calibrate.sensors import TAPE, TRUE, presses
+
+
+def test_neighbours_draw_a_dot_as_the_decoder_says() -> None:
+    rng = np.random.default_rng(3)
+    texture = np.stack(np.meshgrid(np.arange(6) * 1.5, np.arange(5) * 1.5), axis=-1).reshape(-1, 2)
+    texture = texture + rng.uniform(-0.25, 0.25, texture.shape)
+    weights, theta = rng.uniform(0.2, 1.0, len(texture)), 0.7
+    target, out = np.empty((2, len(texture))), np.empty((2, 2, len(texture)))
+    middle = texture.mean(axis=0)
+    posterior._drawn(texture, texture, weights, np.cos(theta), np.sin(theta), *middle.tolist(), target, out)
+    pushed, pulled = drawn(texture, weights, theta)
+    assert np.allclose(pushed, out[0].T) and np.allclose(pulled, out[1].T)
+
+
+def test_dots_of_a_press_are_at_the_parts_that_they_name() -> None:
+    made = presses()
+    found, answers = located(made.frames[:3], [TAPE], TRUE)
+    assert [press.frame for press in found] == [0, 1, 2] and all(fix.located for fix in answers)
+    for press, pose in zip(found, made.poses, strict=False):
+        assert press.tape == TAPE.name and 0.15 < press.weights.min() <= press.weights.max() <= 1.0
+        theta = np.radians(pose[2])
+        turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+        on_gel = TRUE.camera.from_px(press.seen_px) - TRUE.camera.from_px(TRUE.centre_px) + press.rim_mm
+        assert np.median(np.hypot(*(on_gel - (press.texture_mm - pose[:2]) @ turn.T).T)) < 0.03
