@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from tactape_fab.base.errors import Check, Finding
+from tactape_fab.base.plain_text import one_line
 
 PURPOSES = (
     ("for the fab", ("fab-zip",)),
@@ -55,6 +56,7 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
 
 def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows as aligned columns."""
+    rows = [[one_line(cell) for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 
@@ -85,20 +87,25 @@ def echo_json(content: Any) -> None:
     click.echo(json.dumps(content, indent=1, ensure_ascii=True))
 
 
+def echo_line(line: str, *, err: bool = False) -> None:
+    """Print one line, whatever it holds: a name from an untrusted file neither ends it nor moves the cursor."""
+    click.echo(one_line(line), err=err)
+
+
 def echo_lines(lines: Iterable[str]) -> None:
     for line in lines:
-        click.echo(line)
+        echo_line(line)
 
 
 def echo_lines_err(lines: Iterable[str]) -> None:
     for line in lines:
-        click.echo(line, err=True)
+        echo_line(line, err=True)
 
 
 def warn(findings: Sequence[Finding]) -> None:
     for finding in findings:
         if finding.level == "warn" and not finding.passed:
-            click.echo(f"warning: {finding.rule}: {finding.message}", err=True)
+            echo_line(f"warning: {finding.rule}: {finding.message}", err=True)
 
 
 def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
@@ -118,4 +125,4 @@ def step_shown() -> Callable[[str, int, int], None]:
     """Progress as one line of a terminal that is overwritten; nothing if the output is not a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda *_: None
-    return lambda text, done, count: click.echo(f"\r{text} {done} of {count}\033[K", err=True, nl=done == count)
+    return lambda text, done, count: click.echo(f"\r{one_line(text)} {done} of {count}\033[K", err=True, nl=done == count)

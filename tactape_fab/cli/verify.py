@@ -10,7 +10,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size
-from tactape_fab.cli.printing import check_lines, counted, echo_json, echo_lines, step_shown
+from tactape_fab.cli.printing import check_lines, counted, echo_json, echo_line, echo_lines, step_shown
 
 if TYPE_CHECKING:
     from tactape_fab.verify import Verification
@@ -51,7 +51,7 @@ def verify(
         else:
             echo_lines(check_lines(verification.checks))
         verification.raise_if_failed()
-        click.echo(f"verified: {counted(len(verification.checks), 'check')} of the written files", err=True)
+        echo_line(f"verified: {counted(len(verification.checks), 'check')} of the written files", err=True)
 
 
 def _verified(

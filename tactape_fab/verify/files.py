@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 
@@ -115,9 +116,10 @@ def read_inside(root: Path, place: Path) -> bytes:
         raise OSError(0, "leads out of the kit's folder")
     if not place.is_file():
         raise OSError(0, "is missing")
-    if place.stat().st_size > _MOST_BYTES:
+    data = read_regular(place, _MOST_BYTES)
+    if len(data) > _MOST_BYTES:
         raise OSError(0, f"is larger than {_MOST_BYTES} bytes")
-    return place.read_bytes()
+    return data
 
 
 def check_listed(
