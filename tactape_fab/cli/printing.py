@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,8 @@ def echo_json(content: Any) -> None:
 
 def echo_line(line: str, *, err: bool = False) -> None:
     """Print one line, whatever it holds: a name from an untrusted file neither ends it nor moves the cursor."""
-    click.echo(one_line(line), err=err)
+    with suppress(OSError) if err else nullcontext():  # messages that nobody can be told stop no work
+        click.echo(one_line(line), err=err)
 
 
 def echo_lines(lines: Iterable[str]) -> None:
@@ -118,7 +120,8 @@ def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
 def clear_step() -> None:
     """Clear the progress line of the terminal before a message."""
     if sys.stderr is not None and sys.stderr.isatty():
-        click.echo("\r\033[K", err=True, nl=False)
+        with suppress(OSError):
+            click.echo("\r\033[K", err=True, nl=False)
 
 
 def step_shown() -> Callable[[str, int, int], None]:

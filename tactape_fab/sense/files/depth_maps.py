@@ -243,7 +243,7 @@ def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
 
 def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> npt.NDArray[np.float64] | None:
     """Optional array of one of the allowed shapes; None if the file does not have it."""
-    with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
+    with open_regular(path) as file, zipfile.ZipFile(file) as archive:
         if name + ".npy" not in archive.namelist():
             return None
     with _opened(path, name) as (stream, header):
