@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from tactape_fab.base.errors import Check
@@ -79,6 +79,7 @@ def read_files(
     rows = manifest.get("files")
     files: dict[str, list[WrittenFile]] = {}
     problems: list[str] = []
+    known: dict[PurePosixPath, bytes] = {}
     listed = {MANIFEST_NAME}
     if not isinstance(rows, list) or not rows:
         return files, [Check(name="files", passed=False, message="the manifest lists no files")]
@@ -88,12 +89,10 @@ def read_files(
         if path is None:
             problems.append(f"{shown(row)} names no file inside the kit")
             continue
-        if str(path) in listed:
-            problems.append(f"{path} is listed twice")
-            continue
         listed.add(str(path))
         try:
-            data = read_inside(root, folder / path, _most_bytes(row.get("bytes")))
+            data = known[path] if path in known else read_inside(root, folder / path, _most_bytes(row.get("bytes")))
+            known[path] = data
         except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
             problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
         else:
