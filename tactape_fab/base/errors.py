@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, TypeVar
 
+from tactape_fab.base.plain_text import one_line
+
 T = TypeVar("T")
 Level = Literal["block", "warn", "info"]
 
@@ -90,7 +92,12 @@ class Check:
 
 
 def _plain_numbers(line: Finding | Check, *names: str) -> None:
-    """Python's bool and float in place of numpy's, None if nothing was measured, so that every line can be JSON."""
+    """Python's bool and float in place of numpy's, None if nothing was measured, so that every line can be JSON; and texts
+    without control characters, as they hold names and values of untrusted files.
+    """
+    object.__setattr__(line, "message", one_line(line.message))
+    if isinstance(line, Check):
+        object.__setattr__(line, "name", one_line(line.name))
     object.__setattr__(line, "passed", bool(line.passed))
     for name in names:
         value = getattr(line, name)

@@ -20,7 +20,7 @@ from typing import Any
 FREECAD = ("freecadcmd", "FreeCADCmd")
 PRUSA_SLICER = ("prusa-slicer",)
 _KEPT = (
-    *("LANG", "LC_ALL", "LC_CTYPE", "TZ", "TMPDIR", "TEMP", "TMP", "SYSTEMROOT", "LD_LIBRARY_PATH", "NODE_PATH", "DISPLAY"),
+    *("LANG", "LC_ALL", "LC_CTYPE", "TZ", "SYSTEMROOT", "LD_LIBRARY_PATH", "NODE_PATH", "DISPLAY"),
     "SOURCE_DATE_EPOCH",
 )
 _KEPT_PREFIXES = ("NUMBA_", "TACTAPE_", "OMP_", "OPENBLAS_", "MKL_")
@@ -45,6 +45,7 @@ def environment(scratch: Path) -> dict[str, str]:
         kept["NUMBA_CACHE_DIR"] = str(Path(kept["NUMBA_CACHE_DIR"]).absolute())
     return kept | {
         "HOME": str(scratch),
+        **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch)),  # that of the user may not exist, and FreeCAD dies of it
         "XDG_CACHE_HOME": cache,  # numba's cache of compiled functions
         "XDG_CONFIG_HOME": str(scratch),
         "PYTHONSAFEPATH": "1",  # for the interpreters inside other programs

@@ -13,7 +13,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import locating_options, locating_values, named_object
-from tactape_fab.cli.printing import counted, echo_lines, step_shown
+from tactape_fab.cli.printing import counted, echo_line, echo_lines, step_shown
 
 if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
@@ -104,7 +104,7 @@ def _print_answers(
         elapsed_ms.append(fix.elapsed_ms)
         if len(elapsed_ms) % 100 == 0 or len(elapsed_ms) == count:
             show("frames", len(elapsed_ms), count)
-    click.echo(summary_line(located, len(elapsed_ms), elapsed_ms), err=True)
+    echo_line(summary_line(located, len(elapsed_ms), elapsed_ms), err=True)
 
 
 class FixTable:

@@ -8,11 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
-import click
-
 from tactape_fab.base.errors import DesignRuleError, FrameError, SpecError, TactapeError, VerifyError
 from tactape_fab.base.libraries import missing
-from tactape_fab.cli.printing import rule_lines
+from tactape_fab.cli.printing import echo_line, rule_lines
 
 _KEY = re.compile(r"(\w+)(?:\[\d\])?(?= = )")
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
@@ -21,7 +19,7 @@ FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 
 def fail(status: int, lines: Sequence[str]) -> NoReturn:
     for line in lines:
-        click.echo(f"error: {line}", err=True)
+        echo_line(f"error: {line}", err=True)
     sys.exit(status)
 
 

@@ -20,6 +20,7 @@ from tactape_fab.cli.printing import (
     clear_step,
     counted,
     echo_json,
+    echo_line,
     echo_lines,
     echo_lines_err,
     purpose_lines,
@@ -167,7 +168,7 @@ def _make_list(
                 echo_lines([] if as_json else [table.row(kit, tape)])
                 show("kits", done, len(listed.tapes))
     except (KeyboardInterrupt, SystemExit):
-        click.echo(f"stopped; the kits that stand in {folder} are whole", err=True)
+        echo_line(f"stopped; the kits that stand in {folder} are whole", err=True)
         raise
     if as_json:
         echo_json(
@@ -180,7 +181,7 @@ def _make_list(
         )
     else:
         echo_lines(_packed_lines(packed))
-    click.echo(_summary(len(made), len(listed.tapes), folder, time.monotonic() - begin), err=True)
+    echo_line(_summary(len(made), len(listed.tapes), folder, time.monotonic() - begin), err=True)
     sys.exit(max(statuses))
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
 from tactape_fab.base.errors import Check, Finding
+from tactape_fab.base.plain_text import one_line
 
 PURPOSES = (
     ("for the fab", ("fab-zip",)),
@@ -58,6 +60,7 @@ def _finding_row(finding: Finding) -> tuple[str, ...]:
 
 def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows as aligned columns."""
+    rows = [[one_line(cell) for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 
@@ -95,20 +98,26 @@ def echo_json(content: Any) -> None:
     click.echo(json.dumps(content, indent=1, ensure_ascii=True))
 
 
+def echo_line(line: str, *, err: bool = False) -> None:
+    """Print one line, whatever it holds: a name from an untrusted file neither ends it nor moves the cursor."""
+    with suppress(OSError) if err else nullcontext():  # messages that nobody can be told stop no work
+        click.echo(one_line(line), err=err)
+
+
 def echo_lines(lines: Iterable[str]) -> None:
     for line in lines:
-        click.echo(line)
+        echo_line(line)
 
 
 def echo_lines_err(lines: Iterable[str]) -> None:
     for line in lines:
-        click.echo(line, err=True)
+        echo_line(line, err=True)
 
 
 def warn(findings: Sequence[Finding]) -> None:
     for finding in findings:
         if finding.level == "warn" and not finding.passed:
-            click.echo(f"warning: {finding.rule}: {finding.message}", err=True)
+            echo_line(f"warning: {finding.rule}: {finding.message}", err=True)
 
 
 def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
@@ -124,11 +133,12 @@ def say_rules(findings: Sequence[Finding], *, force: bool) -> None:
 def clear_step() -> None:
     """Clear the progress line of the terminal before a message."""
     if sys.stderr is not None and sys.stderr.isatty():
-        click.echo("\r\033[K", err=True, nl=False)
+        with suppress(OSError):
+            click.echo("\r\033[K", err=True, nl=False)
 
 
 def step_shown() -> Callable[[str, int, int], None]:
     """Progress as one line of a terminal that is overwritten; nothing if the output is not a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda *_: None
-    return lambda text, done, count: click.echo(f"\r{text} {done} of {count}\033[K", err=True, nl=done == count)
+    return lambda text, done, count: click.echo(f"\r{one_line(text)} {done} of {count}\033[K", err=True, nl=done == count)

@@ -11,7 +11,7 @@ import click
 
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, length, number, pair
-from tactape_fab.cli.printing import counted, step_shown
+from tactape_fab.cli.printing import counted, echo_line, step_shown
 
 _READ: dict[str, Callable[[str], Any]] = {
     "contact": contact_size,
@@ -82,4 +82,4 @@ def simulate(
             **options,
         )
         frames = f"{counted(made.count, 'frame')} of {made.frame_shape[0]} x {made.frame_shape[1]} px"
-        click.echo(f"{made.path}: {frames}, {made.tape} as {made.sensor} sees it")
+        echo_line(f"{made.path}: {frames}, {made.tape} as {made.sensor} sees it")

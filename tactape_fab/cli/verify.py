@@ -10,7 +10,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size
-from tactape_fab.cli.printing import check_lines, echo_json, echo_lines, step_shown, verified_line
+from tactape_fab.cli.printing import check_lines, echo_json, echo_line, echo_lines, step_shown, verified_line
 
 if TYPE_CHECKING:
     from tactape_fab.verify import Verification
@@ -51,7 +51,7 @@ def verify(
         else:
             echo_lines(check_lines(verification.checks))
         verification.raise_if_failed()
-        click.echo(verified_line(verification.checks), err=True)
+        echo_line(verified_line(verification.checks), err=True)
 
 
 def _verified(

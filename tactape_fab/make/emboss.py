@@ -14,6 +14,7 @@ import numpy as np
 from tactape_fab.base.build_date import build_date, zip_date
 from tactape_fab.base.errors import Check, Problem, SpecError, VerifyError, tried
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
@@ -191,10 +192,9 @@ def _read_source(path: Path, unit: str) -> _Source:
     if unit != "mm" and kind in ("step", "3mf"):
         raise SpecError(f"unit = {unit}: a {kind.upper()} file says its unit itself; leave --unit out")
     try:
-        size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise SpecError(f"SURFACE = {shown_path(path)} has {size} bytes, more than {MOST_BYTES}; give a coarser model")
-        data = path.read_bytes()
+        data = read_regular(path, MOST_BYTES)
+        if len(data) > MOST_BYTES:
+            raise SpecError(f"SURFACE = {shown_path(path)} has more than {MOST_BYTES} bytes; give a coarser model")
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise

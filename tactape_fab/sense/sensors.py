@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
 from tactape_fab.sense.geometry import Camera, Gel, Geometry, camera
@@ -282,8 +283,7 @@ def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     cv2 = library("cv2", "reading a PNG mask")
 
     try:
-        with path.open("rb") as stream:
-            data = stream.read(_MASK_BYTES + 1)
+        data = read_regular(path, _MASK_BYTES)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         message = f"mask = {shown_path(path)} cannot be opened: {reason}; give a PNG beside the profile"

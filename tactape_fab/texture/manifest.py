@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.input_file import read_regular
 
 MANIFEST_FORMAT = "tactape-manifest/1"
 
@@ -74,9 +76,10 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
         If the file is too large, not JSON, or of neither format.
     """
     try:
-        if file.stat().st_size > _MANIFEST_BYTES:
+        data = read_regular(file, _MANIFEST_BYTES)
+        if len(data) > _MANIFEST_BYTES:
             raise SpecError(f"{file.name} is larger than {_MANIFEST_BYTES} bytes; it is not a manifest of this tool")
-        content = json.loads(file.read_bytes())
+        content = json.loads(data, parse_constant=_refuse_constant, object_pairs_hook=_each_key_once)
     except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, SpecError):
             raise
@@ -85,6 +88,20 @@ def read_any_manifest(file: Path) -> dict[str, Any]:
     if found not in (MANIFEST_FORMAT, PANEL_FORMAT):
         raise SpecError(f"{file.name} has format {found!r}; this version reads '{MANIFEST_FORMAT}'")
     return dict(content)
+
+
+def _refuse_constant(name: str) -> Any:
+    """Refuse NaN and Infinity, which are no JSON, and which Python reads."""
+    raise ValueError(f"{name} is no JSON")
+
+
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object whose keys differ: of two alike, readers take one or the other."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]
+        raise ValueError(f"the key {shown(twice)} stands twice in one object")
+    return content
 
 
 def safe_path(text: object) -> PurePosixPath | None:

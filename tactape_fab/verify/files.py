@@ -7,16 +7,17 @@ import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 
-_MOST_BYTES = 1 << 30
+_MOST_BYTES, _LONGER_BYTES = 1 << 30, 1 << 20
 _MOST_NAMED = 5
 
 ALWAYS = (
@@ -31,7 +32,7 @@ DRAWING = "fab-drawing"
 """Role of the drawing for the fab; kits of version 0.1.0 have none."""
 REPORT = "report"
 """Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
-_DATA = re.compile(rb'<script type="application/json" id="data">(.*?)</script>', re.DOTALL)
+_DATA, _DATA_END = b'<script type="application/json" id="data">', b"</script>"
 
 Kind = Literal["film", "texture", "embossed"]
 
@@ -79,6 +80,7 @@ def read_files(
     rows = manifest.get("files")
     files: dict[str, list[WrittenFile]] = {}
     problems: list[str] = []
+    known: dict[PurePosixPath, bytes] = {}
     listed = {MANIFEST_NAME}
     if not isinstance(rows, list) or not rows:
         return files, [Check(name="files", passed=False, message="the manifest lists no files")]
@@ -90,7 +92,8 @@ def read_files(
             continue
         listed.add(str(path))
         try:
-            data = read_inside(root, folder / path)
+            data = known[path] if path in known else read_inside(root, folder / path, _most_bytes(row.get("bytes")))
+            known[path] = data
         except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
             problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
         else:
@@ -111,15 +114,21 @@ def read_files(
     return files, checks
 
 
-def read_inside(root: Path, place: Path) -> bytes:
+def _most_bytes(recorded: object) -> int:
+    """Bytes to read of a file that has `recorded` bytes by its manifest: a few more, to say what else is wrong with it."""
+    return min(_MOST_BYTES, max(recorded, 0) + _LONGER_BYTES) if isinstance(recorded, int) else _MOST_BYTES
+
+
+def read_inside(root: Path, place: Path, most_bytes: int = _MOST_BYTES) -> bytes:
     """The bytes of a regular file below `root` of bounded size; OSError with the reason otherwise."""
     if not place.resolve().is_relative_to(root):
         raise OSError(0, "leads out of the kit's folder")
     if not place.is_file():
         raise OSError(0, "is missing")
-    if place.stat().st_size > _MOST_BYTES:
-        raise OSError(0, f"is larger than {_MOST_BYTES} bytes")
-    return place.read_bytes()
+    data = read_regular(place, most_bytes)
+    if len(data) > most_bytes:
+        raise OSError(0, f"is larger than {most_bytes} bytes")
+    return data
 
 
 def check_listed(
@@ -151,8 +160,8 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
     """Check that the report shows this tape or panel, and lists every other file of the kit as the manifest does."""
     problem, count = None, 0
     try:
-        (text,) = _DATA.findall(file.data)
-        content = json.loads(text)
+        _, text = file.data.split(_DATA)
+        content = json.loads(text[: text.index(_DATA_END)])
         told = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
         listed = {
             str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in manifest["files"] if row["role"] != REPORT

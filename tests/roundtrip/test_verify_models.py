@@ -490,12 +490,14 @@ MANIFEST = [
     case("base", stated("solid.base_mm", 0.85), "stl", says="volume"),
     case("no base", stated("solid.base_mm", None), "manifest", says="base_mm"),
     case("base of nothing", stated("solid.base_mm", 0.0), "manifest", says="base_mm"),
-    case("base of NaN", stated("solid.base_mm", float("nan")), "manifest", says="base_mm"),
+    case("base of NaN", stated("solid.base_mm", float("nan")), "manifest", says="NaN is no JSON"),
     case("negative", stated("solid.negative", True), "stl"),
     case("negative no flag", stated("solid.negative", "yes"), "manifest", says="negative"),
     case("a cylinder", stated("solid.cylinder", CYLINDER), "stl"),
     case("a cylinder too small", stated("solid.cylinder", {**CYLINDER, "radius_mm": 1.0}), "solid", says="overlap itself"),
-    case("a cylinder of NaN", stated("solid.cylinder", {**CYLINDER, "radius_mm": float("nan")}), "manifest", says="radius_mm"),
+    case(
+        "a cylinder of NaN", stated("solid.cylinder", {**CYLINDER, "radius_mm": float("nan")}), "manifest", says="NaN is no JSON"
+    ),
     case("a cylinder round z", stated("solid.cylinder", {**CYLINDER, "around": "z"}), "manifest", says="around"),
     case("a cylinder without radius", stated("solid.cylinder", {"around": "x", "shell": "whole"}), "manifest", says="radius_mm"),
     case("a cylinder of text", stated("solid.cylinder", "16"), "manifest", says="cylinder"),

@@ -501,7 +501,8 @@ def test_no_number_where_the_manifest_needs_one_fails_by_its_key(path: str, flat
         stated(path, value)(kit)
         kit.save(consistent=False)
         lines = failed(verify_kit(kit.folder, quick=True))
-        assert key in lines["manifest"].message, value
+        no_json = isinstance(value, float)  # NaN and Infinity, which Python writes
+        assert ("is no JSON" if no_json else key) in lines["manifest"].message, value
 
 
 BAD_MANIFESTS: Mapping[str, Callable[[bytes], bytes]] = {

@@ -28,6 +28,7 @@ from tactape_fab.kit.profiles.limits import Limit
 from tactape_fab.kit.profiles.ordering import COSTS, Ordering
 from tactape_fab.kit.profiles.parts import (
     LARGEST_BODY_MM,
+    LEAST_BODY_MM,
     ElementProfile,
     LandPattern,
     PartProfile,
@@ -47,6 +48,7 @@ __all__ = [
     "FORMATS",
     "GERBER_ROLES",
     "LARGEST_BODY_MM",
+    "LEAST_BODY_MM",
     "LIMIT_IDS",
     "PART_NUMBER_PATTERN",
     "PART_NUMBER_REMEDY",

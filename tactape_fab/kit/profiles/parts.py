@@ -13,7 +13,7 @@ from tactape_fab.kit.profiles.assembly import read_part_numbers
 from tactape_fab.kit.profiles.chips import chip_code_problem
 from tactape_fab.texture.tape import PART_SHAPES
 
-LARGEST_BODY_MM = 20.0
+LEAST_BODY_MM, LARGEST_BODY_MM = 0.01, 20.0
 _LAND_KEYS = ("size_mm", "corner_radius_mm", "offset_mm")
 
 
@@ -105,7 +105,7 @@ def _part_with_lands(table: Fields) -> PartProfile:
         ("name", "shape", "value", "description", "footprint", "body", "pads", "paste", "courtyard", "part_numbers")
     )
     body = table.table("body", ("size_mm", "tolerance_mm"))
-    length, width, height = body.numbers("size_mm", 3, above=0.0, high=LARGEST_BODY_MM)
+    length, width, height = body.numbers("size_mm", 3, low=LEAST_BODY_MM, high=LARGEST_BODY_MM)
     courtyard = table.table("courtyard", ("size_mm",)).numbers("size_mm", 2, above=0.0, high=40.0)
     profile = PartProfile(
         name=_part_name(table),
@@ -130,7 +130,7 @@ def _element(table: Fields) -> ElementProfile:
     table.refuse_unknown(("name", "shape", "description", "body"))
     body = table.table("body", ("size_mm", "top_mm", "tolerance_mm"))
     shape = table.text("shape", choices=PART_SHAPES)
-    size = body.numbers("size_mm", 3, above=0.0, high=LARGEST_BODY_MM)
+    size = body.numbers("size_mm", 3, low=LEAST_BODY_MM, high=LARGEST_BODY_MM)
     top_mm = body.number("top_mm") if "top_mm" in body.values else None
     problem = element_problem(shape, size, top_mm)
     if problem is not None and not table.problems:

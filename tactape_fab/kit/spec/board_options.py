@@ -9,6 +9,8 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 
+LEAST_ROUND_MM = 0.01
+"""Least radius of a corner and diameter of a hole: no machine makes them smaller, and their arcs shrink to points."""
 DEFAULT_CORNER_RADIUS_MM = 1.0
 
 
@@ -56,6 +58,10 @@ def _corner_radius(table: Fields, size_mm: tuple[float, float], *, square: bool)
         remedy="half the shorter side at most",
         default=0.0,
     )
+    if 0.0 < radius_mm < LEAST_ROUND_MM:
+        message = f"corner_radius_mm = {radius_mm:g} mm is neither 0 nor at least {LEAST_ROUND_MM:g} mm; use --corner-radius 0"
+        table.problem("corner_radius_mm", message)
+        radius_mm = 0.0
     if square and radius_mm > 0.0:
         table.problem(
             "corner_radius_mm",
@@ -72,7 +78,9 @@ def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, fl
         x, y, d = Fields({key: hole}, "", table.problems).numbers(
             key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm"
         )
-        if table.refused("size_mm"):
+        if d < LEAST_ROUND_MM:
+            table.problem(key, f"{key} has a diameter of {d:g} mm, below {LEAST_ROUND_MM:g} mm; give X,Y,DIAMETER in mm")
+        elif table.refused("size_mm"):
             pass
         elif x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
             table.problem(

@@ -11,6 +11,7 @@ from tactape_fab.texture.frames import snap_mm
 
 ANCHOR_MODES = ("none", "spur", "mesh")
 BEND_AXES = ("x", "y")
+LEAST_BEND_MM = 0.1
 MOST_BEND_MM = 100_000.0
 FILM_KEYS = ("coverlay", "anchor", "stiffener", "adhesive", "bend_axis", "bend_radius_mm")
 _FLAGS = {key: "--" + key.removesuffix("_mm").replace("_", "-") for key in FILM_KEYS}
@@ -68,7 +69,7 @@ def _bend(table: Fields) -> dict[str, Any]:
     if len(given) < 2:
         return {"bend_axis": None, "bend_radius_mm": None}
     remedy = "--bend-radius is the radius that the tape is bent to, in millimetres"
-    radius_mm = table.number("bend_radius_mm", above=0.0, high=MOST_BEND_MM, remedy=remedy, default=MOST_BEND_MM)
+    radius_mm = table.number("bend_radius_mm", low=LEAST_BEND_MM, high=MOST_BEND_MM, remedy=remedy, default=MOST_BEND_MM)
     return {
         "bend_axis": table.text("bend_axis", choices=BEND_AXES, default=BEND_AXES[0]),
         "bend_radius_mm": float(snap_mm(radius_mm)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.kit.profiles import LARGEST_BODY_MM, ElementProfile, PartProfile, element_problem
+from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem
 from tactape_fab.solids.forms import AXES, DEFAULT_BASE_MM, SHELLS, TOPS
 from tactape_fab.texture.frames import snap_mm
 
@@ -114,7 +114,12 @@ def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:
     values = {"body_mm": [given[0], given[0], given[1]] if once else given}
     remedy = "give DIAMETERxHEIGHT in mm" if part.shape == "dome" else "give LENGTHxWIDTHxHEIGHT in mm"
     size = Fields(values, "", table.problems).numbers(
-        "body_mm", 3, above=0.0, high=LARGEST_BODY_MM, remedy=f"{remedy}, each at most {LARGEST_BODY_MM:g}", default=part.body_mm
+        "body_mm",
+        3,
+        low=LEAST_BODY_MM,
+        high=LARGEST_BODY_MM,
+        remedy=f"{remedy}, each at most {LARGEST_BODY_MM:g}",
+        default=part.body_mm,
     )
     if once:
         _drop_twin(table)

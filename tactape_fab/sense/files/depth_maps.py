@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.raw.image_files import PICTURES, read_picture, read_picture_header
 from tactape_fab.sense.sensors import MOST_PX, SensorProfile
 
@@ -179,7 +180,7 @@ def _refused(path: Path) -> Iterator[None]:
 @contextmanager
 def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayHeader]]:
     """An array of a file: header read, stream positioned at its data."""
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         if path.suffix.lower() == ".npy":
             yield stream, read_array_header(stream)
             return
@@ -242,7 +243,7 @@ def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
 
 def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> npt.NDArray[np.float64] | None:
     """Optional array of one of the allowed shapes; None if the file does not have it."""
-    with zipfile.ZipFile(path) as archive:
+    with open_regular(path) as file, zipfile.ZipFile(file) as archive:
         if name + ".npy" not in archive.namelist():
             return None
     with _opened(path, name) as (stream, header):

@@ -17,6 +17,7 @@ import numpy as np
 from tactape_fab.base.build_date import zip_date
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import sync_file, sync_folder
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
@@ -238,7 +239,7 @@ def refuse_taken_file(output: str | Path) -> Path:
             raise SpecError(Problem("output", f"output = {shown_path(path)}: there is no folder of that name; make it first"))
         if not path.exists() and not path.is_symlink():
             return path
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
             simulated = SCENE_MEMBER + ".npy" in archive.namelist()
     except ZIP_ERRORS as error:
         if isinstance(error, SpecError):

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.files.depth_maps import open_frame_file
 from tactape_fab.sense.live.sources import Frame, Source, Trouble
 from tactape_fab.sense.raw.colour_images import by_number
@@ -157,7 +158,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
 def _read(path: Path, colour: bool) -> Iterator[tuple[npt.NDArray[Any], float | None, tuple[float, float] | None]]:
     ending = _ENDINGS.get(path.suffix.lower())
     if ending is not None:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             stream.seek(max(0, stream.seek(0, os.SEEK_END) - ending[1]))
             if ending[0] not in stream.read():
                 raise SpecError(f"{shown_path(path)} ends in the middle of the picture")

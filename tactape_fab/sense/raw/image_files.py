@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.sensors import MOST_PX
 
@@ -91,8 +92,7 @@ def _unpacked(data: bytes, how: int) -> npt.NDArray[Any] | None:
 
 
 def _bytes_of(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        data = stream.read(_MOST_BYTES + 1)
+    data = read_regular(path, _MOST_BYTES)
     if len(data) > _MOST_BYTES:
         raise SpecError(f"it is larger than {_MOST_BYTES} bytes; {_REMEDY}")
     return data

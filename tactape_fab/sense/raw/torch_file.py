@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.input_file import read_regular
 
 MOST_BYTES = 8 << 20
 MOST_ENTRIES = 1000
@@ -77,8 +78,7 @@ def read_tensors(path: str | Path) -> dict[str, npt.NDArray[np.float32]]:
     """
     path = Path(path)
     try:
-        with path.open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
+        data = read_regular(path, MOST_BYTES)
         if len(data) > MOST_BYTES:
             raise SpecError(f"is larger than {MOST_BYTES} bytes; {_REMEDY}")
         if not data.startswith(b"PK"):

@@ -26,7 +26,8 @@ UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
 _CELL = r"[A-Za-z0-9][A-Za-z0-9 ._()+/,:#-]{0,199}"
 _CELL_REMEDY = "a cell begins with a letter or digit and holds no formula"
-_PATH = re.compile(r"(?<![\w./-])[\w./-]+\.(?:zip|csv|xyrs|pos)(?!\w)")
+_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos)(?!\w)")
+_MOST_NOTES_BYTES = 100_000
 _NUMBER = r"(-?\d+\.\d)"
 _PRINT_AREA = re.compile(
     rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
@@ -184,6 +185,8 @@ def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered 
 
     For a panel, `tape` is any of its tapes, and `of` describes what is ordered.
     """
+    if len(files["order-notes"].data) > _MOST_NOTES_BYTES:
+        return Check(name="order-notes", passed=False, message=f"they are longer than {_MOST_NOTES_BYTES} bytes")
     of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
     try:
         text = files["order-notes"].data.decode("utf-8")

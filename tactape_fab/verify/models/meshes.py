@@ -137,18 +137,20 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
             text = archive.read(models[0])
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
-    if not re.search(rb'<model\b[^>]*\bunit="millimeter"', text):
+    if not re.search(rb'<model\b[^<>]{0,2000}\bunit="millimeter"', text):
         raise MeshError("its unit is not the millimetre")
+    parts = {b"<?xml ": 1, b"<model ": 1, b"<object ": 1, b"<item ": 1, b"<component": 0, b"transform": 0}
+    if not text.startswith(b"<?xml ") or any(text.count(part) != count for part, count in parts.items()):
+        raise MeshError("it does not build one object where it stands")
     try:
-        vertices = _numbers(re.findall(rb'<vertex x="([^"]+)" y="([^"]+)" z="([^"]+)"', text), np.float64)
+        vertices = _numbers(re.findall(rb'<vertex x="([^"]{1,40})" y="([^"]{1,40})" z="([^"]{1,40})"', text), np.float64)
         faces = _numbers(re.findall(rb'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)"', text), np.int64)
     except (ValueError, OverflowError) as error:
         raise MeshError(f"it holds an invalid number: {error}") from error
     if len(vertices) == 0 or len(faces) == 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
         raise MeshError("its triangles name vertices that it does not have")
-    items = re.findall(rb"<item\b[^>]*>", text)
-    if len(items) != 1 or b"transform" in items[0] or b"<component" in text or text.count(b"<object ") != 1:
-        raise MeshError("it does not build one object where it stands")
+    if len(vertices) != text.count(b"<vertex ") or len(faces) != text.count(b"<triangle "):
+        raise MeshError("a vertex or triangle of it is not written as usual")
     return Mesh(vertices_mm=vertices, faces=faces)
 
 
