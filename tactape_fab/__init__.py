@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from tactape_fab.sense.track.motion import Motion as Motion
     from tactape_fab.sense.track.tracker import Track as Track
     from tactape_fab.sense.track.tracker import Tracker as Tracker
+    from tactape_fab.texture.as_built import AsBuilt as AsBuilt
+    from tactape_fab.texture.as_built import Film as Film
     from tactape_fab.texture.certify.certificate import certify as certify
     from tactape_fab.texture.certify.pairs import across as across
     from tactape_fab.texture.code import default_origin as default_origin
@@ -74,6 +76,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.objects.taped_object": "TapedObject read_object",
         "sense.track.motion": "Motion",
         "sense.track.tracker": "Track Tracker",
+        "texture.as_built": "AsBuilt Film",
         "texture.certify.certificate": "certify",
         "texture.certify.pairs": "across",
         "texture.code": "default_origin",
