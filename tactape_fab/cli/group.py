@@ -20,6 +20,7 @@ COMMANDS = (
     "decode",
     "doctor",
     "emboss",
+    "inspect",
     "make",
     "profiles",
     "registry",
