@@ -189,7 +189,7 @@ def _all_turns(
 
 def _channels(samples: Samples, palette: Palette) -> Samples:
     """(n, 2, m): how much each sample is body, and its brightness."""
-    return np.stack([palette.bodyness(samples), np.minimum(palette.grey(samples), 1.6)], axis=1)
+    return np.stack([palette.bodyness(samples), np.minimum(palette.grey(samples), 2.2)], axis=1)
 
 
 def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:

@@ -19,19 +19,24 @@ _LEAST_LEVEL = 45.0
 """Difference from the film, of 255; copper under the coverlay makes 35."""
 _SHARE = 0.3
 _FIELD_MM = 0.5
+_SHADOW_MM = 0.12
+"""What a body and its shadow cover around it."""
 _LAND = (1.30, 1.35)
 """Half of what a part with its lands and opening may cover, in units of the body's length and width."""
 
 
-def find_foreign(picture: Picture, warp: Warp, tape: Tape, palette: Palette) -> FloatArray:
+def find_foreign(
+    picture: Picture, warp: Warp, tape: Tape, palette: Palette, placed_mm: FloatArray, turn_deg: FloatArray
+) -> FloatArray:
     """Objects in the field between lands that differ from the film: x, y, diameter of the same area (board frame, mm); (k, 3).
 
+    `placed_mm` (n, 2) and `turn_deg` (n,) are the measured places and turns of parts, which may stand beside their lands.
     Holes and everything outside the field, such as the legend, do not count. What lies on a part shows in the part's own fit.
     """
     cv2 = library("cv2", "inspecting a scan")
     differs, shrink = film_difference(picture, warp.px_per_mm, _PX_PER_MM)
     level = max(_LEAST_LEVEL, _SHARE * float(np.abs(palette.body - palette.film).max()))
-    mask = (differs > level).astype(np.uint8) * _field(warp, tape, differs.shape, shrink)
+    mask = (differs > level).astype(np.uint8) * _field(warp, tape, differs.shape, shrink, placed_mm, turn_deg)
     per_mm = warp.px_per_mm * shrink
     count, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
     area_mm2 = stats[1:count, cv2.CC_STAT_AREA] / per_mm**2
@@ -43,7 +48,7 @@ def find_foreign(picture: Picture, warp: Warp, tape: Tape, palette: Palette) -> 
     return np.column_stack([at, diameter[big]])
 
 
-def _field(warp: Warp, tape: Tape, shape: tuple[int, int], shrink: float) -> Picture:
+def _field(warp: Warp, tape: Tape, shape: tuple[int, int], shrink: float, placed_mm: FloatArray, turn_deg: FloatArray) -> Picture:
     """1 where film should be bare: the field less parts with their lands, and holes."""
     cv2 = library("cv2", "inspecting a scan")
     sites = tape.part_xy_mm()
@@ -56,14 +61,21 @@ def _field(warp: Warp, tape: Tape, shape: tuple[int, int], shrink: float) -> Pic
 
     out = np.zeros(shape, np.uint8)
     cv2.fillPoly(out, [px(corners)], 1, cv2.LINE_8, 4)
-    turn = np.radians(tape.part.rotation_deg)
-    axes = np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
-    half = np.array(_LAND) * np.array(tape.part.body_mm[:2])
-    land = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half) @ axes
-    for polygon in px(sites[:, None] + land):
+    body = np.array(tape.part.body_mm[:2])
+    lands = _boxes(sites, np.full(len(sites), tape.part.rotation_deg), np.array(_LAND) * body)
+    bodies = _boxes(placed_mm, tape.part.rotation_deg + turn_deg, body / 2 + _SHADOW_MM)
+    for polygon in px(np.concatenate([lands, bodies])):
         cv2.fillConvexPoly(out, polygon, 0, cv2.LINE_8, 4)
     for x, y, d in tape.board.holes:
         angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (d / 2 + 0.2) + (x, y)
         cv2.fillPoly(out, [px(circle)], 0, cv2.LINE_8, 4)
     return out
+
+
+def _boxes(centre_mm: FloatArray, turn_deg: FloatArray, half_mm: FloatArray) -> FloatArray:
+    """Corners of turned rectangles; (n, 4, 2)."""
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half_mm
+    axes = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+    return np.asarray(corners @ axes + centre_mm[:, None])

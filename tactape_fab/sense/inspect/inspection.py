@@ -172,8 +172,8 @@ def _measured(view: View, tape: Tape) -> _Measured:
     film = fit_film(view.picture, view.warp, tape, palette, view.inside)
     sites = tape.part_xy_mm()[view.inside]
     bodies = fit_bodies(view.picture, film.warp, tape, palette, sites)
-    upright = np.zeros(len(sites), dtype=bool)
-    gone = np.flatnonzero(bodies.area < LEAST_AREA)
+    upright, there = np.zeros(len(sites), dtype=bool), bodies.area >= LEAST_AREA
+    gone = np.flatnonzero(~there)
     if len(gone):
         differs = _end_difference(view.picture, film.warp, tape, palette, sites[gone])
         upright[gone] = (bodies.area[gone] > _UPRIGHT_AREA) | (differs > _UPRIGHT_DIFFERENCE)
@@ -182,7 +182,7 @@ def _measured(view: View, tape: Tape) -> _Measured:
         warp=film.warp,
         bodies=bodies,
         upright=upright,
-        foreign_mm=find_foreign(view.picture, film.warp, tape, palette),
+        foreign_mm=find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there]),
         facts=_facts(view, film.warp, film.sigma_mm),
     )
 
