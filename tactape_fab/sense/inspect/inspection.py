@@ -17,7 +17,7 @@ from tactape_fab.sense.inspect.colours import Palette, learn_palette
 from tactape_fab.sense.inspect.film import fit_film
 from tactape_fab.sense.inspect.foreign import find_foreign
 from tactape_fab.sense.inspect.patches import patch_grid, sample
-from tactape_fab.sense.inspect.result import TOLERANCE_MM, TURN_TOLERANCE_DEG, Inspection, ScanFacts
+from tactape_fab.sense.inspect.result import DRIFT_MM, TOLERANCE_MM, TURN_TOLERANCE_DEG, Inspection, ScanFacts
 from tactape_fab.sense.inspect.scan_files import Picture
 from tactape_fab.sense.inspect.view import View, views_of
 from tactape_fab.sense.inspect.wanted import WantedTape, read_wanted
@@ -31,7 +31,6 @@ _UPRIGHT_AREA = 0.12
 _UPRIGHT_DIFFERENCE = 0.12
 """Bare lands differ from end to end by 0.06 at most, a part on its end makes 0.19 (in units of the film's brightness)."""
 _MOST_SCANS = 64
-_SYSTEMATIC_MM = 0.001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -221,7 +220,7 @@ def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: flo
     for m in measured:
         at = np.flatnonzero(m.view.inside)
         present = m.bodies.area >= LEAST_AREA
-        sigma = np.hypot(m.bodies.sigma_mm, _SYSTEMATIC_MM)
+        sigma = np.hypot(m.bodies.sigma_mm, DRIFT_MM)
         w = np.where(present, 1.0 / sigma**2, 0.0)
         weight[at] += w
         shift[at] += w[:, None] * m.bodies.shift_mm

@@ -19,6 +19,8 @@ TOLERANCE_MM = 0.2
 TURN_TOLERANCE_DEG = 10.0
 FILM_SIGMA = 0.001
 """A film's own stretch, which no scan tells from the scanner's: polyimide moves by 0.1 % or so."""
+DRIFT_MM = 0.002
+"""What neighbouring parts are wrong by together, standard deviation along each axis: a shadow on one side moves all of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,4 +194,5 @@ def _source(scan: ScanFacts) -> Mapping[str, Any]:
         "jitter_um": round(scan.jitter_um, 2),
         "lands_um": round(scan.film_sigma_um, 2),
         "found_by": scan.found_by,
+        "drift_mm": DRIFT_MM,
     }

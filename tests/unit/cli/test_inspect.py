@@ -61,7 +61,7 @@ def test_a_narrow_tolerance_makes_the_same_tape_fail(flat_kit: Kit, scans: dict[
     (said,) = json.loads(result.stdout)
     assert said["tolerance_mm"] == 0.05
     assert {d["kind"] for d in said["deviations"]} == {"shifted"}
-    assert all(d["value"] > 0.05 for d in said["deviations"])
+    assert all(d["value"] >= 0.05 for d in said["deviations"])
 
 
 @pytest.mark.parametrize(
