@@ -21,6 +21,7 @@ COMMANDS = (
     "decode",
     "doctor",
     "emboss",
+    "inspect",
     "make",
     "profiles",
     "registry",

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from tactape_fab.sense.calibrate.hand_eye import HandEye as HandEye
     from tactape_fab.sense.calibrate.result import Calibration as Calibration
     from tactape_fab.sense.decode.result import LocatedDots as LocatedDots
+    from tactape_fab.sense.inspect.inspection import inspect_scans as inspect_scans
+    from tactape_fab.sense.inspect.result import Deviation as Deviation
+    from tactape_fab.sense.inspect.result import Inspection as Inspection
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
     from tactape_fab.sense.live.messages import text_message as text_message
@@ -49,6 +52,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.calibrate.hand_eye": "ArmPose HandEye",
         "sense.calibrate.result": "Calibration",
         "sense.decode.result": "LocatedDots",
+        "sense.inspect.inspection": "inspect_scans",
+        "sense.inspect.result": "Deviation Inspection",
         "sense.live.messages": "image_message pose_message text_message",
         "sense.objects.mount": "Mount ObjectPose sensor_on_object",
         "sense.objects.tag_pose": "TagPose",

@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
-from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 

@@ -1,0 +1,182 @@
+"""Alignment of many patches with one template by Gauss-Newton, with weights of each sample that are learned from all patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.sense.inspect.patches import PatchGrid, Samples
+from tactape_fab.texture.frames import BoolArray, FloatArray
+
+_TUKEY = 3.0
+_FLOOR = 0.35
+_MOST_PATCHES = 200
+"""For the correlation of residuals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Template:
+    """What a patch looks like where it is aligned, and how much each sample says.
+
+    Attributes
+    ----------
+    value : ndarray, shape (channels, m)
+    sigma : ndarray, shape (channels, m)
+        Scatter of each sample about it, robust.
+    used : ndarray of bool, shape (m,)
+        Samples that count.
+    """
+
+    value: FloatArray
+    sigma: FloatArray
+    used: BoolArray
+
+    def flat(self, picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The samples that count, of all channels; shape (..., channels * used)."""
+        chosen = picture[..., self.used]
+        return chosen.reshape(*chosen.shape[:-2], -1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Nuisance:
+    """Ways in which parts differ that are no shift: pictures (k, channels, m), and how strong each is among parts, (k,)."""
+
+    pictures: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """One step of Gauss-Newton for every patch.
+
+    Attributes
+    ----------
+    move : ndarray, shape (n, 3)
+        Along a, along b (mm), and the turn (rad), in the patch's axes; 0 turn where it was not asked for.
+    sigma_mm : ndarray, shape (n,)
+        Of the place along each axis, from the residuals of the patch, correlation of neighbouring samples taken into account.
+    misfit : ndarray, shape (n,)
+        Root mean square of what is left, in units of each sample's scatter.
+    gain : ndarray, shape (n,)
+        Contrast of the patch in units of the template's.
+    nuisance : ndarray, shape (k,)
+        Strength of each nuisance among the patches.
+    scatter : ndarray, shape (channels, m)
+        Robust scatter of each sample about the fit, to weigh the next fit by.
+    """
+
+    move: FloatArray
+    sigma_mm: FloatArray
+    misfit: FloatArray
+    gain: FloatArray
+    nuisance: FloatArray
+    scatter: FloatArray
+
+
+def learn_template(channels: Samples, used: BoolArray) -> Template:
+    """Median and median deviation of every sample over the patches.
+
+    Parameters
+    ----------
+    channels : ndarray, shape (n, channels, m)
+    used : ndarray of bool, shape (m,)
+    """
+    value = np.median(channels, axis=0)
+    sigma = 1.4826 * np.median(np.abs(channels - value), axis=0)
+    floor = _FLOOR * np.median(sigma[:, used])
+    return Template(value=value.astype(np.float64), sigma=np.maximum(sigma, max(floor, 1e-3)).astype(np.float64), used=used)
+
+
+def step(
+    channels: Samples, template: Template, grid: PatchGrid, *, turns: bool, robust: bool = True, nuisance: Nuisance | None = None
+) -> Step:
+    """Move, turn, gain and offset (of each channel) by which a patch differs from the template.
+
+    A part that lies at e of where its patch was taken is seen as P(x) = T(x - e), to first order T - e . grad T.
+
+    Parameters
+    ----------
+    channels : ndarray of float32, shape (n, channels, m)
+    turns : bool
+        Whether parts may be turned.
+    robust : bool
+        Whether samples that fit badly are left out patch by patch; twice as slow.
+    nuisance : Nuisance, optional
+    """
+    n, count, _ = channels.shape
+    sigma = template.flat(template.sigma)
+    columns = _columns(template, grid, turns=turns)
+    if nuisance is not None:
+        columns = np.concatenate([columns, template.flat(nuisance.pictures)])
+    columns = (columns / sigma).astype(np.float32)
+    rest = template.flat(channels - template.value.astype(np.float32)) / sigma.astype(np.float32)
+    k = len(columns)
+    correlated = 1.0
+    pairs = (columns[:, None] * columns[None]).reshape(k * k, -1).T
+    weight = np.ones_like(rest)
+    for again in range(3 if robust else 1):
+        normal = (weight @ pairs).astype(np.float64).reshape(n, k, k) if again else (columns @ columns.T).astype(np.float64)[None]
+        prior = np.full(k, 1e-6)
+        if nuisance is not None:
+            prior[-len(nuisance.sigma) :] = max(correlated, 4.0) / nuisance.sigma**2
+        inverse = np.linalg.inv(normal + np.diag(prior))
+        right = ((weight * rest if again else rest) @ columns.T).astype(np.float64)
+        solved = (inverse @ right[..., None])[..., 0]
+        left = rest - solved.astype(np.float32) @ columns
+        spread = np.maximum(1.4826 * np.median(np.abs(left[:, ::3]), axis=1), 0.3)
+        correlated = _correlated_samples(left, template, grid, count)
+        if robust and again < 2:
+            weight = np.square(np.maximum(1.0 - np.square(left / (_TUKEY * spread[:, None])), 0.0))
+    variance = spread.astype(np.float64) ** 2 * correlated
+    extra = 0 if nuisance is None else len(nuisance.sigma)
+    posterior = np.median(variance[:, None] * np.diagonal(inverse, axis1=1, axis2=2), axis=0)
+    strength = 1.4826 * np.median(np.abs(solved), axis=0)
+    scatter = template.sigma.copy()
+    scatter[:, template.used] = (1.4826 * np.median(np.abs(left[:: max(1, n // _MOST_PATCHES)]), axis=0) * sigma).reshape(
+        count, -1
+    )
+    return Step(
+        move=np.column_stack([solved[:, 0], solved[:, 1], solved[:, 2] if turns else np.zeros(n)]),
+        sigma_mm=np.sqrt(variance * (inverse[:, 0, 0] + inverse[:, 1, 1]) / 2),
+        misfit=np.sqrt(np.square(left).mean(axis=1, dtype=np.float64)),
+        gain=1.0 + solved[:, 3 if turns else 2],
+        nuisance=np.sqrt(strength**2 + posterior)[k - extra :],
+        scatter=np.maximum(scatter, _FLOOR * np.median(scatter[:, template.used])),
+    )
+
+
+def _columns(template: Template, grid: PatchGrid, *, turns: bool) -> FloatArray:
+    """Derivatives of a patch by the part's shift, its turn, gain, and the offset of each channel; (k, channels * used)."""
+    da, db = gradients(template.value, grid)
+    rows = [-da, -db]
+    if turns:
+        rows.append(da * grid.b_mm - db * grid.a_mm)
+    rows.append(template.value - template.value[:, template.used].mean(axis=1, keepdims=True))
+    for channel in range(len(da)):
+        offset = np.zeros_like(da)
+        offset[channel] = 1.0
+        rows.append(offset)
+    return template.flat(np.stack(rows))
+
+
+def gradients(pictures: FloatArray, grid: PatchGrid) -> tuple[FloatArray, FloatArray]:
+    """Derivatives along a and b of pictures (channels, m), each a mm."""
+    db, da, *_ = np.gradient(pictures.reshape(-1, *grid.shape), grid.step_mm, axis=(1, 2))
+    return da.reshape(pictures.shape), db.reshape(pictures.shape)
+
+
+def _correlated_samples(left: FloatArray, template: Template, grid: PatchGrid, count: int) -> float:
+    """How many samples say the same: from the correlation of residuals with their neighbours along both axes."""
+    some = left[:: max(1, len(left) // _MOST_PATCHES)]
+    full = np.zeros((len(some), count, grid.count), dtype=np.float32)
+    full[..., template.used] = np.clip(some, -4, 4).reshape(len(some), count, -1)
+    z, used = full.reshape(-1, count, *grid.shape), template.used.reshape(grid.shape)
+    power = float(np.square(some.clip(-4, 4)).mean())
+    if power <= 0:
+        return 1.0
+    along = float((z[..., 1:] * z[..., :-1])[..., used[:, 1:] & used[:, :-1]].mean()) / power
+    across = float((z[..., 1:, :] * z[..., :-1, :])[..., used[1:] & used[:-1]].mean()) / power
+    return float(np.prod([(1 + r) / (1 - r) for r in (min(max(along, 0.0), 0.9), min(max(across, 0.0), 0.9))]))

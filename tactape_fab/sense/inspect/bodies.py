@@ -1,0 +1,231 @@
+"""Places and turns of the bodies against the film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactape_fab.sense.inspect.align import Nuisance, Step, Template, gradients, learn_template, step
+from tactape_fab.sense.inspect.colours import Palette
+from tactape_fab.sense.inspect.film import symmetry_offset
+from tactape_fab.sense.inspect.patches import PatchGrid, Samples, patch_grid, sample
+from tactape_fab.sense.inspect.scan_files import Picture
+from tactape_fab.sense.inspect.warp import Warp
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+from tactape_fab.texture.tape import Tape
+
+_LEARNINGS = 2
+_STEPS = 3
+_MARGIN_MM = 0.05
+"""Of film, land or solder around a body that its patch shows."""
+_USUAL = 0.5
+_LEAST_BODIES = 20
+_MOST_STEP_MM, _MOST_STEP_RAD = 0.06, 0.2
+_END_MM = 0.02
+"""Scatter of the length of a part's metal ends that the fit starts from; the scan then says how much it is."""
+_LEAST_END_MM = 0.001
+_BRIGHTER = 0.3
+"""Scatter of the brightness of metal and solder, in units of the film's."""
+_TURNS_DEG = np.arange(-90.0, 90.0, 15.0)
+_POOR = 2.5
+"""Misfit, in units of the usual one, from which on a part is looked at in all turns."""
+COVERED = 2.6
+"""Misfit in all turns from which on something lies on the part, or it is none of the others' kind; others reach 2.2."""
+_COVERED_SIGMA_MM = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bodies:
+    """What a scan says of every part that it shows.
+
+    Attributes
+    ----------
+    shift_mm : ndarray, shape (n, 2)
+        From the nominal place, board frame.
+    turn_deg : ndarray, shape (n,)
+        From the nominal rotation, counter-clockwise, -90 to 90.
+    sigma_mm : ndarray, shape (n,)
+    area : ndarray, shape (n,)
+        Of body colour around the place, in units of the usual one: 0 where no part is.
+    misfit : ndarray, shape (n,)
+        How unlike the usual part it looks, 1 being usual.
+    """
+
+    shift_mm: FloatArray
+    turn_deg: FloatArray
+    sigma_mm: FloatArray
+    area: FloatArray
+    misfit: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scene:
+    """Where patches are taken from."""
+
+    picture: Picture
+    warp: Warp
+    tape: Tape
+    palette: Palette
+    grid: PatchGrid
+
+    def patches(self, sites_mm: FloatArray, state: _State) -> Samples:
+        turn = self.tape.part.rotation_deg + state.turn_deg
+        return _channels(sample(self.picture, self.warp, sites_mm + state.shift_mm, turn, self.grid), self.palette)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _State:
+    """Shift and turn of each part so far, and the fit that led there."""
+
+    shift_mm: FloatArray
+    turn_deg: FloatArray
+    sigma_mm: FloatArray
+    misfit: FloatArray
+
+    def of(self, chosen: IntArray) -> _State:
+        return _State(
+            shift_mm=self.shift_mm[chosen],
+            turn_deg=self.turn_deg[chosen],
+            sigma_mm=self.sigma_mm[chosen],
+            misfit=self.misfit[chosen],
+        )
+
+
+def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> Bodies:
+    """Fit every body: first the centroid of what has its colour, then a template that is learned from all of them.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (h, w, 3)
+    warp : Warp
+        That the lands say.
+    tape : Tape
+    palette : Palette
+    sites_mm : ndarray, shape (n, 2)
+        Nominal places, all whole in the picture.
+    """
+    start_mm, area = _centroids(picture, warp, tape, palette, sites_mm)
+    n, usual = len(sites_mm), area > _USUAL
+    start = _State(shift_mm=start_mm, turn_deg=np.zeros(n), sigma_mm=np.full(n, 0.1), misfit=np.full(n, np.inf))
+    if usual.sum() < _LEAST_BODIES:
+        return Bodies(shift_mm=start_mm, turn_deg=start.turn_deg, sigma_mm=start.sigma_mm, area=area, misfit=np.ones(n))
+    length, width, _ = tape.part.body_mm
+    grid = patch_grid(length / 2 + _MARGIN_MM, width / 2 + _MARGIN_MM, warp.px_per_mm)
+    scene = _Scene(picture=picture, warp=warp, tape=tape, palette=palette, grid=grid)
+    state, template, ends, misfit = _fitted(scene, sites_mm, start, usual)
+    middle = float(np.median(state.turn_deg[usual]))
+    poor = np.flatnonzero(usual & (state.misfit > _POOR))
+    if len(poor):
+        state = _all_turns(scene, sites_mm, state, start, poor, template, ends, misfit)
+    covered = usual & (state.misfit > COVERED)
+    state.shift_mm[covered], state.turn_deg[covered], state.sigma_mm[covered] = start_mm[covered], middle, _COVERED_SIGMA_MM
+    body = (np.abs(grid.a_mm) < length / 2 + 0.04) & (np.abs(grid.b_mm) < width / 2 + 0.04)
+    shift = state.shift_mm + _along(tape, state.turn_deg, *symmetry_offset(template.value[0], grid, body))
+    turn = (state.turn_deg - middle + 90.0) % 180.0 - 90.0
+    return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=state.sigma_mm, area=area, misfit=state.misfit)
+
+
+def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray) -> tuple[_State, Template, Nuisance, float]:
+    """Learn a template where the parts are thought to be, fit all to it, and again.
+
+    Also the usual misfit, in units of which those of the state are.
+    """
+    used = np.ones(scene.grid.count, dtype=bool)
+    strength = np.tile([_END_MM, _BRIGHTER, _BRIGHTER, _BRIGHTER], 2)
+    scatter: FloatArray | None = None
+    for learning in range(_LEARNINGS):
+        template = learn_template(scene.patches(sites_mm, state)[usual], used)
+        if scatter is not None:
+            template = replace(template, sigma=scatter)
+        for last in (False,) * (_STEPS - learning - 1) + (True,):
+            ends = Nuisance(pictures=_ends(template, scene.grid, scene.tape), sigma=strength)
+            state, fit = _moved(scene, sites_mm, state, template, ends, robust=last)
+            strength[::4] = np.clip(fit.nuisance[::4], _LEAST_END_MM, 2 * _END_MM)
+        scatter = fit.scatter
+    misfit = float(np.median(state.misfit[usual]))
+    return replace(state, misfit=state.misfit / misfit), template, ends, misfit
+
+
+def _moved(
+    scene: _Scene, sites_mm: FloatArray, state: _State, template: Template, ends: Nuisance, *, robust: bool
+) -> tuple[_State, Step]:
+    fit = step(scene.patches(sites_mm, state), template, scene.grid, turns=True, robust=robust, nuisance=ends)
+    a, b = np.clip(fit.move[:, :2], -_MOST_STEP_MM, _MOST_STEP_MM).T
+    shift = state.shift_mm + _along(scene.tape, state.turn_deg, a, b)
+    turn = state.turn_deg + np.degrees(np.clip(fit.move[:, 2], -_MOST_STEP_RAD, _MOST_STEP_RAD))
+    return _State(shift_mm=shift, turn_deg=turn, sigma_mm=fit.sigma_mm, misfit=fit.misfit), fit
+
+
+def _along(tape: Tape, turn_deg: FloatArray, a_mm: FloatArray, b_mm: FloatArray) -> FloatArray:
+    """Shifts along and across parts, in the board frame; (n, 2)."""
+    angle = np.radians(tape.part.rotation_deg + turn_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * a_mm - s * b_mm, s * a_mm + c * b_mm], axis=1)
+
+
+def _all_turns(
+    scene: _Scene,
+    sites_mm: FloatArray,
+    state: _State,
+    start: _State,
+    poor: IntArray,
+    template: Template,
+    ends: Nuisance,
+    usual: float,
+) -> _State:
+    """Parts that do not look like the others are tried in all turns; the best fit stays."""
+    best = replace(state, shift_mm=state.shift_mm.copy(), turn_deg=state.turn_deg.copy())
+    for first in _TURNS_DEG:
+        tried = replace(start.of(poor), turn_deg=np.full(len(poor), first))
+        for _ in range(_STEPS):
+            tried, fit = _moved(scene, sites_mm[poor], tried, template, ends, robust=True)
+        better = fit.misfit / usual < best.misfit[poor]
+        at = poor[better]
+        best.shift_mm[at], best.turn_deg[at] = tried.shift_mm[better], tried.turn_deg[better]
+        best.sigma_mm[at], best.misfit[at] = tried.sigma_mm[better], fit.misfit[better] / usual
+    return best
+
+
+def _channels(samples: Samples, palette: Palette) -> Samples:
+    """(n, 2, m): how much each sample is body, and its brightness."""
+    return np.stack([palette.bodyness(samples), np.minimum(palette.grey(samples), 2.2)], axis=1)
+
+
+def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:
+    """Ways in which the ends of parts differ; (8, channels, m).
+
+    For each end: its inner edge lies elsewhere, its metal is brighter, the solder beyond it is brighter, or more like a body.
+    """
+    length, width, _ = tape.part.body_mm
+    da, _ = gradients(template.value, grid)
+    broad = np.abs(grid.b_mm) < width / 2 + 0.02
+    out = []
+    for end in (-1, 1):
+        a = end * grid.a_mm
+        inner = broad & (a > 0.08 * length) & (a < 0.42 * length)
+        beyond, metal = _rise(a - length / 2), _rise(a - 0.28 * length) - _rise(a - length / 2)
+        none = np.zeros(grid.count)
+        out += [-da * inner, np.stack([none, metal]), np.stack([none, beyond]), np.stack([beyond, none])]
+    return np.stack(out)
+
+
+def _rise(distance_mm: FloatArray) -> FloatArray:
+    """A step as optics shows it."""
+    return 0.5 * (1.0 + np.tanh(distance_mm / 0.025))
+
+
+def _centroids(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shift of the centroid of body colour near each place, and its area in units of the usual one."""
+    length = tape.part.body_mm[0]
+    reach = min(0.75 * length, 0.45 * (tape.pitch_mm - 2 * tape.displacement_mm))
+    grid = patch_grid(reach, reach, min(warp.px_per_mm, 30.0))
+    body = palette.bodyness(sample(picture, warp, sites_mm, 0.0, grid))
+    near = (np.hypot(grid.a_mm, grid.b_mm) < reach).astype(np.float32)
+    body = np.where(body > 0.6, body, 0.0) * near
+    mass = body.sum(axis=1, dtype=np.float64)
+    usual = float(np.median(mass[mass > 0.3 * np.percentile(mass, 90)])) if mass.any() else 1.0
+    safe = np.maximum(mass, 1e-6)
+    centre = np.stack([body @ grid.a_mm, body @ grid.b_mm], axis=1) / safe[:, None]
+    centre[mass < 0.1 * usual] = 0.0
+    return centre, mass / usual

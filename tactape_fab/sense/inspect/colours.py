@@ -1,0 +1,83 @@
+"""Colours of body, metal and film, learned from the scan itself, and the mixture of channels that tells a body from the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.sense.inspect.patches import Samples, patch_grid, sample
+from tactape_fab.sense.inspect.scan_files import Picture
+from tactape_fab.sense.inspect.warp import Warp
+from tactape_fab.texture.frames import BoolArray, FloatArray, texture_to_board
+from tactape_fab.texture.tape import Tape
+
+LEAST_CONTRAST = 25.0
+"""Least distance of the body's colour from the film's, of 255."""
+_MOST_SITES = 600
+_SHADE = 0.65
+"""Film in the shadow of a part, as a share of its brightness."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Palette:
+    """Median colours (blue, green, red), and ``body_axis`` (4,): body-ness = axis[:3] . colour + axis[3], 1 on bodies."""
+
+    body: FloatArray
+    metal: FloatArray
+    film: FloatArray
+    body_axis: FloatArray
+
+    def bodyness(self, samples: Samples) -> Samples:
+        """How much each sample is body: 1, and 0 on film and metal; cut to -0.2 ... 1.2."""
+        axis = self.body_axis.astype(np.float32)
+        return np.asarray(np.clip(samples @ axis[:3] + axis[3], -0.2, 1.2), dtype=np.float32)
+
+    def grey(self, samples: Samples) -> Samples:
+        """Brightness in units of the film's."""
+        return np.asarray(samples.mean(axis=-1) / np.float32(self.film.mean()))
+
+
+def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -> Palette:
+    """Median colours at the centres of parts, on their ends, and midway between four grid points.
+
+    Raises
+    ------
+    SpecError
+        If bodies do not stand out from the film.
+    """
+    length, width, _ = tape.part.body_mm
+    step = max(1, int(inside.sum()) // _MOST_SITES)
+    cells, sites = tape.cells()[inside][::step], tape.part_xy_mm()[inside][::step]
+    turn = tape.part.rotation_deg
+    small = patch_grid(0.12 * length, 0.2 * width, warp.px_per_mm)
+    axis = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
+    ends = np.concatenate([sites + 0.55 * length * axis, sites - 0.55 * length * axis])
+    between = texture_to_board((cells + 0.5) * tape.pitch_mm, tape.board.texture_origin_mm)
+    body, metal, film = (
+        np.median(np.median(sample(picture, warp, at, turn, small), axis=1), axis=0).astype(np.float64)
+        for at in (sites, ends, between)
+    )
+    if np.abs(body - film).max() < LEAST_CONTRAST:
+        raise SpecError(
+            f"bodies do not stand out from the film: {_rgb(body)} against {_rgb(film)}; scan in colour, with more light"
+        )
+    return Palette(body=body, metal=metal, film=film, body_axis=_axis(body, metal, film))
+
+
+def _rgb(colour: FloatArray) -> str:
+    return f"RGB {', '.join(f'{c:.0f}' for c in colour[::-1])}"
+
+
+def _axis(body: FloatArray, metal: FloatArray, film: FloatArray) -> FloatArray:
+    """Least squares with a little ridge: 1 on the body, 0 on film, film in shadow, metal and bright glare."""
+    rows = np.array([body, film, _SHADE * film, metal, np.minimum(1.3 * metal, 255.0)]) / 255.0
+    weight = np.array([4.0, 4.0, 1.0, 2.0, 1.0])[:, None]
+    a = np.column_stack([rows, np.ones(len(rows))]) * weight
+    want = np.array([1.0, 0.0, 0.0, 0.0, 0.0])[:, None] * weight
+    ridge = np.diag([0.03, 0.03, 0.03, 0.0]) ** 2 * 10.0
+    axis = np.linalg.solve(a.T @ a + ridge, a.T @ want)[:, 0]
+    axis[:3] /= 255.0
+    low, high = (float(axis[:3] @ colour + axis[3]) for colour in (film, body))
+    return np.append(axis[:3], axis[3] - low) / (high - low)

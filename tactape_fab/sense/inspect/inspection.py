@@ -1,0 +1,255 @@
+"""Incoming inspection: from scans and a kit to the places of every part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import shown
+from tactape_fab.sense.inspect.bodies import COVERED, Bodies, fit_bodies
+from tactape_fab.sense.inspect.colours import Palette, learn_palette
+from tactape_fab.sense.inspect.film import fit_film
+from tactape_fab.sense.inspect.foreign import find_foreign
+from tactape_fab.sense.inspect.patches import patch_grid, sample
+from tactape_fab.sense.inspect.result import DRIFT_MM, TOLERANCE_MM, TURN_TOLERANCE_DEG, Inspection, ScanFacts
+from tactape_fab.sense.inspect.scan_files import Picture
+from tactape_fab.sense.inspect.view import View, views_of
+from tactape_fab.sense.inspect.wanted import WantedTape, read_wanted
+from tactape_fab.sense.inspect.warp import Warp
+from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.tape import Tape
+
+LEAST_AREA = 0.55
+"""Of body colour, in units of the usual part's: whole parts have 0.75 and more, bare lands and parts on end below 0.35."""
+_UPRIGHT_AREA = 0.12
+_UPRIGHT_DIFFERENCE = 0.12
+"""Bare lands differ from end to end by 0.06 at most, a part on its end makes 0.19 (in units of the film's brightness)."""
+_MOST_SCANS = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Measured:
+    """A view with what was measured in it; arrays over the parts that it shows whole."""
+
+    view: View
+    warp: Warp
+    bodies: Bodies
+    upright: BoolArray
+    foreign_mm: FloatArray
+    facts: ScanFacts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Inspected:
+    """The inspections of all tapes, and the scans with their warps, for pictures."""
+
+    inspections: list[Inspection]
+    views: list[list[View]]
+
+
+def inspect_scans(
+    scans: Sequence[str | Path] | str | Path,
+    kit: str | Path,
+    *,
+    dpi: float | None = None,
+    tolerance_mm: float = TOLERANCE_MM,
+    turn_tolerance_deg: float = TURN_TOLERANCE_DEG,
+) -> list[Inspection]:
+    """Measure where the parts of a tape are, from scans of it or photographs from above.
+
+    Parameters
+    ----------
+    scans : path or sequence of path
+        TIFF, PNG or JPEG, 600 dpi or more; several images that together show all parts. They may overlap and lie at any turn.
+    kit : path
+        Kit of the tape, panel, or folder of kits, of which the scans show some.
+    dpi : float, optional
+        Nominal resolution; needed only where neither a tag nor the file says it.
+    tolerance_mm, turn_tolerance_deg : float
+        Shift and turn from which on a part is listed.
+
+    Returns
+    -------
+    list of Inspection
+        One for each tape.
+
+    Raises
+    ------
+    SpecError
+        If a scan cannot be read or shows none of the tapes, parts lie outside the scans, or a value is out of range.
+    """
+    return inspect_with_views(scans, kit, dpi=dpi, tolerance_mm=tolerance_mm, turn_tolerance_deg=turn_tolerance_deg).inspections
+
+
+def inspect_with_views(
+    scans: Sequence[str | Path] | str | Path,
+    kit: str | Path,
+    *,
+    dpi: float | None = None,
+    tolerance_mm: float = TOLERANCE_MM,
+    turn_tolerance_deg: float = TURN_TOLERANCE_DEG,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
+) -> Inspected:
+    """`inspect_scans`, with the scans themselves."""
+    paths = [scans] if isinstance(scans, str | Path) else list(scans)
+    problems = _problems(paths, dpi, tolerance_mm, turn_tolerance_deg)
+    wanted = tried(lambda: read_wanted(kit), problems)
+    if problems or wanted is None:
+        raise SpecError(problems)
+    views: list[View] = []
+    for i, path in enumerate(paths):
+        progress("scan", i, len(paths))
+        views += tried(partial(views_of, path, wanted, dpi), problems) or []
+    if problems:
+        raise SpecError(problems)
+    shown_tapes = sorted({v.number for v in views})
+    if wanted[0].offset_mm is not None:  # a panel is inspected whole
+        shown_tapes = list(range(len(wanted)))
+    groups = [[v for v in views if v.number == number] for number in shown_tapes]
+    for number, group in zip(shown_tapes, groups, strict=True):
+        problems += _outside(wanted[number].tape, group)
+    if problems:
+        raise SpecError(problems)
+    found = []
+    for i, (number, group) in enumerate(zip(shown_tapes, groups, strict=True)):
+        progress("tape", i, len(groups))
+        measured = [_measured(view, wanted[number].tape) for view in group]
+        found.append(_merged(wanted[number], measured, tolerance_mm, turn_tolerance_deg))
+    progress("tape", len(groups), len(groups))
+    return Inspected(inspections=found, views=groups)
+
+
+def _problems(paths: Sequence[str | Path], dpi: float | None, tolerance_mm: float, turn_tolerance_deg: float) -> list[Problem]:
+    problems = []
+    if not 1 <= len(paths) <= _MOST_SCANS:
+        problems.append(Problem("scan", f"{len(paths)} scans are given; give 1 to {_MOST_SCANS}"))
+    for key, value, low, high, unit in (
+        ("dpi", dpi, 50.0, 20_000.0, "dpi"),
+        ("tolerance", tolerance_mm, 0.001, 10.0, "mm"),
+        ("turn-tolerance", turn_tolerance_deg, 0.1, 90.0, "deg"),
+    ):
+        if value is None and key == "dpi":
+            continue
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or not low <= value <= high:
+            problems.append(
+                Problem(key, f"{key} = {shown(value)} is not from {low:g} to {high:g} {unit}; give a number of {unit}")
+            )
+    return problems
+
+
+def _outside(tape: Tape, views: Sequence[View]) -> list[Problem]:
+    """Parts that no scan shows whole."""
+    seen = np.zeros(tape.part_count, dtype=bool)
+    for view in views:
+        seen |= view.inside
+    if seen.all():
+        return []
+    if not views:
+        return [Problem("scan", f"no scan shows {tape.name}; scan the whole panel, or give --tape of one of its kits")]
+    gone = np.flatnonzero(~seen)
+    low, high = tape.part_xy_mm()[gone].min(axis=0), tape.part_xy_mm()[gone].max(axis=0)
+    names = tape.designators()
+    message = (
+        f"{len(gone)} of {len(seen)} parts of {tape.name} ({names[gone[0]]} to {names[gone[-1]]}, board x {low[0]:.1f} to "
+        f"{high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} mm) lie outside the scans: cropped; scan the whole tape, or give "
+        "several overlapping images"
+    )
+    return [Problem("scan", message)]
+
+
+def _measured(view: View, tape: Tape) -> _Measured:
+    try:
+        palette = learn_palette(view.picture, view.warp, tape, view.inside)
+    except SpecError as error:
+        raise SpecError(Problem("scan", f"{view.name}: {error}")) from None
+    film = fit_film(view.picture, view.warp, tape, palette, view.inside)
+    sites = tape.part_xy_mm()[view.inside]
+    bodies = fit_bodies(view.picture, film.warp, tape, palette, sites)
+    upright, there = np.zeros(len(sites), dtype=bool), bodies.area >= LEAST_AREA
+    gone = np.flatnonzero(~there)
+    if len(gone):
+        differs = _end_difference(view.picture, film.warp, tape, palette, sites[gone])
+        upright[gone] = (bodies.area[gone] > _UPRIGHT_AREA) | (differs > _UPRIGHT_DIFFERENCE)
+    return _Measured(
+        view=view,
+        warp=film.warp,
+        bodies=bodies,
+        upright=upright,
+        foreign_mm=find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there]),
+        facts=_facts(view, film.warp, film.sigma_mm),
+    )
+
+
+def _end_difference(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> FloatArray:
+    """How differently both ends of a place look, apart from their mean brightness."""
+    length, width, _ = tape.part.body_mm
+    grid = patch_grid(1.1 * length, width, warp.px_per_mm)
+    grey = palette.grey(sample(picture, warp, sites_mm, tape.part.rotation_deg, grid)).reshape(-1, *grid.shape)
+    apart = (grey - grey[:, ::-1, ::-1])[:, :, grid.shape[1] // 2 + 1 :]
+    return np.asarray(apart.std(axis=(1, 2)), dtype=np.float64)
+
+
+def _facts(view: View, warp: Warp, film_sigma_mm: float) -> ScanFacts:
+    linear = warp.coefficients[1:3].T / warp.half_mm  # px/mm, columns: board x, board y
+    along = float(np.hypot(*linear[:, 0]))
+    up = float(abs(np.linalg.det(linear))) / along
+    shear = float(linear[:, 0] @ linear[:, 1]) / along**2
+    jitter = np.concatenate([line.value_px.ravel() for line in warp.lines]) if warp.lines else np.zeros(1)
+    return ScanFacts(
+        name=view.name,
+        dpi=view.dpi,
+        px_per_mm=(along, up),
+        shear=shear,
+        jitter_um=float(np.sqrt((jitter**2).mean())) / warp.px_per_mm * 1000,
+        film_sigma_um=film_sigma_mm * 1000,
+        found_by=view.found_by,
+    )
+
+
+def _merged(wanted: WantedTape, measured: Sequence[_Measured], tolerance_mm: float, turn_tolerance_deg: float) -> Inspection:
+    """Weighted means over the scans; a part is missing where every scan that shows it says so."""
+    n = wanted.tape.part_count
+    weight, shift, turn = np.zeros(n), np.zeros((n, 2)), np.zeros(n)
+    there, upright, clear = (np.zeros(n, dtype=bool) for _ in range(3))
+    for m in measured:
+        at = np.flatnonzero(m.view.inside)
+        present = m.bodies.area >= LEAST_AREA
+        sigma = np.hypot(m.bodies.sigma_mm, DRIFT_MM)
+        w = np.where(present, 1.0 / sigma**2, 0.0)
+        weight[at] += w
+        shift[at] += w[:, None] * m.bodies.shift_mm
+        turn[at] += w * m.bodies.turn_deg
+        there[at] |= present
+        upright[at] |= m.upright
+        clear[at] |= m.bodies.misfit <= COVERED
+    safe = np.maximum(weight, 1e-12)
+    foreign = np.concatenate([m.foreign_mm for m in measured])
+    return Inspection(
+        tape=wanted.tape,
+        manifest_sha256=wanted.sha256,
+        shift_mm=shift / safe[:, None],
+        turn_deg=turn / safe,
+        sigma_mm=np.where(there, 1.0 / np.sqrt(safe), 1.0),
+        present=there,
+        tombstoned=upright & ~there,
+        covered=there & ~clear,
+        foreign_mm=_distinct(foreign),
+        tolerance_mm=float(tolerance_mm),
+        turn_tolerance_deg=float(turn_tolerance_deg),
+        scans=tuple(m.facts for m in measured),
+    )
+
+
+def _distinct(foreign_mm: FloatArray) -> FloatArray:
+    """Objects, each once where several scans show it."""
+    kept: list[FloatArray] = []
+    for entry in foreign_mm[np.argsort(-foreign_mm[:, 2])] if len(foreign_mm) else []:
+        if all(np.hypot(*(entry - other)[:2]) > max(entry[2], other[2]) for other in kept):
+            kept.append(entry)
+    return np.array(kept).reshape(-1, 3)

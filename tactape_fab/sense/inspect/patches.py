@@ -1,0 +1,87 @@
+"""Pieces of a scan around parts, brought into each part's own axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.libraries import library
+from tactape_fab.sense.inspect.scan_files import Picture
+from tactape_fab.sense.inspect.warp import Warp
+from tactape_fab.texture.frames import FloatArray
+
+Samples = npt.NDArray[np.float32]
+
+_MOST_ROWS = 30_000
+"""OpenCV's remap counts rows in 16 bits."""
+_FINEST_PX_PER_MM = 60.0
+"""Samples are no nearer than this: the optics of a scanner do not resolve more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PatchGrid:
+    """Points in a part's axes: a along it, b across it, mm; both of shape (m,), in rows of b."""
+
+    a_mm: FloatArray
+    b_mm: FloatArray
+    shape: tuple[int, int]
+    step_mm: float
+
+    @property
+    def count(self) -> int:
+        return len(self.a_mm)
+
+
+def patch_grid(half_a_mm: float, half_b_mm: float, px_per_mm: float) -> PatchGrid:
+    """A grid as fine as the scan's pixels, symmetric about the part's centre."""
+    step = 1.0 / min(px_per_mm, _FINEST_PX_PER_MM)
+    na, nb = int(half_a_mm / step), int(half_b_mm / step)
+    a, b = np.meshgrid(np.arange(-na, na + 1) * step, np.arange(-nb, nb + 1) * step)
+    return PatchGrid(a_mm=a.ravel(), b_mm=b.ravel(), shape=a.shape, step_mm=step)
+
+
+def sample(picture: Picture, warp: Warp, centre_mm: FloatArray, turn_deg: npt.ArrayLike, grid: PatchGrid) -> Samples:
+    """The scan at a grid around each centre.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (h, w, 3)
+    warp : Warp
+    centre_mm : ndarray, shape (n, 2)
+        Board frame.
+    turn_deg : array_like, shape (n,)
+        Of a's axis against board x, counter-clockwise.
+    grid : PatchGrid
+
+    Returns
+    -------
+    ndarray of float32, shape (n, m, 3)
+        Black outside the scan.
+    """
+    cv2 = library("cv2", "inspecting a scan")
+    n = len(centre_mm)
+    turn = np.broadcast_to(np.radians(np.asarray(turn_deg, dtype=np.float64)), (n,))
+    c, s = np.cos(turn), np.sin(turn)
+    along = warp.jacobian(centre_mm) @ np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # (n, 2, 2)
+    smooth = warp.smooth(centre_mm)
+    out = np.empty((n, grid.count, 3), dtype=np.float32)
+    rows = max(1, _MOST_ROWS // grid.shape[0])
+    for start in range(0, n, rows):
+        chunk = slice(start, min(start + rows, n))
+        u = along[chunk, 0, :1] * grid.a_mm + along[chunk, 0, 1:] * grid.b_mm + smooth[chunk, :1]
+        v = along[chunk, 1, :1] * grid.a_mm + along[chunk, 1, 1:] * grid.b_mm + smooth[chunk, 1:]
+        for line in warp.lines:
+            shift = line.at(np.stack([u, v], axis=-1))
+            u, v = u + shift[..., 0], v + shift[..., 1]
+        size = (-1, grid.shape[1])
+        seen = cv2.remap(
+            picture,
+            u.astype(np.float32).reshape(size),
+            v.astype(np.float32).reshape(size),
+            cv2.INTER_LINEAR,
+            borderValue=(0, 0, 0),
+        )
+        out[chunk] = seen.reshape(-1, grid.count, 3)
+    return out

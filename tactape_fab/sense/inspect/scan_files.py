@@ -1,0 +1,208 @@
+"""Files of scans: TIFF, PNG and JPEG. Size and resolution are read from the header, before any pixel is unpacked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.libraries import library
+
+Picture = npt.NDArray[np.uint8]
+"""Shape (h, w, 3), blue first."""
+
+MOST_PX = 250_000_000
+"""A tape of 100 x 50 mm at 4800 dpi has 230 million; unpacked they take 0.75 GB."""
+LONGEST_PX = 60_000
+LEAST_PX = 64
+MM_PER_INCH = 25.4
+LEAST_QUALITY = 30
+"""Of a JPEG, in libjpeg's scale; its edges move by more than a part's own scatter below."""
+
+_MOST_BYTES = 1 << 30
+_MOST_ENTRIES = 200
+_MOST_MARKERS = 1000
+_MOST_CHUNKS = 100
+_REMEDY = "give a scan as TIFF, PNG or JPEG with 8 or 16 bits a channel"
+_NO_SIZE = {0xC4, 0xC8, 0xCC}
+_SILENT = 0
+_LUMINANCE_50 = (16, 11, 12, 14, 12, 10, 16, 14, 13, 14)
+"""First entries of the luminance table at quality 50, in zigzag order (ITU-T T.81, table K.1); others are cut at 255."""
+_READABLE_DPI = (50.0, 20_000.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanHeader:
+    """What the header of a scan says: ``dpi`` and ``quality`` (of a JPEG) are None where it says nothing."""
+
+    width_px: int
+    height_px: int
+    bits: int
+    dpi: float | None = None
+    quality: float | None = None
+
+
+def read_header(data: bytes) -> ScanHeader:
+    """The header of a picture.
+
+    Raises
+    ------
+    SpecError
+        If it is no picture, or too large to be unpacked.
+    """
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        header = _png(data)
+    elif data.startswith(b"\xff\xd8"):
+        header = _jpeg(data)
+    elif data[:4] in (b"II*\x00", b"MM\x00*"):
+        header = _tiff(data)
+    else:
+        raise SpecError(f"it is no picture; {_REMEDY}")
+    width, height = header.width_px, header.height_px
+    if width < LEAST_PX or height < LEAST_PX:
+        raise SpecError(f"it has {width} x {height} px; give a scan of 600 to 4800 dpi")
+    if width > LONGEST_PX or height > LONGEST_PX or width * height > MOST_PX:
+        limit = f"{MOST_PX // 1_000_000} million px, {LONGEST_PX} px a side"
+        raise SpecError(f"it has {width} x {height} px, more than {limit}; scan at fewer dpi, or in several overlapping images")
+    if header.bits not in (8, 16):
+        raise SpecError(f"it has {header.bits} bits a channel; {_REMEDY}")
+    if header.quality is not None and header.quality < LEAST_QUALITY:
+        raise SpecError(
+            f"it is a JPEG of quality {header.quality:.0f}, below {LEAST_QUALITY}: its blocks move edges; scan to TIFF or PNG"
+        )
+    return header
+
+
+def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
+    """A scan and its header; see `read_header`.
+
+    Raises
+    ------
+    SpecError
+        That names the file and says why it is no scan.
+    """
+    path = Path(path)
+    try:
+        data = _bytes_of(path)
+        header = read_header(data)
+        return _unpacked(data, header), header
+    except OSError as error:
+        raise SpecError(Problem("scan", f"{shown_path(path)} cannot be read: {error.strerror or error}")) from error
+    except ValueError as error:
+        if isinstance(error, SpecError):
+            raise SpecError([Problem("scan", f"{shown_path(path)}: {p.message}") for p in error.problems]) from None
+        raise SpecError(Problem("scan", f"{shown_path(path)!r} is no path of a file; {_REMEDY}")) from error
+    except MemoryError:
+        raise SpecError(Problem("scan", f"{shown_path(path)} does not fit into memory; scan at fewer dpi")) from None
+
+
+def _bytes_of(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        data = stream.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise SpecError(f"it is larger than {_MOST_BYTES} bytes; scan at fewer dpi, or in several overlapping images")
+    return data
+
+
+def _unpacked(data: bytes, header: ScanHeader) -> Picture:
+    cv2 = library("cv2", "reading a scan")
+    logs = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, which numpy 1.26 needs, and 5
+    level = logs.getLogLevel()
+    logs.setLogLevel(_SILENT)
+    try:
+        picture: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        picture = None
+    finally:
+        logs.setLogLevel(level)
+    shape = (header.height_px, header.width_px, 3)
+    if picture is None or picture.shape != shape or picture.dtype != np.uint8:
+        raise SpecError(f"it is damaged and cannot be unpacked; {_REMEDY}")
+    return np.asarray(picture)
+
+
+def _plausible(dpi: float) -> float | None:
+    return dpi if isfinite(dpi) and _READABLE_DPI[0] <= dpi <= _READABLE_DPI[1] else None
+
+
+def _png(data: bytes) -> ScanHeader:
+    """IHDR and pHYs (PNG, 11.2.2 and 11.3.5.3)."""
+    if len(data) < 33 or data[12:16] != b"IHDR":
+        raise SpecError(f"it ends in its header; {_REMEDY}")
+    dpi = None
+    at = 33
+    for _ in range(_MOST_CHUNKS):
+        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        if kind in (b"IDAT", b"") or at >= len(data):
+            break
+        if kind == b"pHYs" and data[at + 16 : at + 17] == b"\x01":
+            dpi = _plausible(int.from_bytes(data[at + 8 : at + 12], "big") * MM_PER_INCH / 1000)
+        at += length + 12
+    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    return ScanHeader(width_px=width, height_px=height, bits=8 if data[25] == 3 else data[24], dpi=dpi)
+
+
+def _jpeg(data: bytes) -> ScanHeader:
+    """The first frame, JFIF's density and the luminance table (ITU-T T.81, B.2)."""
+    at, dpi, quality = 2, None, None
+    for _ in range(_MOST_MARKERS):
+        if at + 14 > len(data) or data[at] != 0xFF:
+            break
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker == 0xE0 and data[at + 4 : at + 9] == b"JFIF\x00" and data[at + 11] in (1, 2):
+            density = int.from_bytes(data[at + 12 : at + 14], "big")
+            dpi = _plausible(density * (2.54 if data[at + 11] == 2 else 1.0))  # 2: per centimetre
+        if marker == 0xDB and data[at + 4] & 0x0F == 0 and quality is None:
+            quality = _quality(data[at + 5 : at + 69], wide=data[at + 4] >> 4 == 1)
+        if 0xC0 <= marker <= 0xCF and marker not in _NO_SIZE:
+            height, width = int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big")
+            return ScanHeader(width_px=width, height_px=height, bits=data[at + 4], dpi=dpi, quality=quality)
+        at += 1 if marker == 0xFF else 2 + length
+    raise SpecError(f"it is a JPEG without a picture; {_REMEDY}")
+
+
+def _quality(table: bytes, *, wide: bool) -> float | None:
+    """Quality as libjpeg counts it, from the luminance table: 50 is the standard's own table, 100 has ones alone."""
+    if wide or len(table) < 64:
+        return None
+    ratio = sum(table[: len(_LUMINANCE_50)]) / sum(_LUMINANCE_50)
+    return 100 - 50 * ratio if ratio < 1 else 50 / ratio
+
+
+def _tiff(data: bytes) -> ScanHeader:
+    """The first picture (TIFF 6.0, section 2)."""
+    order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
+
+    def number(at: int, size: int) -> int:
+        if at < 0 or at + size > len(data):
+            raise SpecError(f"it ends in its header; {_REMEDY}")
+        return int.from_bytes(data[at : at + size], order)
+
+    start = number(4, 4)
+    count = number(start, 2)
+    if count > _MOST_ENTRIES:
+        raise SpecError(f"its header has {count} entries; {_REMEDY}")
+    values = {258: 8, 296: 2}
+    for entry in range(start + 2, start + 2 + 12 * count, 12):
+        tag, kind, items = number(entry, 2), number(entry + 2, 2), number(entry + 4, 4)
+        value = number(entry + 8, 2 if kind == 3 else 4)
+        if tag == 258 and items > 2:  # bits of each channel, elsewhere in the file
+            value = number(number(entry + 8, 4), 2)
+        if tag == 282:
+            over, under = number(value, 4), number(value + 4, 4)
+            values[282] = round(over / under) if under else 0
+        else:
+            values[tag] = value
+    dpi = float(values.get(282, 0)) * (2.54 if values[296] == 3 else 1.0)
+    return ScanHeader(
+        width_px=values.get(256, 0),
+        height_px=values.get(257, 0),
+        bits=values[258],
+        dpi=_plausible(dpi) if values[296] != 1 else None,
+    )

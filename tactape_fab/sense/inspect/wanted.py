@@ -1,0 +1,65 @@
+"""What is inspected: the tape of a kit, the tapes of a panel with their places on it, or kits of which a scan shows one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.texture.as_built import manifest_digest
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
+from tactape_fab.texture.panel_manifest import is_panel, read_placed
+from tactape_fab.texture.registry import read_registered
+from tactape_fab.texture.tape import Tape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WantedTape:
+    """A tape, the digest of its manifest, and its place on a panel, mm; None where it is by itself."""
+
+    tape: Tape
+    sha256: str
+    offset_mm: FloatArray | None = None
+
+
+def read_wanted(kit: str | Path) -> list[WantedTape]:
+    """The tapes of a kit, of a panel, or of a folder of kits.
+
+    Raises
+    ------
+    SpecError
+        If there is none, or a tape is no film with parts.
+    """
+    entries = read_registered([kit])
+    offsets = _offsets(Path(kit))
+    solid = [e.tape.name for e in entries if e.tape.surface is not None or e.tape.part.shape != "block"]
+    if solid:
+        message = f"{', '.join(solid)} carries no assembled parts; inspect reads scans of a film with resistors on it"
+        raise SpecError(Problem("tape", message))
+    return [
+        WantedTape(
+            tape=entry.tape,
+            sha256=manifest_digest(find_manifest(entry.path)),
+            offset_mm=offsets.get(find_manifest(entry.path).resolve()),
+        )
+        for entry in entries
+    ]
+
+
+def _offsets(kit: Path) -> dict[Path, FloatArray]:
+    """Places of a panel's kits by their manifests; empty if it is no panel."""
+    file = kit / MANIFEST_NAME if kit.is_dir() else kit
+    if not file.is_file():
+        return {}
+    content = read_any_manifest(file)
+    if not is_panel(content):
+        return {}
+    table = Fields(content)
+    placed = read_placed(table)
+    if table.problems:
+        raise SpecError([Problem("tape", f"{shown_path(file)}: {p.message}") for p in table.problems])
+    return {(file.parent / p.manifest).resolve(): np.array(p.offset_mm) for p in placed}

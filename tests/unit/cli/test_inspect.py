@@ -1,0 +1,85 @@
+"""The command inspect: exit statuses, files, and what it prints."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from tactape_fab import Kit, Tape
+from tactape_fab.cli import main
+from tactape_fab.texture.as_built import AsBuilt
+from tests.scans import Scanner, assembled, scan
+
+
+@pytest.fixture(scope="module")
+def scans(flat_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Scans of a good tape and of one that lacks a part."""
+    tape = Tape.load(flat_kit.path)
+    folder = tmp_path_factory.mktemp("scans")
+    paths = {}
+    for name, missing in (("good", 0), ("bad", 1)):
+        paths[name] = folder / f"{name}.png"
+        built = assembled(tape, sigma_mm=0.03, missing=missing, seed=4)
+        paths[name].write_bytes(cv2.imencode(".png", scan(tape, built, Scanner(dpi=1000)))[1].tobytes())
+    return paths
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, ["inspect", *map(str, arguments)])
+
+
+def test_a_good_tape_is_done_with_status_0(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    result = run(scans["good"], "--tape", flat_kit.path, "-o", tmp_path / "as-built.json")
+    assert result.exit_code == 0, result.output
+    assert "94 of 94 parts are in place, 0 deviations" in result.stdout
+    assert AsBuilt.load(tmp_path / "as-built.json").missing == 0
+    assert len((tmp_path / "as-built-deviations.csv").read_text().splitlines()) == 1
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_fault_is_status_4_with_files_pictures_and_rows(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    result = run(scans["bad"], "--tape", flat_kit.path, "-o", tmp_path / "a.json", "--picture", tmp_path / "seen")
+    assert result.exit_code == 4
+    assert "1 deviation beyond the tolerances" in result.stderr
+    (row,) = csv.DictReader((tmp_path / "a-deviations.csv").read_text().splitlines())
+    assert row["Deviation"] == "missing" and row["Designator"] in result.stdout
+    assert AsBuilt.load(tmp_path / "a.json").missing == 1
+    for what in ("deviations", "places"):
+        picture = cv2.imread(str(tmp_path / "seen" / f"tactape-s100-{what}.png"))
+        assert picture is not None and np.asarray(picture).std() > 5.0
+
+
+def test_a_narrow_tolerance_makes_the_same_tape_fail(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    result = run(scans["good"], "--tape", flat_kit.path, "-o", tmp_path / "a.json", "--tolerance", "0.05mm", "--json")
+    assert result.exit_code == 4
+    (said,) = json.loads(result.stdout)
+    assert said["tolerance_mm"] == 0.05
+    assert {d["kind"] for d in said["deviations"]} == {"shifted"}
+    assert all(d["value"] >= 0.05 for d in said["deviations"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], ["SCAN is missing", "--tape is missing", "-o is missing"]),
+        (["none.png", "--tape", "KIT", "-o", "a.json"], ["none.png cannot be read"]),
+        (["GOOD", "--tape", "KIT", "-o", "a.txt"], ["a.txt is no file of places"]),
+        (["GOOD", "--tape", "KIT", "-o", "none/a.json"], ["there is no folder none"]),
+        (["GOOD", "--tape", "KIT", "-o", "a.json", "--tolerance", "wide"], ["tolerance = 'wide' is not from"]),
+    ],
+)
+def test_what_cannot_be_meant_is_status_2_and_writes_nothing(
+    flat_kit: Kit, scans: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    named = {"KIT": str(flat_kit.path), "GOOD": str(scans["good"])}
+    result = run(*(named.get(a, a) for a in arguments))
+    assert result.exit_code == 2
+    assert all(text in result.stderr for text in said)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,172 @@
+"""Places, faults and as-built files from scans drawn by other code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactape_fab import Kit, Tape, TapeSpec, make_kit
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.make.panel import PanelKit
+from tactape_fab.sense import Inspection, inspect_scans
+from tactape_fab.texture.as_built import AsBuilt, manifest_digest
+from tactape_fab.texture.manifest import read_any_manifest
+from tactape_fab.texture.panel_manifest import read_placed
+from tests.scans import Built, Picture, Scanner, assembled, scan
+from tests.unit.sense.inspect.conftest import MISSING, SHIFTED, TOMBSTONED, TURNED, Scanned, write
+
+
+def errors_um(found: Inspection, built: Built) -> np.ndarray:
+    """Errors of the ordinary parts, (n, 2)."""
+    ordinary = built.present & (np.abs(built.turn_deg) < 10.0) & found.present & ~found.covered
+    error = found.shift_mm - np.stack([built.dx_mm, built.dy_mm], axis=1)
+    return np.asarray(error[ordinary] * 1000)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+@pytest.fixture(scope="module")
+def found(scanned: Scanned) -> Inspection:
+    (one,) = inspect_scans(scanned.path, scanned.kit)
+    return one
+
+
+def test_places_are_within_5_um_at_1200_dpi_and_say_how_sure_they_are(found: Inspection, scanned: Scanned) -> None:
+    error = errors_um(found, scanned.built)
+    assert rms(error) < 5.0
+    assert np.abs(error).max() < 25.0
+    ordinary = scanned.built.present & (np.abs(scanned.built.turn_deg) < 10.0) & ~found.covered
+    nees = (error**2).mean(axis=1) / (1000 * found.sigma_mm[ordinary]) ** 2
+    assert 0.6 < nees.mean() < 1.6
+    assert rms(found.turn_deg[ordinary] - scanned.built.turn_deg[ordinary]) < 1.0
+
+
+def test_every_fault_is_found_and_none_is_invented(found: Inspection, scanned: Scanned) -> None:
+    said = {(d.kind, d.designator) for d in found.deviations() if d.designator}
+    assert said == {
+        *(("missing", f"R{i + 1}") for i in MISSING),
+        ("tombstoned", f"R{TOMBSTONED + 1}"),
+        ("turned", f"R{TURNED + 1}"),
+        ("shifted", f"R{SHIFTED + 1}"),
+    }
+    (speck,) = found.foreign_mm
+    assert np.hypot(*(speck[:2] - scanned.built.specks[0][:2])) < 0.1
+    assert abs(found.turn_deg[TURNED] - 35.0) < 1.5
+
+
+def test_the_as_built_file_holds_what_was_measured(found: Inspection, scanned: Scanned, tmp_path: Path) -> None:
+    read = AsBuilt.load(found.as_built().write(tmp_path / "as-built.json"))
+    assert read.manifest_sha256 == manifest_digest(scanned.kit / "manifest.json")
+    np.testing.assert_array_equal(read.present, scanned.built.present)
+    np.testing.assert_allclose(read.dx_mm[read.present], found.shift_mm[found.present, 0], atol=1e-6)
+    assert (read.dx_mm[~read.present] == 0).all()
+    assert read.film.scale == (1.0, 1.0) and read.film.sigma == 0.001
+    assert read.source[0]["kind"] == "scan" and read.source[0]["found_by"] == "tag"
+
+
+def test_scale_and_skew_of_the_scanner_are_said_and_move_no_part(found: Inspection) -> None:
+    (facts,) = found.scans
+    assert abs(facts.px_per_mm[0] / (1200 / 25.4) - 1.003) < 1e-3
+    assert abs(facts.px_per_mm[1] / (1200 / 25.4) - 0.998) < 1e-3
+    assert 2.0 < facts.jitter_um < 15.0
+
+
+def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
+    grey = write(tmp_path / "grey.tif", cv2.cvtColor(scanned.picture, cv2.COLOR_BGR2GRAY))
+    (one,) = inspect_scans(grey, scanned.kit)
+    assert rms(errors_um(one, scanned.built)) < 7.0
+    np.testing.assert_array_equal(one.present, scanned.built.present)
+
+
+def test_overlapping_images_are_one_inspection_the_second_found_by_its_code(scanned: Scanned, tmp_path: Path) -> None:
+    width = scanned.picture.shape[1]
+    first = write(tmp_path / "a.png", scanned.picture[:, : width * 6 // 10])
+    second = write(tmp_path / "b.png", np.ascontiguousarray(scanned.picture[:, width * 4 // 10 :][::-1, ::-1]))
+    (one,) = inspect_scans([first, second], scanned.kit, dpi=1200)
+    assert [s.found_by for s in one.scans] == ["tag", "code"]
+    assert rms(errors_um(one, scanned.built)) < 5.5
+    np.testing.assert_array_equal(one.present, scanned.built.present)
+
+
+def test_the_code_says_which_of_several_tapes_it_is(scanned: Scanned, tmp_path: Path) -> None:
+    picture = scanned.picture.copy()
+    picture[:, : picture.shape[1] * 19 // 100] = picture[5, picture.shape[1] // 2]  # the strip with the tag is covered
+    make_kit(TapeSpec(sector=9, size_mm=(40.0, 30.0), models=False), tmp_path / "kits" / "other")
+    (tmp_path / "kits" / "this").symlink_to(scanned.kit)
+    (one,) = inspect_scans(write(tmp_path / "a.png", picture), tmp_path / "kits", dpi=1190)
+    assert one.tape.name == "tactape-s007" and one.scans[0].found_by == "code"
+
+
+def test_a_photograph_at_a_slant_serves(kit_40: Kit, tmp_path: Path) -> None:
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, missing=3, seed=11)
+    slanted = Scanner(dpi=900, turn_deg=128.0, perspective=0.04, jitter_um=0.1, scale=(1.0, 1.0), skew_deg=0.0)
+    (one,) = inspect_scans(write(tmp_path / "photo.png", scan(tape, built, slanted)), kit_40.path)
+    assert rms(errors_um(one, built)) < 7.0
+    np.testing.assert_array_equal(one.present, built.present)
+
+
+@pytest.fixture(scope="module")
+def panel_scan(panel_2: PanelKit) -> tuple[Picture, list[Built]]:
+    """All tapes of a panel, each drawn alone and put in its place."""
+    dpi = 1000.0
+    placed = read_placed(Fields(read_any_manifest(panel_2.path / "manifest.json")))
+    tapes = [Tape.load((panel_2.path / p.manifest).parent) for p in placed]
+    builts = [assembled(t, missing=2, seed=i) for i, t in enumerate(tapes)]
+    still = Scanner(dpi=dpi, turn_deg=0.0, scale=(1.0, 1.0), skew_deg=0.0, jitter_um=0.1, margin_mm=0.4, shading=0.0)
+    pieces = [scan(t, b, still, seed=i) for i, (t, b) in enumerate(zip(tapes, builts, strict=True))]
+    r = dpi / 25.4
+    corner = [(p.offset_mm[0] * r, (p.offset_mm[1] + t.board.size_mm[1]) * r) for p, t in zip(placed, tapes, strict=True)]
+    height = int(max(v for _, v in corner) + 200)
+    width = int(max(u + s.shape[1] for (u, _), s in zip(corner, pieces, strict=True)) + 100)
+    out = np.full((height, width, 3), 236, np.uint8)
+    for (u, v), piece in zip(corner, pieces, strict=True):
+        row, column = height - 60 - int(v), int(u)
+        out[row : row + piece.shape[0], column : column + piece.shape[1]] = piece
+    return out, builts
+
+
+def test_all_tapes_of_a_panel_are_inspected(panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path) -> None:
+    picture, builts = panel_scan
+    found = inspect_scans(write(tmp_path / "panel.png", picture), panel_2.path)
+    assert len(found) == len(builts) == 2
+    for one, built in zip(found, builts, strict=True):
+        np.testing.assert_array_equal(one.present, built.present)
+        assert rms(errors_um(one, built)) < 6.0
+
+
+def test_a_panel_of_which_a_tape_is_not_scanned_is_refused(
+    panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path
+) -> None:
+    picture, _ = panel_scan
+    half = write(
+        tmp_path / "half.png",
+        picture[: picture.shape[0] // 2] if picture.shape[0] > picture.shape[1] else picture[:, : picture.shape[1] // 2],
+    )
+    with pytest.raises(SpecError, match=r"no scan shows tactape-s0|outside the scans: cropped"):
+        inspect_scans(half, panel_2.path)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"dpi": 0.0}, "dpi = 0.0 is not from 50 to 20000 dpi"),
+        ({"tolerance_mm": -1.0}, "tolerance = -1.0 is not from 0.001 to 10 mm"),
+        ({"turn_tolerance_deg": float("nan")}, "turn-tolerance = nan is not"),
+    ],
+)
+def test_impossible_options_are_refused(scanned: Scanned, options: dict[str, float], said: str) -> None:
+    with pytest.raises(SpecError, match=said):
+        inspect_scans(scanned.path, scanned.kit, **options)
+
+
+def test_no_scan_at_all_is_refused_together_with_a_missing_kit(tmp_path: Path) -> None:
+    with pytest.raises(SpecError) as error:
+        inspect_scans([], tmp_path / "none")
+    assert len(error.value.problems) == 2
