@@ -8,12 +8,13 @@ from math import ceil, sqrt
 
 import numpy as np
 
+from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.contact.layer import force_on
 from tactape_fab.sense.decode.contact.plane import Plane, fit_plane, terms
 from tactape_fab.sense.decode.dots.filters import Image, averaged, ordinary_value
 from tactape_fab.sense.geometry import Camera, Gel
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 
 TOP_MM = 0.06
 """Depths are means over so much on every side of a top: less than a part is wide."""
@@ -43,10 +44,8 @@ class ContactView:
         The camera, unless px/mm are all of it.
     last_px : ndarray, shape (2,)
         The last pixel along u and v.
-    strides : ndarray of int, shape (2,)
-        Pixels from one to the next along u and v, in an image that is one row after the other.
-    around : ndarray of int, shape (m,)
-        Offsets of the pixels of a top there.
+    off_mm : (float, float) or None
+        How far from the image's centre the middle of the dots is at least where a flat tape is tilted; None without a crown.
     margin : int
         Pixels that a top reaches to.
     factor : int
@@ -61,8 +60,7 @@ class ContactView:
     centre_px: FloatArray
     bent: Camera | None
     last_px: FloatArray
-    strides: IntArray
-    around: IntArray
+    off_mm: tuple[float, float] | None
     margin: int
     factor: int
     valid: BoolArray | None
@@ -80,10 +78,9 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
     """The view of a sensor; None where its depths are no millimetres."""
     if sensor.depth_unit_mm is None:
         return None
-    geometry, scale = sensor.geometry, min(sensor.px_per_mm)
+    geometry, scale, crown_mm = sensor.geometry, min(sensor.px_per_mm), sensor.gel.crown_mm
     straight = (geometry.aspect, geometry.shear, geometry.k1) == (0.0, 0.0, 0.0)
     margin = max(round(TOP_MM * scale), 1)
-    v, u = np.mgrid[-margin : margin + 1, -margin : margin + 1].reshape(2, -1)
     least = sqrt(sensor.width_px * sensor.height_px / MOST_CELLS)
     factor = max(round(CELL_MM * scale), ceil(least))
     return ContactView(
@@ -92,8 +89,7 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
         centre_px=sensor.centre_px,
         bent=None if straight else sensor.camera,
         last_px=np.array([sensor.width_px - 1.0, sensor.height_px - 1.0]),
-        strides=np.array([1, sensor.width_px]),
-        around=v * sensor.width_px + u,
+        off_mm=None if crown_mm is None else (LEAST_OFF * LEAST_SLOPE * crown_mm[0], LEAST_OFF * LEAST_SLOPE * crown_mm[1]),
         margin=margin,
         factor=factor,
         valid=None if sensor.mask is None else _whole(sensor.mask, factor),
@@ -118,6 +114,8 @@ class ContactSurface:
     dots_px : ndarray, shape (k, 2)
         The dots on the tape, as detected.
     agree : ndarray of bool, shape (k,)
+    off_mm : (float, float)
+        From the image's centre to the mean of the dots that agree.
     heights : ndarray, shape (k,)
         Weights of the dots: about 1 inside the contact, and less at its rim.
     around : ndarray of float32, shape (k, m)
@@ -130,6 +128,7 @@ class ContactSurface:
     pitch_mm: float
     dots_px: FloatArray
     agree: BoolArray
+    off_mm: tuple[float, float]
     heights: FloatArray
     around: Image
     coarse: Image
@@ -152,11 +151,10 @@ class ContactSurface:
 
         A gel with a crown touches a flat tape in the image's centre, unless it is tilted: dots about it need no fit.
         """
-        crown_mm = self.view.gel.crown_mm
-        if crown_mm is None:
+        least = self.view.off_mm
+        if least is None or (abs(self.off_mm[0]) < least[0] and abs(self.off_mm[1]) < least[1]):
             return None
-        off = np.abs(self.dots_px[self.agree].mean(axis=0) - self.view.centre_px) / self.view.px_per_mm
-        if (off < np.array(crown_mm) * (LEAST_OFF * LEAST_SLOPE)).all() or self.plane is None or not self.plane.flat:
+        if self.plane is None or not self.plane.flat:
             return None
         slope = self.plane.rise[1:]
         return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
@@ -244,14 +242,36 @@ def contact_surface(
         As in `ContactSurface`.
     """
     margin = view.margin
-    at = np.minimum(np.maximum(np.rint(dots_px), margin), view.last_px - margin).astype(np.intp)
+    around = np.empty((len(dots_px), (2 * margin + 1) ** 2), dtype=np.float32)
+    u, v = _taken(image, dots_px, agree, margin, around)
     return ContactSurface(
         view=view,
         pitch_mm=pitch_mm,
         dots_px=dots_px,
         agree=agree,
+        off_mm=((u - view.centre_px[0]) / view.px_per_mm[0], (v - view.centre_px[1]) / view.px_per_mm[1]),
         heights=heights,
-        around=image.reshape(-1).take((at @ view.strides)[:, None] + view.around),
+        around=around,
         # `averaged` takes the image's ordinary value off, so that few digits are lost
         coarse=averaged(image, view.factor) + np.float32(ordinary_value(image)),
     )
+
+
+@kernel()
+def _taken(image: Image, dots_px: FloatArray, agree: BoolArray, margin: int, around: Image) -> tuple[float, float]:
+    """Copy the pixels about each dot, or the nearest that are whole, and return the mean of the dots that agree."""
+    h, w = image.shape
+    across = 2 * margin + 1
+    u_sum = v_sum = count = 0.0
+    for k in range(len(dots_px)):
+        u = min(max(round(dots_px[k, 0]), margin), w - 1 - margin)
+        v = min(max(round(dots_px[k, 1]), margin), h - 1 - margin)
+        for j in range(across * across):
+            around[k, j] = image[v - margin + j // across, u - margin + j % across]
+        if agree[k]:
+            u_sum += dots_px[k, 0]
+            v_sum += dots_px[k, 1]
+            count += 1.0
+    if count == 0.0:
+        return np.inf, np.inf
+    return u_sum / count, v_sum / count
