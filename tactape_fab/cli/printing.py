@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -100,8 +100,12 @@ def echo_json(content: Any) -> None:
 
 def echo_line(line: str, *, err: bool = False) -> None:
     """Print one line, whatever it holds: a name from an untrusted file neither ends it nor moves the cursor."""
-    with suppress(OSError) if err else nullcontext():  # messages that nobody can be told stop no work
+    try:
         click.echo(one_line(line), err=err)
+    except OSError:
+        if not err:
+            raise
+        sys.stderr = None  # messages that nobody can be told stop no work; flushing the rest of its buffer would fail again
 
 
 def echo_lines(lines: Iterable[str]) -> None:

@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from pypdf import PdfReader
 
 from tactape_fab import Kit, Tape, TapeSpec, default_origin, make_kit, verify_kit
 from tactape_fab.base.errors import Check, SpecError, TactapeError, VerifyError
@@ -136,12 +137,15 @@ def test_source_date_epoch_changes_the_dates_and_nothing_else(
     dated, plain = contents(make_kit(SMALL, tmp_path / "kit").path), contents(small_kit.path)
     assert dated.keys() == plain.keys()
     for path, data in dated.items():
-        if path.endswith((".zip", ".3mf", "manifest.json", "report.html")):
+        if path.endswith((".zip", ".3mf", ".pdf", "manifest.json", "report.html")):
             continue
         undated = without_signature(
             data.replace(b"2026-01-02T03:04:05", b"1980-01-01T00:00:00").replace(b"2026-01-02", b"1980-01-01")
         )
         assert undated == without_signature(plain[path]), path
+    drawings = (PdfReader(io.BytesIO(of["tactape-s100-drawing.pdf"])).pages[0].extract_text() for of in (dated, plain))
+    of_2026, of_1980 = drawings
+    assert of_2026.replace("2026-01-02", "1980-01-01") == of_1980
     assert dated["gerber/tactape-s100.gtl"].count(b"2026-01-02T03:04:05+00:00") == 1
     with zipfile.ZipFile(io.BytesIO(dated["tactape-s100-fab.zip"])) as archive:
         assert {member.date_time for member in archive.infolist()} == {(2026, 1, 2, 3, 4, 4)}  # a zip counts two seconds
