@@ -5,6 +5,7 @@ Fonts are embedded and dates fixed, so the same drawing has the same bytes.
 
 from __future__ import annotations
 
+import hashlib
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from tactape_fab.base.build_date import build_date
 from tactape_fab.texture.frames import FloatArray
 
 POINTS_PER_MM = 72.0 / 25.4
@@ -61,6 +63,9 @@ class Sheet:
         self.size_mm = size_mm
         width, height = (side * POINTS_PER_MM for side in size_mm)
         self._canvas: Any = Canvas(self._bytes, pagesize=(width, height), invariant=1, pageCompression=1, initialFontName=REGULAR)
+        date = build_date()  # ReportLab would take the environment's, in the file's ID as well, also where a kit is made again
+        self._canvas._doc.signature = hashlib.md5(title.encode(), usedforsecurity=False)
+        self._canvas.setDateFormatter(lambda *_: f"D:{date:%Y%m%d%H%M%S}+00'00'")
         self._canvas.setTitle(title)
         self._canvas.setCreator("tactape-fab")
         self._canvas.scale(POINTS_PER_MM, POINTS_PER_MM)

@@ -173,7 +173,7 @@ OPTIONS = [
     Case("make --sector 7 --bend-axis x", USAGE, "bend_axis = 'x'", "says nothing alone", "--bend-radius MM"),
     Case("make --sector 7 --bend-radius 20", USAGE, "bend_radius_mm = 20", "says nothing alone", "--bend-axis x or y"),
     Case("make --sector 7 --bend-axis z --bend-radius 20", USAGE, "bend_axis = 'z'", "x, y", REMEDY),
-    Case("make --sector 7 --bend-axis x --bend-radius -1", USAGE, "-1 mm", "above 0 mm", "--bend-radius is the radius"),
+    Case("make --sector 7 --bend-axis x --bend-radius -1", USAGE, "-1 mm", "below 0.1 mm", "--bend-radius is the radius"),
     Case(
         "make --sector 7 --bend-axis x --bend-radius 9 --fab generic-fr4",
         USAGE,
@@ -194,8 +194,10 @@ OPTIONS = [
     Case("make --sector 7 --part block --body 0.6x0.2", USAGE, "body_mm = [0.6, 0.2]", "3 numbers", "LENGTHxWIDTHxHEIGHT"),
     Case("make --sector 7 --part block --body 0.6x0.3x0.2inch", USAGE, "'0.2inch'", "a number in mm", "LENGTHxWIDTHxHEIGHT"),
     Case("make --sector 7 --part block --body nanx0.3x0.2", USAGE, "body_mm[0] = nan", "finite", "LENGTHxWIDTHxHEIGHT"),
-    Case("make --sector 7 --part block --body 0.6x-0.3x0.2", USAGE, "body_mm[1] = -0.3 mm", "above 0 mm", "LENGTHxWIDTHxHEIGHT"),
-    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "body_mm[0] = 0 mm", "above 0 mm", "DIAMETERxHEIGHT"),
+    Case(
+        "make --sector 7 --part block --body 0.6x-0.3x0.2", USAGE, "body_mm[1] = -0.3 mm", "below 0.01 mm", "LENGTHxWIDTHxHEIGHT"
+    ),
+    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "body_mm[0] = 0 mm", "below 0.01 mm", "DIAMETERxHEIGHT"),
     Case("make --sector 7 --part block --body 600x300x230", USAGE, "600 mm", "exceeds 20 mm", "each at most 20"),
     Case(
         "make --sector 7 --part block --body 2x2x0.2",
@@ -529,13 +531,13 @@ PROFILES = [
     ("processes", 'title = "', 'titel = "', "titel", "known key", "did you mean 'title'?"),
     ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, 0.30", "0.6 x 0.3 mm", "below its radius 0.3 mm", "use a lower dome"),
     ("elements", "0.60, 0.60, 0.23", "0.60, 0.50, 0.23", "0.6 x 0.5 x 0.23 mm", "no circle", "give it"),
-    ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, -1", "body.size_mm[2] = -1 mm", "above 0 mm", REMEDY),
+    ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, -1", "body.size_mm[2] = -1 mm", "below 0.01 mm", REMEDY),
     ("elements", "0.60, 0.60, 0.23", "0.60, 0.60, nan", "body.size_mm[2] = nan", "finite", REMEDY),
     ("elements", 'shape = "dome"', 'shape = "ball"', "shape = 'ball'", "none of", "block, dome"),
     ("elements", "tolerance_mm = 0.0", "top_mm = 0.7\ntolerance_mm = 0.0", "top_mm = 0.7 mm", "0.6 mm", "use a smaller top"),
     ("elements", "[body]", "value = '1R'\n[body]", "value", "known key", REMEDY),
     ("elements", r"(?s)\[body\].*", "[pads]\nsize_mm = [1, 1]\n", "pads.offset_mm", "is missing", REMEDY),
-    ("parts", "0.60, 0.30", "-0.60, nan", "body.size_mm[0] = -0.6 mm", "above 0 mm", REMEDY),
+    ("parts", "0.60, 0.30", "-0.60, nan", "body.size_mm[0] = -0.6 mm", "below 0.01 mm", REMEDY),
     ("parts", '"block"', '"dome"', "shape = 'dome'", "none of", "block"),
     ("parts", "offset_mm = 0.32", "offset_mm = 0.1", "pads.offset_mm = 0.1 mm", "0.23 mm", "must not touch"),
     ("parts", 'value = "0R"', 'value = "a;b"', "value = 'a;b'", "cannot be used", "use plain letters"),

@@ -294,6 +294,11 @@ def package(text: bytes, name: str = "3D/3dmodel.model") -> bytes:
     return stream.getvalue()
 
 
+def model(mesh: bytes) -> bytes:
+    """The model of a package with this in its one mesh."""
+    return b'<?xml version="1.0"?><model unit="millimeter"><object id="1">' + mesh + b'</object><item objectid="1"/></model>'
+
+
 def model_text(data: bytes) -> bytes:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         return archive.read("3D/3dmodel.model")
@@ -341,14 +346,12 @@ def test_only_the_date_differs_between_days() -> None:
         (package(b"", "3D/3dmodel.txt"), "no 3MF package"),
         (package(b""), "not the millimetre"),
         (package(b'<model unit="inch">'), "not the millimetre"),
-        (package(b'<model unit="millimeter">'), "does not have"),
-        (package(b'<model unit="millimeter"><vertex x="1" y="2" z="q"/><triangle v1="0" v2="0" v3="0"/>'), "an invalid number"),
-        (package(b'<model unit="millimeter"><vertex x="1" y="2" z="nan"/><triangle v1="0" v2="0" v3="0"/>'), "does not have"),
-        (package(b'<model unit="millimeter"><vertex x="1" y="2" z="3"/><triangle v1="0" v2="1" v3="0"/>'), "does not have"),
-        (
-            package(b'<model unit="millimeter"><vertex x="1" y="2" z="3"/><triangle v1="0" v2="9' + b"9" * 30 + b'" v3="0"/>'),
-            "it",
-        ),
+        (package(model(b"")), "does not have"),
+        (package(model(b'<vertex x="1" y="2" z="q"/><triangle v1="0" v2="0" v3="0"/>')), "an invalid number"),
+        (package(model(b'<vertex x="1" y="2" z="nan"/><triangle v1="0" v2="0" v3="0"/>')), "does not have"),
+        (package(model(b'<vertex x="1" y="2" z="3"/><triangle v1="0" v2="1" v3="0"/>')), "does not have"),
+        (package(model(b'<vertex x="1" y="2" z="3"/><triangle v1="0" v2="9' + b"9" * 30 + b'" v3="0"/>')), "it"),
+        (package(b'<model unit="millimeter"><vertex x="1" y="2" z="3"/>'), "does not build one object"),
     ],
 )
 def test_what_is_no_3mf_is_refused(data: bytes, says: str) -> None:
