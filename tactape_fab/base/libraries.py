@@ -20,7 +20,7 @@ _INSTALLED_BY = {
     "manifold3d": '"tactape-fab[cad]"',
     "mcap": '"tactape-fab[live]"',
     "rerun": '"tactape-fab[rerun]"',
-    "scipy": '"tactape-fab[raw]"',
+    "scipy": '"tactape-fab[measure]"',
     "tomli": "tomli",
 }
 """Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
