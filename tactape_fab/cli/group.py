@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from io import TextIOWrapper
@@ -11,6 +12,10 @@ import click
 from click.shell_completion import CompletionItem
 
 from tactape_fab.base.version import __version__
+
+# Matrices of the decoder and of `calibrate` are small: threads of OpenBLAS would wait for each other, and took seven times the
+# processor time of one on two busy cores. Sums are then also the same on any number of cores. Before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 COMMANDS = (
     "advise",

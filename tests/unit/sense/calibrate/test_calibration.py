@@ -12,6 +12,7 @@ from tactape_fab import FrameError, Localizer, SpecError
 from tactape_fab.sense import Calibration, SensorProfile, calibrate_sensor
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.tapes import tape_at
+from tests.thorough import thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, pressed, presses
 
 WRONG = replace(STOCK, px_per_mm=(19.5, 19.5), sign=-1, mirror=True)
@@ -97,7 +98,9 @@ def test_a_gel_that_moves_is_seen_to() -> None:
     assert found.sensor.gel.displacement_um == moved
 
 
-@pytest.mark.parametrize(("rotate90", "sign", "mirror"), [(0, 1, True), (1, -1, False), (2, -1, True), (3, 1, True)])
+@pytest.mark.parametrize(
+    ("rotate90", "sign", "mirror"), [thorough(0, 1, True), (1, -1, False), thorough(2, -1, True), thorough(3, 1, True)]
+)
 def test_orientation_comes_from_one_press_of_known_direction(rotate90: int, sign: int, mirror: bool) -> None:
     true = replace(TRUE, sign=sign, mirror=mirror, rotate90=rotate90)
     made = presses(first_theta=20.0)
