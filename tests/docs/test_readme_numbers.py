@@ -19,6 +19,7 @@ from tactape_fab.sense.simulation.elastic import MODULUS_KPA
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
+from tests.bench.marks import replaced
 from tests.bench.tracking import RATE_HZ
 
 MADE = re.compile(r"<!-- (.+?) -->\n.*?<!-- /\1 -->\n", re.DOTALL)
@@ -51,7 +52,7 @@ def headings(page: Path) -> set[str]:
 def test_the_readme_has_the_numbers_of_the_evidence(content: dict[str, Any]) -> None:
     table = readme.table(content, readme.VERIFY.read_text(encoding="utf-8"))
     text = readme.README.read_text(encoding="utf-8")
-    assert f"{readme.BEGIN}{table}{readme.END}" in text, "run python -m tests.bench.evidence.readme"
+    assert replaced(text, readme.MARK, table) == text, "run python -m tests.bench.evidence.readme"
     rows = table.splitlines()[2:]
     if content["size"] == "full":
         assert len(rows) == readme.NUMBERS, "counts are missing: run python -m tests.bench --counts FILE ..."
@@ -99,4 +100,8 @@ def test_every_number_is_in_a_full_table(content: dict[str, Any]) -> None:
 
 
 def test_a_table_replaces_the_one_before() -> None:
-    assert readme.fill(f"a\n{readme.BEGIN}old\n{readme.END}b\n", "new\n") == f"a\n{readme.BEGIN}new\n{readme.END}b\n"
+    page = "a\n<!-- x -->\nold\n<!-- /x -->\nb\n"
+    assert replaced(page, "x", "new\n") == page.replace("old", "new")
+    for mark in ("y", "/x"):
+        with pytest.raises(ValueError, match=f"no lines <!-- {mark} -->"):
+            replaced(page, mark, "new\n")
