@@ -24,6 +24,7 @@ from tactape_fab.advise.model import CODES, LOSS, Loss, Seen, accuracy, least_co
 from tactape_fab.advise.question import Question, read_question
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import SensorProfile
+from tests.bench.marks import replaced
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIGURES, PAGE = DOCS / "advise.json", DOCS / "choose.md"
@@ -265,9 +266,7 @@ TABLES = {"promises": promise_table, "variants": variant_table}
 def made_anew(text: str, content: Mapping[str, Any]) -> str:
     """The page's text with its tables as the figures have them."""
     for name, table in TABLES.items():
-        start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        head, _, rest = text.partition(start)
-        text = f"{head}{start}{table(content[name])}{end}{rest.partition(end)[2]}"
+        text = replaced(text, name, table(content[name]))
     return text
 
 

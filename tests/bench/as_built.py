@@ -22,6 +22,7 @@ from tactape_fab import Localizer, Tape, TapeSpec
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Frame, Scene, iterate_frames
 from tests.bench.localization_measure import error_of, is_right
+from tests.bench.marks import write_between
 from tests.measured import measured
 
 SIZES = ((6.5, 6.5), (8.0, 8.0), (11.0, 9.0), (14.0, 12.0))
@@ -127,14 +128,6 @@ def table_of(found: list[Figures]) -> str:
 
 def _said(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
-
-
-def write_between(page: Path, mark: str, text: str) -> None:
-    """Replace what stands between two marks of a page."""
-    before, begin, rest = page.read_text(encoding="utf-8").partition(f"<!-- {mark} -->\n")
-    _, end, after = rest.partition(f"<!-- /{mark} -->\n")
-    assert begin and end, f"{page} has no marks {mark}"
-    page.write_text(before + begin + text + end + after, encoding="utf-8")
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Errors of located contacts before and after a calibration from presses, beside those with the sensor's true parameters.
 
-    python -m tests.bench.calibration [--sets N] [--frames N] [--presses N] [--only ROW]
+    python -m tests.bench.calibration [--sets N] [--frames N] [--presses N] [--only ROW] [--page docs/calibrate.md]
 
 Each row is a sensor that is not as its profile says. A set is some presses at random places and turns on a known tape, with the
 contact anywhere in view, and further frames, which are located by three profiles: the one to start from, the calibrated one, and
@@ -14,6 +14,7 @@ import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ from tactape_fab.sense import Scene, SensorProfile, calibrate_sensor, load_senso
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray
+from tests.bench.marks import command, write_between
 from tests.tapes import tape_at
 
 PROTOTYPE = {"aspect_error": 0.03, "shear_error": 0.01, "k1_error": 0.03}
@@ -53,7 +55,7 @@ class Row:
 
 
 ROWS = (
-    Row(name="prototype", scene=PROTOTYPE),
+    Row(name="GelSight Mini, prototype's errors", scene=PROTOTYPE),
     Row(name="DIGIT, prototype's errors", sensor="digit", scene=PROTOTYPE),
     Row(name="generic, prototype's errors", sensor="generic", scene=PROTOTYPE),
     Row(name="prototype, px/mm 30 % off, sign and mirror wrong", scene=PROTOTYPE, start_scale=1.3, flipped=True),
@@ -177,29 +179,54 @@ def measured(row: Row, sets: int, frames: int, presses: int) -> tuple[dict[str, 
     return {name: figures_of(*both, len(made) * frames) for name, both in gathered.items()}, made
 
 
+HEADER = """\
+| sensor | profile | sets | located | p50, µm | p95, µm | over the truth's | NEES/3 | corner: off, said, µm |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def lines_of(row: Row, sets: int, frames: int, presses: int) -> str:
+    """The rows of the table for a sensor, one for each profile."""
+    figures, made = measured(row, sets, frames, presses)
+    true, lines, corner = figures["true"], "", "-"
+    if made:
+        off = np.sqrt(np.mean([corner_off_um(one.sensor, truth_of(row)) ** 2 for one in made]))
+        said = np.sqrt(np.mean([next(q.sigma or 0.0 for q in one.quantities if q.name == "corner") ** 2 for one in made]))
+        corner = f"{off:.1f}, {1000.0 * said:.1f}"
+    for name, f in figures.items():
+        ratio = f"{f.p50_um / true.p50_um:.2f} / {f.p95_um / true.p95_um:.2f}" if f.located and true.located else "-"
+        errors = f"{f.p50_um:.1f} | {f.p95_um:.1f} | {ratio} | {f.nees:.2f}"
+        counts = f"{len(made)} of {sets} | {f.located} of {f.frames}"
+        lines += f"| {row.name} | {name} | {counts} | {errors} | {corner if name == 'calibrated' else ''} |\n"
+    return lines
+
+
+def about(sets: int, frames: int, presses: int) -> str:
+    """What the table is of."""
+    aspect, shear, k1 = (f"{100 * PROTOTYPE[name]:g} %" for name in ("aspect_error", "shear_error", "k1_error"))
+    return (
+        f"{sets} sets for each sensor, of {presses} presses and {frames} further contacts each. The prototype's errors are "
+        f"aspect {aspect}, shear {shear}, lens {k1} at the corner ({command('tests.bench.calibration')}).\n\n"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.calibration", description=__doc__)
     parser.add_argument("--sets", type=int, default=8, metavar="N", help="calibrations of each row")
     parser.add_argument("--frames", type=int, default=50, metavar="N", help="frames located after each calibration")
     parser.add_argument("--presses", type=int, default=10, metavar="N", help="presses of a calibration")
     parser.add_argument("--only", metavar="ROW", help="rows whose name holds this")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between marks of a page, docs/calibrate.md")
     chosen = parser.parse_args()
-    print("| sensor | profile | located | p50 µm | p95 µm | over the truth's | NEES/3 | corner off, said µm |")
-    print("|---|---|---|---|---|---|---|---|")
+    table = HEADER
+    print(HEADER, end="")
     for row in ROWS:
-        if chosen.only is not None and chosen.only not in row.name:
-            continue
-        figures, made = measured(row, chosen.sets, chosen.frames, chosen.presses)
-        off = np.sqrt(np.mean([corner_off_um(one.sensor, truth_of(row)) ** 2 for one in made]))
-        said = (
-            np.sqrt(np.mean([next(q.sigma or 0.0 for q in one.quantities if q.name == "corner") ** 2 for one in made])) * 1000.0
-        )
-        true = figures["true"]
-        for name, f in figures.items():
-            ratio = f"{f.p50_um / true.p50_um:.2f} / {f.p95_um / true.p95_um:.2f}" if f.located else "-"
-            errors = f"{f.p50_um:.1f} | {f.p95_um:.1f} | {ratio} | {f.nees:.2f}"
-            corner = f"{off:.1f}, {said:.1f}" if name == "calibrated" else ""
-            print(f"| {row.name} | {name} | {f.located} of {f.frames} | {errors} | {corner} |", flush=True)
+        if chosen.only is None or chosen.only in row.name:
+            lines = lines_of(row, chosen.sets, chosen.frames, chosen.presses)
+            print(lines, end="", flush=True)
+            table += lines
+    if chosen.page is not None:
+        write_between(chosen.page, "calibration", about(chosen.sets, chosen.frames, chosen.presses) + table)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Tilt, force, indentation and pose of tapes pressed into an elastic gel: `python -m tests.bench.contact [--frames N]`.
+"""Tilt, force and pose of tapes pressed into an elastic gel: `python -m tests.bench.contact [--page docs/frames.md]`.
 
 A row is one contact at one force, with the slope noise of a real GelSight Mini; `--seed` draws other poses. Nothing that the
 decoder knows of forces comes from frames; its constants for tilts are from seeds 1 and 5. Errors are root mean squares; "true" is
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from tactape_fab.kit.profiles import load_fab, load_part
 from tactape_fab.sense import ElasticContact, Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.elastic import SLOPE_NOISE, WRONG_MM
+from tests.bench.marks import command, write_between
 
 FORCES_N = (0.5, 1.0, 2.0, 5.0, 10.0)
 PRESSES: dict[str, dict[str, Any]] = {
@@ -100,30 +102,45 @@ def sensors(name: str) -> dict[str, SensorProfile]:
     return {"as profiled": stock, "crown not known": replace(stock, gel=replace(stock.gel, crown_mm=None))}
 
 
+HEADER = """\
+| contact | force, N | located | wrong | tilt error, ° | squared, over its variance | force error, % | its mean, % \
+| squared, over its variance | position, µm | NEES/3 |
+|---|---|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def line_of(name: str, force_n: float, row: Row) -> str:
+    """A row of the table."""
+    tilt, force = f"{row.tilt_deg:.3f} | {row.tilt_true:.2f}", f"{100 * row.force_share:.1f} | {100 * row.force_bias:+.1f}"
+    rest = f"{row.force_true:.2f} | {row.position_um:.1f} | {row.pose_true:.2f}"
+    return f"| {name} | {force_n:g} | {row.located} of {row.frames} | {row.wrong} | {tilt} | {force} | {rest} |\n"
+
+
 def main() -> None:
-    """Print the tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench.contact", description=__doc__)
     parser.add_argument("--frames", type=int, default=40, metavar="N", help="frames a row")
     parser.add_argument("--seed", type=int, default=11, metavar="S")
     parser.add_argument("--no-crown", action="store_true", help="the gel's crown is not known")
-    parser.add_argument("--row", action="append", metavar="NAME", help="rows that start so; all when left out")
+    parser.add_argument("--row", action="append", metavar="NAME", help="contacts that start so; all when left out")
+    parser.add_argument("--force", type=float, action="append", metavar="N", help="a force; five of them when left out")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between marks of a page, docs/frames.md")
     given = parser.parse_args()
     tape = plan(TapeSpec(sector=7), load_fab("generic-fpc"), load_part("r0201"))
     localizer = Localizer([tape], sensor=sensors("gelsight-mini")["crown not known" if given.no_crown else "as profiled"])
-    print(
-        f"{'contact':30} {'located':>8} {'wrong':>5} {'tilt deg':>8} {'true':>5} {'force %':>8} {'mean %':>7} {'true':>5}",
-        end=" ",
-    )
-    print(f"{'xy um':>6} {'NEES/3':>6}")
+    table = HEADER
+    print(HEADER, end="")
     for name, options in PRESSES.items():
         if given.row and not any(name.startswith(start) for start in given.row):
             continue
-        for force_n in FORCES_N:
+        for force_n in given.force or FORCES_N:
             scene = Scene(elastic=ElasticContact(force_n=force_n, **options), slope_noise=SLOPE_NOISE)
-            row = measure(localizer, tape, scene, given.frames, given.seed)
-            figures = f"{row.tilt_deg:8.3f} {row.tilt_true:5.2f} {100 * row.force_share:8.1f} {100 * row.force_bias:+7.1f}"
-            rest = f"{row.force_true:5.2f} {row.position_um:6.1f} {row.pose_true:6.2f}"
-            print(f"{f'{name}, {force_n:g} N':30} {f'{row.located}/{row.frames}':>8} {row.wrong:5d} {figures} {rest}", flush=True)
+            line = line_of(name, force_n, measure(localizer, tape, scene, given.frames, given.seed))
+            print(line, end="", flush=True)
+            table += line
+    if given.page is not None:
+        about = f"Simulated contacts for each row: {given.frames} ({command('tests.bench.contact')})."
+        write_between(given.page, "contact", f"{about}\n\n{table}")
 
 
 if __name__ == "__main__":

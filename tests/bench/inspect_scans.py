@@ -1,8 +1,8 @@
-"""Accuracy and time of `inspect` on scans that the tests draw. Run: python -m tests.bench.inspect_scans [--full]"""
+"""Accuracy and time of `inspect` on scans that the tests draw: `python -m tests.bench.inspect_scans [--page docs/measure.md]`."""
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +13,15 @@ import numpy as np
 
 from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.sense import inspect_scans
+from tests.bench.marks import command, write_between
 from tests.scans import Scanner, assembled, scan
 
 SMALL_MM, FULL_MM = (40.0, 30.0), (100.0, 50.0)
-HEADER = "tape mm   dpi   placed um  parts  missing found/invented  rms um x, y  largest  NEES  processor s"
+HEADER = """\
+| tape, mm | parts | dpi | parts placed to, µm | rms along x, y, µm | of it all parts together, µm | largest, µm | NEES \
+| missing found, parts invented | processor, s |
+|---|---|---|---|---|---|---|---|---|---|
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +33,7 @@ class Row:
     found: int
     invented: int
     rms_um: tuple[float, float]
+    together_um: tuple[float, float]
     largest_um: float
     nees: float
     seconds: float
@@ -52,28 +58,56 @@ def measured(size_mm: tuple[float, float], dpi: float, sigma_mm: float, *, missi
     seen = built.present & one.present & ~one.covered
     error = 1000 * (one.shift_mm - np.stack([built.dx_mm, built.dy_mm], axis=1))[seen]
     x, y = np.sqrt((error**2).mean(axis=0)).tolist()
+    mean_x, mean_y = error.mean(axis=0).tolist()
     return Row(
         parts=tape.part_count,
         missing=missing,
         found=int((~built.present & ~one.present).sum()),
         invented=int((built.present & ~one.present).sum() + (one.covered | one.tombstoned).sum() + len(one.foreign_mm)),
         rms_um=(x, y),
+        together_um=(mean_x, mean_y),
         largest_um=float(np.abs(error).max()),
         nees=float((error**2 / (1000 * one.sigma_mm[seen][:, None]) ** 2).mean()),
         seconds=seconds,
     )
 
 
+def line_of(size_mm: tuple[float, float], dpi: float, sigma_mm: float, row: Row) -> str:
+    """A row of the table."""
+    what = f"{size_mm[0]:g} x {size_mm[1]:g} | {row.parts} | {dpi:g} | {1000 * sigma_mm:g}"
+    errors = f"{row.rms_um[0]:.1f}, {row.rms_um[1]:.1f} | {row.together_um[0]:+.1f}, {row.together_um[1]:+.1f}"
+    rest = f"{row.largest_um:.0f} | {row.nees:.2f} | {row.found} of {row.missing}, {row.invented} | {row.seconds:.1f}"
+    return f"| {what} | {errors} | {rest} |\n"
+
+
+def about(seed: int) -> str:
+    """What the table is of."""
+    usual = Scanner()
+    scale = 100 * max(abs(part - 1) for part in usual.scale)
+    return (
+        f"One scan for each row (`--seed {seed}`), against the true places, nothing taken out. Scans have blur, noise, shadow, "
+        f"glare, jitter of {usual.jitter_um:g} µm, scale off by up to {scale:.1g} %, skew {usual.skew_deg:g}° "
+        f"({command('tests.bench.inspect_scans')}).\n\n"
+    )
+
+
 def main() -> None:
-    full = "--full" in sys.argv
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.inspect_scans", description=__doc__)
+    parser.add_argument("--full", action="store_true", help="a tape of 2,000 parts, too")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of what is drawn; 0 unless said")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between marks of a page, docs/measure.md")
+    given = parser.parse_args()
     cases = [(SMALL_MM, dpi, sigma) for dpi in (600.0, 1200.0, 2400.0) for sigma in (0.05, 0.1)]
-    cases += [(FULL_MM, dpi, 0.05) for dpi in (1200.0, 2400.0)] if full else []
-    print(HEADER)
+    cases += [(FULL_MM, dpi, 0.05) for dpi in (1200.0, 2400.0)] if given.full else []
+    table = HEADER
+    print(HEADER, end="")
     for size, dpi, sigma in cases:
-        row = measured(size, dpi, sigma, missing=20 if size == FULL_MM else 5)
-        counts = f"{row.parts:8d}  {row.missing:3d} {row.found:3d}/{row.invented}"
-        errors = f"{row.rms_um[0]:12.1f} {row.rms_um[1]:4.1f}  {row.largest_um:8.1f}  {row.nees:6.2f}  {row.seconds:6.1f}"
-        print(f"{size[0]:.0f}x{size[1]:.0f}  {dpi:5.0f}  {1000 * sigma:5.0f}  {counts}  {errors}", flush=True)
+        row = measured(size, dpi, sigma, missing=20 if size == FULL_MM else 5, seed=given.seed)
+        line = line_of(size, dpi, sigma, row)
+        print(line, end="", flush=True)
+        table += line
+    if given.page is not None:
+        write_between(given.page, "inspected", about(given.seed) + table)
 
 
 if __name__ == "__main__":

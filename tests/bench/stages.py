@@ -26,6 +26,7 @@ from tactape_fab import Localizer
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.sense import decode
 from tests.bench.localization_rows import ROWS, frames_of, registered_tape
+from tests.bench.marks import write_between
 
 STAGES = {
     "input": ("localizer", "canonical_frame"),
@@ -41,7 +42,6 @@ STAGES = {
 """Stages by the function that each is, and the module that calls it."""
 REST = "the rest"
 PAGE = Path(__file__).parents[2] / "docs" / "localization.md"
-BEGIN, END = "<!-- stages -->\n", "<!-- /stages -->\n"
 Stages = dict[str, npt.NDArray[np.float64]]
 """Microseconds in all, in kernels, and kernels called, by stage."""
 
@@ -161,8 +161,7 @@ def main() -> None:
     found = table({name: measured(localizer, frames, asked.rounds) for name, localizer in localizers.items()})
     print(found, end="")
     if asked.write:
-        head, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-        PAGE.write_text(f"{head}{BEGIN}{found}{END}{rest.split(END)[1]}", encoding="utf-8")
+        write_between(PAGE, "stages", found)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,9 @@ from tactape_fab import Localizer, Tape
 from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor
 from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.sense.survey.survey import Survey, _surveyed
-from tests.bench.as_built import design, write_between
+from tests.bench.as_built import design
 from tests.bench.localization_measure import error_of
+from tests.bench.marks import write_between
 from tests.measured import measured
 
 PLACEMENT_MM, ROBOT_MM, SCAN_MM, SEED = 0.05, 0.02, 0.005, 3

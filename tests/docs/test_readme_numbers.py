@@ -11,14 +11,18 @@ import pytest
 
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS
 from tactape_fab.sense import load_sensor
+from tactape_fab.sense.decode.contact.plane import GAIN_SIGMA
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, OVERHANG_SHARE
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.live.replay import USUAL_HZ
 from tactape_fab.sense.live.rerun_log import BOX_UM
 from tactape_fab.sense.simulation.elastic import MODULUS_KPA
+from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR, MOST_PITCH_ERROR_AT_ALL
+from tactape_fab.verify.models.cad_readers import PLACE_TOLERANCE_MM
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
+from tests.bench.marks import replaced
 from tests.bench.tracking import RATE_HZ
 
 MADE = re.compile(r"<!-- (.+?) -->\n.*?<!-- /\1 -->\n", re.DOTALL)
@@ -27,10 +31,14 @@ FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 """What something measured would have for a unit; lengths in mm are options."""
 UNCALIBRATED = (Geometry().sigma_aspect, Geometry().sigma_shear, Geometry().sigma_k1)
 DECIDED = {
+    "frames.md": [f"{100 * GAIN_SIGMA:g} %"],
     "live.md": [f"{USUAL_HZ:g} Hz", f"{BOX_UM:g} µm"],
     "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %", f"{MODULUS_KPA:g} kPa"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
-    "solids.md": ["1 µm"],  # a tolerance of tests/readers
+    "solids.md": [
+        *(f"{100 * error:g} %" for error in (MOST_PITCH_ERROR, MOST_PITCH_ERROR_AT_ALL)),
+        f"{1000 * PLACE_TOLERANCE_MM:g} µm",
+    ],
     "touch-code.md": [f"{100 * MOST_SYMBOL_ERRORS:g} %"],
     "trust.md": [f"{50 * load_sensor('gelsight-mini').scale_tolerance:g} %", *(f"{100 * sigma:g} %" for sigma in UNCALIBRATED)],
     "verify.md": [f"{1000 * IN_PLACE_MM:g} µm"],
@@ -51,7 +59,7 @@ def headings(page: Path) -> set[str]:
 def test_the_readme_has_the_numbers_of_the_evidence(content: dict[str, Any]) -> None:
     table = readme.table(content, readme.VERIFY.read_text(encoding="utf-8"))
     text = readme.README.read_text(encoding="utf-8")
-    assert f"{readme.BEGIN}{table}{readme.END}" in text, "run python -m tests.bench.evidence.readme"
+    assert replaced(text, readme.MARK, table) == text, "run python -m tests.bench.evidence.readme"
     rows = table.splitlines()[2:]
     if content["size"] == "full":
         assert len(rows) == readme.NUMBERS, "counts are missing: run python -m tests.bench --counts FILE ..."
@@ -99,4 +107,8 @@ def test_every_number_is_in_a_full_table(content: dict[str, Any]) -> None:
 
 
 def test_a_table_replaces_the_one_before() -> None:
-    assert readme.fill(f"a\n{readme.BEGIN}old\n{readme.END}b\n", "new\n") == f"a\n{readme.BEGIN}new\n{readme.END}b\n"
+    page = "a\n<!-- x -->\nold\n<!-- /x -->\nb\n"
+    assert replaced(page, "x", "new\n") == page.replace("old", "new")
+    for mark in ("y", "/x"):
+        with pytest.raises(ValueError, match=f"no lines <!-- {mark} -->"):
+            replaced(page, mark, "new\n")

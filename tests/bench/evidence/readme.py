@@ -14,10 +14,11 @@ from tests.bench.evidence import counts, curves, force, table_two
 from tests.bench.evidence.job import Result
 from tests.bench.evidence.page import FIGURES_JSON, PAGE
 from tests.bench.evidence.record import results_of
+from tests.bench.marks import write_between
 
 ROOT = FIGURES_JSON.parents[1]
 README, VERIFY = ROOT / "README.md", ROOT / "docs" / "verify.md"
-BEGIN, END = "<!-- numbers -->\n", "<!-- /numbers -->\n"
+MARK = "numbers"
 NUMBERS = 5
 WINDOWS = "4x4 windows of the written copper that decode, the right way up, to their place"
 """A line of the table that docs/make_numbers.py writes into docs/verify.md."""
@@ -110,17 +111,9 @@ def anchor(heading: str) -> str:
     return "".join(c for c in heading.lower().replace(" ", "-") if c.isalnum() or c in "-_")
 
 
-def fill(text: str, table: str) -> str:
-    """A page with another table between its marks."""
-    head, rest = text.split(BEGIN)
-    return f"{head}{BEGIN}{table}{END}{rest.split(END)[1]}"
-
-
 def write(content: Mapping[str, Any]) -> Path:
     """Write the table into the README."""
-    README.write_text(
-        fill(README.read_text(encoding="utf-8"), table(content, VERIFY.read_text(encoding="utf-8"))), encoding="utf-8"
-    )
+    write_between(README, MARK, table(content, VERIFY.read_text(encoding="utf-8")))
     return README
 
 
