@@ -262,7 +262,7 @@ def test_a_sensor_that_sees_nothing_is_said(tmp_path: Any) -> None:
 def test_all_that_is_wrong_is_said_at_once() -> None:
     result = run("advise --contact nan --sensor nope --process sla --fab x --blur 9 --placement -1 --tapes 0 --size 1x")
     assert result.exit_code == 2
-    for said in ("--contact", "'nope'", "fab = 'x' contradicts", "--blur = 9 mm", "--placement = -1 mm", "tapes = 0", "size_mm"):
+    for said in ("--contact", "'nope'", "fab = 'x' contradicts", "--blur = 9 mm", "--placement = -1 mm", "tapes = 0", "--size"):
         assert said in result.stderr, (said, result.stderr)
     assert result.stdout == ""
     for args, said in (("", "contact_mm is missing"), ("--contact 6 --process wood", "'wood'"), ("--contact 6 --fab no", "'no'")):
@@ -270,7 +270,7 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
         assert (result.exit_code, said in result.stderr) == (2, True), result.stderr
     result = run("advise --contact 6 --size 3x3")
     assert result.exit_code == 2
-    assert "size_mm" in result.stderr
+    assert "--size" in result.stderr
 
 
 def test_explain_says_what_the_figures_rest_on() -> None:
