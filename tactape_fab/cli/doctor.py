@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 PACKAGE = "tactape-fab"
 EXTRAS = {
     "cad": "emboss puts a texture on a part of yours; verify reads STEP models with OCCT",
+    "measure": "inspect, survey and calibrate measure a tape as it was built and a sensor as it is",
     "raw": "decode and watch read colour images of the gel",
     "live": "watch writes MCAP files",
     "rerun": "watch shows what it sees in the Rerun viewer",

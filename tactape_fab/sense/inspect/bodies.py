@@ -31,8 +31,8 @@ _TURNS_DEG = np.arange(-90.0, 90.0, 15.0)
 _POOR = 2.5
 """Misfit, in units of the usual one, from which on a part is looked at in all turns."""
 COVERED = 3.2
-"""Misfit in all turns from which on something lies on the part, or it is none of the others' kind. Of 1,984 good parts at 2400 dpi
-four reach 2.6."""
+"""Misfit in all turns from which on something lies on the part, or it is none of the others' kind. Of 1,984 good parts at 2400
+dpi four reach 2.6."""
 _COVERED_SIGMA_MM = 0.1
 
 
