@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactape_fab.base.jit import COMPILED, KEPT
+from tactape_fab.sense.decode.contact.surface import taken
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import turn_weights
 from tactape_fab.sense.decode.dots.rim import settled
@@ -56,7 +57,9 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
     """Call every kernel once, on made-up dots and a made-up depth map; of the search those that the registry's tapes need."""
     if not COMPILED:
         return
-    detect(ripple.astype(np.float32), view.px_per_mm)
+    image = ripple.astype(np.float32)
+    detect(image, view.px_per_mm)
+    taken(image, dots.xy_px, np.ones(len(dots.xy_px), dtype=bool), 1, np.empty((len(dots.xy_px), 9), dtype=np.float32))
     dots = settled(dots, view.pitch_px, view.shift)
     xy = dots.xy_px - dots.xy_px.mean(axis=0)
     angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()

@@ -243,7 +243,7 @@ def contact_surface(
     """
     margin = view.margin
     around = np.empty((len(dots_px), (2 * margin + 1) ** 2), dtype=np.float32)
-    u, v = _taken(image, dots_px, agree, margin, around)
+    u, v = taken(image, dots_px, agree, margin, around)
     return ContactSurface(
         view=view,
         pitch_mm=pitch_mm,
@@ -258,7 +258,7 @@ def contact_surface(
 
 
 @kernel()
-def _taken(image: Image, dots_px: FloatArray, agree: BoolArray, margin: int, around: Image) -> tuple[float, float]:
+def taken(image: Image, dots_px: FloatArray, agree: BoolArray, margin: int, around: Image) -> tuple[float, float]:
     """Copy the pixels about each dot, or the nearest that are whole, and return the mean of the dots that agree."""
     h, w = image.shape
     across = 2 * margin + 1
