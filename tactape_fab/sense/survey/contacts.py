@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, radians, sin, sqrt
+from math import radians, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -11,16 +11,8 @@ import numpy.typing as npt
 from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.dots.rim import chosen, settled
-from tactape_fab.sense.decode.grid.posterior import (
-    LEAST_APART_MM,
-    MOST_APART_MM,
-    PULL_END,
-    PULL_FALL,
-    PULL_MOST,
-    PULL_REACH_MM,
-    PUSH_REACH_MM,
-    RIM_MM,
-)
+from tactape_fab.sense.decode.grid.drawn_dots import drawn
+from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture
@@ -116,7 +108,7 @@ def contact_of(
     if len(part) < LEAST_DOTS or len(np.unique(part)) < len(part):
         return None
     theta = radians(fix.theta_deg)
-    pushed, pulled = _drawn(built_mm[part], weights[used], theta)
+    pushed, pulled = drawn(built_mm[part], weights[used], theta)
     return Contact(
         frame=frame,
         part=part,
@@ -132,23 +124,6 @@ def contact_of(
 
 def _share(tape: Tape) -> float:
     return tape.displacement_mm / tape.pitch_mm
-
-
-def _drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tuple[FloatArray, FloatArray]:
-    """What neighbours (push) and the rim (pull) do to each dot, right and down, for a push and a pull of 1; (n, 2) each.
-
-    The model of `decode.grid.posterior`, which has it as a kernel for one frame.
-    """
-    c, s = cos(theta_rad), sin(theta_rad)
-    at = (texture_mm - texture_mm.mean(axis=0)) @ np.array([[c, s], [-s, c]])
-    apart = at[:, None] - at
-    square = (apart**2).sum(axis=2)
-    near = weights / (1.0 + square / PULL_REACH_MM**2) ** 2
-    within = (square > LEAST_APART_MM**2) & (square < MOST_APART_MM**2)
-    share = np.where(within, weights * np.exp((1.0 - square) / (2.0 * PUSH_REACH_MM**2)), 0.0)
-    missing = np.minimum(np.minimum(1.0 - weights, PULL_MOST), PULL_FALL * np.maximum(PULL_END - 1.0 + weights, 0.0))
-    pulled = (missing / np.maximum(near.sum(axis=1), 1e-300))[:, None] * np.einsum("ij,ijk->ik", near, apart)
-    return np.einsum("ij,ijk->ik", share, apart), pulled
 
 
 def _unseen(cells: IntArray, ground: Ground) -> IntArray:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactape_fab.sense.calibrate.presses import drawn, located
+from tactape_fab.sense.calibrate.presses import located
 from tactape_fab.sense.decode.grid import posterior
+from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tests.unit.sense.calibrate.sensors import TAPE, TRUE, presses
 
 

@@ -1,0 +1,33 @@
+"""Pull and push of neighbouring dots on each other, for adjustments of many frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactape_fab.sense.decode.grid.posterior import (
+    LEAST_APART_MM,
+    MOST_APART_MM,
+    PULL_END,
+    PULL_FALL,
+    PULL_MOST,
+    PULL_REACH_MM,
+    PUSH_REACH_MM,
+)
+from tactape_fab.texture.frames import FloatArray
+
+
+def drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tuple[FloatArray, FloatArray]:
+    """What neighbours (push) and the rim (pull) do to each dot, along u and v, for a push and a pull of 1; (n, 2) each.
+
+    The model is that of `posterior`, which has it as a kernel for one frame.
+    """
+    c, s = np.cos(theta_rad), np.sin(theta_rad)
+    at = (texture_mm - texture_mm.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+    apart = at[:, None] - at
+    square = (apart**2).sum(axis=2)
+    near = weights / (1.0 + square / PULL_REACH_MM**2) ** 2
+    within = (square > LEAST_APART_MM**2) & (square < MOST_APART_MM**2)
+    share = np.where(within, weights * np.exp((1.0 - square) / (2.0 * PUSH_REACH_MM**2)), 0.0)
+    missing = np.minimum(np.minimum(1.0 - weights, PULL_MOST), PULL_FALL * np.maximum(PULL_END - 1.0 + weights, 0.0))
+    pulled = (missing / np.maximum(near.sum(axis=1), 1e-300))[:, None] * np.einsum("ij,ijk->ik", near, apart)
+    return np.einsum("ij,ijk->ik", share, apart), pulled
