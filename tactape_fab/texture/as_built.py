@@ -387,6 +387,9 @@ _RANGES = {
 
 
 def _read(table: Fields) -> AsBuilt:
+    if isinstance(kind := table.values.get("format"), str) and kind != AS_BUILT_FORMAT:  # its other keys mean something else
+        message = f"format = {shown(kind)} is no file of measured places; give one of format '{AS_BUILT_FORMAT}', as survey makes"
+        raise SpecError(Problem("as-built", message))
     table.refuse_unknown(("format", "tape", "manifest_sha256", "film", "parts", "source"))
     table.text("format", choices=(AS_BUILT_FORMAT,), remedy="this version reads no other")
     name = table.text("tape", longest=64)

@@ -150,3 +150,10 @@ def test_places_belong_to_one_kit(tmp_path: Path) -> None:
     assert "is not u" in built.problems_for("u", digest, 9)[0].message
     assert "R9 exceeds R8" in built.problems_for("t", digest, 8)[0].message
     assert "another kit" in built.problems_for("t", "1" * 64, 9)[0].message
+
+
+def test_a_file_of_another_kind_is_refused_in_one_line() -> None:
+    with pytest.raises(SpecError) as caught:
+        AsBuilt.from_mapping({"format": "tactape-manifest/1", "sector": 7, "code": "microdots-4x4"})
+    (problem,) = caught.value.problems
+    assert "'tactape-manifest/1'" in problem.message and "tactape-as-built/1" in problem.message
