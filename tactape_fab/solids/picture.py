@@ -21,7 +21,8 @@ _NEAREST = 2**31 - 1
 _LIGHT = (-0.45, 0.60, 0.66)
 """Towards the light in the picture's frame: x right, y up, z towards the viewer."""
 _AMBIENT, _FRONTAL, _DIRECT = 0.40, 0.14, 0.60
-_SHADOW, _SHADOW_STEPS = 0.28, 24
+_SHADOW, _SHADOW_STEPS = 0.75, 24
+"""Share of the direct light that a shadow takes away, and how far shadows reach in pixels."""
 _CREASE_COS, _CREASE_SHADE = 0.80, 0.60
 _SPAN_SLACK = 1e-9
 
@@ -85,12 +86,14 @@ def shaded(
     corners = screen[mesh.faces]
     normals = _normals(points[mesh.faces])
     seen = _nearest_faces(corners, np.flatnonzero(normals[:, 2] > 1e-6), (size[1], size[0]))
-    picture = np.append(_lambert(normals), np.float32(0.0))[seen.face]
-    _darken_creases(picture, seen, normals)
     small = (size[0] // supersampling, size[1] // supersampling)
+    hidden = _hidden(np.ascontiguousarray(seen.depth[::supersampling, ::supersampling]), supersampling)
+    around, direct = (np.append(part, np.float32(0.0))[seen.face] for part in _lambert(normals))
+    # Direct light alone: it falls to nothing where a round surface turns away, and with it the steps of its own shadow.
+    picture = around + direct * (1.0 - _SHADOW * cv2.resize(hidden, seen.face.shape[::-1], interpolation=cv2.INTER_LINEAR))
+    _darken_creases(picture, seen, normals)
     light = cv2.resize(picture, small, interpolation=cv2.INTER_AREA)
     cover = cv2.resize((seen.face >= 0).astype(np.float32), small, interpolation=cv2.INTER_AREA)
-    light *= _shadow(np.ascontiguousarray(seen.depth[::supersampling, ::supersampling]), supersampling)
     colour = light[..., None] * np.asarray(rgb, dtype=np.float32) + (1.0 - cover)[..., None]
     return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255), dtype=np.uint8)
 
@@ -136,9 +139,11 @@ def _normals(corners: FloatArray) -> FloatArray:
     return unit
 
 
-def _lambert(normals: FloatArray) -> npt.NDArray[np.float32]:
+def _lambert(normals: FloatArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Light of every face: from all around, and direct."""
     light = np.asarray(_LIGHT) / np.linalg.norm(_LIGHT)
-    return np.asarray(_AMBIENT + _FRONTAL * normals[:, 2] + _DIRECT * np.maximum(normals @ light, 0.0), dtype=np.float32)
+    around, direct = _AMBIENT + _FRONTAL * normals[:, 2], _DIRECT * np.maximum(normals @ light, 0.0)
+    return around.astype(np.float32), direct.astype(np.float32)
 
 
 # Depth buffer
@@ -235,8 +240,8 @@ def _darken_creases(picture: npt.NDArray[np.float32], seen: _Seen, normals: Floa
         flat[at[edge]] *= _CREASE_SHADE
 
 
-def _shadow(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.float32]:
-    """Share of light where something nearer stands between a pixel and the light, softened.
+def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.float32]:
+    """1 where something nearer stands between a pixel and the light, 0 elsewhere, softened.
 
     Parameters
     ----------
@@ -254,5 +259,5 @@ def _shadow(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.floa
             depth, np.array([[1, 0, -u], [0, 1, -v]], dtype=np.float32), depth.shape[::-1], flags=cv2.INTER_NEAREST
         )
         hidden = np.maximum(hidden, (moved - depth > samples * (0.5 + i * rise / longest)).astype(np.float32))
-    shade: npt.NDArray[np.float32] = 1.0 - _SHADOW * cv2.GaussianBlur(hidden, (0, 0), 0.8)
-    return shade
+    softened: npt.NDArray[np.float32] = cv2.GaussianBlur(hidden, (0, 0), 0.8)
+    return softened
