@@ -173,15 +173,17 @@ def test_counts_of_several_files_are_put_together(tmp_path: Path) -> None:
 
 
 def test_bounds_that_are_too_small_too_often_are_named() -> None:
-    promised = {"frames": 10000, "bound": "p_tape", "decades": [900, 110, 8, 0, 0, 0, 0, 0]}
-    broken = {"frames": 10000, "bound": "p_place", "decades": [900, 300, 200, 100, 0, 0, 0, 0]}
+    promised = {"frames": 10000, "located": 0, "bound": "p_tape", "decades": [900, 110, 8, 0, 0, 0, 0, 0]}
+    broken = {"frames": 10000, "located": 0, "bound": "p_place", "decades": [900, 300, 200, 100, 0, 0, 0, 0]}
     found = {"ball, dots, open world": promised, "ball, dots, closed world": promised, "other, dots": broken}
     assert counts._above(found) == ["other, dots, 1 % of them at 1e-04"]
     assert list(counts._worlds_as_one(found)) == ["ball, dots, both worlds", "other, dots"]
     found["ball, dots, closed world"] = promised | {"decades": [1, 0, 0, 0, 0, 0, 0, 0]}
     assert list(counts._worlds_as_one(found)) == list(found)
     axes = counts.pictures(found)["evidence-false-accepts.png"].axes
-    assert [len(panel.get_legend_handles_labels()[0]) for panel in axes] == [3, 2]
+    assert [len(panel.get_legend_handles_labels()[0]) for panel in axes[:2]] == [3, 2]
+    assert not any("other" in text.get_text() for text in axes[0].texts)
+    assert any("other, dots" in text.get_text() for text in axes[1].texts)
 
 
 def test_the_page_names_the_noise_of_its_figures() -> None:

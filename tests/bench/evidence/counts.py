@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tactape_fab.sense.decode.rule import UNREGISTERED_SHARE
 from tests.bench.evidence.job import Result
 from tests.bench.false_accepts import Done, Record, bound_of, by_subject, worst_subject
 from tests.bench.false_tally import DECADES, total, upper_bound
@@ -90,8 +93,13 @@ def lines(results: Mapping[str, Result]) -> list[str]:
 
 
 def _above(results: Mapping[str, Result]) -> list[str]:
-    """Kinds with more frames at or below some x than the bound promises, where they are most."""
-    found = []
+    """Words for `_excess`."""
+    return [f"{kind}, {100 * share:.2g} % of them at {x:.0e}" for kind, (x, share) in _excess(results).items()]
+
+
+def _excess(results: Mapping[str, Result]) -> dict[str, tuple[float, float]]:
+    """Kinds with more frames at or below some x than the bound promises, beyond chance: x where they are most, and the share."""
+    found = {}
     for kind, one in results.items():
         excess = {
             x: count / one["frames"] / x
@@ -100,7 +108,7 @@ def _above(results: Mapping[str, Result]) -> list[str]:
         }
         if excess:
             x = max(excess, key=lambda step: excess[step])
-            found.append(f"{kind}, {100 * excess[x] * x:.2g} % of them at {x:.0e}")
+            found[kind] = (x, excess[x] * x)
     return found
 
 
@@ -116,35 +124,61 @@ def _worlds_as_one(results: Mapping[str, Result]) -> dict[str, Result]:
     return found
 
 
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#5e3c99")
+"""One for each texture of a plot."""
+
+
 def pictures(results: Mapping[str, Result]) -> dict[str, Any]:
     """Plots by file name."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.0, 5.2), layout="constrained")
-    shown = _worlds_as_one(results)
-    sides = {"p_tape": "no tape of the code", "p_place": "another place or tape of the code"}
-    for axes, (bound, title) in zip(figure.subplots(1, 2, sharey=True), sides.items(), strict=True):
-        axes.plot((1.0, STEPS[-1]), (1.0, STEPS[-1]), "k--", linewidth=1.0, label="what the bound promises")
-        for k, (kind, one) in enumerate((kind, one) for kind, one in shown.items() if one["bound"] == bound):
-            _curve(axes, kind, one, k)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlim(2.0, STEPS[-1] / 2)
-        axes.set_ylim(STEPS[-1] / 2, 2.0)
-        axes.set_title(title)
-        axes.set_xlabel("x")
+    figure = Figure(figsize=(12.0, 8.2), layout="constrained")
+    shown, above = _worlds_as_one(results), _excess(results)
+    sides = {"p_tape": "touched: no tape of the code", "p_place": "touched: another place or tape of the code"}
+    upper, lower = figure.subplots(2, 2, sharey="row", height_ratios=(2.0, 1.0))
+    for axes, below, (bound, title) in zip(upper, lower, sides.items(), strict=True):
+        (promise,) = axes.plot((STEPS[-1], 1.0), (STEPS[-1], 1.0), "k--", linewidth=1.0, label="what the bound promises")
+        curves = {kind: one for kind, one in shown.items() if one["bound"] == bound}
+        colours = dict(zip(dict.fromkeys(map(_texture, curves)), cycle(COLOURS), strict=False))
+        handles = [_curve(axes, kind, one, colours[_texture(kind)]) for kind, one in curves.items()]
+        _explain(axes, {kind: one for kind, one in curves.items() if kind in above})
+        axes.set(xscale="log", yscale="log", xlim=(STEPS[6] / 2, 2.0), ylim=(STEPS[6] / 2, 2.0), title=title, xlabel="x")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7, loc="lower left")
-    figure.axes[0].set_ylabel("share of frames with p_false ≤ x")
+        below.axis("off")
+        legend = below.legend(handles=[promise, *handles], fontsize=8.5, loc="upper left", frameon=False)
+        legend.set_in_layout(False)
+    arrows = "\u2193 no frame was so low: the share that\nso many frames rule out at 95 %"
+    upper[0].text(0.03, 0.97, arrows, transform=upper[0].transAxes, va="top", fontsize=9)
+    upper[0].set_ylabel("share of the frames with p_false ≤ x")
     return {"evidence-false-accepts.png": figure}
 
 
-def _curve(axes: Any, kind: str, one: Result, k: int) -> None:
-    """Shares where frames were counted, and an arrow at the first step that none reached."""
-    colour = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999")[k % 7]
+def _texture(kind: str) -> str:
+    """What is touched, however it was seen."""
+    return re.sub(r", (dots|depth maps|both worlds|open world|closed world)", "", kind)
+
+
+def _curve(axes: Any, kind: str, one: Result, colour: str) -> Any:
+    """Shares where frames were counted, and an arrow at the first step that none reached; dots hollow, depth maps filled."""
     reached = int(np.count_nonzero(one["decades"]))
     shares = np.array(one["decades"][:reached]) / one["frames"]
-    marker = "os^vD<>p*"[k // 7]
-    axes.plot(STEPS[:reached], shares, color=colour, marker=marker, markersize=4, linewidth=1.0, label=kind)
+    look = {"marker": "s", "markersize": 5} if "depth maps" in kind else {"marker": "o", "markersize": 7, "fillstyle": "none"}
+    label = f"{kind.removesuffix(', both worlds')}: {one['located']} of {one['frames']:,} located"
+    (line,) = axes.plot(STEPS[:reached], shares, color=colour, linewidth=1.3, label=label, **look)
     if reached < len(STEPS):
         axes.plot(STEPS[reached], upper_bound(0, one["frames"]), color=colour, marker="$\u2193$", markersize=8)
+    return line
+
+
+def _explain(axes: Any, above: Mapping[str, Result]) -> None:
+    """Names of the curves above the promise, and why they are there."""
+    if not above:
+        return
+    said = f"above the bound, which takes such contacts to be rare\n({100 * UNREGISTERED_SHARE:g} %); here every frame is one"
+    axes.text(0.03, 0.97, said, transform=axes.transAxes, va="top", fontsize=9)
+    for place, (kind, one) in enumerate(sorted(above.items(), key=lambda item: -item[1]["decades"][0] / item[1]["frames"])):
+        last = int(np.count_nonzero(one["decades"])) - 1
+        end = (STEPS[last], one["decades"][last] / one["frames"])
+        arrow = {"arrowstyle": "-", "color": "0.4", "linewidth": 0.8}
+        text = f"{kind}\n{one['located']} located"
+        axes.annotate(text, end, (0.03, 0.85 - 0.11 * place), textcoords="axes fraction", va="top", fontsize=8, arrowprops=arrow)

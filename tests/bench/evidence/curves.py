@@ -171,17 +171,18 @@ def pictures(results: Mapping[str, Result]) -> dict[str, Any]:
 
     figure = Figure(figsize=(12.0, 6.2), layout="constrained")
     grid = figure.subplots(2, 4)
-    style = {"open": ("#0072b2", "o"), "closed": ("#009e73", "s"), "paper": ("#d55e00", "^")}
+    style = {  # the closed world as a broad band, so that the open one shows where both are the same
+        "closed": {"color": "#8fd3bd", "linewidth": 6.0},
+        "open": {"color": "#0072b2", "linewidth": 1.5, "marker": "o", "markersize": 4},
+        "paper": {"color": "#d55e00", "linewidth": 1.5, "marker": "^", "markersize": 5},
+    }
+    limits = {"closed": {"color": "#2f8f72", "linestyle": ":"}, "open": {"color": "#0072b2", "linestyle": "--"}}
     for axes, curve in zip(grid.flat, CURVES, strict=False):
         points = [results[f"{curve.title} {value:g}"] for value in curve.values]
-        for method, label in METHODS.items():
-            colour, marker = style[method]
-            axes.plot(
-                curve.values, [100 * rate(p[method]) for p in points], color=colour, marker=marker, label=label, markersize=4
-            )
-            if method != "paper":
-                limit = [100 * rate(p[method], "limit") for p in points]
-                axes.plot(curve.values, limit, color=colour, linestyle="--", linewidth=1.0)
+        for method, look in style.items():
+            axes.plot(curve.values, [100 * rate(p[method]) for p in points], label=METHODS[method], **look)
+        for method, thin in limits.items():
+            axes.plot(curve.values, [100 * rate(p[method], "limit") for p in points], linewidth=1.0, **thin)
         axes.set_title(curve.title)
         axes.set_xlabel(curve.unit)
         axes.set_ylim(-3, 103)
@@ -190,5 +191,6 @@ def pictures(results: Mapping[str, Result]) -> dict[str, Any]:
         axes.set_ylabel("located and right, %")
     grid.flat[-1].axis("off")
     handles, labels = grid.flat[0].get_legend_handles_labels()
-    grid.flat[-1].legend(handles, labels, loc="center", frameon=False, title="dashed: error-free symbols")
+    title = "thin: error-free symbols,\nopen world (dashed), closed (dotted)"
+    grid.flat[-1].legend(handles, labels, loc="center", frameon=False, title=title)
     return {"evidence-curves.png": figure}
