@@ -38,15 +38,16 @@ def draw_certified(result: Certified) -> Picture:
     """
     if len(result.certificates) == 1:
         certificate = result.certificates[0]
-        panels = [_map(certificate, size) for size in certificate.sizes]
+        cell = min(max(_FIELD_PX // certificate.tape.columns, 1), _MOST_CELL_PX)
+        first, *others = (
+            _map(certificate, size, cell if i == 0 else max(cell // 2, 1)) for i, size in enumerate(certificate.sizes)
+        )
+        panels = [first, *([_beside(others)] if others else [])]
         title = f"{certificate.tape.name}: which windows are hard to tell apart (dark), and the nearest pairs (same number)"
         return _sheet(title, _stacked(panels), "symbols by which the nearest other window differs")
     panels = [_matrix(windows, result.names) for windows in result.across]
-    height = max(p.shape[0] for p in panels)
-    row = np.hstack([_padded(p, height, p.shape[1] + _MARGIN) for p in panels])
-    return _sheet(
-        "how far every two tapes are apart (dark: hard to tell apart)", row, "symbols by which their nearest windows differ"
-    )
+    title = "how far every two tapes are apart (dark: hard to tell apart)"
+    return _sheet(title, _beside(panels), "symbols by which their nearest windows differ")
 
 
 def write_picture(path: Path, picture: Picture, *, overwrite: bool = False) -> None:
@@ -92,6 +93,11 @@ def _stacked(panels: list[Picture]) -> Picture:
     return np.vstack([_padded(p, p.shape[0] + _MARGIN // 2, width) for p in panels])
 
 
+def _beside(panels: list[Picture]) -> Picture:
+    height = max(p.shape[0] for p in panels)
+    return np.hstack([_padded(p, height, p.shape[1] + _MARGIN * (i + 1 < len(panels))) for i, p in enumerate(panels)])
+
+
 def _sheet(title: str, body: Picture, key: str) -> Picture:
     """Title, body, and the key of the shades."""
     height = body.shape[0] + 2 * _MARGIN + 2 * _LINE + _LINE
@@ -110,21 +116,27 @@ def _sheet(title: str, body: Picture, key: str) -> Picture:
     return page
 
 
-def _map(certificate: Certificate, size: Closest) -> Picture:
+def _map(certificate: Certificate, size: Closest, cell: int) -> Picture:
     """The tape, each window as a square at its middle; the first of the nearest pairs outlined and numbered alike."""
     tape = certificate.tape
-    cell = min(max(_FIELD_PX // tape.columns, 1), _MOST_CELL_PX)
     field = _field(tape, size.side, cell)
-    head = _blank(_LINE, max(field.shape[1], _LEAST_WIDTH_PX - 2 * _MARGIN))
     if size.distance is None:
-        said = "no whole window"
+        said = ["no whole window"]
     else:
         pairs = f"{size.pairs} pair{'s' * (size.pairs != 1)}"
-        said = f"at least {size.distance} symbols differ ({pairs}); detects {size.detects} wrong, corrects {size.corrects}"
-    _text(head, f"{size.side}x{size.side}: {said}", 0, _LINE - 8)
-    for i in range(min(len(size.turn), _MARKED)):
-        for row, column in (size.first_rc[i].tolist(), size.second_rc[i].tolist()):
-            _mark(field, (column, row), size.side, cell, str(i + 1))
+        said = [f"at least {size.distance} symbols differ ({pairs})", f"detects {size.detects} wrong, corrects {size.corrects}"]
+    lines = [f"{size.side}x{size.side}: {said[0]}", *said[1:]]
+    if _text_width("; ".join(lines)) <= field.shape[1]:
+        lines = ["; ".join(lines)]
+    head = _blank(_LINE * len(lines), max(field.shape[1], *map(_text_width, lines)))
+    for i, line in enumerate(lines):
+        _text(head, line, 0, _LINE * (i + 1) - 8)
+    windows = [(i, *rc) for i in range(min(len(size.turn), _MARKED)) for rc in (size.first_rc[i], size.second_rc[i])]
+    corners = [(int(column) * cell, int(row) * cell) for _, row, column in windows]
+    for corner in corners:
+        _outline(field, corner, size.side * cell)
+    for (i, _, _), corner in zip(windows, corners, strict=True):
+        _number(field, corner, size.side * cell, str(i + 1))
     return np.vstack([head, _padded(field, field.shape[0], head.shape[1])])
 
 
@@ -144,12 +156,26 @@ def _field(tape: Tape, side: int, cell: int) -> Picture:
     return field
 
 
-def _mark(field: Picture, cell_xy: tuple[int, int], side: int, cell: int, label: str) -> None:
+def _outline(field: Picture, corner: tuple[int, int], side_px: int) -> None:
     import cv2
 
-    x, y = cell_xy[0] * cell, cell_xy[1] * cell
-    cv2.rectangle(field, (x, y), (x + side * cell - 1, y + side * cell - 1), _MARK, 2)
-    at = (x + 4, y + 16)
+    cv2.rectangle(field, corner, (corner[0] + side_px - 1, corner[1] + side_px - 1), _MARK, 2)
+
+
+def _number(field: Picture, corner: tuple[int, int], side_px: int, label: str) -> None:
+    """Write a pair's number in or at a corner of its window, where it crosses no outline and no other number."""
+    import cv2
+
+    width, height = _text_width(label), _LINE // 2 + 1
+    across = (5, side_px - width - 5)
+    places = [(corner[0] + x, corner[1] + y) for y in (height + 5, side_px - 5, -4, side_px + height + 4) for x in across]
+
+    def is_free(place: tuple[int, int]) -> bool:
+        left, bottom = place
+        under = field[max(bottom - height, 0) : bottom + 1, left : left + width]
+        return bottom >= height and bottom < len(field) and not (under == _MARK).all(axis=2).any()
+
+    at = next((place for place in places if is_free(place)), places[0])
     cv2.putText(field, label, at, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _PAPER, 4, cv2.LINE_AA)
     cv2.putText(field, label, at, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _MARK, 1, cv2.LINE_AA)
 
