@@ -161,7 +161,7 @@ def fill_panel(
         verification = verify_panel_folder(folder / MANIFEST_NAME, quick=True, kits=False)
         verification.raise_if_failed()
         own = verification.checks
-    artifacts.append(add_panel_report(folder, content, checks=own, findings=examined.findings))
+    artifacts.append(add_panel_report(folder, content, [t.tape for t in examined.tapes], checks=own, findings=examined.findings))
     return artifacts, (*checks, *own)
 
 

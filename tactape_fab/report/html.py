@@ -29,6 +29,13 @@ def asset(name: str) -> str:
 
 
 @cache
+def script_of(names: tuple[str, ...]) -> str:
+    """The parts of a page's script in one scope."""
+    parts = "\n".join(asset(name) for name in names)
+    return f'(() => {{\n"use strict";\n{parts}}})();\n'
+
+
+@cache
 def template(name: str) -> Any:
     """A page's template; what it is given is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined

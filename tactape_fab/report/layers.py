@@ -79,6 +79,12 @@ class Shapes:
         }
 
 
+def layer_switches(shapes: Sequence[Shapes], titles: Mapping[str, str] = TITLES) -> list[dict[str, Any]]:
+    """Switches of the layers that some shapes are on, for the page's script."""
+    layers = {shape.layer for shape in shapes}
+    return [{"id": layer, "title": titles[layer], "shown": layer not in HIDDEN} for layer in TITLES if layer in layers]
+
+
 def film_shapes(files: Mapping[str, bytes], cpl: CplContent, colours: Mapping[str, Any]) -> Iterator[Shapes]:
     """A film from its lowest layer up, as its Gerber files, drill file and CPL draw it.
 

@@ -6,14 +6,16 @@ import json
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
+
+import numpy as np
 
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.read.readback import csv_lines, read_cpl
-from tactape_fab.report.html import allowed, asset, script_json, template
-from tactape_fab.report.layers import HIDDEN, TITLES, Shapes, film_shapes, solid_shapes
+from tactape_fab.kit.read.readback import read_cpl
+from tactape_fab.report.bom_summary import bom_lines
+from tactape_fab.report.html import allowed, asset, script_json, script_of, template
+from tactape_fab.report.layers import TITLES, Shapes, film_shapes, layer_switches, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid_view import solid_view
 from tactape_fab.solids.surface.placements import read_placements
@@ -25,7 +27,7 @@ READ_ROLES = (
     *("components-top", "cpl", "bom", "order-notes", "certificate", "stl", "placements", "preview-png"),
 )
 """Roles of the files that the page is made from."""
-_SCRIPTS = ("arrays.js", "map.js", "solid.js", "page.js")
+_SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.js", "begin.js")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,19 +60,20 @@ class Written:
 
 def render_report(kit: Written) -> Artifact:
     """The report of a kit: the same bytes for the same kit; it holds neither date nor duration."""
-    script, style = _script(), asset("report.css")
+    script, style = script_of(_SCRIPTS), asset("report.css")
     text = (
         template("report.html.j2")
         .render(
             manifest=kit.manifest,
             tape=kit.tape,
             is_film=kit.is_film,
+            is_on_part="placements" in kit.files,
             facts=_facts(kit),
             checks=kit.checks,
             findings=kit.findings,
             certificate=json.loads(kit.files["certificate"]),
             notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
-            bom=csv_lines(kit.files["bom"].decode("utf-8-sig")) if "bom" in kit.files else None,
+            bom=bom_lines(kit.files["bom"], kit.manifest) if "bom" in kit.files else None,
             picture=_picture(kit),
             data=script_json(report_data(kit)),
             script=script,
@@ -96,16 +99,12 @@ def report_data(kit: Written) -> dict[str, Any]:
         "grid": [tape.columns, tape.rows],
         "letters": tape.points_in.letters,
         **({} if tape.points_in.usual else {"codes": tape.points_in.gray_codes.tolist()}),
-        "body_mm": list(tape.part.body_mm),
+        "reach_mm": reach_mm(kit.manifest, tape),
         "places": places.to_mapping(),
         "shapes": [shape.to_mapping() for shape in shapes],
-        "layers": [
-            {"id": layer, "title": title, "shown": layer not in HIDDEN}
-            for layer, title in TITLES.items()
-            if any(shape.layer == layer for shape in shapes)
-        ],
+        "layers": layer_switches(shapes, TITLES if kit.is_film else {**TITLES, "profile": "Base"}),
         "contact": json.loads(kit.files["certificate"])["smallest_contact"],
-        "solid": _solid(kit),
+        "solid": _solid(kit, places),
         "files": [dict(row) for row in kit.manifest["files"]],
     }
 
@@ -121,9 +120,28 @@ def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
     return list(film_shapes(files, cpl, kit.manifest["fab"])), places
 
 
-def _solid(kit: Written) -> dict[str, Any] | None:
-    surface = kit.tape.surface
-    return None if "stl" not in kit.files else solid_view(kit.files["stl"], None if surface is None else surface.centre_mm)
+def _solid(kit: Written, places: Places) -> dict[str, Any] | None:
+    """The written mesh, and for a texture on a part of the user's where on it the texture is."""
+    if "stl" not in kit.files:
+        return None
+    on_part = places.on_part
+    if on_part is None:
+        return solid_view(kit.files["stl"])
+    middle = (on_part.points_mm.min(axis=0) + on_part.points_mm.max(axis=0)) / 2
+    view = solid_view(kit.files["stl"], middle)
+    reach = float(np.linalg.norm(on_part.points_mm - middle, axis=1).max()) + kit.tape.pitch_mm
+    texture = {"middle_mm": middle.tolist(), "reach_mm": reach, "normal": on_part.normal.mean(axis=0).tolist()}
+    return {**view, "texture": texture}
+
+
+def reach_mm(manifest: Mapping[str, Any], tape: Tape) -> float:
+    """How far a part reaches from its middle, pads included."""
+    land = manifest.get("land_pattern")
+    body = np.hypot(*tape.part.body_mm[:2]) / 2
+    if not land:
+        return float(body)
+    pads = land["pads"]
+    return float(max(body, np.hypot(pads["offset_mm"] + pads["size_mm"][0] / 2, pads["size_mm"][1] / 2)))
 
 
 def _picture(kit: Written) -> str | None:
@@ -151,10 +169,3 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     if surface is None:
         yield ("fab" if kit.is_film else "process"), str(kit.manifest["fab"]["name"])
     yield "made by", "{name} {version}".format(**kit.manifest["tool"])
-
-
-@cache
-def _script() -> str:
-    """The parts of the page's script in one scope."""
-    parts = "\n".join(asset(name) for name in _SCRIPTS)
-    return f'(() => {{\n"use strict";\n{parts}}})();\n'

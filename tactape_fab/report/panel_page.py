@@ -1,21 +1,32 @@
-"""A written panel as one HTML page: its picture, its tapes with their own reports, and its verification."""
+"""A written panel as one HTML page: its files on a map, its tapes with their own reports, and its verification."""
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
+import numpy as np
+
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.read.readback import csv_lines
-from tactape_fab.report.html import allowed, asset, script_json, template
-from tactape_fab.report.page import REPORT_NAME
+from tactape_fab.kit.read.readback import read_cpl
+from tactape_fab.report.bom_summary import bom_lines
+from tactape_fab.report.html import allowed, asset, script_json, script_of, template
+from tactape_fab.report.layers import film_shapes, layer_switches
+from tactape_fab.report.page import REPORT_NAME, reach_mm
+from tactape_fab.report.places import Places, measured_places
+from tactape_fab.texture.cpl import CplContent
+from tactape_fab.texture.shapes import rotate
+from tactape_fab.texture.tape import Tape
 
-PANEL_READ_ROLES = ("bom", "order-notes", "preview-png")
+PANEL_READ_ROLES = (
+    *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
+    *("components-top", "cpl", "bom", "order-notes"),
+)
 """Roles of the files that the page is made from."""
+_SCRIPTS = ("arrays.js", "map.js", "parts.js", "begin.js")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,6 +37,8 @@ class WrittenPanel:
     ----------
     manifest : mapping
         Its content; ``files`` lists all its own files but the report and the manifest itself.
+    tapes : sequence of Tape
+        In the order of the manifest's ``tapes``.
     files : mapping of str to bytes
         By role: those of `PANEL_READ_ROLES`.
     checks : sequence of Check
@@ -35,14 +48,15 @@ class WrittenPanel:
     """
 
     manifest: Mapping[str, Any]
+    tapes: Sequence[Tape]
     files: Mapping[str, bytes]
     checks: Sequence[Check] = ()
     findings: Sequence[Finding] = ()
 
 
 def render_panel_report(panel: WrittenPanel) -> Artifact:
-    """The report of a panel: the same bytes for the same panel; it holds neither date nor duration, and runs no script."""
-    manifest, style = panel.manifest, asset("report.css")
+    """The report of a panel: the same bytes for the same panel; it holds neither date nor duration."""
+    manifest, script, style = panel.manifest, script_of(_SCRIPTS), asset("report.css")
     text = template("panel.html.j2").render(
         name=manifest["name"],
         facts=_facts(manifest),
@@ -50,14 +64,54 @@ def render_panel_report(panel: WrittenPanel) -> Artifact:
         checks=panel.checks,
         findings=panel.findings,
         notes=panel.files["order-notes"].decode("utf-8"),
-        bom=csv_lines(panel.files["bom"].decode("utf-8-sig")),
-        picture=b64encode(panel.files["preview-png"]).decode("ascii"),
+        bom=bom_lines(panel.files["bom"], manifest),
         files=manifest["files"],
-        data=script_json({"name": manifest["name"], "files": [dict(row) for row in manifest["files"]]}),
+        data=script_json(_data(panel)),
+        script=script,
         style=style,
-        policy=f"default-src 'none'; img-src data:; style-src {allowed(style)}; base-uri 'none'; form-action 'none'",
+        policy=f"default-src 'none'; script-src {allowed(script)}; style-src {allowed(style)}; "
+        "base-uri 'none'; form-action 'none'",
     )
     return Artifact(role="report", path=REPORT_NAME, data=text.encode("utf-8"))
+
+
+def _data(panel: WrittenPanel) -> dict[str, Any]:
+    """Data for the page's script; arrays as `packed` gives them."""
+    manifest, first = panel.manifest, panel.tapes[0]
+    cpl = read_cpl(panel.files["cpl"])
+    shapes = list(film_shapes(panel.files, cpl, manifest["fab"]))
+    return {
+        "name": manifest["name"],
+        "size_mm": list(manifest["panel"]["size_mm"]),
+        "pitch_mm": max(tape.pitch_mm for tape in panel.tapes),
+        "reach_mm": reach_mm(manifest, first),
+        "letters": first.points_in.letters,
+        **({} if first.points_in.usual else {"codes": first.points_in.gray_codes.tolist()}),
+        "tapes": [{"name": tape.name, "origin": list(tape.origin)} for tape in panel.tapes],
+        "places": _places(panel, cpl).to_mapping(),
+        "shapes": [shape.to_mapping() for shape in shapes],
+        "layers": layer_switches(shapes),
+        "files": [dict(row) for row in manifest["files"]],
+    }
+
+
+def _places(panel: WrittenPanel, cpl: CplContent) -> Places:
+    """Parts of the panel's list, each with its grid point on its tape: nothing but the tapes' grids is used."""
+    counts = [int(row["parts"]) for row in panel.manifest["tapes"]]
+    ends = np.cumsum(counts)
+    on_tapes = []
+    for row, tape, end, count in zip(panel.manifest["tapes"], panel.tapes, ends, counts, strict=True):
+        own = slice(end - count, end)
+        on_board = rotate(cpl.xy_mm[own] - row["offset_mm"], -float(row["rotation_deg"]))
+        on_tapes.append(measured_places(tape, cpl.designators[own], on_board, cpl.rotation_deg[own]))
+    return Places(
+        designators=cpl.designators,
+        xy_mm=cpl.xy_mm,
+        cells=np.concatenate([places.cells for places in on_tapes]),
+        symbols=np.concatenate([places.symbols for places in on_tapes]),
+        rotation_deg=cpl.rotation_deg,
+        tapes=np.repeat(np.arange(len(counts), dtype=np.uint16), counts),
+    )
 
 
 def _facts(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.report.arrays import packed
 from tactape_fab.solids.surface.placements import Placed
@@ -30,6 +31,8 @@ class Places:
         Counter-clockwise.
     on_part : Placed or None
         Place of each element on a user's own part, for a texture on one.
+    tapes : ndarray of uint16, shape (n,), or None
+        On a panel, which of its tapes a part belongs to.
     """
 
     designators: Sequence[str]
@@ -38,6 +41,7 @@ class Places:
     symbols: SymbolArray
     rotation_deg: FloatArray
     on_part: Placed | None = None
+    tapes: npt.NDArray[np.uint16] | None = None
 
     def to_mapping(self) -> dict[str, Any]:
         """Mapping for the page's script, arrays packed as base64 text."""
@@ -47,6 +51,7 @@ class Places:
             "cells": packed(self.cells, "<i4"),
             "symbols": packed(self.symbols, "u1"),
             "rotation_deg": packed(self.rotation_deg, "<f4"),
+            "tapes": None if self.tapes is None else packed(self.tapes, "<u2"),
             "model_mm": None if self.on_part is None else packed(self.on_part.points_mm, "<f8"),
         }
 

@@ -17,14 +17,14 @@ MOST_TRIANGLES = 40_000
 _STEPS = 0xFFFF
 
 
-def solid_view(data: bytes, centre_mm: tuple[float, float, float] | None = None) -> dict[str, Any]:
+def solid_view(data: bytes, centre_mm: npt.ArrayLike | None = None) -> dict[str, Any]:
     """Triangles of an STL on a grid of 65,535 steps along each axis of their own extent.
 
     Parameters
     ----------
     data : bytes
         The STL file.
-    centre_mm : (float, float, float), optional
+    centre_mm : array_like, shape (3,), optional
         What is shown of a larger mesh lies round this point; its upper middle where none is given.
     """
     corners = stl_corners(data)
@@ -45,7 +45,7 @@ def solid_view(data: bytes, centre_mm: tuple[float, float, float] | None = None)
     }
 
 
-def _nearest(corners: Corners, centre_mm: tuple[float, float, float] | None) -> IntArray:
+def _nearest(corners: Corners, centre_mm: npt.ArrayLike | None) -> IntArray:
     """Indices, in file order, of the triangles whose first corners are nearest to a point."""
     first = corners[:, 0]
     if centre_mm is None:
@@ -53,7 +53,7 @@ def _nearest(corners: Corners, centre_mm: tuple[float, float, float] | None) -> 
         above = np.append((low[:2] + high[:2]) / 2, high[2])
         point = first[_apart(first, above).argmin()]
     else:
-        point = np.array(centre_mm)
+        point = np.asarray(centre_mm)
     chosen: IntArray = np.sort(np.argpartition(_apart(first, point), MOST_TRIANGLES)[:MOST_TRIANGLES])
     return chosen
 

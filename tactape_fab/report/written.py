@@ -40,11 +40,16 @@ def add_report(
 
 
 def add_panel_report(
-    folder: Path, content: Mapping[str, Any], *, checks: Sequence[Check] = (), findings: Sequence[Finding] = ()
+    folder: Path,
+    content: Mapping[str, Any],
+    tapes: Sequence[Tape],
+    *,
+    checks: Sequence[Check] = (),
+    findings: Sequence[Finding] = (),
 ) -> Artifact:
-    """The same for the panel in `folder`, whose kits have their own."""
+    """The same for the panel in `folder`, whose kits, of `tapes`, have their own."""
     files = _read(folder, content, PANEL_READ_ROLES)
-    report = render_panel_report(WrittenPanel(manifest=content, files=files, checks=checks, findings=findings))
+    report = render_panel_report(WrittenPanel(manifest=content, tapes=tapes, files=files, checks=checks, findings=findings))
     write_kit(folder, with_file(content, report), [report])
     return report
 

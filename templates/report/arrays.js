@@ -23,18 +23,19 @@ const places = {
   cells: new Int32Array(bytesOf(data.places.cells)),
   symbols: new Uint8Array(bytesOf(data.places.symbols)),
   turns: floats(data.places.rotation_deg),
-  model: data.places.model_mm === null ? null : doubles(data.places.model_mm),
+  model: data.places.model_mm ? doubles(data.places.model_mm) : null,
+  tapes: data.places.tapes ? new Uint16Array(bytesOf(data.places.tapes)) : null,
 };
 const count = places.names.length;
-const [originX, originY] = data.texture_origin_mm;
+const [originX, originY] = data.texture_origin_mm ?? [0, 0];
 const pitch = data.pitch_mm;
 
 const toTexture = (x, y) => [x - originX, originY - y];
 const toBoard = (x, y) => [x + originX, originY - y];
 const mm = (value, digits = 3) => (Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value).toFixed(digits);
 
-/** Index of the part on each grid point, -1 where there is none. */
-const [columns, rows] = data.grid;
+/** Index of the part on each grid point, -1 where there is none; a panel has a grid in each of its tapes, and none here. */
+const [columns, rows] = data.grid ?? [0, 0];
 const partAt = new Int32Array(columns * rows).fill(-1);
 for (let i = 0; i < count; i++) {
   const c = places.cells[2 * i], r = places.cells[2 * i + 1];

@@ -18,6 +18,8 @@ const view = { x: 0, y: 0, k: 1 };
 let width = 1, height = 1, ratio = 1;
 let picture = null, spare = null, job = null, wanted = 0, lastMove = 0, lastFrame = 0, slice = 5, ticking = false;
 const overlays = [];
+/** Layers that are drawn above the written ones, by their switches. */
+const painters = new Map();
 
 const screenX = (x) => (x - view.x) * view.k + width / 2;
 const screenY = (y) => (view.y - y) * view.k + height / 2;
@@ -175,6 +177,9 @@ function* paintSymbols(brush, k, mapX, mapY, w, h) {
   }
 }
 
+painters.set("grid", paintGrid);
+painters.set("symbols", paintSymbols);
+
 /** Draw everything that is switched on into a new picture of the present view, step by step. */
 function* paint() {
   const w = Math.ceil(width * (1 + 2 * MARGIN)), h = Math.ceil(height * (1 + 2 * MARGIN));
@@ -186,8 +191,7 @@ function* paint() {
   for (const shape of shapes) {
     if (shown.has(shape.layer)) yield* paintShape(brush, shape, next.k, mapX, mapY, w, h);
   }
-  if (shown.has("grid")) yield* paintGrid(brush, next.k, mapX, mapY);
-  if (shown.has("symbols")) yield* paintSymbols(brush, next.k, mapX, mapY, w, h);
+  for (const [layer, painter] of painters) if (shown.has(layer)) yield* painter(brush, next.k, mapX, mapY, w, h);
   spare = picture && picture.sheet;
   picture = next;
 }

@@ -1,5 +1,6 @@
 // The solid: triangles with depth in software, lit from the upper left; it needs no graphics card.
 function solidView(solid, screen) {
+  const focus = solid.texture; // of a part of the user's own: the view begins there
   const vertices = new Uint16Array(bytesOf(solid.vertices)), total = solid.shown, packed = bytesOf(solid.faces);
   const faces = packed.byteLength === 12 * total ? new Uint32Array(packed) : new Uint16Array(packed);
   const corners = new Float32Array(9 * total), normals = new Float32Array(3 * total);
@@ -9,7 +10,8 @@ function solidView(solid, screen) {
       low = Math.min(low, vertices[i]);
       high = Math.max(high, vertices[i]);
     }
-    return { middle: (low + high) / 2, half: ((high - low) / 2) * solid.step_mm[axis] };
+    if (!focus) return { middle: (low + high) / 2, half: ((high - low) / 2) * solid.step_mm[axis] };
+    return { middle: (focus.middle_mm[axis] - solid.low_mm[axis]) / solid.step_mm[axis], half: focus.reach_mm };
   });
   for (let i = 0; i < corners.length; i++) {
     const axis = i % 3, vertex = faces[(i - axis) / 3];
@@ -23,7 +25,13 @@ function solidView(solid, screen) {
     normals.set([nx / length, ny / length, nz / length], 3 * t);
   }
   const radius = Math.hypot(...middle.map((axis) => axis.half)) || 1;
+  const degrees = (rad) => (rad * 180) / Math.PI;
   const start = { turn: 25, tilt: 50, zoom: 1, x: 0, y: 0 };
+  if (focus) {
+    const [nx, ny, nz] = focus.normal, flat = Math.hypot(nx, ny);
+    start.turn = flat > 1e-6 ? degrees(Math.atan2(nx, -ny)) : 0;
+    start.tilt = Math.max(0, Math.min(180, degrees(Math.atan2(flat, nz)) + 35));
+  }
   const state = { ...start };
   const pen = screen.getContext("2d");
   let waiting = false, visible = false;
@@ -40,6 +48,7 @@ function solidView(solid, screen) {
 
   /** How far the solid reaches to the right and up in the first view: it then fills the canvas. */
   function fit(w, h, [right, up]) {
+    if (focus) return (0.47 * Math.min(w, h)) / focus.reach_mm;
     const reach = (row) => row.reduce((sum, value, axis) => sum + Math.abs(value) * middle[axis].half, 0);
     return 0.94 * Math.min(w / 2 / (reach(right) || 1), h / 2 / (reach(up) || 1), (Math.max(w, h) / radius) * 4);
   }
@@ -70,6 +79,20 @@ function solidView(solid, screen) {
       fill(s, colour, pixels, depth, w, h);
     }
     pen.putImageData(image, 0, 0);
+    if (places.model && selected >= 0) {
+      const at = [0, 1, 2].map((axis) => places.model[3 * selected + axis] - solid.low_mm[axis] - middle[axis].middle * solid.step_mm[axis]);
+      const [x, y, z] = rows.map((row) => row[0] * at[0] + row[1] * at[1] + row[2] * at[2]);
+      const px = x * scale + offX, py = offY - y * scale;
+      if (!(depth[Math.round(py) * w + Math.round(px)] > z + data.reach_mm)) {
+        for (const [ink, line] of [["#ffffff", 5.5], ["#0072b2", 3]]) {
+          pen.strokeStyle = ink;
+          pen.lineWidth = line * ratio;
+          pen.beginPath();
+          pen.arc(px, py, Math.max(9 * ratio, 1.15 * data.reach_mm * scale + 2), 0, 2 * Math.PI);
+          pen.stroke();
+        }
+      }
+    }
     screen.setAttribute("aria-busy", "false");
   }
 
@@ -141,5 +164,15 @@ function solidView(solid, screen) {
     later();
   }).observe(screen);
   new ResizeObserver(later).observe(screen);
-  return { draw };
+  return { draw, later };
+}
+
+const solid = data.solid && element("shaded") ? solidView(data.solid, element("shaded")) : null;
+if (solid) {
+  const { shown: some, total } = data.solid, grouped = (value) => value.toString().replace(/\B(?=(\d{3})+$)/g, ",");
+  element("shaded-what").textContent = some < total
+    ? `A piece of the written STL: ${grouped(some)} of its ${grouped(total)} triangles.`
+    : `The written STL, ${grouped(total)} triangles.`;
+  selectedToo.push(solid.later);
+  forPaper.push(solid.draw);
 }

@@ -18,6 +18,7 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.errors import Check
 from tactape_fab.make.panel import PanelKit
 from tactape_fab.report import REPORT_NAME, render_report
+from tactape_fab.texture.as_built import AsBuilt, manifest_digest
 from tactape_fab.texture.frames import LETTERS, board_to_texture
 from tactape_fab.texture.tape import Tape
 from tests.reports import written
@@ -95,8 +96,16 @@ def test_a_panels_report_leads_to_those_of_its_tapes(browser: Any, panel_2: Pane
     page.on("console", lambda message: said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.goto((panel_2.path / REPORT_NAME).as_uri())
-    assert page.evaluate("document.querySelector('img.preview').naturalWidth") > 500
-    page.click(f"text={panel_2.tapes[1].name}")
+    drawn(page)
+    second, before = panel_2.tapes[1], panel_2.tapes[0].part_count
+    number = before + 40
+    column, row = second.cells()[39].tolist()
+    assert search(page, str(number)) == f"R{number}: column {column}, row {row}, {LETTERS[second.symbols[row, column]]}"
+    x, y = second.part_xy_mm()[39] + panel_2.panel.offsets_mm[1]
+    shown = rows(page, "part")
+    assert (shown["tape"], shown["panel x, y"]) == (second.name, f"{x:.4f}, {y:.4f} mm")
+    assert search(page, "0,0").startswith("no part 0,0")
+    page.click(f"#tapes a >> text={second.name}")
     drawn(page)
     assert page.inner_text("h1") == panel_2.tapes[1].name and said == []
     page.close()
@@ -262,6 +271,71 @@ def test_links_in_the_tables_lead_to_the_map(open_report: Open, report: Path, de
     page.mouse.move(*middle(page))
     board = [float(v) for v in re.findall(r"-?\d+\.\d+", page.inner_text("#pointer"))[2:]]
     assert board == pytest.approx(finding.at_mm, abs=1.5 / scale(page))
+
+
+# Measured places
+
+
+def measured(kit: Kit, folder: Path, **changes: Any) -> Path:
+    """as-built.json of a tape whose parts all stand 0.05 mm to the right of their places, but for R3, which is missing."""
+    count = kit.tape.part_count
+    present = np.arange(count) != 2
+    built = AsBuilt(
+        tape=kit.tape.name,
+        manifest_sha256=manifest_digest(kit.path / "manifest.json"),
+        number=np.arange(1, count + 1),
+        dx_mm=np.where(present, 0.05, 0.0),
+        dy_mm=np.zeros(count),
+        rotation_deg=np.full(count, 1.5),
+        present=present,
+        sigma_mm=np.full(count, 0.004),
+        source=({"kind": "scan"},),
+    )
+    path = folder / "as-built.json"
+    path.write_text(json.dumps({**built.to_mapping(), **changes}))
+    return path
+
+
+def test_measured_places_are_drawn_and_said(open_report: Open, report: Path, default_kit: Kit, tmp_path: Path) -> None:
+    page = open_report(report)
+    page.uncheck("#window-shown")
+    search(page, "R3")
+    before = picture(page)
+    page.set_input_files("#built-file", measured(default_kit, tmp_path))
+    page.wait_for_selector("#layer-built")
+    drawn(page)
+    said = page.inner_text("#built-said")
+    assert "1984 of 1984 parts measured, from scan: 1 missing, scatter 35.4 µm rms" in said
+    assert rows(page, "part")["measured"] == "missing"
+    after = picture(page)
+    assert (after != before).any(axis=2).mean() > 0.005
+    assert "off by x, y" not in rows(page, "part")
+    search(page, "R4")
+    shown = rows(page, "part")
+    assert (shown["off by x, y"], shown["turned by"]) == ("50.0, 0.0 µm (σ 4.0)", "1.50°")
+    search(page, "R3")
+    page.uncheck("#layer-built")
+    drawn(page)
+    assert np.array_equal(picture(page), before)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"tape": "another"}, "these places are of another, not of tactape-s007"),
+        ({"format": "tactape-manifest/1"}, "holds no measured places"),
+        ({"parts": {"designator": ["R1"]}}, "dx_mm is not one value for each designator"),
+        ({"parts": 7}, "lists no designators"),
+    ],
+)
+def test_other_files_are_refused_in_words(
+    changes: dict[str, Any], says: str, open_report: Open, report: Path, default_kit: Kit, tmp_path: Path
+) -> None:
+    page = open_report(report)
+    page.set_input_files("#built-file", measured(default_kit, tmp_path, **changes))
+    page.wait_for_selector("#built-said:not(:empty)")
+    assert says in page.inner_text("#built-said")
+    assert page.query_selector("#layer-built") is None and "measured" not in rows(page, "part")
 
 
 # Layers

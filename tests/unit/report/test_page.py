@@ -18,8 +18,10 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.plain_text import one_line
+from tactape_fab.kit.profiles.assembly import FORMATS
 from tactape_fab.make.emboss import emboss_kit
 from tactape_fab.report import REPORT_NAME, Written, render_report
+from tactape_fab.report.bom_summary import bom_lines
 from tactape_fab.report.page import report_data
 from tactape_fab.report.solid_view import MOST_TRIANGLES, solid_view
 from tactape_fab.solids.mesh.stl import read_stl, stl_corners
@@ -253,9 +255,29 @@ def test_an_embossed_part_has_a_report(tmp_path: Path) -> None:
     on_part = unpacked(shown.data["places"]["model_mm"], "<f8", -1, 3)
     rows = (made.path / made.files["placements"]).read_text().splitlines()[1:]
     assert np.array_equal(on_part, [[float(v) for v in row.split(",")[3:6]] for row in rows])
+    view = shown.data["solid"]["texture"]
+    assert view["normal"] == pytest.approx([0.0, 0.0, 1.0]) and view["middle_mm"][2] == pytest.approx(5.0)
+    assert shown.text.index("Drag or arrow keys turn it") < shown.text.index("The texture unrolled")
+    assert "Measured places" not in shown.text
     assert "box.stl, round (0.000, 0.000, 5.000) mm" in shown.text
     verification = verify_kit(made.path, quick=True)
     assert verification.passed and "report" in [check.name for check in verification.checks]
+
+
+def test_rows_of_one_part_are_one_row_of_the_list() -> None:
+    manifest = {"assembly": {"format": "pcbway"}}
+    head = list(FORMATS["pcbway"].bom.headers)
+    lines = [["1", "R1,R2", "2", "", "X", "0R", "R", "SMD", ""], ["2", "R3", "1", "", "X", "0R", "R", "SMD", ""]]
+    other = ["3", "R4", "1", "", "Y", "0R", "R", "SMD", ""]
+    data = "\r\n".join(",".join(f'"{cell}"' for cell in row) for row in [head, *lines, other]).encode()
+    assert bom_lines(data, manifest) == [head, ["1", "R1,R2,R3", "3", "", "X", "0R", "R", "SMD", ""], other]
+
+
+def test_counts_are_whole_numbers_and_the_list_has_a_row_for_each_part(small_kit: Kit) -> None:
+    text = " ".join(Page((small_kit.path / REPORT_NAME).read_bytes()).text.split())
+    count = next(f for f in small_kit.findings if f.rule == "part-count")
+    assert f"part-count ✓ ok {count.value:.0f} " in text
+    assert f"R1 … R{small_kit.tape.part_count}" in text or small_kit.tape.part_count < 30
 
 
 # The page is data, whatever stands in the files

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.make.panel import PanelKit
 from tactape_fab.report import REPORT_NAME, WrittenPanel, render_panel_report
 from tactape_fab.report.panel_page import PANEL_READ_ROLES
+from tactape_fab.texture.shapes import rotate
 from tactape_fab.verify.panel import verify_panel_folder
 from tests.panels import copied_panel
-from tests.reports import Page
+from tests.reports import Page, unpacked
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +26,7 @@ def panel(panel_2: PanelKit) -> WrittenPanel:
     manifest = json.loads((panel_2.path / "manifest.json").read_text())
     rows = [row for row in manifest["files"] if row["role"] != "report"]
     files = {row["role"]: (panel_2.path / row["path"]).read_bytes() for row in rows if row["role"] in PANEL_READ_ROLES}
-    return WrittenPanel(manifest={**manifest, "files": rows}, files=files)
+    return WrittenPanel(manifest={**manifest, "files": rows}, tapes=panel_2.tapes, files=files)
 
 
 def test_every_tape_has_a_link_to_its_own_report_and_every_file_one(panel_2: PanelKit) -> None:
@@ -75,9 +80,37 @@ def test_nothing_in_a_panel_becomes_markup(panel: WrittenPanel) -> None:
         files={**panel.files, "order-notes": hostile.encode()},
     )
     page = Page(render_panel_report(worst).data)
-    assert [given.get("type") for given, _ in page.scripts] == ["application/json"]
-    assert [tag for tag, _ in page.tags].count("img") == 1 and page.data["name"] == hostile
-    assert "script-src" not in page.policy and page.policy.startswith("default-src 'none'")
+    assert [given.get("type") for given, _ in page.scripts] == ["application/json", None]
+    assert [tag for tag, _ in page.tags].count("img") == 0 and page.data["name"] == hostile
+    digest = b64encode(hashlib.sha256(page.script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in page.policy and page.policy.startswith("default-src 'none'")
+
+
+def test_every_part_of_the_panel_is_on_the_map_with_its_tape_and_grid_point(panel: WrittenPanel, panel_2: PanelKit) -> None:
+    data = Page(render_panel_report(panel).data).data
+    places, total = data["places"], sum(tape.part_count for tape in panel_2.tapes)
+    assert places["designators"].split("\n") == [f"R{k}" for k in range(1, total + 1)]
+    cells, xy_mm = unpacked(places["cells"], "<i4", total, 2), unpacked(places["xy_mm"], "<f8", total, 2)
+    owner, symbols = unpacked(places["tapes"], "<u2", total), unpacked(places["symbols"], "u1", total)
+    assert data["tapes"] == [{"name": tape.name, "origin": list(tape.origin)} for tape in panel_2.tapes]
+    for k, (tape, offset_mm) in enumerate(zip(panel_2.tapes, panel_2.panel.offsets_mm, strict=True)):
+        assert np.array_equal(cells[owner == k], tape.cells())
+        assert np.array_equal(symbols[owner == k], tape.symbols[tape.cells()[:, 1], tape.cells()[:, 0]])
+        assert np.abs(xy_mm[owner == k] - tape.part_xy_mm() - offset_mm).max() < 1e-4
+    assert {"copper-top", "drill-npth", "bodies"} <= {layer["id"] for layer in data["layers"]}
+
+
+def test_a_tape_that_is_turned_on_the_panel_keeps_its_grid_points(panel: WrittenPanel, panel_2: PanelKit) -> None:
+    """The first tape alone, a quarter turn counter-clockwise: its places are turned with it."""
+    first, tape = panel.manifest["tapes"][0], panel_2.tapes[0]
+    cpl = read_cpl(panel.files["cpl"])
+    turned = rotate(tape.part_xy_mm(), 90.0) + np.array([50.0, 3.0])
+    text = panel.files["cpl"].decode().splitlines()[: tape.part_count + 1]
+    rows = [f"{name},{x:.4f},{y:.4f},Top,135" for name, (x, y) in zip(cpl.designators, turned.tolist(), strict=False)]
+    manifest = {**panel.manifest, "tapes": [{**first, "offset_mm": [50.0, 3.0], "rotation_deg": 90.0}]}
+    files = {**panel.files, "cpl": "\n".join([text[0], *rows, ""]).encode()}
+    data = Page(render_panel_report(replace(panel, manifest=manifest, tapes=[tape], files=files)).data).data
+    assert np.array_equal(unpacked(data["places"]["cells"], "<i4", -1, 2), tape.cells())
 
 
 def test_the_same_panel_gives_the_same_bytes(panel: WrittenPanel) -> None:
