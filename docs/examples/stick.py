@@ -82,12 +82,22 @@ def main(trials: int = TRIALS) -> None:
         off[names[1]].append(along @ (tip_by_bar(smooth, nominal_mm) - true))
     errors = {name: [float(np.hypot(*one)) for one in found] for name, found in off.items()}
     fits = {name: [error <= WITHIN_MM for error in found] for name, found in errors.items()}
-    figure, (left, right) = axes(9.0, 3.4, 2)
-    for ax, name, colour, reach in ((left, names[0], TAPE, 1.5), (right, names[1], BARE, 20.0)):
+    figure, both = axes(9.0, 4.7, 2)
+    turn = np.linspace(0, 2 * np.pi, 100)
+    near = both[0].inset_axes((0.6, 0.6, 0.38, 0.34))
+    for ax, name, colour, reach in (
+        (both[0], names[0], TAPE, 18.0),
+        (near, names[0], TAPE, 0.6),
+        (both[1], names[1], BARE, 18.0),
+    ):
         ax.plot(*np.array(off[name]).T, "o", color=colour, ms=4, alpha=0.7)
-        turn = np.linspace(0, 2 * np.pi, 100)
         ax.plot(WITHIN_MM * np.cos(turn), WITHIN_MM * np.sin(turn), color="0.4", lw=1, ls=":")
-        ax.set(title=name, xlabel="tip off along the stick, mm", ylabel="across, mm", xlim=(-reach, reach), ylim=(-reach, reach))
+        ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        if ax is not near:
+            ax.set(title=name, xlabel="tip off along the stick, mm", ylabel="across, mm")
+    near.set_title("enlarged", fontsize=8)
+    near.tick_params(labelsize=7)
+    both[0].indicate_inset_zoom(near)
     save(figure, "stick")
     keep("stick", "mm", [way(name, fits[name], errors[name]) for name in names], SEED)
 
