@@ -9,12 +9,12 @@ Colour = str
 
 COVERLAY_COLOURS: Mapping[str, tuple[Colour, Colour]] = {
     "amber": ("#c98a1b", "#a8701a"),
-    "yellow": ("#e0b62e", "#b98f22"),
+    "yellow": ("#cc931f", "#a9771a"),
     "black": ("#26282b", "#17181a"),
     "white": ("#eceae4", "#cfccc3"),
     "green": ("#1f6b3a", "#164d2a"),
 }
-"""Coverlay as seen on bare film, and its edge."""
+"""Coverlay as seen on bare film, and its edge. What houses sell as yellow is polyimide, which looks golden on polyimide."""
 LEGEND_COLOURS: Mapping[str, Colour] = {"white": "#f7f7f2", "black": "#151515"}
 BACKING_COLOURS: Mapping[str, Colour] = {"adhesive-bottom": "#7fb2d9", "stiffener-bottom": "#6f7f58"}
 BASE_FILM = "#8a5a12"
