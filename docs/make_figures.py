@@ -61,11 +61,11 @@ def explained(axes: Any, tape: Tape, column: int, row: int) -> None:
     for (c, r), point in zip(cells, points, strict=True):
         letter = LETTERS[tape.symbols[r, c]]
         axes.annotate(
-            "", centres[r, c], point, arrowprops={"arrowstyle": "-|>", "color": "white", "lw": 2.4, "shrinkA": 0, "shrinkB": 0}
+            "", centres[r, c], point, arrowprops={"arrowstyle": "-|>", "color": "white", "lw": 1.8, "shrinkA": 0, "shrinkB": 0}
         )
         axes.plot(*point, "o", color="white", ms=3.5)
         axes.text(
-            *(centres[r, c] + (0.36, -0.36)), letter, color="white", fontsize=11, weight="bold", ha="center", va="center",
+            *(centres[r, c] + (0.36, -0.36)), letter, color="white", fontsize=9, weight="bold", ha="center", va="center",
             bbox={"boxstyle": "circle,pad=0.18", "fc": COLOURS[letter], "ec": "none"},
         )  # fmt: skip
     dimension = {"arrowstyle": "<->", "color": "black", "lw": 1.2, "shrinkA": 0, "shrinkB": 0}
@@ -91,8 +91,8 @@ def tape() -> None:
             if s.layer not in HIDDEN
         ]
         made, parts_mm = kit.tape, kit.tape.part_xy_mm()
-    figure = Figure(figsize=(13.0, 4.9))
-    whole, near = figure.add_axes((0.005, 0.06, 0.66, 0.88)), figure.add_axes((0.70, 0.09, 0.295, 0.78))
+    figure = Figure(figsize=(9.6, 3.75))
+    whole, near = figure.add_axes((0.0, 0.06, 0.64, 0.88)), figure.add_axes((0.672, 0.1, 0.325, 0.76))
     for axes in (whole, near):
         drawn(axes, shapes, parts_mm)
         axes.set_aspect("equal")
@@ -106,19 +106,18 @@ def tape() -> None:
     whole.add_patch(Rectangle((left, low), right - left, high - low, fill=False, ec="black", lw=1.8))
     for y, end in ((low, (0.0, 0.0)), (high, (0.0, 1.0))):
         figure.add_artist(ConnectionPatch((right, y), end, whole.transData, near.transAxes, color="black", lw=0.8))
-    near.set_title(
-        f"each part stands {made.displacement_mm:g} mm (Δ) off its grid point:\nnorth, south, east or west", fontsize=10
-    )
+    title = f"each part is Δ = {made.displacement_mm:g} mm north, south,\neast or west of its grid point"
+    near.set_title(title, fontsize=10)
     sensor, contact_mm = load_sensor(SENSOR), Scene().contact_mm
     seen = np.array([sensor.width_px, sensor.height_px]) / sensor.px_per_mm
-    at = np.array((17.0, 24.0))
+    at = np.array((20.0, 21.0))
     corners = "round,pad=0,rounding_size=1"
     whole.add_patch(FancyBboxPatch(at, *seen, boxstyle=corners, fc=(1, 1, 1, 0.35), ec="#0072b2", lw=2.2))
     whole.add_patch(Ellipse(at + seen / 2, *contact_mm, fc=(1, 1, 1, 0.25), ec="#0072b2", lw=1.8, ls="--"))
     label = {"ha": "center", "fontsize": 10, "bbox": {"boxstyle": "round,pad=0.25", "fc": "white", "ec": "none"}}
-    whole.text(at[0] + seen[0] / 2, at[1] - 2.4, "dashed: a contact, {:g} x {:g} mm".format(*contact_mm), **label)
-    whole.text(at[0] + seen[0] / 2, at[1] + seen[1] + 1.4, "what a GelSight Mini sees, {:g} x {:g} mm".format(*seen), **label)
-    figure.savefig(FIGURES / "tape.png", dpi=110, metadata={"Software": None})
+    whole.text(at[0] + seen[0] / 2, at[1] - 3.2, "dashed: a contact, {:g} x {:g} mm".format(*contact_mm), **label)
+    whole.text(at[0] + seen[0] / 2, at[1] + seen[1] + 1.6, "what a GelSight Mini sees, {:g} x {:g} mm".format(*seen), **label)
+    figure.savefig(FIGURES / "tape.png", dpi=150, metadata={"Software": None})
 
 
 if __name__ == "__main__":

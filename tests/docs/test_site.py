@@ -68,7 +68,8 @@ def test_every_page_can_be_reached() -> None:
     config = read_toml(DOCS / "site" / "zensical.toml", "site")
     start, *kinds = config["project"]["nav"]
     assert start == {"What it is": "index.md"}
-    assert [kind for section in kinds for kind in section] == ["Tutorial", "How to", "Explanation", "Reference"]
+    readers = ["Start", "Order or print a tape", "Put it on a robot", "Study how it works", "Reference"]
+    assert [kind for section in kinds for kind in section] == readers
     pages = [path for section in kinds for entries in section.values() for entry in entries for path in entry.values()]
     assert sorted(pages) == sorted([*(page.name for page in DOCS.glob("*.md")), "changelog.md", "contributing.md"])
 
