@@ -22,7 +22,7 @@ def overlay() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         kit = make_kit(TapeSpec(sector=7), folder / "tactape-s007")
-        frames = simulate_file(kit.path, folder / "frames.npz", pose=[3.0, 20.0, 25.0], missing=0.05, bumps=2, seed=4).path
+        frames = simulate_file(kit.path, folder / "frames.npz", pose=[3.0, 20.0, 25.0], missing=0.05, bumps=2, seed=8).path
         job = prepare([str(frames)], [str(kit.path)], "gelsight-mini")
         located = next(localize(job))
         picture = draw_overlay(located.depth, located.sensor, job.tapes, located.fix, located.frame)
