@@ -18,7 +18,7 @@ PAGE = Path(__file__).parent / "fabs.md"
 FIGURES = Path(__file__).parent / "figures"
 PITCH_MM, DISPLACEMENT_MM = 1.5, 0.25
 DISPLACEMENTS_MM = (0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
-PX = 520
+PX = 340
 PICTURES = {
     "fab-per-part": {},
     "fab-gang": {"coverlay": "gang"},
