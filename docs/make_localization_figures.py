@@ -34,7 +34,7 @@ def coverage() -> None:
     with tempfile.TemporaryDirectory() as name:
         kit = make_kit(TapeSpec(sector=7, models=False), Path(name) / "tactape-s007")
         contact = read_contact(size=(7.5, 6.0))
-        map_kit(kit.path, FIGURES / "verify-map.png", contact, verify_kit(kit.path, contact=contact).trips)
+        map_kit(kit.path, FIGURES / "verify-map.png", contact, verify_kit(kit.path, contact=contact).trips, overwrite=True)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ function readBuilt(text) {
   const scatter = there ? Math.sqrt(sum / (2 * there)) : 0;
   const times = Math.max(1, Math.min(100, Math.round((AIM_PITCHES * pitch) / (2 * scatter || pitch))));
   const kinds = Array.isArray(content.source) ? content.source.map((entry) => String(entry?.kind).slice(0, 16)) : [];
-  return { ...given, row, listed: listed.length, missing: listed.length - there, scatter, times, kinds };
+  const scale = Array.isArray(content.film?.scale) && content.film.scale.every(Number.isFinite) ? content.film.scale : [1, 1];
+  return { ...given, row, scale, listed: listed.length, missing: listed.length - there, scatter, times, kinds };
 }
 
 /** An arrow from each part's nominal place along its deviation, enlarged, and a cross where a part is missing. */
@@ -94,7 +95,7 @@ element("built-file")?.addEventListener("change", async (event) => {
     if (file.size > MOST_BUILT_BYTES) throw new Error("the file is too large for measured places");
     built = readBuilt(await file.text());
     const from = built.kinds.length ? `, from ${built.kinds.join(", ")}` : "";
-    said.textContent = `${built.listed} of ${count} parts measured${from}: ${built.missing} missing, scatter ${(1000 * built.scatter).toFixed(1)} µm rms. Arrows are ${built.times} times as long. This page cannot tell whether the file is of this very kit: tactape-fab verify does.`;
+    said.textContent = `${built.listed} of ${count} parts measured${from}: ${built.missing} missing, scatter ${(1000 * built.scatter).toFixed(1)} µm rms, apart from the film's stretch by ${built.scale.map((v) => (100 * (v - 1)).toFixed(3)).join(" and ")} %. Arrows are ${built.times} times as long. This page cannot tell whether the file is of this very kit: tactape-fab verify does.`;
     if (!element("layer-built")) addSwitch({ id: "built", title: "Measured", shown: true });
     shown.add("built");
     element("layer-built").checked = true;

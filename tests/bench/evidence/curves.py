@@ -112,7 +112,7 @@ def lines(results: Mapping[str, Result]) -> list[str]:
         "",
         "![Success against size, missing parts, noise, blur, placement, scale and curvature](figures/evidence-curves.png)",
         "",
-        "Contacts located and right, of those simulated, all at poses of a low-discrepancy sequence; dashed, what the same rule",
+        "Contacts located and right, of those simulated, all at poses of a low-discrepancy sequence; thin, what the same rule",
         "makes of error-free symbols of the dots that are imprinted by 0.3 or more. That is no bound: dots of less imprint say",
         f"something, too. The hardest value with at least {100 * LEAST_RATE:g} % of the contacts:",
         "",
