@@ -69,7 +69,7 @@ def render_panel_report(panel: WrittenPanel) -> Artifact:
         data=script_json(_data(panel)),
         script=script,
         style=style,
-        policy=f"default-src 'none'; script-src {allowed(script)}; style-src {allowed(style)}; "
+        policy=f"default-src 'none'; img-src data:; script-src {allowed(script)}; style-src {allowed(style)}; "
         "base-uri 'none'; form-action 'none'",
     )
     return Artifact(role="report", path=REPORT_NAME, data=text.encode("utf-8"))

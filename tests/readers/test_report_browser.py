@@ -101,7 +101,7 @@ def test_a_panels_report_leads_to_those_of_its_tapes(browser: Any, panel_2: Pane
     number = before + 40
     column, row = second.cells()[39].tolist()
     assert search(page, str(number)) == f"R{number}: column {column}, row {row}, {LETTERS[second.symbols[row, column]]}"
-    x, y = second.part_xy_mm()[39] + panel_2.panel.offsets_mm[1]
+    x, y = second.part_xy_mm()[39] + json.loads((panel_2.path / "manifest.json").read_text())["tapes"][1]["offset_mm"]
     shown = rows(page, "part")
     assert (shown["tape"], shown["panel x, y"]) == (second.name, f"{x:.4f}, {y:.4f} mm")
     assert search(page, "0,0").startswith("no part 0,0")

@@ -93,10 +93,10 @@ def test_every_part_of_the_panel_is_on_the_map_with_its_tape_and_grid_point(pane
     cells, xy_mm = unpacked(places["cells"], "<i4", total, 2), unpacked(places["xy_mm"], "<f8", total, 2)
     owner, symbols = unpacked(places["tapes"], "<u2", total), unpacked(places["symbols"], "u1", total)
     assert data["tapes"] == [{"name": tape.name, "origin": list(tape.origin)} for tape in panel_2.tapes]
-    for k, (tape, offset_mm) in enumerate(zip(panel_2.tapes, panel_2.panel.offsets_mm, strict=True)):
+    for k, (tape, row) in enumerate(zip(panel_2.tapes, panel.manifest["tapes"], strict=True)):
         assert np.array_equal(cells[owner == k], tape.cells())
         assert np.array_equal(symbols[owner == k], tape.symbols[tape.cells()[:, 1], tape.cells()[:, 0]])
-        assert np.abs(xy_mm[owner == k] - tape.part_xy_mm() - offset_mm).max() < 1e-4
+        assert np.abs(xy_mm[owner == k] - tape.part_xy_mm() - row["offset_mm"]).max() < 1e-4
     assert {"copper-top", "drill-npth", "bodies"} <= {layer["id"] for layer in data["layers"]}
 
 
