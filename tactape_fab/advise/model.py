@@ -71,7 +71,8 @@ CODES = (
     Code(name="microdots-4x4", axis=0.0),
     Code(name="debruijn-4x4", axis=1.5),
     Code(name="anoto-6x6", axis=0.7),
-    Code(name="touch-1", axis=-inf, most_points=get_code("touch-1").most_points),
+    Code(name="trace-22", axis=-inf, most_points=get_code("trace-22").most_points),
+    *(Code(name=name, axis=-inf, most_points=get_code(name).most_points) for name in ("touch-1", "touch-2")),
 )
 """The codes that are advised on; the first that locates the contact is taken. `axis` is from faultless contacts of 11 to 25
 dots."""

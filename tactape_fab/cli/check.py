@@ -51,13 +51,19 @@ TAPE_OPTIONS = (
     _TapeOption(["--w"], "pitch_mm", length, metavar="MM", help="Grid pitch W.  [default: 1.5]"),
     _TapeOption(["--delta"], "displacement_mm", length, metavar="MM", help="Displacement Δ of each part.  [default: W/6]"),
     _TapeOption(["--size"], "size_mm", size, metavar="WxH", help="Outline, mm.  [default: 100x50]"),
-    _TapeOption(["--code"], "code", _same, metavar="NAME", help="microdots-4x4 (default), debruijn-4x4, anoto-6x6 or touch-1."),
+    _TapeOption(
+        ["--code"],
+        "code",
+        _same,
+        metavar="NAME",
+        help="microdots-4x4 (default), debruijn-4x4, anoto-6x6, trace-22, touch-1 or touch-2.",
+    ),
     _TapeOption(
         ["--directions"],
         "directions",
         number,
         metavar="4|8",
-        help="Directions that parts are displaced in; 8 of touch-1, for printed elements.  [default: 4]",
+        help="Directions that parts are displaced in; 8 of touch-1 and touch-2, for printed elements.  [default: 4]",
     ),
     _TapeOption(
         ["--origin"],

@@ -180,10 +180,11 @@ def _holding(spec: TapeSpec, claim: Claim) -> tuple[float, float]:
     return max(spec.size_mm[0], least[0]), max(spec.size_mm[1], least[1])
 
 
-def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, avoid: Sequence[Tape] = ()) -> SymbolArray:
+def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, part: TapePart | None, avoid: Sequence[Tape]) -> SymbolArray:
     """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
-    others = [tape.symbols for tape in avoid]
-    return get_code(spec.code).symbols(spec.sector, origin, (grid.rows, grid.columns), others, spec.directions)
+    shape, others = (grid.rows, grid.columns), [tape.symbols for tape in avoid]
+    long = part is not None and part.body_mm[0] != part.body_mm[1]  # then a frame shows the quarter turn
+    return get_code(spec.code).symbols(spec.sector, origin, shape, others, spec.directions, half_turns=long)
 
 
 def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avoid: Sequence[Tape]) -> Tape:
@@ -193,7 +194,7 @@ def _plan(spec: TapeSpec, claim: Claim, part: TapePart, thickness_mm: float, avo
     problems += _reach_problems(spec, code, grid, claim)
     if problems:
         raise refusal(problems)
-    symbols = _symbols(spec, spec.place, grid, avoid)
+    symbols = _symbols(spec, spec.place, grid, part, avoid)
     board = Board(
         size_mm=spec.size_mm,
         texture_origin_mm=grid.texture_origin_mm,
@@ -282,7 +283,7 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
             thickness_mm=1.0,
         )
         origin = (min(spec.place[0], code.range - grid.columns), min(spec.place[1], code.range - grid.rows))
-        symbols = _symbols(spec, origin, grid)
+        symbols = _symbols(spec, origin, grid, None, ())
         if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, claim, symbols), code):
             return size_mm
         tenths += 1

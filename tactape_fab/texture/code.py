@@ -14,10 +14,11 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.plane import PlaneCode
+from tactape_fab.texture.plane import Plane, PlaneCode
 from tactape_fab.texture.sequences import anoto_main, anoto_secondary, de_bruijn
-from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS
+from tactape_fab.texture.touch.design import HIGHER_RUNGS, MOST_TOUCH_POINTS, RUNGS
 from tactape_fab.texture.touch.designed import DesignedCode
+from tactape_fab.texture.trace import TraceCode
 
 
 class Code(Protocol):
@@ -35,9 +36,13 @@ class Code(Protocol):
         Grid points that a tape has at most.
     directions : tuple of int
         Allowed numbers of displacement directions.
-    plane : PlaneCode or None
+    plane : Plane or None
         The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
         its origin is (0, 0), another size gives another texture, and its symbols are stored only in the tape itself.
+    sequences : PlaneCode or None
+        The plane, if it is made of number sequences along its axes.
+    half_turns : bool
+        Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
     vouched : str
         Proof of a tape's symbols, for messages after "symbols ...".
     another : str
@@ -57,7 +62,11 @@ class Code(Protocol):
     @property
     def directions(self) -> tuple[int, ...]: ...
     @property
-    def plane(self) -> PlaneCode | None: ...
+    def plane(self) -> Plane | None: ...
+    @property
+    def sequences(self) -> PlaneCode | None: ...
+    @property
+    def half_turns(self) -> bool: ...
     @property
     def vouched(self) -> str: ...
     @property
@@ -67,9 +76,19 @@ class Code(Protocol):
         """Default (column, row) of a sector's tape."""
 
     def symbols(
-        self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
+        self,
+        sector: int,
+        origin: tuple[int, int],
+        shape: tuple[int, int],
+        avoid: Sequence[SymbolArray],
+        directions: int,
+        *,
+        half_turns: bool = False,
     ) -> SymbolArray:
-        """Symbols of a new tape of that shape (rows, columns); a designed one differs from the symbols of other tapes."""
+        """Symbols of a new tape of that shape (rows, columns); a designed one differs from the symbols of other tapes.
+
+        With `half_turns` the tape's parts show a quarter turn, so that a design may ask for more between the other turns.
+        """
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         """The symbols of a texture on a grid of that shape (rows, columns); equal textures share them."""
@@ -113,7 +132,25 @@ _CODES: tuple[Code, ...] = (
         least_difference=5,
         origin_stride=1000,
     ),
-    DesignedCode(name=TOUCH_CODE, window=4, sectors=4096, range=2000, most_points=MOST_TOUCH_POINTS),
+    TraceCode(
+        name="trace-22",
+        degree=22,
+        polynomial=0x21C8AB,
+        columns_apart=129,
+        y_exponent=429093,
+        range=127,
+        sectors=256,
+    ),
+    DesignedCode(name=TOUCH_CODE, window=4, sectors=4096, range=2000, most_points=MOST_TOUCH_POINTS, rungs=RUNGS),
+    DesignedCode(
+        name="touch-2",
+        window=4,
+        sectors=4096,
+        range=2000,
+        most_points=MOST_TOUCH_POINTS,
+        rungs=HIGHER_RUNGS,
+        half_turns=True,
+    ),
 )
 CODES = {code.name: code for code in _CODES}
 """Every code by its name."""
@@ -135,7 +172,7 @@ def get_code(name: str) -> Code:
     return CODES[name]
 
 
-def get_plane(name: str) -> PlaneCode:
+def get_plane(name: str) -> Plane:
     """The code of that name, which has a plane.
 
     Raises

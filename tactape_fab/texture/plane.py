@@ -1,6 +1,6 @@
 """Codes with a plane: encode a patch of the code plane, and decode a patch's place window by window.
 
-SPEC of the code plane, with M the main sequence (length L, order n), d(k) the difference at plane index k and
+SPEC of a code plane of sequences, with M the main sequence (length L, order n), d(k) the difference at plane index k and
 (u, v) = divmod(sector, L):
 
     X[r, c] = M[(r + u + sum of d(k) for k < c) mod L]        Y[r, c] = M[(c + v + sum of d(k) for k < r) mod L]
@@ -14,7 +14,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -28,9 +28,28 @@ MOST_POINTS = 500_000
 """Grid points of a tape."""
 
 
+class Plane(Protocol):
+    """A two-dimensional position code of some sectors: a tape shows a patch of its plane."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def window(self) -> int: ...
+    @property
+    def sectors(self) -> int: ...
+    @property
+    def range(self) -> int: ...
+
+    def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+        """Symbols of a patch that lies in the plane; see `encode`."""
+
+    def locate(self, symbols: SymbolArray) -> WindowPlaces:
+        """Place and sector of every window of a patch of at least one; see `locate_windows`."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneCode:
-    """A two-dimensional position code: a tape shows a patch of its plane. `texture.code.Code` is the interface of every code.
+    """A `Plane` made of number sequences along its axes. `texture.code.Code` is the interface of every code.
 
     Attributes
     ----------
@@ -52,10 +71,15 @@ class PlaneCode:
     origin_stride: int
     directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)  # x and y bit only: a plane code has four directions
     most_points: ClassVar[int] = MOST_POINTS
+    half_turns: ClassVar[bool] = False
     another: ClassVar[str] = "--origin best"
 
     @property
-    def plane(self) -> PlaneCode:
+    def plane(self) -> Plane:
+        return self
+
+    @property
+    def sequences(self) -> PlaneCode:
         return self
 
     @property
@@ -85,7 +109,14 @@ class PlaneCode:
         return self.origin_stride * sector, self.origin_stride * (17 * sector % self.sectors)
 
     def symbols(
-        self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
+        self,
+        sector: int,
+        origin: tuple[int, int],
+        shape: tuple[int, int],
+        avoid: Sequence[SymbolArray],
+        directions: int,
+        *,
+        half_turns: bool = False,
     ) -> SymbolArray:
         """The patch of the plane at `origin`, see `encode`; `origin` alone separates it from other tapes."""
         return encode(self, sector, origin, shape)
@@ -101,17 +132,7 @@ class PlaneCode:
 
     def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
         """Refuse symbols that the code does not have at a place."""
-        expected = encode(self, sector, origin, (len(symbols), len(symbols[0])))
-        wrong = np.argwhere(symbols != expected)
-        if len(wrong) == 0:
-            return
-        r, c = (int(i) for i in wrong[0])
-        shown, of_code = (symbols_to_rows(rows[r : r + 1, c : c + 1])[0] for rows in (symbols, expected))
-        message = (
-            f"symbols differ from code '{self.name}', sector {sector}, origin [{origin[0]}, {origin[1]}] at {len(wrong)} grid "
-            f"points, first at column {c}, row {r}: '{shown}' where the code has '{of_code}'"
-        )
-        raise SpecError(Problem("symbols", message))
+        refuse_other_symbols(self, symbols, sector, origin)
 
     @cached_property
     def weights(self) -> tuple[int, ...]:
@@ -130,13 +151,45 @@ class PlaneCode:
             total = total + weight * sequence.sum_before(index)
         return total % self.main.length
 
+    def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+        rows, columns = shape
+        length = self.main.length
+        u, v = divmod(sector, length)
+        column = origin[0] + np.arange(columns, dtype=np.int64)
+        row = origin[1] + np.arange(rows, dtype=np.int64)
+        bits = self.main.digits.astype(np.uint8)
+        phases = np.arange(length)
+        x_of_phase = bits[(row[:, None] + u + phases) % length]  # (rows, L)
+        y_of_phase = bits[(column + v + phases[:, None]) % length]  # (L, columns)
+        x = x_of_phase.take(self.phase_before(column), axis=1)
+        y = y_of_phase.take(self.phase_before(row), axis=0)
+        y <<= 1
+        symbols: SymbolArray = x | y
+        return symbols
 
-def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+    def locate(self, symbols: SymbolArray) -> WindowPlaces:
+        length = self.main.length
+        values = symbols.astype(np.int64)
+        column, column_phase, column_valid = _places_along_columns(self, values & 1)
+        row_t, row_phase_t, row_valid_t = _places_along_columns(self, (values >> 1).T)
+        row, row_phase = row_t.T, row_phase_t.T
+        u = (column_phase - self.phase_before(column) - row) % length
+        v = (row_phase - self.phase_before(row) - column) % length
+        valid = column_valid & row_valid_t.T
+        return WindowPlaces(
+            valid=valid,
+            column=np.where(valid, column, -1),
+            row=np.where(valid, row, -1),
+            sector=np.where(valid, u * length + v, -1),
+        )
+
+
+def encode(code: Plane, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
     """Symbols of a patch of the code plane.
 
     Parameters
     ----------
-    code : PlaneCode
+    code : Plane
     sector : int
         0 ... code.sectors - 1.
     origin : (int, int)
@@ -155,7 +208,6 @@ def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[i
         If the patch exceeds the code's range or the sector does not exist.
     """
     rows, columns = shape
-    length = code.main.length
     if not 0 <= sector < code.sectors:
         raise CapacityError(Problem("sector", f"sector = {sector} is outside 0 to {code.sectors - 1} of '{code.name}'"))
     for name, first, count in (("column", origin[0], columns), ("row", origin[1], rows)):
@@ -167,18 +219,27 @@ def encode(code: PlaneCode, sector: int, origin: tuple[int, int], shape: tuple[i
                     f"'{code.name}'; give --origin COL,ROW nearer to 0,0 or make the tape smaller",
                 )
             )
-    u, v = divmod(sector, length)
-    column = origin[0] + np.arange(columns, dtype=np.int64)
-    row = origin[1] + np.arange(rows, dtype=np.int64)
-    bits = code.main.digits.astype(np.uint8)
-    phases = np.arange(length)
-    x_of_phase = bits[(row[:, None] + u + phases) % length]  # (rows, L)
-    y_of_phase = bits[(column + v + phases[:, None]) % length]  # (L, columns)
-    x = x_of_phase.take(code.phase_before(column), axis=1)
-    y = y_of_phase.take(code.phase_before(row), axis=0)
-    y <<= 1
-    symbols: SymbolArray = x | y
-    return symbols
+    return code.patch(sector, origin, shape)
+
+
+def refuse_other_symbols(code: Plane, symbols: SymbolArray, sector: int, origin: tuple[int, int]) -> None:
+    """Refuse symbols that a code does not have at a place.
+
+    Raises
+    ------
+    SpecError
+    """
+    expected = encode(code, sector, origin, (len(symbols), len(symbols[0])))
+    wrong = np.argwhere(symbols != expected)
+    if len(wrong) == 0:
+        return
+    r, c = (int(i) for i in wrong[0])
+    shown, of_code = (symbols_to_rows(rows[r : r + 1, c : c + 1])[0] for rows in (symbols, expected))
+    message = (
+        f"symbols differ from code '{code.name}', sector {sector}, origin [{origin[0]}, {origin[1]}] at {len(wrong)} grid "
+        f"points, first at column {c}, row {r}: '{shown}' where the code has '{of_code}'"
+    )
+    raise SpecError(Problem("symbols", message))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -219,29 +280,17 @@ def _places_along_columns(code: PlaneCode, bits: IntArray) -> tuple[IntArray, In
     return place % code.range, phase[:, : valid.shape[1]], valid
 
 
-def locate_windows(code: PlaneCode, symbols: SymbolArray) -> WindowPlaces:
+def locate_windows(code: Plane, symbols: SymbolArray) -> WindowPlaces:
     """Decode the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
 
     Parameters
     ----------
-    code : PlaneCode
+    code : Plane
     symbols : ndarray of uint8, shape (rows, columns)
         Symbol values in the texture's own rotation; at least n x n.
     """
-    n, length = code.window, code.main.length
+    n = code.window
     if min(symbols.shape) < n:
         empty = np.zeros((max(symbols.shape[0] - n + 1, 0), max(symbols.shape[1] - n + 1, 0)), dtype=np.int64)
         return WindowPlaces(valid=empty.astype(bool), column=empty, row=empty.copy(), sector=empty.copy())
-    values = symbols.astype(np.int64)
-    column, column_phase, column_valid = _places_along_columns(code, values & 1)
-    row_t, row_phase_t, row_valid_t = _places_along_columns(code, (values >> 1).T)
-    row, row_phase = row_t.T, row_phase_t.T
-    u = (column_phase - code.phase_before(column) - row) % length
-    v = (row_phase - code.phase_before(row) - column) % length
-    valid = column_valid & row_valid_t.T
-    return WindowPlaces(
-        valid=valid,
-        column=np.where(valid, column, -1),
-        row=np.where(valid, row, -1),
-        sector=np.where(valid, u * length + v, -1),
-    )
+    return code.locate(symbols)

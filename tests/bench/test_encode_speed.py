@@ -16,10 +16,11 @@ MOST_MS = 500.0
 @pytest.mark.parametrize("name", CODE_NAMES)
 def test_plane_is_encoded_in_well_under_a_second(benchmark: BenchmarkFixture, name: str) -> None:
     code = get_plane(name)
-    far = code.range - SIDE
-    timed = Timed(lambda: encode(code, code.sectors - 1, (far, far), (SIDE, SIDE)))
+    side = min(SIDE, code.range)
+    far = code.range - side
+    timed = Timed(lambda: encode(code, code.sectors - 1, (far, far), (side, side)))
     symbols = run(benchmark, timed, rounds=5)
-    assert symbols.shape == (SIDE, SIDE)
+    assert symbols.shape == (side, side)
     best_ms = min(timed.seconds) * 1000
-    show(f"encode {SIDE} x {SIDE} of {name}, best of 5", best_ms, "ms", f"< {MOST_MS:g}")
+    show(f"encode {side} x {side} of {name}, best of 5", best_ms, "ms", f"< {MOST_MS:g}")
     assert best_ms < MOST_MS

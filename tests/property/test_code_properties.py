@@ -14,7 +14,7 @@ from tactape_fab import default_origin
 from tactape_fab.base.errors import CapacityError
 from tactape_fab.texture.code import CODE_NAMES, get_plane
 from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.plane import PlaneCode, encode, locate_windows
+from tactape_fab.texture.plane import Plane, encode, locate_windows
 
 CODES = st.sampled_from(CODE_NAMES).map(get_plane)
 VALUES_TURNED_CCW = np.array([1, 3, 0, 2], dtype=np.uint8)
@@ -22,7 +22,7 @@ VALUES_TURNED_CCW = np.array([1, 3, 0, 2], dtype=np.uint8)
 
 
 @st.composite
-def places(draw: st.DrawFn, most: int = 24) -> tuple[PlaneCode, int, tuple[int, int], tuple[int, int]]:
+def places(draw: st.DrawFn, most: int = 24) -> tuple[Plane, int, tuple[int, int], tuple[int, int]]:
     """A code, one of its sectors, and a patch of at least one window anywhere in the plane, its far end included."""
     code = draw(CODES)
     shape = draw(st.integers(code.window, most)), draw(st.integers(code.window, most))
@@ -34,7 +34,7 @@ def places(draw: st.DrawFn, most: int = 24) -> tuple[PlaneCode, int, tuple[int, 
 
 
 def assert_located(
-    code: PlaneCode, symbols: SymbolArray, sector: int, origin: tuple[int, int], where: npt.NDArray[np.bool_] | None = None
+    code: Plane, symbols: SymbolArray, sector: int, origin: tuple[int, int], where: npt.NDArray[np.bool_] | None = None
 ) -> None:
     found = locate_windows(code, symbols)
     rows, columns = np.indices(found.valid.shape)
@@ -45,7 +45,7 @@ def assert_located(
 @settings(deadline=None, derandomize=True, max_examples=300)
 @given(place=places())
 def test_every_window_says_its_sector_column_and_row(
-    place: tuple[PlaneCode, int, tuple[int, int], tuple[int, int]],
+    place: tuple[Plane, int, tuple[int, int], tuple[int, int]],
 ) -> None:
     code, sector, origin, shape = place
     symbols = encode(code, sector, origin, shape)
@@ -56,7 +56,7 @@ def test_every_window_says_its_sector_column_and_row(
 @settings(deadline=None, derandomize=True, max_examples=100)
 @given(place=places(), data=st.data())
 def test_a_patch_is_a_piece_of_any_larger_patch(
-    place: tuple[PlaneCode, int, tuple[int, int], tuple[int, int]], data: st.DataObject
+    place: tuple[Plane, int, tuple[int, int], tuple[int, int]], data: st.DataObject
 ) -> None:
     code, sector, (column, row), (rows, columns) = place
     whole = encode(code, sector, (column, row), (rows, columns))
@@ -68,7 +68,7 @@ def test_a_patch_is_a_piece_of_any_larger_patch(
 @settings(deadline=None, derandomize=True, max_examples=200)
 @given(place=places(), data=st.data())
 def test_wrong_symbols_harm_only_the_windows_that_hold_them(
-    place: tuple[PlaneCode, int, tuple[int, int], tuple[int, int]], data: st.DataObject
+    place: tuple[Plane, int, tuple[int, int], tuple[int, int]], data: st.DataObject
 ) -> None:
     code, sector, origin, (rows, columns) = place
     symbols = encode(code, sector, origin, (rows, columns))
@@ -85,7 +85,7 @@ def test_wrong_symbols_harm_only_the_windows_that_hold_them(
 @settings(deadline=None, derandomize=True, max_examples=150)
 @given(place=places(most=12), turns=st.integers(1, 3))
 def test_turned_textures_never_crash_and_never_leave_the_plane(
-    place: tuple[PlaneCode, int, tuple[int, int], tuple[int, int]], turns: int
+    place: tuple[Plane, int, tuple[int, int], tuple[int, int]], turns: int
 ) -> None:
     code, sector, origin, shape = place
     symbols = encode(code, sector, origin, shape)
@@ -99,7 +99,7 @@ def test_turned_textures_never_crash_and_never_leave_the_plane(
 
 @settings(deadline=None, derandomize=True, max_examples=150)
 @given(code=CODES, seed=st.integers(0, 2**32 - 1), rows=st.integers(0, 14), columns=st.integers(0, 14))
-def test_a_window_that_reads_validly_is_what_the_code_has_there(code: PlaneCode, seed: int, rows: int, columns: int) -> None:
+def test_a_window_that_reads_validly_is_what_the_code_has_there(code: Plane, seed: int, rows: int, columns: int) -> None:
     """Any symbols at all: what is called valid is, encoded again, the very window that was read."""
     symbols = np.random.default_rng(seed).integers(0, 4, size=(rows, columns)).astype(np.uint8)
     found = locate_windows(code, symbols)
@@ -121,9 +121,7 @@ def test_a_window_that_reads_validly_is_what_the_code_has_there(code: PlaneCode,
     before=st.booleans(),
     sector=st.integers(0, 255),
 )
-def test_nothing_beyond_the_range_is_shown(
-    code: PlaneCode, axis: int, count: int, beyond: int, before: bool, sector: int
-) -> None:
+def test_nothing_beyond_the_range_is_shown(code: Plane, axis: int, count: int, beyond: int, before: bool, sector: int) -> None:
     start = -beyond if before else code.range - count + beyond
     origin = (start, 0) if axis == 0 else (0, start)
     with pytest.raises(CapacityError) as caught:
@@ -134,14 +132,14 @@ def test_nothing_beyond_the_range_is_shown(
 
 @settings(deadline=None, derandomize=True, max_examples=100)
 @given(code=CODES, sector=st.one_of(st.integers(max_value=-1), st.integers(min_value=3969)))
-def test_no_other_sectors_exist(code: PlaneCode, sector: int) -> None:
+def test_no_other_sectors_exist(code: Plane, sector: int) -> None:
     with pytest.raises(CapacityError):
         encode(code, sector, (0, 0), (code.window, code.window))
 
 
 @settings(deadline=None, derandomize=True, max_examples=100)
 @given(code=CODES, data=st.data())
-def test_tapes_at_default_origins_are_no_shifts_of_one_another(code: PlaneCode, data: st.DataObject) -> None:
+def test_tapes_at_default_origins_are_no_shifts_of_one_another(code: Plane, data: st.DataObject) -> None:
     """Two tapes of different sectors, laid over each other at any shift, agree in hardly more than chance says (1 in 4)."""
     a, b = data.draw(st.lists(st.integers(0, code.sectors - 1), min_size=2, max_size=2, unique=True))
     down, right = data.draw(st.integers(0, 30)), data.draw(st.integers(0, 30))

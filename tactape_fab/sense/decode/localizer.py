@@ -35,14 +35,17 @@ from tactape_fab.sense.decode.search.hypotheses import Registry, register
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT
 from tactape_fab.sense.decode.search.plane import CodePlane
 from tactape_fab.sense.decode.search.search import Prior
+from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
+from tactape_fab.sense.decode.search.trace_plane import TracePlane
 from tactape_fab.sense.decode.warm import announce, rehearse
 from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
-from tactape_fab.texture.plane import encode
+from tactape_fab.texture.plane import Plane, PlaneCode, encode
 from tactape_fab.texture.registry import TapeLike, as_tapes
 from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.trace import TraceCode
 
 World = Literal["open", "closed"]
 Method = Literal["ml", "paper"]
@@ -224,7 +227,7 @@ class Localizer:
         self = cls.__new__(cls)
         self._method = "ml"
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=None, kappa=kappa)
-        plane = CodePlane(get_plane(code), LARGEST_CONTACT)
+        plane = _plane_of(get_plane(code))
         self._prepare(plane, pitch_mm, displacement_mm, None, sensor, fixed_scale)
         self._pixel_fit = None
         symbols = encode(plane.code, 0, (0, 0), (8, 8))
@@ -436,3 +439,10 @@ class Localizer:
         negated = None if image is None else lambda: self._detected(-image)
         seen = Seen(sensor=self.sensor, view=self._view, world=self._world, limits=self._limits)
         return replace(found, reason=wrong_profile(seen, dots, raw, negated) or found.reason)
+
+
+def _plane_of(code: Plane) -> CodePlane:
+    if isinstance(code, TraceCode):
+        return TracePlane(code, LARGEST_CONTACT)
+    assert isinstance(code, PlaneCode)
+    return SequencePlane(code, LARGEST_CONTACT)

@@ -165,8 +165,16 @@ def certify(tape: Tape) -> Certificate:
         sizes=sizes,
         distinct_side=_smallest(tape, sizes, 1),
         correcting_side=_smallest(tape, sizes, CORRECTING),
-        patches=patch_distances(tape.symbols, tape.present, tape.directions) if get_code(tape.code).plane is None else (),
+        patches=_patches(tape),
     )
+
+
+def _patches(tape: Tape) -> tuple[PatchDistance, ...]:
+    """Distances of small patches, of codes that promise any: those of sequences do not."""
+    code = get_code(tape.code)
+    if code.sequences is not None:
+        return ()
+    return patch_distances(tape.symbols, tape.present, tape.directions, half_turns=code.half_turns)
 
 
 def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:

@@ -16,7 +16,7 @@ from tactape_fab.texture.certify.nearest import near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import BEYOND, joined
 from tactape_fab.texture.code import default_origin
 from tactape_fab.texture.frames import BoolArray
-from tactape_fab.texture.plane import PlaneCode, encode
+from tactape_fab.texture.plane import Plane, encode
 from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.windows import Windows, windows_of
 
@@ -56,7 +56,7 @@ class Choice:
     from_others: int | None
 
 
-def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
+def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[Tape] = ()) -> Choice:
     """The origin at which a tape's 4x4 windows are farthest apart, and from those of tapes to avoid before that.
 
     Ties are decided by the largest distance of 5x5 windows, then the fewest nearest pairs of 4x4, then the order of trial;
@@ -64,7 +64,7 @@ def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequen
 
     Parameters
     ----------
-    code : PlaneCode
+    code : Plane
     sector : int
     placed : ndarray of bool, shape (rows, columns)
         Whether a grid point carries a part.
@@ -111,7 +111,7 @@ def choose_origin(code: PlaneCode, sector: int, placed: BoolArray, avoid: Sequen
     )
 
 
-def choose_sector(code: PlaneCode, placed: BoolArray, avoid: Sequence[Tape]) -> int:
+def choose_sector(code: Plane, placed: BoolArray, avoid: Sequence[Tape]) -> int:
     """The sector, at its default origin, whose 4x4 windows are farthest from those of tapes to avoid.
 
     Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are tried.
@@ -136,11 +136,11 @@ def choose_sector(code: PlaneCode, placed: BoolArray, avoid: Sequence[Tape]) -> 
     return sectors[_farthest(cut, avoid)[0][0]]
 
 
-def _fits(origin: Origin, code: PlaneCode, shape: tuple[int, ...]) -> bool:
+def _fits(origin: Origin, code: Plane, shape: tuple[int, ...]) -> bool:
     return origin[0] + shape[1] <= code.range and origin[1] + shape[0] <= code.range
 
 
-def _origins(code: PlaneCode, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
+def _origins(code: Plane, sector: int, shape: tuple[int, ...], count: int) -> list[Origin]:
     """Origins in the order of trial: the default one, then spread over the plane.
 
     Default places of other sectors' tapes of that size are left out as far as possible: sectors at one place are nearly
@@ -156,7 +156,7 @@ def _origins(code: PlaneCode, sector: int, shape: tuple[int, ...], count: int) -
     return ([default] if _fits(default, code, shape) else []) + origins
 
 
-def _occupied(origin: Origin, code: PlaneCode, sector: int, shape: tuple[int, ...], avoid: Sequence[Tape]) -> bool:
+def _occupied(origin: Origin, code: Plane, sector: int, shape: tuple[int, ...], avoid: Sequence[Tape]) -> bool:
     """Whether a tape to avoid covers some of the same places."""
     return any(
         t.code == code.name
@@ -188,11 +188,11 @@ def _farthest(cut: Sequence[Windows], avoid: Sequence[Tape]) -> tuple[list[int],
     return [int(i) for i in left], BEYOND
 
 
-def _windows(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, side: int) -> Windows:
+def _windows(code: Plane, sector: int, origin: Origin, placed: BoolArray, side: int) -> Windows:
     return windows_of(encode(code, sector, origin, placed.shape), placed, side)
 
 
-def _merit(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
+def _merit(code: Plane, sector: int, origin: Origin, placed: BoolArray, least: int | None) -> tuple[int, int, int] | None:
     """Score of an origin as a tuple, larger is better; None if 4x4 windows are nearer than `least`."""
     windows = _windows(code, sector, origin, placed, _SIDE)
     if least and any(len(p.first) for p in near_pairs(windows.words, plan_search(_SIDE, windows.count, least - 1))):
@@ -202,5 +202,5 @@ def _merit(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray, leas
     return nearest.distance or 0, further.distance or 0, -nearest.pairs
 
 
-def _least(code: PlaneCode, sector: int, origin: Origin, placed: BoolArray) -> int:
+def _least(code: Plane, sector: int, origin: Origin, placed: BoolArray) -> int:
     return closest_windows(_windows(code, sector, origin, placed, _SIDE)).distance or 0

@@ -173,8 +173,10 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, room:
 
     Parameters
     ----------
-    least, least_given : ndarray of int, shape (k,)
-        By shape, how many bits two patches shall differ in at least: of the grid, and one of them given.
+    least : ndarray of int, shape (k, 4)
+        By shape and turn, how many bits two patches of the grid shall differ in at least.
+    least_given : ndarray of int, shape (k,)
+        The same by shape of a patch of the grid and a given one.
     """
     count = 0
     for shape in range(len(least)):
@@ -186,7 +188,7 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, room:
                 else:  # three quarter turns against itself are one the other way round
                     words, last = patches.own[shape, turn], patches.own_count[shape]
                     first = patch if turn in (1, 2) else patch + 1
-                bits = least_given[shape] if turn == _GIVEN else least[shape]
+                bits = least_given[shape] if turn == _GIVEN else least[shape, turn]
                 hits = _find(word, ~np.uint64(0), words, first, last, bits, room.found) if bits > 0 else 0
                 if hits == len(room.found) or count + hits > len(room.conflicts):
                     return -1
@@ -198,13 +200,14 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, room:
 
 
 @kernel()
-def nearest_of(own: WordArray, count: int, out: IntArray) -> None:
+def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
     """Fewest bits that two patches of a shape differ in, and how many pairs do, into `out` (2,); `own` as in `Patches`, (4, n).
 
-    Fewer patches than two, and one that is alone, have 65 bits and no pair; a patch is held against its own turns as well.
+    In all turns with a `step` of 1, and 0 and 180 degrees apart with one of 2. Fewer patches than two, and one that is alone,
+    have 65 bits and no pair; a patch is held against its own turns as well.
     """
     least, pairs = 65, 0
-    for turn in range(_TURNS):
+    for turn in range(0, _TURNS, step):
         for patch in range(count):
             word, first = own[0, patch], patch if turn in (1, 2) else patch + 1
             nearest = 65
@@ -291,7 +294,7 @@ def _next_conflict(
         if turn == _GIVEN:
             bits, word = least_given[shape], patches.given[shape, other]
         else:
-            bits, word = least[shape], patches.own[shape, turn, other]
+            bits, word = least[shape, turn], patches.own[shape, turn, other]
         if _ones(patches.own[shape, 0, patch] ^ word) < bits:
             return count, chosen
         count -= 1
@@ -335,7 +338,7 @@ def _weigh(
     for shape in range(len(least)):
         side = shapes.side[shape]
         wide, high = symbols.shape[1] - side + 1, symbols.shape[0] - side + 1
-        for j in range(shapes.points[shape] if least[shape] > 0 or least_given[shape] > 0 else 0):
+        for j in range(shapes.points[shape] if least[shape, 0] > 0 or least_given[shape] > 0 else 0):
             r, c = row - shapes.cells[shape, j, 0], column - shapes.cells[shape, j, 1]
             if r < 0 or c < 0 or r >= high or c >= wide:
                 continue
@@ -345,7 +348,7 @@ def _weigh(
                 if turn == _GIVEN:
                     words, last, bits = patches.given[shape], patches.given_count[shape], least_given[shape]
                 else:
-                    words, last, bits = patches.own[shape, turn], patches.own_count[shape], least[shape]
+                    words, last, bits = patches.own[shape, turn], patches.own_count[shape], least[shape, turn]
                 hits = _find(word, mask, words, np.int64(0), last, bits, room.found) if bits > 0 else 0
                 if hits == len(room.found):
                     return -1
@@ -359,7 +362,7 @@ def _weigh(
                     for value in range(count):
                         apart = (rest, here ^ np.uint64(value), here ^ np.uint64(now))
                         coming = _add(room, coming, value, apart, bits, (shape, patch, turn, other))
-            if least[shape] > 0:
+            if least[shape, 0] > 0:
                 coming = _weigh_both(symbols, shapes, patches, least[shape], (row, column, now), (shape, j, patch), coming, room)
             if coming < 0:
                 return -1
@@ -371,7 +374,7 @@ def _weigh_both(
     symbols: SymbolArray,
     shapes: Shapes,
     patches: Patches,
-    least: int,
+    least: IntArray,
     point: tuple[int, int, int],
     of: tuple[int, int, int],
     coming: int,
@@ -392,14 +395,14 @@ def _weigh_both(
         if r < 0 or c < 0 or r >= high or c >= wide or other < patch:
             continue
         for turn in range(_TURNS):
-            if other == patch and turn in (0, 3):
+            if least[turn] == 0 or (other == patch and turn in (0, 3)):
                 continue
             there = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
             apart_now = word ^ patches.own[shape, turn, other]
             one, two = word & mask, patches.own[shape, turn, other] & ~(ones << there)
             for value in range(1 << shapes.bits):
                 apart = (one | (np.uint64(value) << shift)) ^ (two | (np.uint64(shapes.turned[turn, value]) << there))
-                coming = _add(room, coming, value, (no_bits, apart, apart_now), least, (shape, patch, turn, other))
+                coming = _add(room, coming, value, (no_bits, apart, apart_now), least[turn], (shape, patch, turn, other))
     return coming
 
 

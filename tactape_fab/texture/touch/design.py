@@ -7,7 +7,8 @@ The last rung reached gives the matrix. It has no shorter description, so the sy
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from tactape_fab.base.errors import CapacityError, Problem
 from tactape_fab.texture.directions import DIRECTIONS
-from tactape_fab.texture.frames import SymbolArray
+from tactape_fab.texture.frames import IntArray, SymbolArray
 from tactape_fab.texture.touch.patches import patch_shapes
 from tactape_fab.texture.windows import WordArray
 
@@ -59,7 +60,74 @@ BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
     ((3, 6, 9, 13), (2, 4, 7, 11)),
     ((3, 6, 10, 14), (2, 5, 8, 12)),
 )
-_ALONE, _BESIDE = {4: ALONE, 8: ALONE_OF_EIGHT}, {4: BESIDE, 8: BESIDE_OF_EIGHT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rung:
+    """Least numbers of bits, by shape, that a design is repaired to.
+
+    Attributes
+    ----------
+    own : tuple of int
+        Between patches of the tape in any turn, or with `quarter` 0 and 180 degrees apart.
+    across : tuple of int
+        Between a patch of the tape and one of another tape.
+    quarter : tuple of int or None
+        Between patches of the tape 90 and 270 degrees apart, where these ask for less; None for as many as `own`.
+    effort : int
+        Factor on the limit of steps.
+    """
+
+    own: Bits
+    across: Bits
+    quarter: Bits | None = None
+    effort: int = 1
+
+    def of_turns(self) -> IntArray:
+        """The first and the last by shape and quarter turns, shape (k, 4)."""
+        odd = self.quarter or self.own
+        return np.array([self.own, odd, self.own, odd], dtype=np.int64).T.copy()
+
+
+Rungs = Mapping[tuple[int, bool, bool], tuple[Rung, ...]]
+"""Rungs by number of directions, whether other tapes are beside it, and whether the parts show their quarter turn."""
+
+
+def _rungs(alone: Sequence[Bits], beside: Sequence[tuple[Bits, Bits]]) -> tuple[tuple[Rung, ...], tuple[Rung, ...]]:
+    none = (0,) * len(alone[0])
+    return tuple(Rung(own=own, across=none) for own in alone), tuple(Rung(own=own, across=across) for own, across in beside)
+
+
+def _by_kind(four: tuple[tuple[Rung, ...], ...], halves: tuple[tuple[Rung, ...], ...] | None = None) -> Rungs:
+    eight = _rungs(ALONE_OF_EIGHT, BESIDE_OF_EIGHT)
+    return {
+        (directions, beside, half_turns): of[beside]
+        for directions, half_turns, of in ((4, False, four), (4, True, halves or four), (8, False, eight), (8, True, eight))
+        for beside in (False, True)
+    }
+
+
+_FOUR = _rungs(ALONE, BESIDE)
+_NONE = (0, 0, 0, 0, 0)
+RUNGS = _by_kind(_FOUR)
+"""Of `touch-1`."""
+HIGHER_RUNGS = _by_kind(
+    ((*_FOUR[0][:-1], Rung(own=(1, 3, 6, 9, 12), across=_NONE, effort=4)), _FOUR[1]),
+    (
+        (
+            *_FOUR[0][:5],
+            Rung(own=(1, 3, 6, 9, 12), across=_NONE, quarter=(1, 2, 4, 7, 9)),
+            Rung(own=(2, 3, 6, 9, 12), across=_NONE, quarter=(1, 2, 5, 8, 10)),
+            Rung(own=(2, 3, 6, 9, 12), across=_NONE, quarter=(1, 3, 5, 8, 11)),
+        ),
+        (
+            *_FOUR[1],
+            Rung(own=(1, 3, 6, 9, 12), across=(0, 2, 4, 7, 9), quarter=(1, 2, 5, 8, 10)),
+        ),
+    ),
+)
+"""Of `touch-2`: one bit is given up at nine dots, where nothing is located, for one more at 16, 21 and 25; and where parts show
+a quarter turn, none is given up and patches a quarter turn apart need no more than they do in `touch-1`."""
 _WORK, _WORK_BESIDE = 60_000_000, 400_000_000
 """Limit of a rung's steps times the patches examined per step, in grid points: about ten seconds, or a minute.
 
@@ -69,7 +137,15 @@ _LEAST_STEPS = 1000
 MOST_TOUCH_POINTS = 20_000
 
 
-def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (), directions: int = 4) -> SymbolArray:
+def design(
+    sector: int,
+    shape: tuple[int, int],
+    avoid: Sequence[SymbolArray] = (),
+    directions: int = 4,
+    *,
+    rungs: Rungs = RUNGS,
+    half_turns: bool = False,
+) -> SymbolArray:
     """The matrix of a tape, read-only; the last results are cached.
 
     Parameters
@@ -81,6 +157,9 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
     avoid : sequence of ndarray of uint8
         Symbols of existing tapes with the same number of directions, from whose patches this tape's shall differ.
     directions : int
+    rungs : Rungs
+    half_turns : bool
+        Whether the tape's parts show their quarter turn.
 
     Raises
     ------
@@ -93,12 +172,17 @@ def design(sector: int, shape: tuple[int, int], avoid: Sequence[SymbolArray] = (
             "designed for; use a smaller --size or --code microdots-4x4"
         )
         raise CapacityError(Problem("size_mm", message))
-    return _designed(sector, shape, tuple((a.shape, a.tobytes()) for a in avoid), directions)
+    asked = rungs[directions, bool(avoid), half_turns]
+    return _designed(sector, shape, tuple((a.shape, a.tobytes()) for a in avoid), directions, asked)
 
 
 @lru_cache(maxsize=8)
 def _designed(
-    sector: int, shape: tuple[int, int], avoid: tuple[tuple[tuple[int, ...], bytes], ...], directions: int
+    sector: int,
+    shape: tuple[int, int],
+    avoid: tuple[tuple[tuple[int, ...], bytes], ...],
+    directions: int,
+    rungs: tuple[Rung, ...],
 ) -> SymbolArray:
     from tactape_fab.texture.touch.climb import Patches, fill, new_room, repair, words_of  # imports numba
 
@@ -109,25 +193,16 @@ def _designed(
     fill(symbols, directions, state)
     given = _given(others, shapes)
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
-    rungs = _rungs(bool(others), directions)
     reached = symbols.copy()
-    for rung, (own, across) in enumerate(rungs, start=1):
-        steps = max(_LEAST_STEPS, (_WORK_BESIDE if others and rung < len(rungs) else _WORK) // work)
+    for number, rung in enumerate(rungs, start=1):
+        steps = max(_LEAST_STEPS, rung.effort * (_WORK_BESIDE if others and number < len(rungs) else _WORK) // work)
         patches = Patches(*words_of(symbols, shapes), *given)
-        least, least_given = np.array(own), np.array(across)
-        if not repair(symbols, shapes, patches, least, least_given, steps, state, room):
+        if not repair(symbols, shapes, patches, rung.of_turns(), np.array(rung.across), steps, state, room):
             break
         reached = symbols.copy()
     reached = np.argsort(codes).astype(np.uint8)[reached]
     reached.setflags(write=False)
     return reached
-
-
-def _rungs(beside: bool, directions: int) -> tuple[tuple[Bits, Bits], ...]:
-    """Least number of bits of the tape's own patches, and of pairs with those of others, for each rung."""
-    if beside:
-        return _BESIDE[directions]
-    return tuple((own, (0,) * len(own)) for own in _ALONE[directions])
 
 
 def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:

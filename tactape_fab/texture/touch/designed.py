@@ -11,7 +11,7 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
-from tactape_fab.texture.touch.design import design
+from tactape_fab.texture.touch.design import Rungs, design
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,6 +26,10 @@ class DesignedCode:
         Number of designs of a size, one for each sector.
     range : int
     most_points : int
+    rungs : Rungs
+        What the designs ask for.
+    half_turns : bool
+        Whether they ask for more between half turns alone, where the parts show a quarter turn.
     """
 
     name: str
@@ -33,8 +37,11 @@ class DesignedCode:
     sectors: int
     range: int
     most_points: int
+    rungs: Rungs
+    half_turns: bool = False
     directions: ClassVar[tuple[int, ...]] = tuple(DIRECTIONS)
     plane: ClassVar[None] = None
+    sequences: ClassVar[None] = None
     another: ClassVar[str] = "another --sector"
     vouched: ClassVar[str] = "of the digest beside them"
 
@@ -42,10 +49,17 @@ class DesignedCode:
         return 0, 0
 
     def symbols(
-        self, sector: int, origin: tuple[int, int], shape: tuple[int, int], avoid: Sequence[SymbolArray], directions: int
+        self,
+        sector: int,
+        origin: tuple[int, int],
+        shape: tuple[int, int],
+        avoid: Sequence[SymbolArray],
+        directions: int,
+        *,
+        half_turns: bool = False,
     ) -> SymbolArray:
         """The design of a sector and a shape, different from existing tapes."""
-        return design(sector, shape, avoid, directions)
+        return design(sector, shape, avoid, directions, rungs=self.rungs, half_turns=half_turns and self.half_turns)
 
     def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         return symbols  # equal designs have one shape

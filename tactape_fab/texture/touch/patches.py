@@ -47,15 +47,20 @@ class PatchDistance:
         the opposite direction; for eight directions the bits of `Directions.gray_codes`. None without a pair.
     pairs : int
         Pairs at that distance.
+    half_turns : (int, int) or None
+        The same two of patches that are turned by 0 or 180 degrees to each other, of codes that promise distances for parts
+        whose quarter turn is seen.
     """
 
     shape: str
     patches: int
     bits: int | None
     pairs: int
+    half_turns: tuple[int, int] | None = None
 
     def to_mapping(self) -> dict[str, Any]:
-        return {"shape": self.shape, "count": self.patches, "bits": self.bits, "pairs": self.pairs}
+        halves = {} if self.half_turns is None else {"half_turns": dict(zip(("bits", "pairs"), self.half_turns, strict=True))}
+        return {"shape": self.shape, "count": self.patches, "bits": self.bits, "pairs": self.pairs, **halves}
 
 
 def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
@@ -71,7 +76,9 @@ def patch_shapes(directions: int = 4) -> Shapes:
     return shapes_of(in_one_word(directions), directions)
 
 
-def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4) -> tuple[PatchDistance, ...]:
+def patch_distances(
+    symbols: SymbolArray, placed: BoolArray, directions: int = 4, *, half_turns: bool = False
+) -> tuple[PatchDistance, ...]:
     """Exact distances between the patches of a grid, by shape.
 
     Parameters
@@ -80,6 +87,8 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4
     placed : ndarray of bool, shape (rows, columns)
         Mask of parts; patches with a grid point without a part do not count.
     directions : int
+    half_turns : bool
+        Whether distances of patches 0 and 180 degrees apart are counted beside those of all turns; of four directions.
     """
     from tactape_fab.texture.touch.climb import nearest_of, nearest_of_long, words_of
 
@@ -92,9 +101,15 @@ def patch_distances(symbols: SymbolArray, placed: BoolArray, directions: int = 4
             windows = np.lib.stride_tricks.sliding_window_view(placed, mask.shape)
             whole = (windows | ~mask).all(axis=(2, 3)).ravel()
         kept, out = np.ascontiguousarray(own[:, : len(whole)][:, whole]), np.zeros(2, dtype=np.int64)
-        nearest_of(kept, kept.shape[1], out)
+        nearest_of(kept, kept.shape[1], 1, out)
         bits, pairs = out.tolist()
-        found.append(PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs))
+        halves = None
+        if half_turns and pairs:
+            nearest_of(kept, kept.shape[1], 2, out)
+            halves = (int(out[0]), int(out[1]))
+        found.append(
+            PatchDistance(shape=name, patches=kept.shape[1], bits=bits if pairs else None, pairs=pairs, half_turns=halves)
+        )
     for name, mask in list(PATCHES.items())[len(shapes.side) :]:
         long, out = windows_of(symbols, placed, len(mask), turns=4, directions=directions), np.zeros(2, dtype=np.int64)
         nearest_of_long(long.words[0], long.words[1], long.count, out)

@@ -38,8 +38,8 @@ every_code = pytest.mark.parametrize("code", CODES.values(), ids=CODES)
 
 
 def test_names_are_views_of_the_registry() -> None:
-    assert tuple(CODES) == ALL_CODE_NAMES == (*CODE_NAMES, "touch-1")
-    assert CODE_NAMES == ("microdots-4x4", "debruijn-4x4", "anoto-6x6") and CODE_NAMES[0] == DEFAULT_CODE
+    assert tuple(CODES) == ALL_CODE_NAMES == (*CODE_NAMES, "touch-1", "touch-2")
+    assert CODE_NAMES == ("microdots-4x4", "debruijn-4x4", "anoto-6x6", "trace-22") and CODE_NAMES[0] == DEFAULT_CODE
     assert all(get_code(name) is code and code.name == name for name, code in CODES.items())
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from tactape_fab.texture.frames import DIRECTIONS_XY, IntArray
-from tactape_fab.texture.plane import PlaneCode, encode, locate_windows
+from tactape_fab.texture.plane import Plane, encode, locate_windows
 from tactape_fab.texture.tape import Tape
 
 Rule = Literal["literal", "vote", "vote+bounds"]
@@ -51,12 +51,12 @@ def quarter_turned(symbols: IntArray, turns: int) -> IntArray:
     return patch
 
 
-def read_windows(code: PlaneCode, symbols: IntArray) -> tuple[Reading, ...]:
+def read_windows(code: Plane, symbols: IntArray) -> tuple[Reading, ...]:
     """Decode every window of a patch in all four rotations.
 
     Parameters
     ----------
-    code : PlaneCode
+    code : Plane
     symbols : ndarray of int64, shape (side, side)
         Symbols around the contact dot, -1 where missing; a window with a missing symbol is not tried.
 
@@ -90,7 +90,7 @@ def read_windows(code: PlaneCode, symbols: IntArray) -> tuple[Reading, ...]:
     return tuple(sorted(readings, key=lambda reading: -reading.windows))
 
 
-def first_valid(code: PlaneCode, symbols: IntArray) -> Reading | None:
+def first_valid(code: Plane, symbols: IntArray) -> Reading | None:
     """The literal rule: window by window, the first rotation that decodes.
 
     A window's four rotations nearly always all decode, so that this is a guess of one in four.
@@ -107,7 +107,7 @@ def first_valid(code: PlaneCode, symbols: IntArray) -> Reading | None:
     return None
 
 
-def on_tape(reading: Reading, code: PlaneCode, tapes: Sequence[Tape]) -> Tape | None:
+def on_tape(reading: Reading, code: Plane, tapes: Sequence[Tape]) -> Tape | None:
     """The first registered tape on which a reading's place lies (same code and sector, inside its grid)."""
     for tape in tapes:
         column, row = reading.index[0] - tape.origin[0], reading.index[1] - tape.origin[1]
@@ -125,7 +125,7 @@ def outvoting(readings: Sequence[Reading]) -> Reading | None:
 
 
 def choose(
-    code: PlaneCode, symbols: IntArray, readings: Sequence[Reading], tapes: Sequence[Tape], rule: Rule
+    code: Plane, symbols: IntArray, readings: Sequence[Reading], tapes: Sequence[Tape], rule: Rule
 ) -> tuple[Reading | None, Literal["decode", "bounds"]]:
     """Choose the rotation and the place (section III-A.4), or give the step that fails.
 
@@ -156,7 +156,7 @@ def contact_position_mm(
     return x, y
 
 
-def agreeing(code: PlaneCode, reading: Reading, symbols: IntArray) -> int:
+def agreeing(code: Plane, reading: Reading, symbols: IntArray) -> int:
     """Number of symbols of a patch that agree with the code at a reading's place."""
     side = len(symbols)
     patch = quarter_turned(symbols, reading.quarter_turns)

@@ -30,10 +30,10 @@ class Family:
     shown : tuple of ndarray
         Symbols of the parts of each, from `single_place.shown_by`.
     registered : Sites or Matrices
-        Matrices for a code without a plane.
+        Matrices for a code that is not made of sequences.
     unregistered : Sites or None
         All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed world,
-        and of a code without a plane, whose tapes are to each other as any texture is.
+        and of a code without sequences, whose tapes are to each other as any texture is.
     beyond : Sites or None
         The same, where dots may hang over the edges of those at default origins as well.
     """
@@ -47,7 +47,7 @@ class Family:
 
     @property
     def signs(self) -> Floats:
-        """`Sites.signs`; none without a code plane."""
+        """`Sites.signs`; none without sequences."""
         return self.registered.signs if isinstance(self.registered, Sites) else np.empty(0, dtype=np.float32)
 
 
@@ -58,9 +58,9 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
         order = [k for k, tape in enumerate(tapes) if tape.code == name]
         order.sort(key=lambda k: (not tapes[k].placed.all(), tapes[k].columns, tapes[k].rows))
         members = [tapes[k] for k in order]
-        code = get_code(name).plane
+        code = get_code(name).sequences
         if code is None:
-            found.append(_planeless(name, members, order))
+            found.append(_matrix_family(name, members, order))
             continue
         holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
         largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
@@ -82,8 +82,8 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
     return found
 
 
-def _planeless(name: str, tapes: Sequence[Tape], numbers: Sequence[int]) -> Family:
-    """Tapes of a code without a plane, and their numbers among those registered."""
+def _matrix_family(name: str, tapes: Sequence[Tape], numbers: Sequence[int]) -> Family:
+    """Tapes of a code that is not made of sequences, and their numbers among those registered."""
     order = sorted(range(len(tapes)), key=lambda k: (tapes[k].columns, tapes[k].rows))
     shown = tuple(shown_by(tapes[k]) for k in order)
     sizes = sorted({(tape.columns, tape.rows) for tape in tapes})

@@ -1,23 +1,12 @@
-"""A contact located in the code plane alone: all sectors, all places, all turns, no tape registered.
-
-The x bits name column and x phase, the y bits row and y phase, and every pair of phases is some sector's: both axes are
-searched on their own, and the best pair is the best place.
-"""
+"""A contact located in a code plane alone, no tape registered: the interface of such a search, and its answer."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import log
 
-import numpy as np
-
-from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.search.evidence import Floats, add_lines, signs_of, tables_of
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.plane import PlaneCode
-
-MOST_RANGE = 100_000
+from tactape_fab.texture.plane import Plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,79 +28,22 @@ class PlanePlace:
     lead: float
 
 
-class CodePlane:
-    """A code's whole plane, prepared for `search_plane`.
+class CodePlane(ABC):
+    """A code's whole plane, prepared for `search`.
 
-    Raises
-    ------
-    SpecError
-        When the plane is too large to be searched.
+    Attributes
+    ----------
+    code : Plane
     """
 
-    def __init__(self, code: PlaneCode, most_cells: int) -> None:
-        if code.range > MOST_RANGE:
-            message = f"code = '{code.name}' has {code.range} columns, too many to search without a tape; give --tape KIT"
-            raise SpecError(Problem("code", message))
+    def __init__(self, code: Plane) -> None:
         self.code = code
-        self.main = np.array(code.main.digits, dtype=np.int64)
-        self._signs = signs_of(code)
-        self.phases = np.asarray(code.phase_before(np.arange(code.range)), dtype=np.int64)
-        self.most_cells = most_cells
 
     @property
     def places(self) -> float:
+        """Number of places, sectors and turns together."""
         return 4.0 * float(self.code.range) ** 2 * self.code.sectors
 
+    @abstractmethod
     def search(self, nodes: IntArray, q: FloatArray) -> PlanePlace | None:
-        """The best column, row, sector and quarter turn for soft symbols on a grid."""
-        length = len(self.main)
-        tables = tables_of(nodes, q, self._signs, self.most_cells)
-        if tables.size.max() > self.most_cells:
-            return None
-        found = []
-        for turn in range(4):
-            wide, high = (int(v) for v in tables.size[turn])
-            x = _along(tables.lines[turn, 0], high, wide, self.phases, length)
-            y = _along(tables.lines[turn, 1], wide, high, self.phases, length)
-            found.append((tables.cells[turn], x, y))
-        best = [float(x.max()) + float(y.max()) for _, x, y in found]
-        turn = int(np.argmax(best))
-        total, largest = 0.0, -np.inf
-        for k, (_, x, y) in enumerate(found):
-            # every pair of phases is a sector, so the sum of E over all pairs is a product of two sums
-            total += float(np.exp(x - x.max()).sum() * np.exp(y - y.max()).sum()) * np.exp(best[k] - best[turn])
-            if k != turn:
-                largest = max(largest, best[k])
-        cells, x, y = found[turn]
-        for axis in (x, y):  # the second best on either axis, the other one kept
-            two = np.partition(axis.ravel(), -2)[-2:]
-            largest = max(largest, best[turn] - float(two[1] - two[0]))
-        column, p = divmod(int(x.argmax()), length)
-        row, r = divmod(int(y.argmax()), length)
-        # phases less column and row: u and v of the sector, u L + v (docs/codes.md)
-        sector = (p - row) % length * length + (r - column) % length
-        where = cells + np.array([column, row])
-        return PlanePlace(
-            score=best[turn],
-            weight=-log(self.places),
-            turn=turn,
-            sector=sector,
-            cells=where,
-            x_bits=self.main[(where[:, 1] - row + p + self.phases[where[:, 0]]) % length],
-            y_bits=self.main[(where[:, 0] - column + r + self.phases[where[:, 1]]) % length],
-            others=max(total - 1.0, 0.0),
-            lead=best[turn] - largest,
-        )
-
-
-def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) -> Floats:
-    """Evidence of all lines together for every start in the plane and every phase; shape (starts, L)."""
-    out = np.empty((len(phases) - count + 1, length), dtype=np.float32)
-    _add_along(lines, dots, count, phases, out)
-    return out
-
-
-@kernel()
-def _add_along(lines: Floats, dots: int, count: int, phases: IntArray, out: Floats) -> None:
-    for start in range(len(out)):
-        add_lines(out[start], lines, (0, dots), (0, count), phases, start, out.shape[1])
+        """The best column, row, sector and quarter turn for soft symbols on a grid; None if there is none."""

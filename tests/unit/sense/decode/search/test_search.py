@@ -16,7 +16,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense.decode.rule import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE
 from tactape_fab.sense.decode.search.families import families
 from tactape_fab.sense.decode.search.search import Place, rivals, search, strangers
-from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.code import get_code, get_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.plane import encode
 from tests.thorough import thorough
@@ -75,7 +75,8 @@ def touch_of(seed: int, size: tuple[int, int] = (62, 32), holes: tuple[tuple[int
 
 def bits_at(code: str, sector: int, columns: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """x and y bits, -1 or 1, of places in the code plane, by the definition."""
-    plane = get_plane(code)
+    plane = get_code(code).sequences
+    assert plane is not None
     main, length = np.array(plane.main.digits), plane.main.length
     u, v = divmod(sector, length)
     x = main[(rows + u + plane.phase_before(columns)) % length]

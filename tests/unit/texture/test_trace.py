@@ -1,0 +1,136 @@
+"""Trace codes: against polynomials written out, every window back to its place, and the distances that are claimed."""
+
+from __future__ import annotations
+
+import time
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from tactape_fab import Localizer, Tape
+from tactape_fab.base.errors import CapacityError, SpecError
+from tactape_fab.texture.certify.certificate import certify
+from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.frames import LETTERS, BoolArray, SymbolArray, symbols_to_rows
+from tactape_fab.texture.plane import encode, locate_windows
+from tactape_fab.texture.touch.patches import PATCHES
+from tactape_fab.texture.trace import TraceCode
+from tactape_fab.texture.windows import WordArray, bit_count
+from tests.bench.trace_codes import least_weights
+from tests.contacts import dots, is_near, texture_of
+from tests.tapes import tape_at
+from tests.thorough import some
+
+CODE = get_plane("trace-22")
+assert isinstance(CODE, TraceCode)
+TRACE: TraceCode = CODE
+DISTANCES = {"3x3": 0, "disc-12": 2, "4x4": 4, "disc-21": 6, "5x5": 9}
+"""What docs/codes.md claims."""
+
+
+def slow_symbol(column: int, row: int, sector: int) -> str:
+    """Symbol of a place: x^e by e's binary digits, each product reduced by long division of polynomials over GF(2)."""
+    modulus = 1 << 22 | 0x21C8AB
+
+    def times(a: int, b: int) -> int:
+        product = 0
+        for bit in range(22):
+            product ^= (a << bit) if b >> bit & 1 else 0
+        while product.bit_length() > 22:
+            product ^= modulus << product.bit_length() - 23
+        return product
+
+    element = 1
+    for digit in f"{column + 129 * (row + 127 * sector):b}":
+        element = times(element, element)
+        element = times(element, 2) if digit == "1" else element
+    return LETTERS[(element & 1) + 2 * (bin(element & 0xA66E2).count("1") % 2)]
+
+
+def test_symbols_are_those_of_polynomials_written_out() -> None:
+    rng = np.random.default_rng(3)
+    for sector, column, row in [(0, 0, 0), (255, 120, 120), *rng.integers(0, 120, (some(24), 3)).tolist()]:
+        found = symbols_to_rows(encode(TRACE, sector, (column, row), (3, 5)))
+        slow = ["".join(slow_symbol(column + c, row + r, sector) for c in range(5)) for r in range(3)]
+        assert found == slow
+
+
+def test_every_window_tells_its_place() -> None:
+    rng = np.random.default_rng(4)
+    for sector in (0, 255, *rng.integers(0, 256, 2).tolist()):
+        places = locate_windows(TRACE, encode(TRACE, sector, (0, 0), (127, 127)))
+        assert places.valid.all() and (places.sector == sector).all()
+        assert (places.column == np.arange(124)).all() and (places.row == np.arange(124)[:, None]).all()
+
+
+def test_a_wrong_symbol_is_never_unnoticed() -> None:
+    rng = np.random.default_rng(5)
+    symbols = encode(TRACE, 9, (0, 0), (4, 120))
+    windows = symbols.reshape(4, 30, 4).transpose(1, 0, 2).copy()
+    for window, wrong in zip(windows, rng.integers(0, 16, len(windows)), strict=True):
+        window.reshape(-1)[wrong] ^= rng.integers(1, 4)
+        assert not locate_windows(TRACE, window).valid.any()
+
+
+def test_no_two_places_have_one_exponent() -> None:
+    column, row, sector = np.arange(127), np.arange(127)[:, None], np.arange(256)[:, None, None]
+    exponent = (column + 129 * (row + 127 * sector)).ravel()
+    assert exponent.max() < TRACE.order and len(np.unique(exponent)) == len(exponent)
+
+
+def test_distances_of_all_places_are_the_claimed_ones() -> None:
+    assert least_weights(TRACE) == DISTANCES
+
+
+def test_distances_recounted_between_tapes() -> None:
+    """By brute force on tapes as `make` plans them, in the one turn: nothing of the field is used."""
+    tapes = [encode(TRACE, sector, (0, 0), (32, 62)) for sector in (0, 1, 100, 255)[: some(8)]]
+    for name in ("4x4", "disc-12", "5x5"):
+        words = [patch_words(symbols, PATCHES[name]) for symbols in tapes]
+        between = [int(bit_count(a[:, None] ^ b).min()) for a, b in combinations(words, 2)]
+        within = [int((bit_count(a[:, None] ^ a) + 99 * np.eye(len(a), dtype=np.uint8)).min()) for a in words]
+        assert min(between + within) >= DISTANCES[name]
+
+
+def patch_words(symbols: SymbolArray, mask: BoolArray) -> WordArray:
+    """Every patch of a shape as one number, two bits a symbol."""
+    cut = np.lib.stride_tricks.sliding_window_view(symbols, mask.shape)[..., mask].reshape(-1, mask.sum()).astype(np.uint64)
+    words: WordArray = np.bitwise_or.reduce(cut << (2 * np.arange(mask.sum(), dtype=np.uint64)), axis=1)
+    return words
+
+
+def test_a_tape_larger_than_a_sector_is_refused() -> None:
+    with pytest.raises(CapacityError, match="runs past 127"):
+        encode(TRACE, 0, (66, 0), (32, 62))
+
+
+def test_a_contact_is_located_with_and_without_the_manifest() -> None:
+    tape = tape_at(7, (62, 32), code="trace-22")
+    known, unknown = Localizer([tape]), Localizer.from_code("trace-22", pitch_mm=1.5, displacement_mm=0.25)
+    for position_mm, theta_deg in (((40.3, 22.1), 37.0), ((20.0, 9.3), -140.0), ((60.2, 30.0), 92.0)):
+        xy_px = dots(position_mm, theta_deg, texture_mm=texture_of(tape))
+        with_tape, without = known.locate_dots(xy_px), unknown.locate_dots(xy_px)
+        assert with_tape.located and is_near(with_tape, position_mm, theta_deg), with_tape.reason
+        assert without.located and (without.sector, without.index) == (7, with_tape.index), without.reason
+        assert without.plane_mm == pytest.approx(with_tape.position_mm, abs=1e-6)
+
+
+def test_a_place_is_told_in_microseconds() -> None:
+    symbols = encode(TRACE, 77, (0, 0), (64, 64))
+    locate_windows(TRACE, symbols)
+    start = time.process_time()
+    count = sum(locate_windows(TRACE, symbols).valid.size for _ in range(3))
+    assert (time.process_time() - start) / count < 60e-6  # 12 us on two quiet cores
+
+
+def test_other_symbols_are_refused() -> None:
+    tape = tape_at(7, (62, 32), code="trace-22").to_mapping()
+    tape["symbols"][3] = tape["symbols"][3][::-1]
+    with pytest.raises(SpecError, match="differ from code 'trace-22'"):
+        Tape.from_mapping(tape)
+
+
+def test_the_certificate_lists_small_patches() -> None:
+    patches = certify(tape_at(7, (20, 20), code="trace-22")).patches
+    assert [patch.shape for patch in patches] == list(PATCHES)
