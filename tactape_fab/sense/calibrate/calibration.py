@@ -27,6 +27,7 @@ from tactape_fab.sense.calibrate.posedness import (
     unseen,
 )
 from tactape_fab.sense.calibrate.presses import Frame, Press, located
+from tactape_fab.sense.calibrate.refined import refined
 from tactape_fab.sense.calibrate.relief import Relief, find_relief
 from tactape_fab.sense.calibrate.result import Calibration, HeldOut, Quantity
 from tactape_fab.sense.calibrate.valid import LEAST_SHARE, clear_of_blind, valid_pixels
@@ -150,17 +151,23 @@ def _turned(
 def _adjusted(
     images: Sequence[Frame], tapes: Sequence[Tape], rough: SensorProfile
 ) -> tuple[list[Press], Bundle, Estimate, list[int]]:
-    """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns."""
+    """Presses, camera, errors of dots, and the frames that touch nothing: located and adjusted by turns, then by their pixels."""
     sensor, before = rough, None
     for _ in range(ROUNDS):
         presses, answers = located(images, tapes, sensor)
         refuse_few(presses, answers)
-        kept, bundle, estimate = adjust(presses, sensor)
+        kept, bundle, estimate = adjust([press.taken(press.amid) for press in presses], sensor)
         after = _corner_mm(bundle)
         if before is not None and np.abs(after - before).max() < SETTLED_UM / 1000:
             break
         before, sensor = after, replace(_with_sigmas(bundle), scale_tolerance=sensor.scale_tolerance)
     empty = [k for k, fix in enumerate(answers) if not fix.located and fix.status != "solid"]
+    placed = {press.frame: pose for press, pose in zip(kept, bundle.poses, strict=True)}
+    fine = refined(images, [p.at(placed[p.frame]) for p in presses if p.frame in placed], bundle.sensor, tapes)
+    if len(fine) == len(kept):
+        better = adjust(fine, bundle.sensor)
+        if better[2].errors.dot_mm < estimate.errors.dot_mm:
+            kept, bundle, estimate = better
     return kept, bundle, estimate, empty
 
 

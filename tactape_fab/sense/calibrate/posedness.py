@@ -28,9 +28,10 @@ MOST_FRAMES = 2000
 MOST_HOLES = 0.5
 CORNER = 0.5
 """A corner begins at this share of the way from the image's middle to its sides."""
-LARGEST_CORNER_UM = 50.0
+LARGEST_CORNER_UM = 25.0
 """Largest error of the camera at the worst place in view with which a profile is written although a corner has no dot: the stock
-profile's, uncalibrated, is over 100. With dots at all corners a larger one is the gel's, and every press makes it smaller."""
+profile's, uncalibrated, is over 100, and beyond the dots it rests on a lens being no more than k1. With dots at all corners a
+larger one is the gel's, and every press makes it smaller."""
 GOOD_CORNER_UM = 15.0
 ALIKE = 0.9
 """Mean length of doubled directions from which all presses are turned alike."""

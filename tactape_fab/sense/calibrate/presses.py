@@ -17,7 +17,7 @@ from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.rule import BACKGROUND_MM
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray
+from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
 LEAST_WEIGHT = 0.15
@@ -49,11 +49,15 @@ class Press:
         Nominal places of their parts.
     weights : ndarray, shape (n,)
         Height over that of a whole dot, times trust; at most 1.
+    amid : ndarray of bool, shape (n,)
+        Dots with others on all sides, and off the image's sides: what the filter draws alike in all presses is not seen in them.
     pushed, pulled : ndarray, shape (n, 2)
         What neighbours and the rim do to each, along u and v, for a push and a pull of 1; see `decode.grid.posterior`.
     position_mm : (float, float)
     theta_rad : float
         The decoder's answer, to start from.
+    fine : bool
+        Whether centres come from the pixels (`refined`).
     """
 
     frame: int
@@ -62,15 +66,21 @@ class Press:
     rim_mm: FloatArray
     texture_mm: FloatArray
     weights: FloatArray
+    amid: BoolArray
     pushed: FloatArray
     pulled: FloatArray
     position_mm: tuple[float, float]
     theta_rad: float
+    fine: bool = False
 
-    def taken(self, which: BoolArray) -> Press:
+    def taken(self, which: BoolArray | IntArray) -> Press:
         """With some of its dots; what neighbours do to them stays."""
         arrays = {f.name: getattr(self, f.name)[which] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
         return replace(self, **arrays)
+
+    def at(self, pose: FloatArray) -> Press:
+        """To start from another pose: x mm, y mm, theta rad, and more that is not read."""
+        return replace(self, position_mm=(float(pose[0]), float(pose[1])), theta_rad=float(pose[2]))
 
 
 def located(frames: Iterable[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> tuple[list[Press], list[Localization]]:
@@ -93,11 +103,11 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     dots = settled(seen, tape.pitch_mm * sensor.px_per_mm[0], tape.displacement_mm / tape.pitch_mm)
     assert dots.seen_px is not None and len(dots.weights) == len(fix.dots.uv_px)
     weights = np.minimum(dots.weights * dots.trust, 1.0)
-    side_px = SIDE_MM * np.array(sensor.px_per_mm)
-    inside = (np.abs(dots.seen_px - sensor.centre_px) < sensor.centre_px - side_px).all(axis=1)
-    used = (fix.dots.cell[:, 0] >= 0) & (weights > LEAST_WEIGHT) & inside
     cells = fix.dots.cell
-    used &= amid(np.asarray(cells * tape.pitch_mm, dtype=np.float64), used, REACH_PITCHES * tape.pitch_mm)
+    used = (cells[:, 0] >= 0) & (weights > LEAST_WEIGHT)
+    side_px = SIDE_MM * np.array(sensor.px_per_mm)
+    inside = (np.abs(dots.seen_px - sensor.centre_px) < sensor.centre_px - side_px).all(axis=1) & used
+    inside &= amid(np.asarray(cells * tape.pitch_mm, dtype=np.float64), inside, REACH_PITCHES * tape.pitch_mm)
     cells = cells[used]
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
     texture_mm = cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols]
@@ -111,6 +121,7 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
         rim_mm=((dots.xy_px - square) / sensor.px_per_mm[0])[used],
         texture_mm=texture_mm,
         weights=weights[used],
+        amid=inside[used],
         pushed=pushed,
         pulled=pulled,
         position_mm=fix.position_mm,

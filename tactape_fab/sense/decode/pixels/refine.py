@@ -101,7 +101,7 @@ def refine(
         image = averaged(image, fit.factor)
     # mm along the body's length and width of pixels right and down (SPEC section 1; board +y is up, texture +y down)
     turn = pose.theta_rad - part.rotation_deg * pi / 180.0
-    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ _mm_of_px(fit, at[chosen])
+    to_body = np.array([[cos(turn), sin(turn)], [-sin(turn), cos(turn)]]) @ mm_of_px(fit, at[chosen])
     found, centres = settled_patches(fit, image, at[chosen], to_body, part)
     good = found.height > 0.0
     usable = np.count_nonzero(good)
@@ -119,7 +119,7 @@ def refine(
     turned = np.array([[c, -s], [s, c]])  # for rows
     slopes = np.maximum(found.left, left) / fit.freedom
     own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
-    inwards, low = _at_rim(nominal_mm, texture_mm[pose.agree], found.imprint)
+    inwards, low = at_rim(nominal_mm, texture_mm[pose.agree], found.imprint)
     scale = view.px_per_mm / pose.px_per_mm
     error_mm = pose.position_mm + gel_mm @ turned * scale - nominal_mm
     weights = 1.0 / (own + (PULL_MM * low) ** 2 + USUAL_MM**2)
@@ -161,7 +161,7 @@ def _doubt(pose: Pose, refined: Pose) -> str | None:
     return None
 
 
-def _mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
+def mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
     """The gel's mm, right and down, of pixels right and down amid some places; shape (2, 2)."""
     if fit.camera.k1 == 0.0:
         return fit.camera.inverse * fit.factor
@@ -217,7 +217,7 @@ def _pull_mm(low: FloatArray, along_mm: FloatArray) -> float:
     return min(max(pull, 0.0), 2.0 * PULL_MM)
 
 
-def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+def at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
     """For dots at the contact's rim the direction inwards (n, 2), and the share of the height that is missing (n,), 0 elsewhere.
 
     Parameters

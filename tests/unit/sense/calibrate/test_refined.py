@@ -1,0 +1,56 @@
+"""Centres from the pixels: nearer to the parts than the dots' own, and only where the parts' relief is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactape_fab.sense import calibrate_sensor
+from tactape_fab.sense.calibrate.presses import Press, located
+from tactape_fab.sense.calibrate.refined import refined
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.tape import TapePart
+from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
+
+
+def off_mm(press: Press, pose: FloatArray) -> FloatArray:
+    """Where dots amid others are seen less where they are, on the gel, their mean taken out: the pose is nobody's here."""
+    theta = np.radians(pose[2])
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    seen = TRUE.camera.from_px(press.seen_px) - TRUE.camera.from_px(TRUE.centre_px) + press.rim_mm
+    off = (seen - (press.texture_mm - pose[:2]) @ turn.T)[press.amid]
+    centred: FloatArray = off - off.mean(axis=0)
+    return centred
+
+
+def test_pixels_place_dots_better_than_the_detector() -> None:
+    made = presses()
+    found, _ = located(made.frames[:4], [TAPE], TRUE)
+    fine = refined(made.frames, found, TRUE, [TAPE])
+    assert [press.frame for press in fine] == [0, 1, 2, 3] and all(press.fine for press in fine)
+    rough_um, fine_um = (
+        1000 * np.sqrt(np.mean(np.concatenate([off_mm(p, made.poses[p.frame]) for p in some]) ** 2)) for some in (found, fine)
+    )
+    assert fine_um < 0.8 * rough_um < 8.0 and fine_um < 5.0
+
+
+@pytest.mark.parametrize("part", [replace(TAPE.part, shape="dome"), replace(TAPE.part, body_mm=(2.0, 1.2, 0.4))])
+def test_parts_of_unknown_relief_keep_their_dots(part: TapePart) -> None:
+    tape = replace(TAPE, part=part)
+    found, _ = located(presses().frames[:1], [TAPE], TRUE)
+    assert refined(presses().frames, found, TRUE, [tape]) == []
+
+
+def test_frames_that_show_no_such_part_keep_their_dots() -> None:
+    made = presses()
+    found, _ = located(made.frames[:1], [TAPE], TRUE)
+    noise = np.random.default_rng(0).standard_normal(made.frames[0].shape).astype(np.float32)
+    assert refined([noise], found, TRUE, [TAPE]) == []
+
+
+def test_a_calibration_rests_on_the_pixels() -> None:
+    found = calibrate_sensor(presses().frames, [TAPE], STOCK)
+    assert all(press.fine for press in found.presses)
+    assert next(q.value for q in found.quantities if q.name == "dot") < 4.5
