@@ -74,7 +74,8 @@ def _calibrated(
 ) -> tuple[Calibration, Path]:
     """The calibration, and the path of its profile; all invalid values are refused together."""
     from tactape_fab.sense import calibrate_sensor
-    from tactape_fab.sense.calibrate.files import checked_output, read_arm_poses
+    from tactape_fab.sense.calibrate.files import checked_output
+    from tactape_fab.sense.files.arm_poses import read_arm_poses
     from tactape_fab.sense.files.depth_maps import open_frame_file
     from tactape_fab.sense.sensors import load_sensor
     from tactape_fab.texture.registry import read_tapes
@@ -90,7 +91,7 @@ def _calibrated(
     sensor = tried(lambda: load_sensor(like), problems)
     known = None if known_theta is None else tried(lambda: _known(known_theta), problems)
     count = sum(file.count for file in opened if file is not None)
-    poses = None if hand_eye is None else tried(lambda: read_arm_poses(hand_eye, count), problems)
+    poses = None if hand_eye is None else tried(lambda: read_arm_poses(hand_eye, "hand_eye", count), problems)
     if problems:
         raise SpecError(problems)
     assert path is not None and sensor is not None and tapes is not None

@@ -19,12 +19,20 @@ if TYPE_CHECKING:
 @click.argument("frames", nargs=-1, metavar="FRAMES...")
 @click.option("--tape", "kit", metavar="KIT", required=True, help="The kit of the tape that was touched.")
 @click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
-@click.option("--poses", metavar="POSES.csv", help="Poses of the sensor by a robot: frame,x_mm,y_mm,theta_deg.")
+@click.option("--poses", metavar="POSES.csv", help="Poses of the robot's flange, as for calibrate --hand-eye.")
+@click.option("--hand-eye", metavar="FILE.json", help="With --poses: where the sensor is on the flange, as calibrate wrote it.")
 @click.option("--from", "inspected", metavar="AS-BUILT.json", help="Measured places to start from: an inspection, or a survey.")
 @click.option("-o", "--output", metavar="AS-BUILT.json", required=True, help="File of the measured places, or the kit's folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def survey(
-    frames: Sequence[str], kit: str, sensor: str, poses: str | None, inspected: str | None, output: str, as_json: bool
+    frames: Sequence[str],
+    kit: str,
+    sensor: str,
+    poses: str | None,
+    hand_eye: str | None,
+    inspected: str | None,
+    output: str,
+    as_json: bool,
 ) -> None:
     """Measure where the parts of a tape stand, from many frames of its use.
 
@@ -34,7 +42,16 @@ def survey(
     with answers():
         from tactape_fab.sense.survey.survey import survey_files
 
-        found = survey_files(frames, kit, sensor=sensor, poses=poses, inspected=inspected, output=output, progress=step_shown())
+        found = survey_files(
+            frames,
+            kit,
+            sensor=sensor,
+            poses=poses,
+            hand_eye=hand_eye,
+            inspected=inspected,
+            output=output,
+            progress=step_shown(),
+        )
         path = found.as_built.write(output)
         echo_json(found.to_mapping()) if as_json else echo_lines([*survey_lines(found), f"written: {path}"])
 

@@ -11,10 +11,10 @@ from tactape_fab.base.lazy import lazy_names
 
 if TYPE_CHECKING:
     from tactape_fab.sense.calibrate.calibration import calibrate_sensor as calibrate_sensor
-    from tactape_fab.sense.calibrate.hand_eye import ArmPose as ArmPose
     from tactape_fab.sense.calibrate.hand_eye import HandEye as HandEye
     from tactape_fab.sense.calibrate.result import Calibration as Calibration
     from tactape_fab.sense.decode.result import LocatedDots as LocatedDots
+    from tactape_fab.sense.files.arm_poses import ArmPose as ArmPose
     from tactape_fab.sense.inspect.inspection import inspect_scans as inspect_scans
     from tactape_fab.sense.inspect.result import Deviation as Deviation
     from tactape_fab.sense.inspect.result import Inspection as Inspection
@@ -49,9 +49,10 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "sense.calibrate.calibration": "calibrate_sensor",
-        "sense.calibrate.hand_eye": "ArmPose HandEye",
+        "sense.calibrate.hand_eye": "HandEye",
         "sense.calibrate.result": "Calibration",
         "sense.decode.result": "LocatedDots",
+        "sense.files.arm_poses": "ArmPose",
         "sense.inspect.inspection": "inspect_scans",
         "sense.inspect.result": "Deviation Inspection",
         "sense.live.messages": "image_message pose_message text_message",

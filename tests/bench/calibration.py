@@ -215,13 +215,13 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=8, metavar="N", help="calibrations of each row")
     parser.add_argument("--frames", type=int, default=50, metavar="N", help="frames located after each calibration")
     parser.add_argument("--presses", type=int, default=10, metavar="N", help="presses of a calibration")
-    parser.add_argument("--only", metavar="ROW", help="rows whose name holds this")
+    parser.add_argument("--only", action="append", metavar="ROW", help="rows whose name holds this; may be given again")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between marks of a page, docs/calibrate.md")
     chosen = parser.parse_args()
     table = HEADER
     print(HEADER, end="")
     for row in ROWS:
-        if chosen.only is None or chosen.only in row.name:
+        if chosen.only is None or any(part in row.name for part in chosen.only):
             lines = lines_of(row, chosen.sets, chosen.frames, chosen.presses)
             print(lines, end="", flush=True)
             table += lines

@@ -14,7 +14,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle, agreeing, designs_of, problem_of, solve
 from tactape_fab.sense.calibrate.errors import Errors, Estimate, estimate_errors
-from tactape_fab.sense.calibrate.hand_eye import ArmPose, find_hand_eye
+from tactape_fab.sense.calibrate.hand_eye import find_hand_eye
 from tactape_fab.sense.calibrate.noise import Noise, between_dots, off_contact
 from tactape_fab.sense.calibrate.orientation import KnownTurn, find_orientation, fitted_size, upright, with_mask
 from tactape_fab.sense.calibrate.posedness import (
@@ -31,6 +31,7 @@ from tactape_fab.sense.calibrate.refined import refined
 from tactape_fab.sense.calibrate.relief import Relief, find_relief
 from tactape_fab.sense.calibrate.result import Calibration, HeldOut, Quantity
 from tactape_fab.sense.calibrate.valid import LEAST_SHARE, clear_of_blind, valid_pixels
+from tactape_fab.sense.files.arm_poses import ArmPose
 from tactape_fab.sense.geometry import Gel
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.frames import BoolArray, FloatArray

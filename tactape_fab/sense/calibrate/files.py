@@ -1,9 +1,7 @@
-"""Files of a calibration: the sensor profile with its mask, poses of an arm, and the hand-eye answer."""
+"""Files of a calibration: the sensor profile with its mask, and the hand-eye answer."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import secrets
 from collections.abc import Mapping
@@ -13,20 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
-from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.calibrate.hand_eye import ArmPose
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.frames import BoolArray
 
 MARK = "# Calibrated by tactape-fab"
 """First words of a profile that `write_profile` wrote: only such a file is replaced."""
-POSE_COLUMNS = ("frame", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
-MOST_POSES = 10_000
-_MOST_BYTES = 4 * 1024 * 1024
-_FARTHEST_MM = 1e5
-_UNIT_TOLERANCE = 0.02
 
 
 def checked_output(output: str | Path) -> Path:
@@ -181,89 +173,3 @@ def _toml(value: object) -> str:
     if isinstance(value, float):
         return repr(float(f"{value:.6g}"))
     return json.dumps(value, ensure_ascii=True)
-
-
-def read_arm_poses(path: str | Path, frames: int) -> list[ArmPose]:
-    """Poses of a robot's flange in its base.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the columns ``frame,x_mm,y_mm,z_mm,qw,qx,qy,qz`` in any order: index of the frame from 0, place, unit quaternion.
-    frames : int
-        How many frames there are.
-
-    Raises
-    ------
-    SpecError
-        With every row that cannot be read.
-    """
-    path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            data = stream.read(_MOST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise SpecError(Problem("hand_eye", f"hand_eye = {shown_path(path)} cannot be opened: {reason}; give a CSV")) from error
-    if len(data) > _MOST_BYTES:
-        raise SpecError(
-            Problem("hand_eye", f"hand_eye = {shown_path(path)} is larger than {_MOST_BYTES} bytes; give a row a press")
-        )
-    rows = csv.DictReader(io.StringIO(data.decode("utf-8-sig", errors="replace")))
-    names = [name.strip() for name in rows.fieldnames or []]
-    if sorted(names) != sorted(POSE_COLUMNS):
-        has, asked = shown(",".join(names)), ",".join(POSE_COLUMNS)
-        message = f"hand_eye = {shown_path(path)} has the columns {has}; its first line must be {asked}"
-        raise SpecError(Problem("hand_eye", message))
-    rows.fieldnames = names
-    problems: list[Problem] = []
-    found: dict[int, ArmPose] = {}
-    try:
-        for number, row in enumerate(rows):
-            if number >= MOST_POSES:
-                problems.append(Problem("hand_eye", f"hand_eye has more than {MOST_POSES} rows; give those of the presses"))
-                break
-            pose = _pose(row, number + 2, frames, problems)
-            if pose is not None and pose.frame in found:
-                problems.append(
-                    Problem("hand_eye", f"hand_eye line {number + 2}: frame {pose.frame} is there twice; leave one out")
-                )
-            elif pose is not None:
-                found[pose.frame] = pose
-    except csv.Error as error:
-        problems.append(Problem("hand_eye", f"hand_eye = {shown_path(path)} is no CSV: {error}"))
-    if problems:
-        raise SpecError(problems[:20])
-    return list(found.values())
-
-
-def _pose(row: Mapping[str | None, object], line: int, frames: int, problems: list[Problem]) -> ArmPose | None:
-    """A row's pose; None, and the problem is kept, where it has none."""
-    from scipy.spatial.transform import Rotation
-
-    try:
-        values = [float(str(row[name])) for name in POSE_COLUMNS]
-    except (KeyError, ValueError):
-        values = [float("nan")]
-    if None in row or len(values) < len(POSE_COLUMNS) or not all(isfinite(v) for v in values):
-        said = ",".join(str(v) for v in row.values())
-        problems.append(Problem("hand_eye", f"hand_eye line {line}: {shown(said)} is not eight numbers; correct it"))
-        return None
-    frame, place, turn = values[0], np.array(values[1:4]), np.array(values[4:])
-    length = float(np.linalg.norm(turn))
-    if frame != int(frame) or not 0 <= frame < frames:
-        message = f"hand_eye line {line}: frame = {frame:g} is not a whole number from 0 to {frames - 1}; count the frames from 0"
-        problems.append(Problem("hand_eye", message))
-    elif np.abs(place).max() > _FARTHEST_MM:
-        problems.append(
-            Problem("hand_eye", f"hand_eye line {line}: {place.tolist()} mm is farther than {_FARTHEST_MM:g} mm; give mm")
-        )
-    elif abs(length - 1.0) > _UNIT_TOLERANCE:
-        message = f"hand_eye line {line}: the quaternion's length is {length:.3g}, not 1; give qw,qx,qy,qz of a rotation"
-        problems.append(Problem("hand_eye", message))
-    else:
-        matrix = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat([*turn[1:], turn[0]]).as_matrix()
-        matrix[:3, 3] = place
-        return ArmPose(frame=int(frame), flange_to_base=matrix)
-    return None

@@ -21,6 +21,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, pattern_of, problem_of, rows_of, start
 from tactape_fab.sense.calibrate.errors import whitening
 from tactape_fab.sense.calibrate.presses import Press
+from tactape_fab.sense.files.arm_poses import HAND_EYE_FORMAT, ArmPose
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
@@ -33,22 +34,6 @@ FAR_MM = 2000.0
 OBSERVED_MM, OBSERVED_RAD = 5.0, 0.1
 _STARTS = 6
 _ROUNDS = 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ArmPose:
-    """The robot's flange in its base, at a frame.
-
-    Attributes
-    ----------
-    frame : int
-        Index of the frame.
-    flange_to_base : ndarray, shape (4, 4)
-        mm.
-    """
-
-    frame: int
-    flange_to_base: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,7 +68,7 @@ class HandEye:
         """Plain values for JSON."""
         sigma = np.sqrt(np.diag(self.covariance))
         return {
-            "format": "tactape-hand-eye/1",
+            "format": HAND_EYE_FORMAT,
             "tape": self.tape,
             "frames": list(self.frames),
             "sensor_to_flange": self.sensor_to_flange.tolist(),

@@ -1,27 +1,18 @@
-"""Poses of the sensor by a robot, from a CSV file."""
+"""Poses of a robot -> poses of the sensor in the tape's plane."""
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
-from pathlib import Path
+from math import atan2, degrees
+
+import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.sense.files.arm_poses import ArmPose, HandEyeFile, tilt_deg
 
-COLUMNS = ("frame", "x_mm", "y_mm", "theta_deg")
-OPTIONAL = {"sigma_mm": 0.02, "sigma_deg": 0.05}
-"""Columns that may be left out, and what is taken then: a good arm's repeatability."""
-MOST_BYTES, MOST_ROWS, MOST_PROBLEMS = 10_000_000, 100_000, 20
-_RANGES = {
-    "x_mm": (-1e5, 1e5),
-    "y_mm": (-1e5, 1e5),
-    "theta_deg": (-1e5, 1e5),
-    "sigma_mm": (1e-4, 100.0),
-    "sigma_deg": (1e-4, 180.0),
-}
+MOST_TILT_DEG = 20.0
+"""A sensor tilted more touches with its side; poses that say so are those of another frame."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,70 +39,41 @@ class RobotPose:
     sigma_deg: float
 
 
-def read_poses(path: str | Path) -> list[RobotPose]:
-    """Read a CSV with the columns frame, x_mm, y_mm, theta_deg, and sigma_mm, sigma_deg if they are there.
+def in_plane(poses: Sequence[ArmPose], hand_eye: HandEyeFile | None) -> list[RobotPose]:
+    """Poses of the sensor in the tape's plane.
+
+    Parameters
+    ----------
+    poses : sequence of ArmPose
+        Of the flange; of the sensor itself where there is no `hand_eye`, in a base whose z axis is up from the tape.
+    hand_eye : HandEyeFile, optional
+        Where the sensor is on the flange, and the tape in the base.
 
     Raises
     ------
     SpecError
-        With every row that cannot be read, twenty at most.
+        If the sensor does not look down on the tape at some pose.
     """
-    try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(Problem("poses", f"poses = {shown_path(path)} cannot be opened: {reason}; give a CSV file")) from error
-    if len(data) > MOST_BYTES:
-        raise SpecError(Problem("poses", f"poses = {shown_path(path)} is larger than {MOST_BYTES} bytes; give a row a frame"))
-    rows = csv.reader(io.StringIO(data.decode("utf-8-sig", errors="replace")))
-    problems: list[Problem] = []
-    found: dict[int, RobotPose] = {}
-    try:
-        names = [name.strip() for name in next(rows, [])]
-        if not set(COLUMNS) <= set(names) or not set(names) <= {*COLUMNS, *OPTIONAL} or len(set(names)) < len(names):
-            message = (
-                f"poses = {shown_path(path)} begins with {shown(','.join(names))}; its first line must be {','.join(COLUMNS)}"
-            )
-            raise SpecError(Problem("poses", f"{message}, and may go on with {','.join(OPTIONAL)}"))
-        for number, row in enumerate(rows, start=2):
-            if not row:
-                continue
-            if len(found) >= MOST_ROWS or len(problems) >= MOST_PROBLEMS:
-                break
-            pose = _pose(dict(zip(names, row, strict=False)), len(row) == len(names), number, problems)
-            if pose is not None and pose.frame in found:
-                problems.append(Problem("poses", f"poses line {number}: frame {pose.frame} is there twice; leave one out"))
-            elif pose is not None:
-                found[pose.frame] = pose
-    except csv.Error as error:
-        problems.append(Problem("poses", f"poses = {shown_path(path)} is no CSV: {error}"))
-    if not found and not problems:
-        problems.append(Problem("poses", f"poses = {shown_path(path)} has no row; give a row a frame, or leave out --poses"))
-    if problems:
-        raise SpecError(problems)
-    return list(found.values())
-
-
-def _pose(row: dict[str, str], whole: bool, line: int, problems: list[Problem]) -> RobotPose | None:
-    """A row's pose; None, and the problem is kept, where it has none."""
-    before = len(problems)
-    values: dict[str, float] = dict(OPTIONAL)
-    for name in (*COLUMNS, *OPTIONAL):
-        if name not in row and name in OPTIONAL:
-            continue
-        try:
-            values[name] = float(row[name])
-        except (KeyError, ValueError):
-            values[name] = float("nan")
-        low, high = _RANGES.get(name, (0.0, 1e9))
-        if not (isfinite(values[name]) and low <= values[name] <= high):
-            said = shown(row.get(name, ""))
-            problems.append(
-                Problem("poses", f"poses line {line}: {name} = {said} is no number from {low:g} to {high:g}; correct it")
-            )
-    if not whole or values["frame"] != int(values["frame"] if isfinite(values["frame"]) else 0):
-        problems.append(Problem("poses", f"poses line {line}: it is no whole frame number with one value a column; correct it"))
-    if len(problems) > before:
-        return None
-    return RobotPose(frame=int(values.pop("frame")), **values)
+    on_flange = np.eye(4) if hand_eye is None else hand_eye.sensor_to_flange
+    to_tape = np.eye(4) if hand_eye is None else np.linalg.inv(hand_eye.tape_to_base)
+    found = [(pose, to_tape @ pose.flange_to_base @ on_flange) for pose in poses]
+    most, worst = max((tilt_deg(sensor), pose.frame) for pose, sensor in found)
+    if most > MOST_TILT_DEG:
+        message = f"poses: at frame {worst} the sensor's z axis is {most:.0f} deg from straight down, more than {MOST_TILT_DEG:g}"
+        remedy = (
+            "give --hand-eye, which says where the sensor is on the flange"
+            if hand_eye is None
+            else "give the --hand-eye file of this robot, sensor and tape"
+        )
+        raise SpecError(Problem("poses", f"{message}; {remedy}"))
+    return [
+        RobotPose(
+            frame=pose.frame,
+            x_mm=float(sensor[0, 3]),
+            y_mm=float(sensor[1, 3]),
+            theta_deg=degrees(atan2(sensor[1, 0], sensor[0, 0])),
+            sigma_mm=pose.sigma_mm,
+            sigma_deg=pose.sigma_deg,
+        )
+        for pose, sensor in found
+    ]

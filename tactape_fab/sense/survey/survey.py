@@ -13,11 +13,12 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.decode.localizer import Localizer
+from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.survey.adjust import COMMON, Adjusted, Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, Ground, contact_of, ground_of
-from tactape_fab.sense.survey.poses import RobotPose, read_poses
+from tactape_fab.sense.survey.poses import RobotPose, in_plane
 from tactape_fab.texture.as_built import AS_BUILT_NAME, NOMINAL, AsBuilt, Film, Given, manifest_digest
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.manifest import find_manifest
@@ -80,6 +81,7 @@ def survey_files(
     *,
     sensor: str = "gelsight-mini",
     poses: str | Path | None = None,
+    hand_eye: str | Path | None = None,
     inspected: str | Path | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda *_: None,
@@ -95,7 +97,10 @@ def survey_files(
     sensor : str
         Profile name, or the path of its TOML file.
     poses : path, optional
-        CSV of robot poses; see `poses.read_poses`.
+        CSV of the robot's poses; see `sense.files.arm_poses`.
+    hand_eye : path, optional
+        Where the sensor is on the flange and the tape in the base, as `calibrate --hand-eye` wrote it; without it the poses are
+        those of the sensor's own frame.
     inspected : path, optional
         Measured places to start from, such as those of an inspection or of an earlier survey; combined by covariance.
     output : path, optional
@@ -115,7 +120,9 @@ def survey_files(
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
     tape = tried(lambda: Tape.load(kit, as_built=given), problems)
     profile = tried(lambda: load_sensor(sensor), problems)
-    robot = [] if poses is None else tried(lambda: read_poses(poses), problems)
+    robot = [] if poses is None else tried(lambda: _robot(poses, hand_eye, tape), problems)
+    if hand_eye is not None and poses is None:
+        problems.append(Problem("hand_eye", "hand_eye is for poses of a robot, and none are given; give --poses POSES.csv, too"))
     files = None if profile is None or not frames else tried(partial(open_frames, frames, profile), problems)
     if tape is not None and tape.surface is not None:
         problems.append(Problem("tape", f"{tape.name} is a texture on a part without a board; its places cannot be given"))
@@ -130,6 +137,18 @@ def survey_files(
         raise SpecError(problems)
     assert tape is not None and profile is not None and files is not None and robot is not None
     return _surveyed(tape, find_manifest(kit), profile, files, robot, progress)
+
+
+def _robot(poses: str | Path, hand_eye: str | Path | None, tape: Tape | None) -> list[RobotPose]:
+    problems: list[Problem] = []
+    arm = tried(lambda: read_arm_poses(poses, "poses"), problems)
+    known = None if hand_eye is None else tried(lambda: read_hand_eye(hand_eye), problems)
+    if known is not None and tape is not None and known.tape != tape.name:
+        message = f"hand_eye = {shown_path(hand_eye)} says where {known.tape} lies; give that of {tape.name}"
+        problems.append(Problem("hand_eye", message))
+    if problems or arm is None:
+        raise SpecError(problems)
+    return in_plane(arm, known)
 
 
 def _refuse_taken(path: Path) -> None:

@@ -11,12 +11,10 @@ import pytest
 
 from tactape_fab import SpecError
 from tactape_fab.sense import Calibration, calibrate_sensor, load_sensor
-from tactape_fab.sense.calibrate.files import MARK, checked_output, read_arm_poses, write_profile
+from tactape_fab.sense.calibrate.files import MARK, checked_output, write_profile
 from tactape_fab.sense.calibrate.picture import draw_coverage, draw_residuals, write_pictures
 from tactape_fab.sense.calibrate.posedness import empty_corners
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
-
-HEADER = "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz\n"
 
 
 @cache
@@ -67,37 +65,3 @@ def test_pictures_show_dots_and_residuals(tmp_path: Path) -> None:
     assert empty_corners(found.presses, found.sensor) == []
     left = [press for press in found.presses if press.seen_px[:, 0].max() < 240.0]
     assert "upper right" in empty_corners(left, found.sensor)
-
-
-def test_poses_are_read_in_any_order_of_columns(tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text("qw,qx,qy,qz,frame,z_mm,y_mm,x_mm\n0.5,0.5,0.5,0.5,3,30,20,10\n")
-    (pose,) = read_arm_poses(path, 4)
-    assert pose.frame == 3 and np.allclose(pose.flange_to_base[:3, 3], (10, 20, 30))
-    assert np.allclose(pose.flange_to_base[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("x,y\n1,2\n", "its first line must be frame,x_mm,y_mm,z_mm,qw,qx,qy,qz"),
-        ("", "its first line must be"),
-        (HEADER + "0,1,2,3,1,0,0\n", "line 2: .* is not eight numbers"),
-        (HEADER + "0,1,2,3,1,0,0,0,9\n", "line 2: .* is not eight numbers"),
-        (HEADER + "0,1,nan,3,1,0,0,0\n", "line 2: .* is not eight numbers"),
-        (HEADER + "9,1,2,3,1,0,0,0\n", "line 2: frame = 9 is not a whole number from 0 to 4"),
-        (HEADER + "0,1,2,3,1,1,0,0\n", "the quaternion's length is 1.41, not 1"),
-        (HEADER + "0,1e9,2,3,1,0,0,0\n", "is farther than 100000 mm"),
-        (HEADER + "0,1,2,3,1,0,0,0\n" * 2, "line 3: frame 0 is there twice"),
-    ],
-)
-def test_bad_poses_are_refused_in_words(tmp_path: Path, text: str, words: str) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text(text)
-    with pytest.raises(SpecError, match=words):
-        read_arm_poses(path, 5)
-
-
-def test_poses_that_are_not_there_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="cannot be opened: No such file"):
-        read_arm_poses(tmp_path / "none.csv", 5)

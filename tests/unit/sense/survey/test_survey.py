@@ -16,7 +16,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import Frame, Scene, iterate_frames, load_sensor
 from tactape_fab.sense.survey.adjust import Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, contact_of, ground_of
-from tactape_fab.sense.survey.poses import RobotPose, read_poses
+from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.sense.survey.survey import Survey, _surveyed
 from tactape_fab.texture.frames import FloatArray
 from tests.measured import measured
@@ -169,33 +169,6 @@ def test_too_few_contacts_are_refused(tmp_path: Path) -> None:
     _, learn, _ = pressed(60)
     with pytest.raises(SpecError, match="only 5 of 5 frames are located"):
         surveyed(tmp_path, learn[:5])
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "its first line must be frame,x_mm,y_mm,theta_deg"),
-        ("frame,x_mm,y_mm\n0,1,2\n", "its first line must be"),
-        ("frame,x_mm,y_mm,theta_deg\n", "has no row"),
-        ("frame,x_mm,y_mm,theta_deg\n0,1,2\n", "line 2"),
-        ("frame,x_mm,y_mm,theta_deg\n0,1,nan,3\n", "y_mm = 'nan' is no number"),
-        ("frame,x_mm,y_mm,theta_deg\n0.5,1,2,3\n", "whole frame number"),
-        ("frame,x_mm,y_mm,theta_deg\n0,1,2,3\n0,1,2,3\n", "frame 0 is there twice"),
-        ("frame,x_mm,y_mm,theta_deg,sigma_mm\n0,1,2,3,0\n", "sigma_mm = '0' is no number from 0.0001"),
-    ],
-)
-def test_poses_that_cannot_be_read_are_refused(tmp_path: Path, text: str, said: str) -> None:
-    file = tmp_path / "poses.csv"
-    file.write_text(text)
-    with pytest.raises(SpecError) as raised:
-        read_poses(file)
-    assert said in str(raised.value)
-
-
-def test_poses_are_read(tmp_path: Path) -> None:
-    file = tmp_path / "poses.csv"
-    file.write_text("theta_deg, x_mm,y_mm,frame,sigma_mm\n3,1,2,7,0.5\n\n")
-    assert read_poses(file) == [RobotPose(frame=7, x_mm=1.0, y_mm=2.0, theta_deg=3.0, sigma_mm=0.5, sigma_deg=0.05)]
 
 
 def test_no_file_of_measured_places_is_read_twice(tmp_path: Path) -> None:

@@ -1,0 +1,212 @@
+"""Poses of a robot at its frames, POSES.csv: one format for `calibrate --hand-eye` and `survey --poses`; and hand-eye answers.
+
+A row is the pose of the flange, or of any frame fixed to it, in the robot's base: place in mm, unit quaternion qw, qx, qy, qz.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, isfinite
+from pathlib import Path
+
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.texture.frames import FloatArray
+
+COLUMNS = ("frame", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+OPTIONAL = {"sigma_mm": 0.02, "sigma_deg": 0.05}
+"""Columns that may be left out, and what is taken then: a good arm's repeatability."""
+HAND_EYE_FORMAT = "tactape-hand-eye/1"
+MOST_BYTES, MOST_ROWS, MOST_PROBLEMS = 16_000_000, 100_000, 20
+FARTHEST_MM = 1e5
+UNIT_TOLERANCE = 0.02
+_PLANE = {"frame", "x_mm", "y_mm", "theta_deg"}
+_RANGES = dict.fromkeys(COLUMNS[1:4], (-FARTHEST_MM, FARTHEST_MM)) | {"sigma_mm": (1e-4, 100.0), "sigma_deg": (1e-4, 180.0)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmPose:
+    """The robot's flange in its base, at a frame.
+
+    Attributes
+    ----------
+    frame : int
+        Index of the frame.
+    flange_to_base : ndarray, shape (4, 4)
+        mm.
+    sigma_mm, sigma_deg : float
+        Standard deviations along and about each axis. `calibrate_sensor` finds them itself.
+    """
+
+    frame: int
+    flange_to_base: FloatArray
+    sigma_mm: float = OPTIONAL["sigma_mm"]
+    sigma_deg: float = OPTIONAL["sigma_deg"]
+
+
+def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> list[ArmPose]:
+    """Poses of a robot's flange in its base.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with the columns of `COLUMNS` in any order, and those of `OPTIONAL` if they are there.
+    key : str
+        The option that names it, for messages.
+    frames : int, optional
+        How many frames there are.
+
+    Raises
+    ------
+    SpecError
+        With every row that cannot be read, twenty at most.
+    """
+    data = _bytes_of(path, key, "give a CSV file")
+    rows = csv.reader(io.StringIO(data.decode("utf-8-sig", errors="replace")))
+    problems: list[Problem] = []
+    found: dict[int, ArmPose] = {}
+    try:
+        names = [name.strip() for name in next(rows, [])]
+        if not set(COLUMNS) <= set(names) or not set(names) <= {*COLUMNS, *OPTIONAL} or len(set(names)) < len(names):
+            raise SpecError(Problem(key, f"{key} = {shown_path(path)} {_other_columns(names)}"))
+        for number, row in enumerate(rows, start=2):
+            if not row:
+                continue
+            if len(found) >= MOST_ROWS:
+                problems.append(Problem(key, f"{key} has more than {MOST_ROWS} rows; give one for a frame"))
+            if len(found) >= MOST_ROWS or len(problems) >= MOST_PROBLEMS:
+                break
+            faults, pose = _pose(dict(zip(names, row, strict=False)), len(row) == len(names), frames)
+            if pose is not None and pose.frame in found:
+                faults = [f"frame {pose.frame} is there twice; leave one out"]
+            elif pose is not None:
+                found[pose.frame] = pose
+            problems += [Problem(key, f"{key} line {number}: {fault}") for fault in faults]
+    except csv.Error as error:
+        problems.append(Problem(key, f"{key} = {shown_path(path)} is no CSV: {error}"))
+    if not found and not problems:
+        problems.append(Problem(key, f"{key} = {shown_path(path)} has no row; give a row a frame, or leave out --{_option(key)}"))
+    if problems:
+        raise SpecError(problems[:MOST_PROBLEMS])
+    return list(found.values())
+
+
+def _option(key: str) -> str:
+    return key.replace("_", "-")
+
+
+def _bytes_of(path: str | Path, key: str, remedy: str) -> bytes:
+    try:
+        with Path(path).open("rb") as stream:
+            data = stream.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} cannot be opened: {reason}; {remedy}")) from error
+    if len(data) > MOST_BYTES:
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} is larger than {MOST_BYTES} bytes; give a row a frame"))
+    return data
+
+
+def _other_columns(names: Sequence[str]) -> str:
+    """What is wrong with the first line, and how poses in a plane are written in this format."""
+    message = f"has the columns {shown(','.join(names))}; its first line must be {','.join(COLUMNS)}"
+    if set(names) >= _PLANE:
+        return (
+            f"{message}: for a sensor that lies flat on the tape, turned by theta_deg, give z_mm = 0, qw = 0, "
+            "qx = cos(theta / 2), qy = sin(theta / 2), qz = 0"
+        )
+    return f"{message}, and may go on with {','.join(OPTIONAL)}"
+
+
+def _pose(row: Mapping[str, str], whole: bool, frames: int | None) -> tuple[list[str], ArmPose | None]:
+    """What is wrong with a row, or its pose."""
+    if not whole:
+        return ["it does not have one value a column; correct it"], None
+    values: dict[str, float] = dict(OPTIONAL)
+    faults = []
+    for name, text in row.items():
+        try:
+            values[name] = float(text)
+        except ValueError:
+            values[name] = float("nan")
+        low, high = _RANGES.get(name, (-1e9, 1e9))
+        if not (isfinite(values[name]) and low <= values[name] <= high):
+            faults.append(f"{name} = {shown(text)} is no number from {low:g} to {high:g}; correct it")
+    if faults:
+        return faults, None
+    frame, turn = values["frame"], np.array([values[name] for name in COLUMNS[4:]])
+    length = float(np.linalg.norm(turn))
+    last = "up" if frames is None else f"to {frames - 1}"
+    if frame != int(frame) or frame < 0 or (frames is not None and frame >= frames):
+        faults.append(f"frame = {frame:g} is not a whole number from 0 {last}; count the frames from 0")
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        faults.append(f"the quaternion's length is {length:.3g}, not 1; give qw,qx,qy,qz of a rotation")
+    if faults:
+        return faults, None
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation(turn / length), [values[name] for name in COLUMNS[1:4]]
+    return [], ArmPose(frame=int(frame), flange_to_base=matrix, sigma_mm=values["sigma_mm"], sigma_deg=values["sigma_deg"])
+
+
+def rotation(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrix of a unit quaternion qw, qx, qy, qz; the robot's half has no scipy."""
+    w, v = float(quaternion[0]), np.asarray(quaternion[1:], dtype=np.float64)
+    across = np.array([(0.0, -v[2], v[1]), (v[2], 0.0, -v[0]), (-v[1], v[0], 0.0)])
+    out: FloatArray = (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * across
+    return out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandEyeFile:
+    """What `calibrate --hand-eye` wrote: both transforms, (4, 4), mm, and the tape's name."""
+
+    tape: str
+    sensor_to_flange: FloatArray
+    tape_to_base: FloatArray
+
+
+def read_hand_eye(path: str | Path) -> HandEyeFile:
+    """A file `…-hand-eye.json`.
+
+    Raises
+    ------
+    SpecError
+        If it cannot be read, is of another format, or a transform is no rotation with a place.
+    """
+    key = "hand_eye"
+    data = _bytes_of(path, key, "give the -hand-eye.json that calibrate wrote")
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or content.get("format") != HAND_EYE_FORMAT:
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} is no {HAND_EYE_FORMAT}; give the file that calibrate wrote"))
+    table = Fields(content)
+    tape = table.text("tape")
+    on_flange, in_base = _transform(table, "sensor_to_flange"), _transform(table, "tape_to_base")
+    if table.problems:
+        raise SpecError([Problem(key, f"{key} = {shown_path(path)}: {p.message}") for p in table.problems])
+    return HandEyeFile(tape=tape, sensor_to_flange=on_flange, tape_to_base=in_base)
+
+
+def _transform(table: Fields, key: str) -> FloatArray:
+    rows = table.rows(key, longest=4)
+    numbers = Fields({f"{key}[{i}]": row for i, row in enumerate(rows)}, "", table.problems)
+    matrix = np.array([numbers.numbers(f"{key}[{i}]", 4, low=-FARTHEST_MM, high=FARTHEST_MM, unit="") for i in range(4)])
+    turn = matrix[:3, :3]
+    if np.isfinite(matrix).all() and not (
+        np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0.0 and np.allclose(matrix[3], (0, 0, 0, 1))
+    ):
+        table.problem(key, f"{key} is no rotation and place; give the file as calibrate wrote it")
+    return matrix
+
+
+def tilt_deg(sensor: FloatArray) -> float:
+    """How far a sensor's z axis is from straight down, for its pose (4, 4) in a frame whose z is up from the tape."""
+    return degrees(float(np.arccos(np.clip(-sensor[2, 2], -1.0, 1.0))))
