@@ -28,10 +28,10 @@ MOST_FRAMES = 2000
 MOST_HOLES = 0.5
 CORNER = 0.5
 """A corner begins at this share of the way from the image's middle to its sides."""
-LARGEST_CORNER_UM = 25.0
-"""Largest error of the camera at the worst place in view with which a profile is written although a corner has no dot: the stock
-profile's, uncalibrated, is over 100, and beyond the dots it rests on a lens being no more than k1. With dots at all corners a
-larger one is the gel's, and every press makes it smaller."""
+LARGEST_CORNER_UM, LARGEST_UNSEEN_UM = 50.0, 25.0
+"""Largest error of the camera at the worst place in view with which a profile is written although a corner has no dot, and where
+none has: nothing then says that the lens is no more than k1. The stock profile's, uncalibrated, is over 100. With dots at all
+corners a larger one is the gel's, and every press makes it smaller."""
 GOOD_CORNER_UM = 15.0
 ALIKE = 0.9
 """Mean length of doubled directions from which all presses are turned alike."""
@@ -169,9 +169,10 @@ def refuse_unspread(presses: Sequence[Press], bundle: Bundle, corner_um: float) 
     SpecError
     """
     empty = empty_corners(presses, bundle.sensor)
-    if not empty or corner_um <= LARGEST_CORNER_UM:
+    most = LARGEST_UNSEEN_UM if len(empty) == len(_CORNERS) else LARGEST_CORNER_UM
+    if not empty or corner_um <= most:
         return
-    known = f"the camera is known to {corner_um:.0f} um at the edge of the image, and {LARGEST_CORNER_UM:g} um are asked for"
+    known = f"the camera is known to {corner_um:.0f} um at the edge of the image, and {most:g} um are asked for"
     if len(empty) == len(_CORNERS):
         message = f"all contacts are in the middle of the image: {known}; press near the four corners"
     else:

@@ -15,7 +15,7 @@ from tactape_fab.sense.inspect.warp import Warp
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
-_LEARNINGS = 2
+_LEARNINGS = 3
 _STEPS = 3
 _MARGIN_MM = 0.05
 """Of film, land or solder around a body that its patch shows."""
@@ -25,8 +25,8 @@ _MOST_STEP_MM, _MOST_STEP_RAD = 0.06, 0.2
 _END_MM = 0.02
 """Scatter of the length of a part's metal ends that the fit starts from; the scan then says how much it is."""
 _LEAST_END_MM = 0.001
-_BRIGHTER = 0.3
-"""Scatter of the brightness of metal and solder, in units of the film's."""
+_BRIGHTER = 1.0
+"""Scatter of the brightness of metal and solder, in units of the film's: whatever it is, it says nothing of a place."""
 _TURNS_DEG = np.arange(-90.0, 90.0, 15.0)
 _POOR = 2.5
 """Misfit, in units of the usual one, from which on a part is looked at in all turns."""

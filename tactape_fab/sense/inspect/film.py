@@ -132,10 +132,11 @@ def _line_shift(at_px: FloatArray, left_px: FloatArray, axis: int, knot_px: floa
 def symmetry_offset(picture: FloatArray, grid: PatchGrid, mask: BoolArray) -> FloatArray:
     """Where the centre of a two-fold symmetric picture lies in its grid, (a, b) mm, from the steepness of its edges.
 
-    Edges alone count, whatever their contrast: a soft shadow or a bright side does not move them.
+    Edges alone count, whatever their contrast: a soft shadow or a bright side does not move them. The third power of the
+    steepness keeps to where an edge is steepest: its square takes in a shadow's slope, which moved bodies by 2 um.
     """
     db, da = np.gradient(picture.reshape(grid.shape), grid.step_mm)
-    steep = (np.square(da) + np.square(db)) * mask.reshape(grid.shape)
+    steep = (np.square(da) + np.square(db)) ** 1.5 * mask.reshape(grid.shape)
     turned = steep[::-1, ::-1]
     both = np.fft.irfft2(np.fft.rfft2(steep) * np.conj(np.fft.rfft2(turned)), s=steep.shape)
     reach = max(2, int(0.08 / grid.step_mm))
