@@ -33,6 +33,10 @@ FILM, BASE, GOLD, SOLDER, TIN, BODY, INK, LID = (
 )  # red, green, blue
 
 
+FOOT_MM = np.array([3.0, -2.0])
+"""Of a camera, from the tape's middle."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Built:
     """A tape as it was assembled: true places less nominal, board frame."""
@@ -76,6 +80,10 @@ class Scanner:
     margin_mm: float = 3.0
     perspective: float = 0.0
     """Relative change of scale from one end to the other, as of a camera that looks at a slant."""
+    lens_k1: float = 0.0
+    """Radial distortion of a camera at half the tape's width from the middle."""
+    camera_mm: float = float("inf")
+    """Height of a camera over the film: what stands up is seen farther from the middle. A scanner has none."""
 
 
 def _edge(distance_mm: F, blur_mm: float) -> F:
@@ -112,15 +120,25 @@ class _Bed:
 
     @staticmethod
     def _bent(px: F, scanner: Scanner, span: float) -> F:
-        return np.asarray(px / (1 + scanner.perspective * px[..., :1] / span))
+        flat = px / (1 + scanner.perspective * px[..., :1] / span)
+        return np.asarray(flat * (1 + scanner.lens_k1 * (flat**2).sum(axis=-1, keepdims=True) / (span / 2) ** 2))
+
+    def _straight(self, px: F) -> F:
+        flat = px
+        for _ in range(8):
+            flat = px / (1 + self.scanner.lens_k1 * (flat**2).sum(axis=-1, keepdims=True) / (self.span_px / 2) ** 2)
+        return np.asarray(flat / (1 - self.scanner.perspective * flat[..., :1] / self.span_px))
+
+    def seen_off_mm(self, at_mm: F, height_mm: float) -> F:
+        """How far out a camera sees what stands so high."""
+        return np.asarray((at_mm - self.middle_mm - FOOT_MM) * height_mm / (self.scanner.camera_mm - height_mm))
 
     def to_px(self, board_mm: F) -> F:
         return np.asarray(self._bent((board_mm - self.middle_mm) @ self.linear.T, self.scanner, self.span_px) + self.shift)
 
     def to_board(self, u: F, v: F) -> tuple[F, F]:
         p = np.stack([u - self.shift[0], v - self.shift[1]], axis=-1)
-        p = p / (1 - self.scanner.perspective * p[..., :1] / self.span_px)
-        xy = p @ np.linalg.inv(self.linear).T + self.middle_mm
+        xy = self._straight(p) @ np.linalg.inv(self.linear).T + self.middle_mm
         xy += self.jitter_mm[np.clip(v.astype(int), 0, self.shape[0] - 1)]
         return xy[..., 0], xy[..., 1]
 
@@ -132,6 +150,10 @@ class _Bed:
         vv, uu = np.mgrid[rows, cols].astype(np.float64)
         x, y = self.to_board(uu, vv)
         return rows, cols, x - at_mm[0], y - at_mm[1]
+
+
+def _turned(x: F, y: F, c: float, s: float) -> tuple[F, F]:
+    return x * c + y * s, y * c - x * s
 
 
 def _over(image: npt.NDArray[np.float32], cover: F, colour: F) -> None:
@@ -163,8 +185,15 @@ def scan_with_places(tape: Tape, built: Built, scanner: Scanner | None = None, *
             _over(patch, pad * rng.uniform(0.6, 0.9), SOLDER * rng.uniform(0.85, 1.1))
         shift = np.array([built.dx_mm[i], built.dy_mm[i]])
         spin = turn + np.radians(built.turn_deg[i])
+        turned = np.cos(spin), np.sin(spin)
+        if built.present[i] and np.isfinite(scanner.camera_mm):  # its sides
+            for share in (0.0, 0.35, 0.7):
+                side = shift + bed.seen_off_mm(at + shift, share * tape.part.body_mm[2])
+                p, q = _turned(x - side[0], y - side[1], *turned)
+                _over(patch, _edge(_box(p, q, length / 2, width / 2), blur), 0.8 * BODY)
+            shift = shift + bed.seen_off_mm(at + shift, tape.part.body_mm[2])
         px, py = x - shift[0], y - shift[1]
-        p, q = px * np.cos(spin) + py * np.sin(spin), -px * np.sin(spin) + py * np.cos(spin)
+        p, q = _turned(px, py, *turned)
         if built.tombstoned[i]:
             _part_on_end(patch, p, q, width, blur)
         elif built.present[i]:

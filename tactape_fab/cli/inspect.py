@@ -24,6 +24,9 @@ MOST_SHOWN = 40
 @click.argument("scans", nargs=-1, metavar="SCAN...")
 @click.option("--tape", "kit", metavar="KIT", help="Kit of the tape, panel, or folder of kits of which the scans show one.")
 @click.option("--dpi", metavar="N", help="Nominal resolution, where neither the file nor a tag says it.")
+@click.option(
+    "--photo", is_flag=True, help="The images are photographs: take out that parts are seen farther out than their lands."
+)
 @click.option("--tolerance", metavar="MM", help="Largest shift of a part that is not listed.  [default: 0.2]")
 @click.option("--turn-tolerance", metavar="DEG", help="Largest turn of a part that is not listed.  [default: 10]")
 @click.option(
@@ -35,6 +38,7 @@ def inspect(
     scans: Sequence[str],
     kit: str | None,
     dpi: str | None,
+    photo: bool,
     tolerance: str | None,
     turn_tolerance: str | None,
     output: str | None,
@@ -66,7 +70,9 @@ def inspect(
             "tolerance_mm": None if tolerance is None else length(tolerance),
             "turn_tolerance_deg": None if turn_tolerance is None else number(turn_tolerance),
         }
-        found = inspect_with_views(scans, kit, progress=step_shown(), **{k: v for k, v in options.items() if v is not None})
+        found = inspect_with_views(
+            scans, kit, photo=photo, progress=step_shown(), **{k: v for k, v in options.items() if v is not None}
+        )
         written = write_outputs(output_paths(Path(output), found.inspections), found.inspections)
         for inspection, views in zip(found.inspections, found.views, strict=True):
             if picture is not None:
@@ -94,6 +100,11 @@ def inspection_lines(inspection: Inspection) -> list[str]:
     ]
     for scan in inspection.scans:
         u, v = (25.4 * s for s in scan.px_per_mm)
+        if scan.growth is not None:
+            lines.append(
+                f"{scan.name}: a photograph; the mean shift, and that parts are seen {1e6 * scan.growth:.0f} um a metre "
+                "farther out than their lands, are taken for parallax"
+            )
         lines.append(
             f"{scan.name}: found by its {scan.found_by}; {u:.1f} and {v:.1f} dpi along board x and y, skew {scan.shear:+.5f}, "
             f"jitter of lines {scan.jitter_um:.1f} um; film and scanner are not told apart"

@@ -16,6 +16,7 @@ from tactape_fab.sense.inspect.bodies import COVERED, Bodies, fit_bodies
 from tactape_fab.sense.inspect.colours import Palette, learn_palette
 from tactape_fab.sense.inspect.film import fit_film
 from tactape_fab.sense.inspect.foreign import find_foreign
+from tactape_fab.sense.inspect.parallax import BEND_MM, bend_mm, without_parallax
 from tactape_fab.sense.inspect.patches import patch_grid, sample
 from tactape_fab.sense.inspect.result import DRIFT_MM, TOLERANCE_MM, TURN_TOLERANCE_DEG, Inspection, ScanFacts
 from tactape_fab.sense.inspect.scan_files import Picture
@@ -31,6 +32,8 @@ _UPRIGHT_AREA = 0.12
 _UPRIGHT_DIFFERENCE = 0.12
 """Bare lands differ from end to end by 0.06 at most, a part on its end makes 0.19 (in units of the film's brightness)."""
 _MOST_SCANS = 64
+CAMERA_ORDER, CAMERA_LANDS = 3, 100
+"""Powers of a warp that take in a camera's perspective and lens, and how many lands they need."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,6 +61,7 @@ def inspect_scans(
     kit: str | Path,
     *,
     dpi: float | None = None,
+    photo: bool = False,
     tolerance_mm: float = TOLERANCE_MM,
     turn_tolerance_deg: float = TURN_TOLERANCE_DEG,
 ) -> list[Inspection]:
@@ -71,6 +75,9 @@ def inspect_scans(
         Kit of the tape, panel, or folder of kits, of which the scans show some.
     dpi : float, optional
         Nominal resolution; needed only where neither a tag nor the file says it.
+    photo : bool
+        Whether a camera took the images, from one point above; found by itself where perspective or the lens bends them. Mean and
+        growth of all shifts are then taken for parallax.
     tolerance_mm, turn_tolerance_deg : float
         Shift and turn from which on a part is listed.
 
@@ -84,7 +91,9 @@ def inspect_scans(
     SpecError
         If a scan cannot be read or shows none of the tapes, parts lie outside the scans, or a value is out of range.
     """
-    return inspect_with_views(scans, kit, dpi=dpi, tolerance_mm=tolerance_mm, turn_tolerance_deg=turn_tolerance_deg).inspections
+    return inspect_with_views(
+        scans, kit, dpi=dpi, photo=photo, tolerance_mm=tolerance_mm, turn_tolerance_deg=turn_tolerance_deg
+    ).inspections
 
 
 def inspect_with_views(
@@ -92,6 +101,7 @@ def inspect_with_views(
     kit: str | Path,
     *,
     dpi: float | None = None,
+    photo: bool = False,
     tolerance_mm: float = TOLERANCE_MM,
     turn_tolerance_deg: float = TURN_TOLERANCE_DEG,
     progress: Callable[[str, int, int], None] = lambda *_: None,
@@ -119,7 +129,7 @@ def inspect_with_views(
     found = []
     for i, (number, group) in enumerate(zip(shown_tapes, groups, strict=True)):
         progress("tape", i, len(groups))
-        measured = [_measured(view, wanted[number].tape) for view in group]
+        measured = [_measured(view, wanted[number].tape, photo) for view in group]
         found.append(_merged(wanted[number], measured, tolerance_mm, turn_tolerance_deg))
     progress("tape", len(groups), len(groups))
     return Inspected(inspections=found, views=groups)
@@ -163,26 +173,32 @@ def _outside(tape: Tape, views: Sequence[View]) -> list[Problem]:
     return [Problem("scan", message)]
 
 
-def _measured(view: View, tape: Tape) -> _Measured:
+def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
     try:
         palette = learn_palette(view.picture, view.warp, tape, view.inside)
     except SpecError as error:
         raise SpecError(Problem("scan", f"{view.name}: {error}")) from None
-    film = fit_film(view.picture, view.warp, tape, palette, view.inside)
     sites = tape.part_xy_mm()[view.inside]
+    photo = photo or bend_mm(view.warp, sites) > BEND_MM
+    bent = view.warp.raised(CAMERA_ORDER) if photo and len(sites) >= CAMERA_LANDS else view.warp
+    film = fit_film(view.picture, bent, tape, palette, view.inside)
     bodies = fit_bodies(view.picture, film.warp, tape, palette, sites)
     upright, there = np.zeros(len(sites), dtype=bool), bodies.area >= LEAST_AREA
     gone = np.flatnonzero(~there)
     if len(gone):
         differs = _end_difference(view.picture, film.warp, tape, palette, sites[gone])
         upright[gone] = (bodies.area[gone] > _UPRIGHT_AREA) | (differs > _UPRIGHT_DIFFERENCE)
+    foreign = find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there])
+    growth = None
+    if photo:
+        bodies, growth = without_parallax(bodies, sites, there & (bodies.misfit <= COVERED))
     return _Measured(
         view=view,
         warp=film.warp,
         bodies=bodies,
         upright=upright,
-        foreign_mm=find_foreign(view.picture, film.warp, tape, palette, (sites + bodies.shift_mm)[there], bodies.turn_deg[there]),
-        facts=_facts(view, film.warp, film.sigma_mm),
+        foreign_mm=foreign,
+        facts=_facts(view, film.warp, film.sigma_mm, growth),
     )
 
 
@@ -195,7 +211,7 @@ def _end_difference(picture: Picture, warp: Warp, tape: Tape, palette: Palette, 
     return np.asarray(apart.std(axis=(1, 2)), dtype=np.float64)
 
 
-def _facts(view: View, warp: Warp, film_sigma_mm: float) -> ScanFacts:
+def _facts(view: View, warp: Warp, film_sigma_mm: float, growth: float | None) -> ScanFacts:
     linear = warp.coefficients[1:3].T / warp.half_mm  # px/mm, columns: board x, board y
     along = float(np.hypot(*linear[:, 0]))
     up = float(abs(np.linalg.det(linear))) / along
@@ -209,6 +225,7 @@ def _facts(view: View, warp: Warp, film_sigma_mm: float) -> ScanFacts:
         jitter_um=float(np.sqrt((jitter**2).mean())) / warp.px_per_mm * 1000,
         film_sigma_um=film_sigma_mm * 1000,
         found_by=view.found_by,
+        growth=growth,
     )
 
 

@@ -51,7 +51,7 @@ class Deviation:
 class ScanFacts:
     """What one scan was like: nominal dpi (None where nobody says), scale, skew, line shifts, and what is left of the lands.
 
-    ``px_per_mm`` and ``shear`` hold scanner and film together.
+    ``px_per_mm`` and ``shear`` hold scanner and film together. ``growth`` is that of a photograph's parallax; None for a scan.
     """
 
     name: str
@@ -61,6 +61,7 @@ class ScanFacts:
     jitter_um: float
     film_sigma_um: float
     found_by: Literal["tag", "code", "neighbour"]
+    growth: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -195,4 +196,5 @@ def _source(scan: ScanFacts) -> Mapping[str, Any]:
         "lands_um": round(scan.film_sigma_um, 2),
         "found_by": scan.found_by,
         "drift_mm": DRIFT_MM,
+        **({} if scan.growth is None else {"photo": True, "parallax_per_mm": round(scan.growth, 6)}),
     }

@@ -19,9 +19,9 @@ from tactape_fab.sense.inspect.warp import affine_warp
 from tests.unit.sense.inspect.conftest import Scanned, write
 
 
-def refusal(path: Path, kit: Path, **options: float) -> str:
+def refusal(path: Path, kit: Path, *, dpi: float | None = None) -> str:
     with pytest.raises(SpecError) as error:
-        inspect_scans(path, kit, **options)
+        inspect_scans(path, kit, dpi=dpi)
     (problem,) = error.value.problems
     assert str(path.name) in problem.message or "outside the scans" in problem.message
     return problem.message
