@@ -78,6 +78,8 @@ class Check:
         ``"mm"``, another unit, or ``""``.
     warning : bool
         Whether a line that does not hold is a warning, and does not fail the kit.
+    skipped : bool
+        Whether nothing was compared, as what that needs is missing.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Check:
     figure: float | None = None
     unit: str = ""
     warning: bool = False
+    skipped: bool = False
 
     def __post_init__(self) -> None:
         _plain_numbers(self, "figure")

@@ -25,6 +25,11 @@ _PATIENCE_S = 20.0
 """Time that a process may take to clean up when asked to stop, s."""
 
 
+def core_count() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class LostProcessError(Exception):
     """A process died before it answered, with this exit status (negative: number of a signal)."""
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
 
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, length, number, size
-from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_shown, table_lines
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_told, table_lines
 
 if TYPE_CHECKING:
     from tactape_fab.advise.answer import Advice, Line
@@ -62,25 +61,13 @@ def advise(
 
         advice = ask(read_question(given))
         if simulate_too:
-            advice = checked(advice, _simulating())
+            advice = checked(advice, step_told("simulating, "))
         if as_json:
             echo_json({**advice.to_mapping(), **({"explained": list(_explained(advice))} if explain else {})})
         else:
             echo_lines(_advice_lines(advice))
             echo_lines([f"  {line}" for line in _explained(advice)] if explain else [])
         echo_lines_err([_verdict(advice)])
-
-
-def _simulating() -> Callable[[str, int, int], None]:
-    """Progress of simulated contacts: a line that is overwritten on a terminal, else the begin and end of each design."""
-    step, terminal = step_shown(), sys.stderr is not None and sys.stderr.isatty()
-
-    def show(text: str, done: int, count: int) -> None:
-        step(text, done, count)
-        if not terminal and done in (0, count):
-            echo_lines_err([f"simulating, {text} {done} of {count}"])
-
-    return show
 
 
 def _advice_lines(advice: Advice) -> list[str]:

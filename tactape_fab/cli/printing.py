@@ -24,6 +24,7 @@ PURPOSES = (
 )
 """Purposes of files and their roles, in the order in which make prints them."""
 
+_CHECK_WIDTH, _MOST_NAMED = 24, 4
 _OF_ORDERS = ("part-count", "assembly-size", "together")
 """Rules about an order: make prints their remarks, too."""
 
@@ -65,18 +66,24 @@ def table_lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[st
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in [header, *rows]]
 
 
-def check_lines(checks: Sequence[Check]) -> list[str]:
-    """Every line of a verification."""
-    width = max(len(c.name) for c in checks)
-    verdicts = ["ok  " if c.passed else "warn" if c.warning else "FAIL" for c in checks]
-    return [f"{verdict}  {c.name.ljust(width)}  {c.message}" for verdict, c in zip(verdicts, checks, strict=True)]
+def echo_check(check: Check) -> None:
+    """Print one line of a verification, in place of the progress on a terminal."""
+    verdict = "ok  " if check.passed else "warn" if check.warning else "FAIL"
+    clear_step()
+    echo_line(f"{verdict}  {check.name.ljust(_CHECK_WIDTH)}  {check.message}")
 
 
 def verified_line(checks: Sequence[Check]) -> str:
-    """How many checks were made, and how many were not because a program or library for them is not installed."""
-    absent = sum(not c.passed and c.warning and "not installed" in c.message for c in checks)
-    said = f"verified: {counted(len(checks) - absent, 'check')} of the written files"
-    return said + (f", {absent} not run: what they need is not installed" if absent else "")
+    """How many checks were made, and how many were not because what they need is missing."""
+    skipped = sum(check.skipped for check in checks)
+    said = f"verified: {counted(len(checks) - skipped, 'check')} of the written files"
+    return said + (f", {skipped} not run: {_why(checks)}" if skipped else "")
+
+
+def _why(checks: Sequence[Check]) -> str:
+    """What the checks that were not run are waiting for."""
+    names = [check.name for check in checks if check.skipped]
+    return f"{', '.join(names[:_MOST_NAMED])}{' and others' * (len(names) > _MOST_NAMED)}"
 
 
 def purpose_lines(folder: Path, files: Mapping[str, str]) -> list[str]:
@@ -146,3 +153,18 @@ def step_shown() -> Callable[[str, int, int], None]:
     if sys.stderr is None or not sys.stderr.isatty():
         return lambda *_: None
     return lambda text, done, count: click.echo(f"\r{one_line(text)} {done} of {count}\033[K", err=True, nl=done == count)
+
+
+def step_told(before: str = "") -> Callable[[str, int, int], None]:
+    """Progress of what takes long: as `step_shown` on a terminal, else a line when a step begins, and one when it ends."""
+    if sys.stderr is None or sys.stderr.isatty():
+        return step_shown()
+    last = ""
+
+    def show(text: str, done: int, count: int) -> None:
+        nonlocal last
+        if text != last or done == count:
+            echo_line(f"{before}{text} {done} of {count}", err=True)
+        last = text
+
+    return show

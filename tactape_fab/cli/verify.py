@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -10,10 +10,12 @@ import click
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size
-from tactape_fab.cli.printing import check_lines, echo_json, echo_line, echo_lines, step_shown, verified_line
+from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_told, verified_line
 
 if TYPE_CHECKING:
+    from tactape_fab.base.errors import Check
     from tactape_fab.verify import Verification
+    from tactape_fab.verify.verification import Said
 
 
 @click.command()
@@ -43,19 +45,27 @@ def verify(
     Example: tactape-fab verify tactape-s007 --contact 6x6 --map map.png
     """
     with answers():
-        verification = _verified(kit, contact, sensor, map_file, overwrite=overwrite, quick=quick, reproduce=reproduce)
+        said = (lambda _: None) if as_json else echo_check
+        verification = _verified(kit, contact, sensor, map_file, said, overwrite=overwrite, quick=quick, reproduce=reproduce)
+        clear_step()
         if as_json:
             echo_json(
                 {"name": verification.name, "passed": verification.passed, "checks": [asdict(c) for c in verification.checks]}
             )
-        else:
-            echo_lines(check_lines(verification.checks))
         verification.raise_if_failed()
         echo_line(verified_line(verification.checks), err=True)
 
 
 def _verified(
-    kit: str, contact: str | None, sensor: str | None, map_file: str | None, *, overwrite: bool, quick: bool, reproduce: bool
+    kit: str,
+    contact: str | None,
+    sensor: str | None,
+    map_file: str | None,
+    said: Said,
+    *,
+    overwrite: bool,
+    quick: bool,
+    reproduce: bool,
 ) -> Verification:
     """The verification of a kit; its map is drawn if asked for. All invalid values are refused together."""
     from tactape_fab.verify import read_contact, verify_kit
@@ -79,19 +89,25 @@ def _verified(
     if problems:
         raise SpecError(problems)
     if reproduce:
-        return _reproduced(kit, required=True)
-    verification = verify_kit(kit, quick=quick, contact=touched, progress=step_shown())
-    if not quick and verification.checks[0].passed:  # only if its manifest can be read
-        again = _reproduced(kit, required=False)
-        verification = replace(verification, checks=(*verification.checks, *again.checks))
+        return _reproduced(kit, said, required=True)
+    step = step_told()
+
+    def again() -> tuple[Check, ...]:
+        step("made again: kit", 0, 1)
+        return () if quick else _reproduced(kit, lambda _: None, required=False).checks
+
+    verification = verify_kit(kit, quick=quick, contact=touched, progress=step, said=said, beside=again)
     if path is not None and touched is not None and verification.checks[0].passed:  # only if its manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 
-        map_kit(kit, path, touched, verification.trips, step_shown(), overwrite=overwrite)
+        map_kit(kit, path, touched, verification.trips, step, overwrite=overwrite)
     return verification
 
 
-def _reproduced(kit: str, *, required: bool) -> Verification:
+def _reproduced(kit: str, said: Said, *, required: bool) -> Verification:
     from tactape_fab.make.reproduce import reproduce_kit
 
-    return reproduce_kit(kit, required=required)
+    verification = reproduce_kit(kit, required=required)
+    for check in verification.checks:
+        said(check)
+    return verification

@@ -73,7 +73,7 @@ def reproduce_kit(path: str | Path, *, required: bool = True) -> Verification:
         content = read_any_manifest(file)
         problems, count = _reproduced_panel(file, content) if is_panel(content) else _reproduced(file, content)
     except NotReproducibleError as why:
-        return _answer(file, Check(name=NAME, passed=False, warning=not required, message=f"not made again: {why}"))
+        return _answer(file, Check(name=NAME, passed=False, warning=not required, skipped=True, message=f"not made again: {why}"))
     except (TactapeError, MemoryError, RecursionError) as error:
         said = "; ".join(str(error).splitlines()) or type(error).__name__
         return _answer(file, Check(name=NAME, passed=False, message=f"it cannot be made from its manifest: {said}"))

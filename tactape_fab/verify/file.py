@@ -11,7 +11,7 @@ from tactape_fab.texture.panel_manifest import is_panel
 from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.panel import verify_panel_folder
 from tactape_fab.verify.trip.round_trip import Contact, Progress
-from tactape_fab.verify.verification import Verification
+from tactape_fab.verify.verification import Beside, Said, Verification
 
 
 def verify_kit(
@@ -20,6 +20,8 @@ def verify_kit(
     quick: bool = False,
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
+    said: Said = lambda _: None,
+    beside: Beside = tuple,
 ) -> Verification:
     """Verify a kit, or a panel with every kit on it, by its folder or its manifest.json.
 
@@ -33,6 +35,10 @@ def verify_kit(
         Sensor and size of the contacts of the round trip that is not quick.
     progress : callable
         Called with the name of the step, the amount done and the total.
+    said : callable
+        Called with every line as soon as it is known.
+    beside : callable
+        Further checks of the same files, made while other programs read the models. Not called if the manifest is unreadable.
 
     Returns
     -------
@@ -48,8 +54,8 @@ def verify_kit(
     if file.name != MANIFEST_NAME:
         raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
     if is_panel(_format_of(file)):
-        return verify_panel_folder(file, quick=quick, contact=contact, progress=progress)
-    return verify_folder(file, quick=quick, contact=contact, progress=progress)
+        return verify_panel_folder(file, quick=quick, contact=contact, progress=progress, said=said, beside=beside)
+    return verify_folder(file, quick=quick, contact=contact, progress=progress, said=said, beside=beside)
 
 
 def _format_of(file: Path) -> dict[str, Any]:

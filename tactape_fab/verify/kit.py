@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.checks import form_problems
 from tactape_fab.solids.forms import SolidForm, read_form
 from tactape_fab.solids.mesh.stl import MeshError, read_stl
+from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.manifest import read_manifest
@@ -18,6 +22,7 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import (
     CERTIFICATE,
+    Kind,
     WrittenFile,
     check_as_built,
     check_listed,
@@ -44,105 +49,154 @@ from tactape_fab.verify.layers.film_layers import pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
 from tactape_fab.verify.layers.written_form import check_form
+from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
 from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, full_trips, quick_trips, trip_checks
-from tactape_fab.verify.verification import Verification, unreadable
+from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Record:
+    """Content of a kit's manifest."""
+
+    manifest: Mapping[str, Any]
+    tape: Tape
+    kind: Kind
+    film: FilmManifest | None
+    form: SolidForm | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """How a kit is verified."""
+
+    quick: bool
+    contact: Contact | None
+    progress: Progress
+    beside: Beside
 
 
 def verify_folder(
-    manifest_file: Path, *, quick: bool, contact: Contact | None = None, progress: Progress = lambda *_: None
+    manifest_file: Path,
+    *,
+    quick: bool,
+    contact: Contact | None = None,
+    progress: Progress = lambda *_: None,
+    said: Said = lambda _: None,
+    beside: Beside = tuple,
 ) -> Verification:
     """Verify the kit of `manifest_file`; the name of its folder plays no part."""
-    folder = manifest_file.parent
     try:
-        manifest = read_manifest(manifest_file)
-        tape = Tape.from_mapping(manifest)
-        kind = kind_of(manifest)
-        table = Fields(manifest)
-        film = read_film_manifest(table) if kind == "film" else None
-        form = read_form(table.table("solid")) if kind == "texture" or (kind == "film" and "solid" in manifest) else None
-        table.table("tool")
-        table.table("spec")
-        if table.problems:
-            raise SpecError(table.problems)
+        record = _read_record(manifest_file)
     except SpecError as error:
-        return unreadable(folder.name, error)
-    checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}")]
-    listed, file_checks = read_files(folder, manifest)
+        return unreadable(manifest_file.parent.name, error, said)
+    asked, trips = _Asked(quick=quick, contact=contact, progress=progress, beside=beside), list[Trip]()
+    return collected(record.tape.name, _checks(manifest_file, record, asked, trips), said, trips)
+
+
+def _read_record(manifest_file: Path) -> _Record:
+    manifest = read_manifest(manifest_file)
+    tape = Tape.from_mapping(manifest)
+    kind = kind_of(manifest)
+    table = Fields(manifest)
+    film = read_film_manifest(table) if kind == "film" else None
+    form = read_form(table.table("solid")) if kind == "texture" or (kind == "film" and "solid" in manifest) else None
+    table.table("tool")
+    table.table("spec")
+    if table.problems:
+        raise SpecError(table.problems)
+    return _Record(manifest=manifest, tape=tape, kind=kind, film=film, form=form)
+
+
+def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Trip]) -> Iterator[Check]:
+    """Every line as soon as it is known, those of other programs last; contacts that are not quick are added to `trips`."""
+    tape, kind, film = record.tape, record.kind, record.film
+    yield Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}")
+    listed, file_checks = read_files(manifest_file.parent, record.manifest)
     backings = () if film is None else tuple(film.film.backings)
-    expected = roles_of(tape, kind, models=form is not None, backings=backings)
-    files, missing, role_checks = check_listed(manifest, listed, expected, allowed=("step-solid",) if kind == "embossed" else ())
-    checks += [*file_checks, *check_as_built(manifest_file, tape), *role_checks]
+    expected = roles_of(tape, kind, models=record.form is not None, backings=backings)
+    allowed = ("step-solid",) if kind == "embossed" else ()
+    files, missing, role_checks = check_listed(record.manifest, listed, expected, allowed=allowed)
+    yield from (*file_checks, *check_as_built(manifest_file, tape), *role_checks)
     if missing:
-        checks.append(Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}"))
-        return Verification(name=tape.name, checks=tuple(checks))
-    if kind == "embossed":
-        checks += _check_part(manifest, tape, files, quick=quick)
-        return Verification(name=tape.name, checks=tuple(checks))
-    cpl = None
+        yield Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}")
+        yield from asked.beside()
+        return
+    checks: list[Check] = []
+    cpl = None if film is None else read_role("cpl", read_cpl, files, checks)
+    yield from checks
+    with ExitStack() as stack:  # other programs read the models from here on, while this process does the rest
+        others = None if asked.quick else _expected(record, files)
+        lines = None if others is None else stack.enter_context(read_by_others(tape, others, files, cpl, asked.progress))
+        if kind == "embossed":
+            yield from _check_part(record.manifest, tape, files)
+        else:
+            yield from _check_kit(record, files, cpl, asked, trips)
+        yield from asked.beside()
+        yield from () if lines is None else lines
+
+
+def _check_kit(
+    record: _Record, files: dict[str, WrittenFile], cpl: CplContent | None, asked: _Asked, trips: list[Trip]
+) -> Iterator[Check]:
+    """Check a film or a texture by its files, and by contacts of the parts that they place."""
+    tape, film, form = record.tape, record.film, record.form
     sources: list[Source] = []
     if film is not None:
-        cpl = read_role("cpl", read_cpl, files, checks)
-        checks += [] if cpl is None else check_cpl(cpl, tape, film.assembly, film.lands.pads)
-        checks += [check_bom(files["bom"].data, tape.designators(), film.assembly), check_order_notes(files, tape)]
-        checks += pardoned(_check_film(tape, film, files, cpl, sources, quick=quick), film.film)
-    checks += [check_certificate(files[CERTIFICATE], tape), check_picture(files)]
+        yield from () if cpl is None else check_cpl(cpl, tape, film.assembly, film.lands.pads)
+        yield check_bom(files["bom"].data, tape.designators(), film.assembly)
+        yield check_order_notes(files, tape)
+        yield from pardoned(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
+    yield check_certificate(files[CERTIFICATE], tape)
+    yield check_picture(files)
     if form is not None:
-        checks += _check_solids(tape, form, files, cpl, quick=quick)
-        if not (quick and sources):
-            sources += _read_solid(tape, form, files)
-    trips: list[Trip] = []
+        mesh, problems = _read_mesh(files), form_problems(tape, form)
+        if problems:
+            yield Check(name="solid", passed=False, message="; ".join(p.message for p in problems))
+        elif isinstance(mesh, str):
+            yield Check(name="stl", passed=False, message=mesh)
+        else:
+            yield from check_models(tape, form, files, mesh, cpl)
+        if isinstance(mesh, Mesh) and not (asked.quick and sources):
+            sources.append(stl_source(tape, form, mesh))
     if sources:
-        trips = quick_trips(tape, sources) if quick else full_trips(tape, sources, contact, progress)
-        checks += trip_checks(tape, sources, trips)
-    return Verification(name=tape.name, checks=tuple(checks), trips=() if quick else tuple(trips))
+        made = quick_trips(tape, sources) if asked.quick else full_trips(tape, sources, asked.contact, asked.progress)
+        trips += () if asked.quick else made
+        yield from trip_checks(tape, sources, made)
 
 
-def _check_part(manifest: dict[str, Any], tape: Tape, files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
+def _read_mesh(files: Mapping[str, WrittenFile]) -> Mesh | str:
+    """The mesh of the STL, or why it cannot be read."""
+    try:
+        return read_stl(files["stl"].data)
+    except MeshError as error:
+        return f"{files['stl'].path}: {error}"
+
+
+def _check_part(manifest: Mapping[str, Any], tape: Tape, files: dict[str, WrittenFile]) -> Iterator[Check]:
     """Check the models of a texture on the user's own part, and its certificate."""
     from tactape_fab.verify.models.embossed import (
         check_embossed,  # imported here: verifying a film does not need it and is faster without
     )
 
-    checks = [check_certificate(files[CERTIFICATE], tape)]
-    checks += check_embossed(manifest, files["stl"].data, files["placements"].data)
-    try:
-        checks.append(check_threemf(files["3mf"].data, read_stl(files["stl"].data)))
-    except MeshError:  # said already
-        return checks
-    surface = Fields(manifest["surface"])
+    yield check_certificate(files[CERTIFICATE], tape)
+    yield from check_embossed(manifest, files["stl"].data, files["placements"].data)
+    mesh = _read_mesh(files)
+    if isinstance(mesh, Mesh):  # said already otherwise
+        yield check_threemf(files["3mf"].data, mesh)
+
+
+def _expected(record: _Record, files: dict[str, WrittenFile]) -> Expected | None:
+    """What other programs must find in the models; None if there are none, or the manifest's numbers of them are invalid."""
+    if record.kind != "embossed":
+        valid = record.form is not None and not form_problems(record.tape, record.form)
+        return expected_of_kit(record.tape, record.form, files) if valid and record.form is not None else None
+    surface = Fields(record.manifest["surface"])
     volume_mm3 = surface.number("volume_mm3", above=0.0, unit="mm3", default=1.0)
     bodies = surface.integer("bodies", low=1, high=1_000_000, default=1)
-    if quick or surface.problems:
-        return checks
-    return [*checks, *_check_with_others(tape, expected_of_embossed(volume_mm3, bodies, files), files)]
-
-
-def _check_solids(
-    tape: Tape, form: SolidForm, files: dict[str, WrittenFile], cpl: CplContent | None, *, quick: bool
-) -> list[Check]:
-    problems = form_problems(tape, form)
-    if problems:
-        return [Check(name="solid", passed=False, message="; ".join(p.message for p in problems))]
-    checks = check_models(tape, form, files, cpl)
-    return checks if quick else [*checks, *_check_with_others(tape, expected_of_kit(tape, form, files), files, cpl)]
-
-
-def _check_with_others(
-    tape: Tape, expected: Expected, files: dict[str, WrittenFile], cpl: CplContent | None = None
-) -> list[Check]:
-    from tactape_fab.verify.models.cad_readers import check_with_others
-
-    return check_with_others(tape, expected, files, cpl)
-
-
-def _read_solid(tape: Tape, form: SolidForm, files: dict[str, WrittenFile]) -> list[Source]:
-    try:
-        return [stl_source(tape, form, read_stl(files["stl"].data))]
-    except MeshError:  # said already
-        return []
+    return None if surface.problems else expected_of_embossed(volume_mm3, bodies, files)
 
 
 def _check_film(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -55,7 +55,7 @@ from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.trip.round_trip import Contact, Progress
-from tactape_fab.verify.verification import Verification, unreadable
+from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
 
 _DIAMETER_TOLERANCE_MM = 0.005
 
@@ -77,6 +77,8 @@ def verify_panel_folder(
     kits: bool = True,
     contact: Contact | None = None,
     progress: Progress = lambda *_: None,
+    said: Said = lambda _: None,
+    beside: Beside = tuple,
 ) -> Verification:
     """Verify the panel of `manifest_file`; with `kits` also every kit on it, one line each.
 
@@ -93,21 +95,36 @@ def verify_panel_folder(
         if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
             raise SpecError("a kit on it is no film with parts")
     except SpecError as error:
-        return unreadable(folder.name, error)
-    checks = [_check_arrangement(record, tapes)]
-    folders = [str(PurePosixPath(p.manifest).parent) + "/" for p in record.placed]
-    listed, file_checks = read_files(folder, manifest, folders)
+        return unreadable(folder.name, error, said)
+
+    def lines() -> Iterator[Check]:
+        yield from _checks(folder, manifest, record, tapes, quick=quick)
+        if kits:
+            for place in _kit_folders(record):
+                yield from _check_kit(folder / place, quick=quick, contact=contact, progress=progress)
+        yield from beside()
+
+    return collected(record.name, lines(), said)
+
+
+def _kit_folders(record: _PanelRecord) -> list[str]:
+    return [str(PurePosixPath(p.manifest).parent) + "/" for p in record.placed]
+
+
+def _checks(
+    folder: Path, manifest: Mapping[str, Any], record: _PanelRecord, tapes: Sequence[OnPanel], *, quick: bool
+) -> Iterator[Check]:
+    """Every line of the panel's own files as soon as it is known."""
+    arrangement = _check_arrangement(record, tapes)
+    yield arrangement
+    listed, file_checks = read_files(folder, manifest, _kit_folders(record))
     files, missing, role_checks = check_listed(manifest, listed, _roles(record, tapes), what="panel")
-    checks += [*file_checks, _check_kits_listed(folder, record.placed), *role_checks]
-    if missing or not checks[0].passed:
+    yield from (*file_checks, _check_kits_listed(folder, record.placed), *role_checks)
+    if missing or not arrangement.passed:
         message = f"nothing further can be checked without {named(missing) or 'an arrangement that holds together'}"
-        checks.append(Check(name="content", passed=False, message=message))
+        yield Check(name="content", passed=False, message=message)
     else:
-        checks += pardoned(_check_content(record, tapes, files, quick=quick), record.film.film)
-    if kits:
-        for place in folders:
-            checks += _check_kit(folder / place, quick=quick, contact=contact, progress=progress)
-    return Verification(name=record.name, checks=tuple(checks))
+        yield from pardoned(_check_content(record, tapes, files, quick=quick), record.film.film)
 
 
 def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:

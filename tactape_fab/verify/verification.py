@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,11 @@ from tactape_fab.base.errors import Check, SpecError, VerifyError
 
 if TYPE_CHECKING:
     from tactape_fab.verify.trip.round_trip import Trip
+
+Said = Callable[[Check], None]
+"""Called with every line as soon as it is known."""
+Beside = Callable[[], Iterable[Check]]
+"""Further checks of the same files, made while other programs read the models."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,7 +52,16 @@ class Verification:
             raise VerifyError(self.checks)
 
 
-def unreadable(name: str, error: SpecError) -> Verification:
+def collected(name: str, lines: Iterable[Check], said: Said, trips: Sequence[Trip] = ()) -> Verification:
+    """Verification of lines as they come; `trips` may grow meanwhile."""
+    checks = []
+    for line in lines:
+        checks.append(line)
+        said(line)
+    return Verification(name=name, checks=tuple(checks), trips=tuple(trips))
+
+
+def unreadable(name: str, error: SpecError, said: Said) -> Verification:
     """Verification with one failed line: the manifest cannot be read."""
     message = "; ".join(str(error).splitlines())
-    return Verification(name=name, checks=(Check(name="manifest", passed=False, message=message),))
+    return collected(name, [Check(name="manifest", passed=False, message=message)], said)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -11,6 +10,7 @@ from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.pool import core_count
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
 from tactape_fab.kit.examine.together import apart, of_sector, other_sectors, sector_words, together_findings, too_many
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
@@ -60,8 +60,7 @@ class Listed:
 
 def usual_jobs() -> int:
     """Number of processors available to this process."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(count, MOST_JOBS)
+    return min(core_count(), MOST_JOBS)
 
 
 def list_tapes(

@@ -122,7 +122,7 @@ def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_
         checks.append(_judge("tag by pupil-apriltags", tape.tag, _read_pupil(image)))
     elif with_pupil:
         missing = "not installed; install the extra 'verify' for a second detector"
-        checks.append(Check(name="tag by pupil-apriltags", passed=False, warning=True, message=missing))
+        checks.append(Check(name="tag by pupil-apriltags", passed=False, warning=True, skipped=True, message=missing))
     return checks
 
 

@@ -6,8 +6,9 @@ import json
 import re
 import subprocess
 import tempfile
-from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from tactape_fab.base import launch
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.pool import core_count
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.rise import solid_volume_mm3
@@ -38,11 +40,13 @@ for key, path in {files!r}.items():
     shape = Part.Shape()
     shape.read(path)
     solids = shape.Solids
+    if key == "assembly":
+        answer[key] = {{"centres": [list(s.CenterOfMass) + [s.Volume] for s in solids]}}
+        continue
     answer[key] = {{
         "solids": len(solids), "faces": len(shape.Faces), "valid": bool(shape.isValid()),
         "volume_mm3": sum(s.Volume for s in solids),
         "centre_mm": list(solids[0].CenterOfMass) if len(solids) == 1 else None,
-        "centres": [list(s.CenterOfMass) + [s.Volume] for s in solids] if key == "assembly" else [],
     }}
 with open({answer!r}, "w") as stream:
     json.dump(answer, stream)
@@ -69,19 +73,39 @@ print("ANSWER " + json.dumps(answer))
 """
 
 
-def check_with_others(
-    tape: Tape, expected: Expected, files: Mapping[str, WrittenFile], cpl: CplContent | None = None
-) -> list[Check]:
-    """Read a kit's models with every reader installed on this machine; a missing reader is reported and is not a failure."""
-    with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch:
+_Reader = Callable[[Tape, Expected, Mapping[str, Path], "CplContent | None"], list[Check]]
+
+
+@contextmanager
+def read_by_others(
+    tape: Tape,
+    expected: Expected,
+    files: Mapping[str, WrittenFile],
+    cpl: CplContent | None,
+    progress: Callable[[str, int, int], None],
+) -> Iterator[Iterator[Check]]:
+    """Context manager: every reader installed on this machine reads a kit's models, side by side on the cores there are.
+
+    Yields their lines, in a fixed order, that which takes longest last; waiting for them is what takes time. A missing reader
+    is a line, and is not a failure.
+    """
+    with tempfile.TemporaryDirectory(prefix="tactape-verify-") as scratch, ThreadPoolExecutor(core_count()) as pool:
         paths = {}
         for role, name in _FILE_NAMES.items():
             if role in files:
                 paths[role] = Path(scratch) / name
                 paths[role].write_bytes(files[role].data)
-        with ThreadPoolExecutor(2) as pool:
-            runs = [pool.submit(check, tape, expected, paths, cpl) for check in (_occt, _freecad, _slicer, _trimesh)]
-            return [line for run in runs for line in run.result()]
+        runs = [(name, pool.submit(read, tape, expected, paths, cpl)) for name, read in _READERS.items()]
+        try:
+            yield _lines(runs[::-1], progress)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _lines(runs: Sequence[tuple[str, Future[list[Check]]]], progress: Callable[[str, int, int], None]) -> Iterator[Check]:
+    for done, (name, run) in enumerate(runs):
+        progress(f"models read by {name}: reader", done, len(runs))
+        yield from run.result()
 
 
 def _run(arguments: list[str], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
@@ -273,7 +297,11 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     return [Check(name="stl by trimesh", passed=passed, message=message, figure=float(volume), unit="mm3")]
 
 
+_READERS: dict[str, _Reader] = {"FreeCAD": _freecad, "OCCT": _occt, "trimesh": _trimesh, "PrusaSlicer": _slicer}
+"""What takes longest is started first, and its lines come last."""
+
+
 def _missing(program: str, remedy: str = "") -> Check:
     """Line for a reader that is not installed; it is not a failure."""
     message = f"{program} is not installed: the models were not read with it{remedy}"
-    return Check(name=program, passed=False, warning=True, message=message)
+    return Check(name=program, passed=False, warning=True, skipped=True, message=message)

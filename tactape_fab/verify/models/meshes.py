@@ -19,7 +19,7 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown_path
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mesh.stl import MeshError, mesh_problems, read_stl
+from tactape_fab.solids.mesh.stl import MeshError, mesh_problems
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.rise import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped
@@ -49,12 +49,10 @@ _OCCURRENCE = re.compile(
 )
 
 
-def check_models(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], cpl: CplContent | None) -> list[Check]:
-    """Check every model of a kit that numpy alone can read."""
-    try:
-        mesh = read_stl(files["stl"].data)
-    except MeshError as error:
-        return [Check(name="stl", passed=False, message=f"{files['stl'].path}: {error}")]
+def check_models(
+    tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile], mesh: Mesh, cpl: CplContent | None
+) -> list[Check]:
+    """Check every model of a kit that numpy alone can read; `mesh` is that of its STL."""
     checks = [_check_mesh(tape, form, mesh), *_check_elements(tape, form, mesh)]
     checks.append(check_threemf(files["3mf"].data, mesh))
     checks.append(_check_solid_text(tape, form, files["step-solid"].data))
