@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from tactape_fab.advise.answer import Advice, Line
     from tactape_fab.sense import SensorProfile
 
-_TYPED = {"contact_mm": "--contact", "blur_mm": "--blur", "placement_mm": "--placement", "size_mm": "--size"}
-"""Options by the keys of their values."""
 _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "error", "angle", "parts", "cost", "warnings")
 
 
@@ -55,7 +53,7 @@ def advise(
     given |= {key: text for key, text in (("sensor", sensor), ("process", process), ("fab", fab)) if text is not None}
     given |= {} if tapes is None else {"tapes": number(tapes)}
     given |= {} if size_mm is None else {"size_mm": size(size_mm)}
-    with answers(_TYPED):
+    with answers():
         from tactape_fab.advise import advise as ask
         from tactape_fab.advise import checked, read_question
 

@@ -46,7 +46,7 @@ def certify(
     \b
     Example: tactape-fab certify tactape-s007 --picture windows.png
     """
-    with answers({"size_mm": "--size"}):
+    with answers():
         from tactape_fab.texture.certify.kits import certified
 
         if picture is not None:

@@ -8,11 +8,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
+import click
+from click.core import ParameterSource
+
 from tactape_fab.base.errors import DesignRuleError, FrameError, SpecError, TactapeError, VerifyError
 from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import echo_line, rule_lines
 
-_KEY = re.compile(r"(\w+)(?:\[\d\])?(?= = )")
+_KEY = re.compile(r"(?:scene\.)?(\w+)(?:\[\d+\])*(?= = | contradicts )")
+_UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
 
@@ -23,9 +27,20 @@ def fail(status: int, lines: Sequence[str]) -> NoReturn:
     sys.exit(status)
 
 
+def _options() -> dict[str, str]:
+    """The options that the user typed, by the names of their values."""
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return {}
+    typed = (p for p in context.command.params if context.get_parameter_source(p.name or "") is ParameterSource.COMMANDLINE)
+    return {p.name: p.opts[0] for p in typed if isinstance(p, click.Option) and p.name is not None}
+
+
 def _as_typed(line: str, typed: Mapping[str, str]) -> str:
+    """A message that begins with a key: with the option in its place, if the value was given by one; a file's key stays."""
     found = _KEY.match(line)
-    return typed[found[1]] + line[found.end() :] if found is not None and found[1] in typed else line
+    option = None if found is None else typed.get(found[1]) or typed.get(_UNIT.sub("", found[1]))
+    return line if found is None or option is None else option + line[found.end() :]
 
 
 def answer(error: TactapeError) -> tuple[int, list[str]]:
@@ -41,16 +56,14 @@ def answer(error: TactapeError) -> tuple[int, list[str]]:
 
 
 @contextmanager
-def answers(typed: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Turn an error of the package into messages and an exit status.
-
-    ``typed`` are keys of values and the options that they were typed as: a message begins with the option.
-    """
+def answers() -> Iterator[None]:
+    """Turn an error of the package into messages and an exit status; a message names an option as it was typed."""
     try:
         yield
     except TactapeError as error:
         status, lines = answer(error)
-        fail(status, [_as_typed(line, typed or {}) for line in lines])
+        typed = _options()
+        fail(status, [_as_typed(line, typed) for line in lines])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise

@@ -204,9 +204,11 @@ def _kit_lines(kit: Kit) -> list[str]:
 
 
 def left_out(tape: Tape) -> str:
-    """How many grid points carry no part, because a hole or a rounded corner is there; "" if all do."""
+    """The grid points that carry no part, because a hole or a rounded corner is there; "" if all do."""
     count = len(tape.omitted)
-    return f"; {counted(count, 'grid point')} at holes and corners left out" if count else ""
+    cells = ", ".join(f"({column}, {row})" for column, row in tape.omitted[:_NAMED])
+    more = f" and {count - _NAMED} more" * (count > _NAMED)
+    return f"; {counted(count, 'grid point')} at holes and corners left out: (column, row) {cells}{more}" if count else ""
 
 
 def _search_lines(search: Choice | None) -> list[str]:

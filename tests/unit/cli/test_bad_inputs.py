@@ -66,17 +66,17 @@ OPTIONS = [
     Case("make --sector 7 --delta 250", USAGE, "250 mm", "not below 0.75 mm", DELTA),
     Case("make --sector 7 --w 3 --delta 1.6", USAGE, "1.6 mm", "not below 1.5 mm", "usually 0.5"),
     # size and the reach of a code
-    Case("make --sector 7 --size 10000000x50", USAGE, "size_mm[0] = 1e+07 mm", "exceeds 10000 mm", SIZE),
+    Case("make --sector 7 --size 10000000x50", USAGE, "--size = 1e+07 mm", "exceeds 10000 mm", SIZE),
     Case("make --sector 7 --size 10000000x50 --code debruijn-4x4", USAGE, "1e+07 mm", "exceeds 10000 mm", SIZE),
-    Case("make --sector 7 --size 50x10000000 --code anoto-6x6", USAGE, "size_mm[1] = 1e+07 mm", "exceeds 10000 mm", SIZE),
+    Case("make --sector 7 --size 50x10000000 --code anoto-6x6", USAGE, "--size = 1e+07 mm", "exceeds 10000 mm", SIZE),
     Case(
         "make --sector 7 --size 5600x50",
         USAGE,
-        "size_mm[0] = 5600.0 mm",
+        "--size = 5600.0 mm",
         "exceeds 5062.5 mm, the reach of code 'microdots-4x4' at pitch 1.5 mm",
         "use --code debruijn-4x4 or a smaller tape",
     ),
-    Case("make --sector 7 --size 100x5600", USAGE, "size_mm[1] = 5600.0 mm", "exceeds 5062.5 mm", "use --code debruijn-4x4"),
+    Case("make --sector 7 --size 100x5600", USAGE, "--size = 5600.0 mm", "exceeds 5062.5 mm", "use --code debruijn-4x4"),
     Case("make --sector 7 --code debruijn-4x4 --size 6500x50", USAGE, "6500.0 mm", "exceeds 6144.0 mm", "use --code anoto-6x6"),
     Case("make --sector 7 --size 9000x50", USAGE, "9000.0 mm", "exceeds 5062.5 mm", "use --code anoto-6x6"),
     Case(
@@ -100,17 +100,17 @@ OPTIONS = [
     # origin
     Case("make --sector 7 --origin 3", USAGE, "[3]", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin=-1,0", USAGE, "-1", "0 to 3374", ORIGIN),
-    Case("make --sector 7 --origin 0,3375", USAGE, "origin[1] = 3375", "0 to 3374", ORIGIN),
+    Case("make --sector 7 --origin 0,3375", USAGE, "--origin = 3375", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin 3370,0", USAGE, "column 3370 + 62", "3375", "use --origin 3313,0, with column at most 3313"),
     Case("make --sector 7 --origin 0,3370", USAGE, "row 3370 + 32", "3375", "use --origin 0,3343, with row at most 3343"),
     Case("make --sector 7 --origin bets", USAGE, "bets", "0 to 3374", ORIGIN),
-    Case("make --sector 7 --origin 1.5,2", USAGE, "origin[0] = 1.5", "whole number", ORIGIN),
+    Case("make --sector 7 --origin 1.5,2", USAGE, "--origin = 1.5", "whole number", ORIGIN),
     # tag
     Case("make --sector 7 --tag round", USAGE, "'round'", "none of", "strip, none"),
     Case("make --sector 7 --tag-id 587", USAGE, "587", "0 to 586", "tag36h11"),
     Case("make --sector 7 --tag-id 5mm", USAGE, "5mm", "whole number", "tag36h11 has 587 ids"),
-    Case("make --sector 7 --tag none --tag-id 3", USAGE, "tag_id = 3", "contradicts tag = 'none'", "give one of them"),
-    Case("make --sector 900 --code anoto-6x6", USAGE, "sector = 900", "586", "choose an id with --tag-id or use --tag none"),
+    Case("make --sector 7 --tag none --tag-id 3", USAGE, "--tag-id = 3", "contradicts tag = 'none'", "give one of them"),
+    Case("make --sector 900 --code anoto-6x6", USAGE, "--sector = 900", "586", "choose an id with --tag-id or use --tag none"),
     Case("make --sector 7 --tag-cell 0.1", USAGE, "0.1 mm", "below 0.3 mm", REMEDY),
     Case("make --sector 7 --tag-cell 6", USAGE, "6 mm", "exceeds 5 mm", REMEDY),
     # part, holes, corners, rotation, name
@@ -147,13 +147,13 @@ OPTIONS = [
     Case("check --sector 7 --w 0.5", RULES, "body-body: gap between two largest bodies -0.094 mm", "limit 0.150 mm", WIDER),
     Case("make --sector 7 --rotation 90", RULES, "pad-pad: gap between pads of two parts -0.100 mm", "limit 0.100 mm", WIDER),
     # coverlay, anchors, backing, bending
-    Case("make --sector 7 --coverlay open", USAGE, "coverlay = 'open'", "per-part, lpi, gang", REMEDY),
+    Case("make --sector 7 --coverlay open", USAGE, "--coverlay = 'open'", "per-part, lpi, gang", REMEDY),
     Case(
-        "make --sector 7 --coverlay lpi", USAGE, "coverlay = 'lpi'", "generic-fpc", "leave out --coverlay, or --fab generic-lpi"
+        "make --sector 7 --coverlay lpi", USAGE, "--coverlay = 'lpi'", "generic-fpc", "leave out --coverlay, or --fab generic-lpi"
     ),
     Case("make --sector 7 --fab jlcpcb-fr4 --coverlay per-part", USAGE, "'per-part'", "jlcpcb-fr4", "--fab generic-fpc"),
-    Case("make --sector 7 --anchor rope", USAGE, "anchor = 'rope'", "none, spur, mesh", REMEDY),
-    Case("make --sector 7 --anchor spur --coverlay gang", USAGE, "anchor = 'spur'", "coverlay = 'gang'", "give one of them"),
+    Case("make --sector 7 --anchor rope", USAGE, "--anchor = 'rope'", "none, spur, mesh", REMEDY),
+    Case("make --sector 7 --anchor spur --coverlay gang", USAGE, "--anchor = 'spur'", "coverlay = 'gang'", "give one of them"),
     Case("make --sector 7 --anchor mesh", RULES, "anchor-opening: ", "0.150 mm of generic-fpc", "use --w 1.773 --delta 0.25"),
     Case(
         "make --sector 7 --anchor mesh --fab jlcpcb-fpc", RULES, "anchor-opening: ", "coverlay gang", "use --w 2.056 --delta 0.25"
@@ -166,13 +166,13 @@ OPTIONS = [
         "use --w 1.773 --delta 0.25",
     ),
     Case("make --sector 7 --w 3 --anchor mesh --rotation 0", USAGE, "'mesh'", "rotation_deg = 0", "use --rotation 45"),
-    Case("make --sector 7 --stiffener FR4", USAGE, "stiffener = 'FR4'", "cannot be used", "give MATERIAL:MM"),
-    Case("make --sector 7 --stiffener FR4:0.33", USAGE, "stiffener = 'FR4 0.33'", "FR4:0.2", "give one of them"),
+    Case("make --sector 7 --stiffener FR4", USAGE, "--stiffener = 'FR4'", "cannot be used", "give MATERIAL:MM"),
+    Case("make --sector 7 --stiffener FR4:0.33", USAGE, "--stiffener = 'FR4 0.33'", "FR4:0.2", "give one of them"),
     Case("make --sector 7 --stiffener FR4:0.2 --fab generic-fr4", USAGE, "'FR4 0.2'", "has none", "leave out --stiffener"),
-    Case("make --sector 7 --adhesive glue:1", USAGE, "adhesive = 'glue 1'", "3M468:0.13", "give one of them"),
-    Case("make --sector 7 --bend-axis x", USAGE, "bend_axis = 'x'", "says nothing alone", "--bend-radius MM"),
-    Case("make --sector 7 --bend-radius 20", USAGE, "bend_radius_mm = 20", "says nothing alone", "--bend-axis x or y"),
-    Case("make --sector 7 --bend-axis z --bend-radius 20", USAGE, "bend_axis = 'z'", "x, y", REMEDY),
+    Case("make --sector 7 --adhesive glue:1", USAGE, "--adhesive = 'glue 1'", "3M468:0.13", "give one of them"),
+    Case("make --sector 7 --bend-axis x", USAGE, "--bend-axis = 'x'", "says nothing alone", "--bend-radius MM"),
+    Case("make --sector 7 --bend-radius 20", USAGE, "--bend-radius = 20", "says nothing alone", "--bend-axis x or y"),
+    Case("make --sector 7 --bend-axis z --bend-radius 20", USAGE, "--bend-axis = 'z'", "x, y", REMEDY),
     Case("make --sector 7 --bend-axis x --bend-radius -1", USAGE, "-1 mm", "below 0.1 mm", "--bend-radius is the radius"),
     Case(
         "make --sector 7 --bend-axis x --bend-radius 9 --fab generic-fr4",
@@ -181,7 +181,7 @@ OPTIONS = [
         "a rigid board",
         "leave out --bend-axis and --bend-radius",
     ),
-    Case("make --sector 7 --part dome --coverlay gang", USAGE, "coverlay = 'gang'", "no film", "leave out --coverlay"),
+    Case("make --sector 7 --part dome --coverlay gang", USAGE, "--coverlay = 'gang'", "no film", "leave out --coverlay"),
     Case("make --sector 7 --part dome --adhesive 3M468:0.13", USAGE, "'3M468:0.13'", "no film", "leave out --adhesive"),
     Case("make --sector 7 --fab jlcpcb-fpc --size 700x50", RULES, "size: board 700 x 50 mm", "600 x 250 mm", "ask the fab"),
     Case("profiles acme", USAGE, "'acme'", "generic-fpc", "nor the path of a .toml file"),
@@ -190,40 +190,38 @@ OPTIONS = [
     # solid elements
     Case("make --sector 7 --part dome --body 0.6x0.3", USAGE, "0.6 x 0.3 mm", "below its radius 0.3 mm", "use a lower dome"),
     Case("make --sector 7 --part dome --body 0.6x0.5x0.2", USAGE, "0.6 x 0.5 x 0.2 mm", "no circle", "one diameter"),
-    Case("make --sector 7 --part dome --body 0.6", USAGE, "body_mm = [0.6]", "3 numbers", "give DIAMETERxHEIGHT in mm"),
-    Case("make --sector 7 --part block --body 0.6x0.2", USAGE, "body_mm = [0.6, 0.2]", "3 numbers", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part dome --body 0.6", USAGE, "--body = [0.6]", "3 numbers", "give DIAMETERxHEIGHT in mm"),
+    Case("make --sector 7 --part block --body 0.6x0.2", USAGE, "--body = [0.6, 0.2]", "3 numbers", "LENGTHxWIDTHxHEIGHT"),
     Case("make --sector 7 --part block --body 0.6x0.3x0.2inch", USAGE, "'0.2inch'", "a number in mm", "LENGTHxWIDTHxHEIGHT"),
-    Case("make --sector 7 --part block --body nanx0.3x0.2", USAGE, "body_mm[0] = nan", "finite", "LENGTHxWIDTHxHEIGHT"),
-    Case(
-        "make --sector 7 --part block --body 0.6x-0.3x0.2", USAGE, "body_mm[1] = -0.3 mm", "below 0.01 mm", "LENGTHxWIDTHxHEIGHT"
-    ),
-    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "body_mm[0] = 0 mm", "below 0.01 mm", "DIAMETERxHEIGHT"),
+    Case("make --sector 7 --part block --body nanx0.3x0.2", USAGE, "--body = nan", "finite", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part block --body 0.6x-0.3x0.2", USAGE, "--body = -0.3 mm", "below 0.01 mm", "LENGTHxWIDTHxHEIGHT"),
+    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "--body = 0 mm", "below 0.01 mm", "DIAMETERxHEIGHT"),
     Case("make --sector 7 --part block --body 600x300x230", USAGE, "600 mm", "exceeds 20 mm", "each at most 20"),
     Case(
         "make --sector 7 --part block --body 2x2x0.2",
         USAGE,
-        "part = 'block' is larger than its cell",
+        "--part = 'block' is larger than its cell",
         "0.748 mm",
         "use --w ",
     ),
     Case(
         "make --sector 7 --part dome --w 0.7",
         USAGE,
-        "part = 'dome' is larger than its cell",
+        "--part = 'dome' is larger than its cell",
         "0.348 mm",
         "use --w ",
     ),
     Case("make --sector 7 --part dome --dome-top 0.6", USAGE, "0.6 mm", "between 0 and 0.6 mm", "use a smaller top"),
     Case("make --sector 7 --part dome --dome-top 0", USAGE, "0 mm", "above 0 mm", REMEDY),
     Case("make --sector 7 --part block --dome-top 0.2", USAGE, "dome_top_mm", "is for a dome", "leave it out"),
-    Case("make --sector 7 --part r0201 --body 1x1x1", USAGE, "body_mm = [1, 1, 1]", "contradicts part = 'r0201'", "--part block"),
-    Case("make --sector 7 --dome-top 0.2", USAGE, "dome_top_mm = 0.2", "contradicts part = 'r0201'", "--part block"),
+    Case("make --sector 7 --part r0201 --body 1x1x1", USAGE, "--body = [1, 1, 1]", "contradicts part = 'r0201'", "--part block"),
+    Case("make --sector 7 --dome-top 0.2", USAGE, "--dome-top = 0.2", "contradicts part = 'r0201'", "--part block"),
     Case("make --sector 7 --part dome --size 5x5", USAGE, "5 x 5 mm is too small", "6.7 x 6.6 mm", "use --size 6.7x6.6"),
-    Case("make --sector 7 --part dome --fab generic-fpc", USAGE, "fab = 'generic-fpc'", "contradicts part", "leave out --fab"),
+    Case("make --sector 7 --part dome --fab generic-fpc", USAGE, "--fab = 'generic-fpc'", "contradicts part", "leave out --fab"),
     Case("make --sector 7 --part dome --assembly jlcpcb", USAGE, "'jlcpcb'", "contradicts part", "leave out --assembly"),
     Case("make --sector 7 --part dome --x2 off", USAGE, "x2 = 'off'", "contradicts part", "leave out --x2"),
-    Case("make --sector 7 --part dome --tag strip", USAGE, "tag = 'strip'", "contradicts part", "leave out --tag"),
-    Case("make --sector 7 --part dome --tag-id 3", USAGE, "tag_id = 3", "contradicts part", "leave out --tag-id"),
+    Case("make --sector 7 --part dome --tag strip", USAGE, "--tag = 'strip'", "contradicts part", "leave out --tag"),
+    Case("make --sector 7 --part dome --tag-id 3", USAGE, "--tag-id = 3", "contradicts part", "leave out --tag-id"),
     Case("make --sector 7 --part dome --no-3d", USAGE, "--no-3d", "contradicts part", "leave out --no-3d"),
     Case(
         "make --sector 7 --part dome --hole 50,0.8,1",
@@ -235,10 +233,10 @@ OPTIONS = [
     # process and base
     Case("make --sector 7 --process laser", USAGE, "'laser'", "none of: cnc, fdm, sla", "path of a .toml file"),
     Case("make --sector 7 --process nowhere.toml", USAGE, "nowhere.toml", "No such file", REMEDY),
-    Case("make --sector 7 --process sla --no-3d", USAGE, "process = 'sla'", "contradicts models = false", "give one of them"),
+    Case("make --sector 7 --process sla --no-3d", USAGE, "--process = 'sla'", "contradicts models = false", "give one of them"),
     Case("make --sector 7 --base 0.1", USAGE, "0.1 mm", "below 0.2 mm", "--base is the thickness"),
     Case("make --sector 7 --base 800", USAGE, "800 mm", "exceeds 50 mm", "--base is the thickness"),
-    Case("make --sector 7 --base 1 --no-3d", USAGE, "base_mm = 1", "contradicts models = false", "give one of them"),
+    Case("make --sector 7 --base 1 --no-3d", USAGE, "--base = 1", "contradicts models = false", "give one of them"),
     Case("make --sector 7 --negative --no-3d", USAGE, "negative", "contradicts models = false", "give one of them"),
     Case("make --sector 7 --top half", USAGE, "'half'", "none of", "tiles, single"),
     # cylinder
@@ -258,7 +256,7 @@ OPTIONS = [
     Case("make --sector 7 --shell whole", USAGE, "shell = 'whole'", "without cylinder_mm", "give --cylinder RADIUS"),
     Case("make --sector 7 --cylinder 30 --around z", USAGE, "around = 'z'", "none of", "x, y"),
     Case("make --sector 7 --cylinder 30 --shell half", USAGE, "shell = 'half'", "none of", "segment, whole"),
-    Case("make --sector 7 --cylinder 30 --no-3d", USAGE, "cylinder_mm = 30", "contradicts models = false", "give one of them"),
+    Case("make --sector 7 --cylinder 30 --no-3d", USAGE, "--cylinder = 30", "contradicts models = false", "give one of them"),
     # options that are unknown, in this version or at all
     Case("make --sector 7 --no-2d", USAGE, "--no-2d", "No such option", "--help"),
     Case("check --sector 7 -o kit", USAGE, "-o", "No such option", "--help"),
@@ -269,9 +267,9 @@ OPTIONS = [
     Case("verify .", USAGE, ".", "holds no manifest.json", REMEDY),
     Case(f"verify {LONG}", USAGE, "nnn", "no kit", REMEDY),
     # places to write to
-    Case("make --sector 7 -o .", USAGE, "output = .", "no name for a kit", "give a folder"),
-    Case("make --sector 7 -o ..", USAGE, "output = ..", "no name for a kit", "give a folder"),
-    Case("make --sector 7 -o / --overwrite", USAGE, "output = /", "no name for a kit", "give a folder"),
+    Case("make --sector 7 -o .", USAGE, "-o = .", "no name for a kit", "give a folder"),
+    Case("make --sector 7 -o ..", USAGE, "-o = ..", "no name for a kit", "give a folder"),
+    Case("make --sector 7 -o / --overwrite", USAGE, "-o = /", "no name for a kit", "give a folder"),
     Case("make --sector 7 -o kit.partial", USAGE, "kit.partial", "no name for a kit", "give a folder"),
     Case(f"make --sector 7 -o {LONG}", USAGE, "nnn", "File name too long", REMEDY),
     Case(f"make --sector 7 -o new/{LONG[:250]}", FAILED, "nnn", "File name too long", REMEDY),
@@ -335,27 +333,27 @@ def test_a_bad_option_is_refused_with_value_limit_and_remedy(case: Case, here: P
 
 
 NUMBERS = {
-    "--sector": ("sector", "{}"),
-    "--w": ("pitch_mm", "{}"),
-    "--delta": ("displacement_mm", "{}"),
-    "--size": ("size_mm[1]", "100x{}"),
-    "--origin": ("origin[0]", "{},0"),
-    "--tag-id": ("tag_id", "{}"),
-    "--tag-cell": ("tag_cell_mm", "{}"),
-    "--rotation": ("rotation_deg", "{}"),
-    "--corner-radius": ("corner_radius_mm", "{}"),
-    "--base": ("base_mm", "{}"),
-    "--cylinder": ("cylinder_mm", "{}"),
-    "--part block --dome-top": ("dome_top_mm", "{}"),
-    "--part block --body": ("body_mm[2]", "0.6x0.3x{}"),
-    "--hole": ("holes_mm[0][2]", "50,25,{}"),
+    "--sector": "{}",
+    "--w": "{}",
+    "--delta": "{}",
+    "--size": "100x{}",
+    "--origin": "{},0",
+    "--tag-id": "{}",
+    "--tag-cell": "{}",
+    "--rotation": "{}",
+    "--corner-radius": "{}",
+    "--base": "{}",
+    "--cylinder": "{}",
+    "--part block --dome-top": "{}",
+    "--part block --body": "0.6x0.3x{}",
+    "--hole": "50,25,{}",
 }
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999", "1e12", "-500", "wide", ""])
 @pytest.mark.parametrize("option", NUMBERS)
 def test_no_option_takes_what_is_no_sensible_number(option: str, value: str, here: Path) -> None:
-    key, form = NUMBERS[option]
+    key, form = option.rsplit(maxsplit=1)[-1], NUMBERS[option]
     shown = {"1e12": "1", "1e999": "inf", "wide": "'wide'", "": "''"}.get(value, value)
     sector = "" if option == "--sector" else "--sector 7"
     result = run(f"make {sector} {option}='{form.format(value)}'")
@@ -370,26 +368,26 @@ def test_no_option_takes_what_is_no_sensible_number(option: str, value: str, her
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        ("--sector 300 --w nan --size 10x --tag round", ["sector = 300", "pitch_mm = nan", "size_mm[1] = ''", "tag = 'round'"]),
-        ("--sector 300 --delta 0.7 --coverlay per-part", ["sector = 300", "pad-pad: ", "body-body: ", "opening-bridge: "]),
+        ("--sector 300 --w nan --size 10x --tag round", ["--sector = 300", "--w = nan", "--size = ''", "--tag = 'round'"]),
+        ("--sector 300 --delta 0.7 --coverlay per-part", ["--sector = 300", "pad-pad: ", "body-body: ", "opening-bridge: "]),
         (
             "--sector 7 --delta 0.7 --coverlay per-part --fab nowhere.toml",
             ["nowhere.toml cannot be opened", "pad-pad: ", "opening-bridge: "],
         ),
-        ("--sector 7 --part r9 --fab acme --code qr", ["part = 'r9'", "fab = 'acme'", "code = 'qr'"]),
-        ("--sector 7 --part dome --fab acme --base 0", ["fab = 'acme' contradicts", "base_mm = 0 mm"]),
-        ("--sector 300 --part dome --cylinder 15", ["sector = 300", "the largest length that fits is 94.147 mm"]),
+        ("--sector 7 --part r9 --fab acme --code qr", ["--part = 'r9'", "--fab = 'acme'", "--code = 'qr'"]),
+        ("--sector 7 --part dome --fab acme --base 0", ["--fab = 'acme' contradicts", "--base = 0 mm"]),
+        ("--sector 300 --part dome --cylinder 15", ["--sector = 300", "the largest length that fits is 94.147 mm"]),
         ("--sector 7 --delta 0.7 --cylinder 15", ["the tape would overlap itself", "pad-pad: ", "body-body: "]),
-        ("--sector 7 --process laser --no-3d --negative", ["process = 'laser'", "negative = True contradicts"]),
-        ("--sector 7 --part r9 --body nanx1x1 --base nan", ["part = 'r9'", "base_mm = nan"]),
-        ("--sector 300 --fab nowhere.toml", ["sector = 300", "nowhere.toml cannot be opened"]),
-        ("--sector 300 --size 5x5", ["sector = 300", "5 x 5 mm is too small"]),
-        ("--sector 7 --size 5000x40 --corner-radius 10", ["--origin", "corner_radius_mm = 10 mm cuts into the tag"]),
+        ("--sector 7 --process laser --no-3d --negative", ["--process = 'laser'", "--negative = True contradicts"]),
+        ("--sector 7 --part r9 --body nanx1x1 --base nan", ["--part = 'r9'", "--base = nan"]),
+        ("--sector 300 --fab nowhere.toml", ["--sector = 300", "nowhere.toml cannot be opened"]),
+        ("--sector 300 --size 5x5", ["--sector = 300", "5 x 5 mm is too small"]),
+        ("--sector 7 --size 5000x40 --corner-radius 10", ["--origin", "--corner-radius = 10 mm cuts into the tag"]),
         (
             "--sector 7 --delta 0.7 --coverlay per-part -o taken",
-            ["output = taken exists already", "pad-pad: ", "opening-bridge: "],
+            ["-o = taken exists already", "pad-pad: ", "opening-bridge: "],
         ),
-        ("--sector 7 --w nan -o taken", ["output = taken exists already", "pitch_mm = nan"]),
+        ("--sector 7 --w nan -o taken", ["-o = taken exists already", "--w = nan"]),
     ],
 )
 def test_all_findings_come_together(args: str, said: list[str], here: Path) -> None:
@@ -579,21 +577,21 @@ def test_a_profile_that_cannot_be_read_is_refused(here: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "status", "value", "limit", "remedy"),
     [
-        ("-o file", USAGE, "output = file", "is not a folder", "use -o to name another folder"),
-        ("-o file --overwrite", USAGE, "output = file", "is not a folder", "use -o to name another folder"),
+        ("-o file", USAGE, "-o = file", "is not a folder", "use -o to name another folder"),
+        ("-o file --overwrite", USAGE, "-o = file", "is not a folder", "use -o to name another folder"),
         ("-o file/kit", FAILED, "file", "cannot be written", REMEDY),
         ("-o file/a/kit", FAILED, "file", "cannot be written", REMEDY),
-        ("-o foreign", USAGE, "output = foreign", "exists already", DEEPER),
-        ("-o foreign --overwrite", USAGE, "output = foreign", "is no kit of this tool", "nothing was touched; use -o"),
-        ("-o empty --overwrite", USAGE, "output = empty", "is no kit of this tool", "nothing was touched; use -o"),
-        ("-o link", USAGE, "output = link", "is not a folder", "use -o to name another folder"),
-        ("-o link --overwrite", USAGE, "output = link", "is not a folder", "use -o to name another folder"),
-        ("-o dangling", USAGE, "output = dangling", "is not a folder", "use -o to name another folder"),
-        ("-o dangling --overwrite", USAGE, "output = dangling", "is not a folder", "use -o to name another folder"),
-        ("-o kit", USAGE, "output = kit", "exists already", "use --overwrite"),
-        ("-o kit --overwrite", USAGE, "output = kit holds notes.txt", "manifest does not list", "nothing was touched; use -o"),
-        ("-o hidden --overwrite", USAGE, "output = hidden holds .git", "manifest does not list", "nothing was touched; use -o"),
-        ("-o linked --overwrite", USAGE, "output = linked holds gerber", "manifest does not list", "nothing was touched; use -o"),
+        ("-o foreign", USAGE, "-o = foreign", "exists already", DEEPER),
+        ("-o foreign --overwrite", USAGE, "-o = foreign", "is no kit of this tool", "nothing was touched; use -o"),
+        ("-o empty --overwrite", USAGE, "-o = empty", "is no kit of this tool", "nothing was touched; use -o"),
+        ("-o link", USAGE, "-o = link", "is not a folder", "use -o to name another folder"),
+        ("-o link --overwrite", USAGE, "-o = link", "is not a folder", "use -o to name another folder"),
+        ("-o dangling", USAGE, "-o = dangling", "is not a folder", "use -o to name another folder"),
+        ("-o dangling --overwrite", USAGE, "-o = dangling", "is not a folder", "use -o to name another folder"),
+        ("-o kit", USAGE, "-o = kit", "exists already", "use --overwrite"),
+        ("-o kit --overwrite", USAGE, "-o = kit holds notes.txt", "manifest does not list", "nothing was touched; use -o"),
+        ("-o hidden --overwrite", USAGE, "-o = hidden holds .git", "manifest does not list", "nothing was touched; use -o"),
+        ("-o linked --overwrite", USAGE, "-o = linked holds gerber", "manifest does not list", "nothing was touched; use -o"),
     ],
 )
 def test_what_is_not_ours_is_not_replaced(
@@ -626,9 +624,9 @@ def test_a_home_folder_given_by_mistake_survives(
     (home / "thesis.txt").write_text("mine")
     monkeypatch.setenv("HOME", str(home))
     limit = "manifest does not list" if with_manifest else "is no kit of this tool"
-    refuse(here, Case(f"make --sector 7 -o {home} --overwrite", USAGE, f"output = {home}", limit, "nothing was touched; use -o"))
+    refuse(here, Case(f"make --sector 7 -o {home} --overwrite", USAGE, f"-o = {home}", limit, "nothing was touched; use -o"))
     monkeypatch.chdir(home)
-    refuse(here, Case("make --sector 7 -o . --overwrite", USAGE, "output = .", "no name for a kit", "give a folder"))
+    refuse(here, Case("make --sector 7 -o . --overwrite", USAGE, "-o = .", "no name for a kit", "give a folder"))
 
 
 @pytest.mark.parametrize("text", ["tomorrow", "-1", "1e9", "99999999999999999999", "", "nan"])
@@ -661,10 +659,10 @@ def test_a_file_that_is_no_manifest_fails_the_verification(content: str, said: s
 @pytest.mark.parametrize(
     ("args", "status", "said"),
     [
-        ("make --sector 7 --w nan", USAGE, "pitch_mm = nan mm is not a finite number"),
+        ("make --sector 7 --w nan", USAGE, "--w = nan mm is not a finite number"),
         ("make --sector 7 --delta 0.7", RULES, "pad-pad: gap between pads of two parts -0.329 mm"),
         ("make nowhere.toml", USAGE, "nowhere.toml cannot be opened"),
-        ("make --sector 300 --delta 0.7", USAGE, "sector = 300 is outside 0 to 255"),
+        ("make --sector 300 --delta 0.7", USAGE, "--sector = 300 is outside 0 to 255"),
         ("verify nowhere", USAGE, "nowhere is no kit"),
     ],
 )

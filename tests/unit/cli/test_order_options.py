@@ -48,22 +48,22 @@ def refused(args: str, *said: str) -> list[str]:
         ("--assembly acme", ("assembly = 'acme' is none of: generic, jlcpcb, pcbway, eurocircuits, macrofab, kicad",)),
         ("--assembly macrofab2", ("did you mean 'macrofab'?",)),
         ("--assembly ''", ("assembly = '' is none of",)),
-        ("--part-number ''", ("part_number = ''", CELL)),
-        ("--part-number 'RC0201,5%'", ("part_number = 'RC0201,5%'", CELL)),
-        ("--part-number =1+1", ("part_number = '=1+1'", "the first a letter or digit")),
-        ("--part-number=-C1", ("part_number = '-C1'", CELL)),
-        ("--part-number +C1", ("part_number = '+C1'", CELL)),
-        ("--part-number @SUM", ("part_number = '@SUM'", CELL)),
-        ("--part-number 'A\nB'", (r"part_number = 'A\nB'", CELL)),
-        ("--part-number 'A\tB'", (r"part_number = 'A\tB'", CELL)),
-        ("--part-number 'A '", ("part_number = 'A '", CELL)),
-        ("--part-number 'A\"B'", ("part_number = 'A\"B'", CELL)),
-        ("--part-number \u0421123", ("part_number = ", CELL)),
-        (f"--part-number {'9' * 81}", ("part_number = '999", "...", CELL)),
-        ("--assembly jlcpcb --part-number RC0201-0R", ("part_number = 'RC0201-0R'", "format 'jlcpcb'", LCSC)),
-        ("--fab jlcpcb-fpc --part-number 12345", ("part_number = '12345'", "format 'jlcpcb'", LCSC)),
+        ("--part-number ''", ("--part-number = ''", CELL)),
+        ("--part-number 'RC0201,5%'", ("--part-number = 'RC0201,5%'", CELL)),
+        ("--part-number =1+1", ("--part-number = '=1+1'", "the first a letter or digit")),
+        ("--part-number=-C1", ("--part-number = '-C1'", CELL)),
+        ("--part-number +C1", ("--part-number = '+C1'", CELL)),
+        ("--part-number @SUM", ("--part-number = '@SUM'", CELL)),
+        ("--part-number 'A\nB'", (r"--part-number = 'A\nB'", CELL)),
+        ("--part-number 'A\tB'", (r"--part-number = 'A\tB'", CELL)),
+        ("--part-number 'A '", ("--part-number = 'A '", CELL)),
+        ("--part-number 'A\"B'", ("--part-number = 'A\"B'", CELL)),
+        ("--part-number \u0421123", ("--part-number = ", CELL)),
+        (f"--part-number {'9' * 81}", ("--part-number = '999", "...", CELL)),
+        ("--assembly jlcpcb --part-number RC0201-0R", ("--part-number = 'RC0201-0R'", "format 'jlcpcb'", LCSC)),
+        ("--fab jlcpcb-fpc --part-number 12345", ("--part-number = '12345'", "format 'jlcpcb'", LCSC)),
         ("--assembly jlcpcb --part-number C12345678901", ("'C12345678901'", LCSC)),
-        ("--part dome --part-number C1", ("part_number = 'C1' contradicts part = 'dome'", "leave out --part-number")),
+        ("--part dome --part-number C1", ("--part-number = 'C1' contradicts part = 'dome'", "leave out --part-number")),
     ],
 )
 def test_a_bad_option_is_refused(options: str, said: tuple[str, ...], here: Path) -> None:
@@ -72,7 +72,7 @@ def test_a_bad_option_is_refused(options: str, said: tuple[str, ...], here: Path
 
 
 def test_all_problems_come_together(here: Path) -> None:
-    lines = refused("make --sector 700 --assembly jlcpcb --part-number X1 --size 5x5", "part_number = 'X1'", LCSC)
+    lines = refused("make --sector 700 --assembly jlcpcb --part-number X1 --size 5x5", "--part-number = 'X1'", LCSC)
     assert any("sector = 700" in line for line in lines)
     assert len(refused("make --sector 7 --assembly acme --part-number =1", "assembly = 'acme'")) == 2
 
