@@ -5,7 +5,7 @@ A part's frame: origin at the part's centre on the surface, x and y along board 
 
 from __future__ import annotations
 
-from math import cos, pi, radians, sin, sqrt
+from math import acos, asin, ceil, cos, pi, radians, sin, sqrt
 
 import numpy as np
 
@@ -13,10 +13,27 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import TapePart
 
-DOME_POINTS = 24
-"""Vertices of a dome's foot in a mesh."""
-DOME_RINGS = 4
-"""Rings of a spherical cap in a mesh, foot included, apex not."""
+CHORD_ERROR_MM = 0.01
+"""Largest distance of a mesh's chords from a dome's circles; printers place their layers and spots some times as coarsely."""
+_LEAST_POINTS, _LEAST_RINGS = 12, 3
+
+
+def dome_points(part: TapePart) -> int:
+    """Vertices of a dome's foot in a mesh, a multiple of four: turned by a quarter it is the same."""
+    half_turn = acos(max(1 - 2 * CHORD_ERROR_MM / part.body_mm[0], 0.0))
+    return max(_LEAST_POINTS, 4 * ceil(pi / half_turn / 4))
+
+
+def dome_rings(part: TapePart) -> int:
+    """Rings of a spherical cap in a mesh, foot included, apex not."""
+    sphere_mm = sphere_radius_mm(part)
+    half_step = acos(max(1 - CHORD_ERROR_MM / sphere_mm, 0.0))
+    return max(_LEAST_RINGS, ceil(_cap_rad(part) / half_step / 2))
+
+
+def _cap_rad(part: TapePart) -> float:
+    """Angle at the sphere's centre between the top of a cap and its foot."""
+    return asin(min(part.body_mm[0] / 2 / sphere_radius_mm(part), 1.0))
 
 
 def sphere_radius_mm(part: TapePart) -> float:
@@ -54,13 +71,13 @@ def element_rings_mm(part: TapePart) -> FloatArray:
     if part.shape == "block":
         corners = block_corners_mm(part)
         return np.stack([np.c_[corners, np.zeros(4)], np.c_[corners, np.full(4, height_mm)]])
-    angle = np.arange(DOME_POINTS) * (2 * pi / DOME_POINTS)
+    angle = np.arange(count := dome_points(part)) * (2 * pi / count)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if part.top_mm is not None:
         radii, heights = np.array([length_mm, part.top_mm]) / 2, np.array([0.0, height_mm])
     else:
         sphere_mm = sphere_radius_mm(part)
-        polar = np.arcsin(length_mm / 2 / sphere_mm) * (1 - np.arange(DOME_RINGS) / DOME_RINGS)
+        polar = _cap_rad(part) * (1 - np.arange(count := dome_rings(part)) / count)
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
         heights[0] = 0.0
     rings = radii[:, None, None] * circle

@@ -10,10 +10,10 @@ from math import pi
 import numpy as np
 
 from tactape_fab.solids.elements import (
-    DOME_POINTS,
-    DOME_RINGS,
     block_corners_mm,
     cap_faces,
+    dome_points,
+    dome_rings,
     has_apex,
     ring_faces,
     sphere_radius_mm,
@@ -89,7 +89,7 @@ def _dome_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) ->
             return np.full_like(angle, part.body_mm[0] / 2)
         return foot_radius_mm(part, radius_mm, angle)
 
-    angle, on_cut = _foot_angles(cuts_mm, foot_radius)
+    angle, on_cut = _foot_angles(dome_points(part), cuts_mm, foot_radius)
     reach = foot_radius(angle)
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     foot = reach[:, None] * direction
@@ -98,8 +98,8 @@ def _dome_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) ->
     if part.top_mm is not None:
         radii, heights = np.full((1, len(angle)), part.top_mm / 2), np.full((1, len(angle)), height_mm)
     else:
-        sphere_mm = sphere_radius_mm(part)
-        polar = np.arcsin(np.minimum(reach / sphere_mm, 1.0)) * (1 - np.arange(1, DOME_RINGS) / DOME_RINGS)[:, None]
+        sphere_mm, rings_n = sphere_radius_mm(part), dome_rings(part)
+        polar = np.arcsin(np.minimum(reach / sphere_mm, 1.0)) * (1 - np.arange(1, rings_n) / rings_n)[:, None]
         radii, heights = sphere_mm * np.sin(polar), sphere_mm * np.cos(polar) + height_mm - sphere_mm
     above = np.concatenate([radii[..., None] * direction, heights[..., None]], axis=2).reshape(-1, 3)
     rings, points = len(radii) + 1, len(angle)
@@ -111,9 +111,11 @@ def _dome_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) ->
     return Shell(foot=foot, above=above, faces=faces)
 
 
-def _foot_angles(cuts_mm: FloatArray, foot_radius: Callable[[FloatArray], FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Directions of a foot's vertices, ascending, and the cut that each lies on (NaN: none)."""
-    regular = np.arange(DOME_POINTS) * (2 * pi / DOME_POINTS)
+def _foot_angles(
+    count: int, cuts_mm: FloatArray, foot_radius: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Directions of a foot's vertices, `count` regular ones and those on cuts, ascending, and the cut of each (NaN: none)."""
+    regular = np.arange(count) * (2 * pi / count)
     ends = foot_radius(np.array([0.0, pi]))
     cuts = cuts_mm[(cuts_mm > -ends[1]) & (cuts_mm < ends[0])]
     near, far = np.repeat([0.0, 2 * pi], len(cuts)), np.full(2 * len(cuts), pi)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown_path
-from tactape_fab.solids.elements import element_volume_mm3
+from tactape_fab.solids.elements import closed_element, element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.stl import MeshError, mesh_problems
 from tactape_fab.solids.mesh.triangles import Mesh
@@ -34,7 +34,8 @@ PLACE_TOLERANCE_MM = 0.001
 STL_PLACE_TOLERANCE_MM = 0.005
 """Place tolerance in an STL, whose coordinates have 24 bits of mantissa, and where a dome's rings are polygons."""
 _CHORD_TOLERANCE_MM = 0.002
-_DOME_VOLUME_TOLERANCE = 0.06
+_DOME_CHORDS = 1.05
+"""What chords may cut off of a dome on a curved base, where its foot is not round, over what they do on a flat one."""
 _MOST_MODEL_BYTES = 2 << 30
 _TEXT_PER_TRIANGLE = 300
 _POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
@@ -72,7 +73,11 @@ def _check_mesh(tape: Tape, form: SolidForm, mesh: Mesh) -> Check:
 
 def mesh_volume_tolerance_mm3(tape: Tape, form: SolidForm) -> float:
     """Allowed difference between the volumes of a mesh and its solid, mm^3: chords cut off a little of every curve."""
-    dome = tape.part_count * element_volume_mm3(tape.part) * _DOME_VOLUME_TOLERANCE if tape.part.shape == "dome" else 0.0
+    dome = 0.0
+    if tape.part.shape == "dome":
+        vertices, faces = closed_element(tape.part, 0.0)
+        chords = element_volume_mm3(tape.part) - Mesh(vertices_mm=vertices, faces=faces).volume_mm3
+        dome = _DOME_CHORDS * tape.part_count * chords
     width, height = tape.board.size_mm
     deep_mm = form.base_mm + (tape.part.body_mm[2] if form.negative else 0.0)
     curved_mm2 = (2 * (width + height) + sum(pi * d for _, _, d in tape.board.holes)) * deep_mm

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tactape_fab.solids.elements import block_corners_mm, closed_element, element_rings_mm, reach_mm
+from tactape_fab.solids.elements import CHORD_ERROR_MM, block_corners_mm, closed_element, dome_points, element_rings_mm, reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
@@ -191,11 +191,28 @@ def test_rings_of_elements() -> None:
     dome, cone = element_rings_mm(DOME), element_rings_mm(CONE)
     sphere = (0.3**2 + 0.23**2) / 2 / 0.23
     assert np.linalg.norm(dome - (0, 0, 0.23 - sphere), axis=2) == pytest.approx(np.full(dome.shape[:2], sphere))
-    assert np.hypot(cone[1, :, 0], cone[1, :, 1]) == pytest.approx(np.full(24, 0.15))
+    assert np.hypot(cone[1, :, 0], cone[1, :, 1]) == pytest.approx(np.full(dome_points(CONE), 0.15))
     assert reach_mm(DOME) == (0.3, 0.3)
     assert reach_mm(replace(BLOCK, rotation_deg=90.0)) == pytest.approx((0.15, 0.3))
     corners = block_corners_mm(replace(BLOCK, rotation_deg=90.0))
     assert corners[0].tolist() == pytest.approx([0.15, -0.3])
+
+
+@pytest.mark.parametrize("body_mm", [(0.3, 0.3, 0.1), (0.6, 0.6, 0.23), (0.6, 0.6, 0.3), (3.0, 3.0, 1.0), (20.0, 20.0, 4.0)])
+def test_chords_stay_near_the_sphere(body_mm: tuple[float, float, float]) -> None:
+    """The middle of a chord is what is farthest from its circle; twice as many points would be more than the error asks for."""
+    part = replace(DOME, body_mm=body_mm)
+    rings = element_rings_mm(part)
+    sphere_mm = (body_mm[0] ** 2 / 4 + body_mm[2] ** 2) / 2 / body_mm[2]
+    along = (rings + np.roll(rings, 1, axis=1)) / 2
+    out = np.hypot(rings[..., 0], rings[..., 1]) - np.hypot(along[..., 0], along[..., 1])
+    top = np.array([0.0, 0.0, body_mm[2]])
+    upward = (rings + np.concatenate([rings[1:], np.broadcast_to(top, rings[:1].shape)])) / 2
+    down = sphere_mm - np.linalg.norm(upward - (0.0, 0.0, body_mm[2] - sphere_mm), axis=2)
+    for error_mm in (out, down):
+        assert error_mm.max() <= CHORD_ERROR_MM
+    if body_mm[0] > 1.0:
+        assert min(out.max(), down.max()) > CHORD_ERROR_MM / 2
 
 
 @pytest.mark.parametrize("part", PARTS.values(), ids=PARTS)
@@ -205,7 +222,7 @@ def test_an_element_alone_is_a_closed_body(part: Any) -> None:
     assert mesh_problems(mesh) == []
     assert (vertices[:, 2].min(), vertices[:, 2].max()) == pytest.approx((-0.1, 0.23))
     foot = 0.18 * 0.1 if part.shape == "block" else pi * 0.09 * 0.1
-    assert mesh.volume_mm3 == pytest.approx(element_volume_mm3(part, None, 0.0) + foot, rel=0.03)
+    assert mesh.volume_mm3 == pytest.approx(element_volume_mm3(part, None, 0.0) + foot, rel=0.06)
 
 
 # STL
