@@ -17,7 +17,7 @@ from tactape_fab.base.plain_text import one_line
 PURPOSES = (
     ("for the fab", ("fab-zip",)),
     ("for assembly", ("cpl", "bom")),
-    ("for the order", ("order-notes", "fab-drawing")),
+    ("for the order", ("order-notes", "fab-drawing", "fab-dxf")),
     ("for CAD and milling", ("step-assembly", "step-solid")),
     ("for printing", ("stl", "3mf")),
     ("to look at", ("report",)),

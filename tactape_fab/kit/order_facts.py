@@ -29,6 +29,10 @@ Box = tuple[float, float, float, float]
 """Least x, least y, largest x, largest y: board frame, mm."""
 
 
+def moved(box: Box, offset: tuple[float, float]) -> Box:
+    return box[0] + offset[0], box[1] + offset[1], box[2] + offset[0], box[3] + offset[1]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """A relevant threshold that no fab has confirmed."""
@@ -134,6 +138,15 @@ class OrderFacts:
     def unit(self) -> str:
         """Description of the ordered item."""
         return "tape" if self.panel is None else "panel"
+
+    @property
+    def tape_offsets_mm(self) -> list[tuple[float, float]]:
+        """Places of the tapes on what is ordered."""
+        return [(0.0, 0.0)] if self.panel is None else [tape.offset_mm for tape in self.panel.tapes]
+
+    def on_each_tape(self, box: Box) -> list[Box]:
+        """A box of the first tape's board, on every tape of what is ordered."""
+        return [moved(box, offset) for offset in self.tape_offsets_mm]
 
 
 def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], artifacts: Sequence[Artifact]) -> OrderFacts:

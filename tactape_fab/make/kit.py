@@ -14,6 +14,7 @@ from tactape_fab.kit.order_facts import order_facts
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
+from tactape_fab.kit.render.fab_dxf import render_fab_dxf
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.kit.writer import (
@@ -188,7 +189,8 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
     artifacts = [] if film is None else render_all(examined.drawing, film.fab)
     if film is not None:
         facts = order_facts(film.layout, film.fab, examined.findings, artifacts)
-        artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, examined.drawing))
+        drawing = examined.drawing
+        artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, drawing), *render_fab_dxf(facts, drawing))
     if spec.form is not None:
         artifacts += render_models(tape, spec.form, None if film is None else film.fab)
     if film is not None:

@@ -15,6 +15,7 @@ from tactape_fab.kit.order_facts import panel_order_facts
 from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import Panel
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
+from tactape_fab.kit.render.fab_dxf import render_fab_dxf
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import PlacedKit, made_record, panel_manifest, panel_record, render_all, write_kit
 from tactape_fab.make.kit import fill_kit, forced, refuse_broken
@@ -175,7 +176,8 @@ def _write_panel(
     artifacts = render_all(examined.drawing, film.fab)
     layouts = [tape.layout for tape in examined.tapes]
     facts = panel_order_facts(examined.name, examined.panel, layouts, film.fab, examined.findings, artifacts)
-    artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, examined.drawing))
+    drawing = examined.drawing
+    artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, drawing), *render_fab_dxf(facts, drawing))
     kits = []
     number = 1
     for tape, offset_mm in zip(examined.tapes, examined.panel.offsets_mm, strict=True):

@@ -28,8 +28,8 @@ PICTURES = ("preview-svg", "preview-png")
 CERTIFICATE = "certificate"
 EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
-DRAWING = "fab-drawing"
-"""Role of the drawing for the fab; kits of version 0.1.0 have none."""
+DRAWINGS = ("fab-drawing", "fab-dxf")
+"""Roles of the drawing for the fab; kits of version 0.1.0 have none."""
 REPORT = "report"
 """Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
 _DATA, _DATA_END = b'<script type="application/json" id="data">', b"</script>"
@@ -141,7 +141,7 @@ def check_listed(
 ) -> tuple[dict[str, WrittenFile], list[str], list[Check]]:
     """The first file of each role, the expected roles without a file, and one check each of the roles and the report."""
     single = {role: rows[0] for role, rows in files.items() if rows}
-    checks = [_check_roles(expected, files, (REPORT, DRAWING, *allowed))]
+    checks = [_check_roles(expected, files, (REPORT, *DRAWINGS, *allowed))]
     if REPORT in single:
         checks.append(_check_report(single[REPORT], manifest, what))
     return single, [role for role in expected if role not in single], checks

@@ -24,7 +24,7 @@ BACKINGS = ("stiffener-bottom", "adhesive-bottom")
 LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile")
 MODELS = ("step-assembly", "step-solid", "stl", "3mf")
 ROLES = (
-    *(*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "order-notes", "fab-drawing"),
+    *(*IN_ZIP, *MODELS, "components-top", "cpl", "bom", "order-notes", "fab-drawing", "fab-dxf"),
     *("kicad-pcb", "kicad-project", "preview-png", "preview-svg", "certificate", "fab-zip", "report"),
 )
 

@@ -41,7 +41,18 @@ MODEL_ROLES = {"step-assembly", "step-solid", "stl", "3mf"}
 ROLES = (
     FAB_ROLES
     | MODEL_ROLES
-    | {"components-top", "cpl", "bom", "order-notes", "fab-drawing", "kicad-pcb", "kicad-project", "preview-svg", "preview-png"}
+    | {
+        "components-top",
+        "cpl",
+        "bom",
+        "order-notes",
+        "fab-drawing",
+        "fab-dxf",
+        "kicad-pcb",
+        "kicad-project",
+        "preview-svg",
+        "preview-png",
+    }
     | {"certificate", "fab-zip", "report"}
 )
 PINNED_KEYS = {

@@ -15,7 +15,7 @@ from tactape_fab.base.build_date import build_date
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
-from tactape_fab.kit.order_facts import Box, OrderFacts
+from tactape_fab.kit.order_facts import Box, OrderFacts, moved
 from tactape_fab.kit.render.pdf_sheet import Sheet, View
 from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
@@ -58,11 +58,11 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
     width, height = drawing.size_mm
     sheet.outlines([view(drawing.outline_mm)], width_mm=0.35, fill=_FILM)
     sheet.outlines([view(slot) for slot in drawing.slots_mm], width_mm=0.18, fill=1.0)
-    for number, offset in enumerate(_tape_offsets(facts), 1):
-        field = _moved(facts.field_mm, offset)
+    for number, offset in enumerate(facts.tape_offsets_mm, 1):
+        field = moved(facts.field_mm, offset)
         sheet.box(view(field[:2]), view(field[2:]), fill=_FIELD_GREY, stroke=0.45, width_mm=0.1, dash=(1.0, 0.6))
         if facts.number_mm is not None:
-            area = _moved(facts.number_mm, offset)
+            area = moved(facts.number_mm, offset)
             sheet.box(view(area[:2]), view(area[2:]), stroke=0.0, width_mm=0.13, dash=(0.5, 0.4))
         if facts.panel is not None:
             middle = ((field[0] + field[2]) / 2, (field[1] + field[3]) / 2)
@@ -157,7 +157,7 @@ def _grid_point(facts: OrderFacts, column: float, row: float) -> FloatArray:
     """A point of the (first) tape's grid, x right and y down, in the drawing's frame, mm."""
     tape = facts.tape
     xy_mm = texture_to_board(np.array([column, row]) * tape.pitch_mm, tape.board.texture_origin_mm)
-    return np.asarray(xy_mm + np.array(_tape_offsets(facts)[0]))
+    return np.asarray(xy_mm + np.array(facts.tape_offsets_mm[0]))
 
 
 def _one_part(sheet: Sheet, drawing: Drawing) -> None:
@@ -324,14 +324,6 @@ def _texture(facts: OrderFacts) -> str:
 
 def _ratio(scale: float) -> str:
     return f"{scale:g}:1" if scale >= 1.0 else f"1:{1.0 / scale:g}"
-
-
-def _tape_offsets(facts: OrderFacts) -> list[tuple[float, float]]:
-    return [(0.0, 0.0)] if facts.panel is None else [tape.offset_mm for tape in facts.panel.tapes]
-
-
-def _moved(box: Box, offset: tuple[float, float]) -> Box:
-    return box[0] + offset[0], box[1] + offset[1], box[2] + offset[0], box[3] + offset[1]
 
 
 def _fitted(
