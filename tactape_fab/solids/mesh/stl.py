@@ -11,6 +11,8 @@ from tactape_fab.texture.frames import IntArray
 
 _HEADER_BYTES, _TRIANGLE_BYTES = 84, 50
 MOST_TRIANGLES = 20_000_000
+_JOINED_MM = 1e-6
+"""Vertices nearer than a nanometre are one to many programs, trimesh (1e-8) among them: the mesh is another one to each."""
 
 
 class MeshError(TactapeError):
@@ -74,12 +76,21 @@ def mesh_problems(mesh: Mesh) -> list[str]:
         problems.append(f"{int((edge[1:] == edge[:-1]).sum())} edges between more than two triangles")
     elif not np.array_equal(edge, back):
         problems.append(f"{len(np.setdiff1d(edge, back))} edges without a second triangle: it is not watertight")
+    near = _near_vertices(mesh)
+    if near:
+        problems.append(f"{near} edges shorter than {_JOINED_MM:g} mm, whose ends other readers join")
     bodies = body_count(mesh)
     if bodies != 1:
         problems.append(f"{bodies} bodies")
     if mesh.volume_mm3 <= 0.0:
         problems.append("its triangles face inward")
     return problems
+
+
+def _near_vertices(mesh: Mesh) -> int:
+    corners = mesh.corners_mm
+    square = ((corners - np.roll(corners, -1, axis=1)) ** 2).sum(axis=2)
+    return int((square < _JOINED_MM**2).sum()) // 2
 
 
 def body_count(mesh: Mesh) -> int:

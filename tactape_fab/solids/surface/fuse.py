@@ -21,7 +21,9 @@ from tactape_fab.texture.tape import TapePart
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how many of how many are done."""
 
-_VOLUME_ERROR = 1e-6
+_VOLUME_ERROR, _MOST_MOVED = 1e-6, 2e-6
+_GRID_MM = 2.0**-19
+"""Vertices lie on a grid of 2 nm, or on float32's own where that is coarser: no two are so near that a reader joins them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,7 +80,9 @@ def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *
     got, expected = float(union.volume()), float(base.volume() + above.volume())
     if abs(got - expected) > _VOLUME_ERROR * expected:
         raise TactapeError(f"the fused solid has {got:.4f} mm3 instead of {expected:.4f} mm3; {_REPORT}")
-    mesh = _settled(union.simplify(2e-6 * size))
+    mesh = _settled(union.simplify(_MOST_MOVED * size))
+    # the engine keeps short edges where surfaces of different origin meet; a manifold made anew has no such origins
+    mesh = _settled(_manifold(mesh).simplify(_MOST_MOVED * size))
     result = _manifold(mesh)
     if result.status() != m3.Error.NoError or len(result.decompose()) != bodies:
         raise TactapeError(f"the fused solid falls into {len(result.decompose())} bodies instead of {bodies}; {_REPORT}")
@@ -157,9 +161,10 @@ def _refuse_poking_out(above: Any, laid: LaidOut, chord_error_mm: float) -> None
 
 
 def _settled(solid: Any) -> Mesh:
-    """A manifold as a mesh in float32's coordinates, in an order that its geometry alone decides."""
+    """A manifold as a mesh on a grid of float32's coordinates, in an order that its geometry alone decides."""
     raw = solid.to_mesh64()
-    points = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3].astype(np.float32).astype(np.float64) + 0.0
+    points = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3] / _GRID_MM
+    points = (points.round() * _GRID_MM).astype(np.float32).astype(np.float64) + 0.0
     faces = np.asarray(raw.tri_verts, dtype=np.int64)
     unique, place = np.unique(points, axis=0, return_inverse=True)
     faces = place.reshape(-1)[faces]

@@ -382,3 +382,18 @@ def test_a_package_that_announces_too_much_is_refused_unread() -> None:
     struct.pack_into("<I", data, entry + 24, 0xF0000000)
     with pytest.raises(MeshError, match="unpacks to more than"):
         read_threemf(bytes(data))
+
+
+def test_vertices_that_readers_join_are_a_fault() -> None:
+    cut = cube()
+    near = cut.vertices_mm[cut.faces[0, 0]] + (2e-7, 0.0, 0.0)
+    a, b, c = cut.faces[0]
+    new = len(cut.vertices_mm)
+    mate = next(face for face in cut.faces[1:] if {a, b} <= set(face.tolist()))
+    d = next(v for v in mate.tolist() if v not in (a, b))
+    faces = [face for face in cut.faces.tolist() if face not in (cut.faces[0].tolist(), mate.tolist())]
+    faces += [[a, new, c], [new, b, c], [b, new, d], [new, a, d]]
+    mesh = Mesh(vertices_mm=np.vstack([cut.vertices_mm, near]), faces=np.array(faces))
+    assert [problem.split(" edges")[1] for problem in mesh_problems(mesh)] == [
+        " shorter than 1e-06 mm, whose ends other readers join"
+    ]

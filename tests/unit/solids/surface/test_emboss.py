@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactape_fab import Tape
+from tactape_fab import Tape, TapeSpec, make_kit
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli.emboss import distortion_lines
 from tactape_fab.make.emboss import emboss_kit, worst_pitch_error
 from tactape_fab.solids.elements import element_volume_mm3
+from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
 from tactape_fab.solids.mesh.triangles import stl_bytes
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.fuse import fuse_mesh
@@ -353,3 +354,18 @@ def test_a_part_that_distorts_everywhere_is_refused_with_a_place_that_can_be_tak
     x, y, z = map(float, way.groups())
     assert emboss(kit, None, placement=Placement(at_mm=(x, y, z))).checks
     assert not list(tmp_path.glob("*.tmp"))
+
+
+def test_no_triangle_is_so_thin_that_readers_disagree_on_the_pole_of_a_capsule(tmp_path: Path) -> None:
+    """Elements lean against each other there; trimesh, which joins vertices that are near, found the mesh open."""
+    path = tmp_path / "capsule.stl"
+    trimesh.creation.capsule(height=60.0, radius=15.0, count=[64, 64]).export(path)
+    kit = make_kit(TapeSpec(sector=7, part="dome", process="sla", size_mm=(40.0, 30.0)), tmp_path / "kit")
+    made = emboss_kit(kit.path, path, tmp_path / "made", placement=Placement(at_mm=(0.0, 0.0, 45.0)))
+    data = (made.path / made.files["stl"]).read_bytes()
+    corners = read_stl(data).corners_mm
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert edges.min() > 1.5e-6
+    assert mesh_problems(read_stl(data)) == []
+    other = trimesh.load_mesh(made.path / made.files["stl"], process=True)
+    assert (other.is_watertight, other.is_winding_consistent, other.body_count) == (True, True, 1)
