@@ -17,6 +17,7 @@ _INSTALLED_BY = {
     "OCP": '"tactape-fab[cad]"',
     "build123d": '"tactape-fab[cad]"',
     "cv2": "opencv-python-headless",
+    "gtsam": '"tactape-fab[slam]"',
     "manifold3d": '"tactape-fab[cad]"',
     "mcap": '"tactape-fab[live]"',
     "rerun": '"tactape-fab[rerun]"',

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from tactape_fab.sense.simulation.parts import Parts as Parts
     from tactape_fab.sense.simulation.parts import parts_from_cpl as parts_from_cpl
     from tactape_fab.sense.simulation.scene import Scene as Scene
+    from tactape_fab.sense.slam.measurement import PoseMeasurement as PoseMeasurement
+    from tactape_fab.sense.slam.measurement import measure_pose as measure_pose
     from tactape_fab.sense.track.motion import Event as Event
     from tactape_fab.sense.track.motion import Slip as Slip
 
@@ -65,6 +67,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.simulation.elastic_forces": "simulate_forces",
         "sense.simulation.parts": "Parts parts_from_cpl",
         "sense.simulation.scene": "Scene",
+        "sense.slam.measurement": "PoseMeasurement measure_pose",
         "sense.track.motion": "Event Slip",
     },
 )
