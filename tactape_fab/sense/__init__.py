@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
     from tactape_fab.sense.live.messages import text_message as text_message
+    from tactape_fab.sense.live.messages import transform_message as transform_message
+    from tactape_fab.sense.live.ros2_node import run_ros2_node as run_ros2_node
     from tactape_fab.sense.objects.mount import Mount as Mount
     from tactape_fab.sense.objects.mount import ObjectPose as ObjectPose
     from tactape_fab.sense.objects.mount import sensor_on_object as sensor_on_object
@@ -57,7 +59,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.files.arm_poses": "ArmPose",
         "sense.inspect.inspection": "inspect_scans",
         "sense.inspect.result": "Deviation Inspection",
-        "sense.live.messages": "image_message pose_message text_message",
+        "sense.live.messages": "image_message pose_message text_message transform_message",
+        "sense.live.ros2_node": "run_ros2_node",
         "sense.objects.mount": "Mount ObjectPose sensor_on_object",
         "sense.objects.tag_pose": "TagPose",
         "sense.raw.reconstruct": "Network Reconstruction load_network make_reconstruction",
