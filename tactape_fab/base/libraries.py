@@ -23,6 +23,7 @@ _INSTALLED_BY = {
     "rerun": '"tactape-fab[rerun]"',
     "scipy": '"tactape-fab[measure]"',
     "tomli": "tomli",
+    "zenoh": '"tactape-fab[zenoh]"',
 }
 """Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
 _OWN = "tactape-fab"
