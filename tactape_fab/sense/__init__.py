@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from tactape_fab.sense.inspect.inspection import inspect_scans as inspect_scans
     from tactape_fab.sense.inspect.result import Deviation as Deviation
     from tactape_fab.sense.inspect.result import Inspection as Inspection
+    from tactape_fab.sense.live.live_sensor import LiveSensor as LiveSensor
+    from tactape_fab.sense.live.live_sensor import observation as observation
+    from tactape_fab.sense.live.live_sensor import observation_names as observation_names
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
     from tactape_fab.sense.live.messages import text_message as text_message
@@ -59,6 +62,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.files.arm_poses": "ArmPose",
         "sense.inspect.inspection": "inspect_scans",
         "sense.inspect.result": "Deviation Inspection",
+        "sense.live.live_sensor": "LiveSensor observation observation_names",
         "sense.live.messages": "image_message pose_message text_message transform_message",
         "sense.live.ros2_node": "run_ros2_node",
         "sense.objects.mount": "Mount ObjectPose sensor_on_object",
