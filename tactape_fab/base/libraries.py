@@ -17,11 +17,13 @@ _INSTALLED_BY = {
     "OCP": '"tactape-fab[cad]"',
     "build123d": '"tactape-fab[cad]"',
     "cv2": "opencv-python-headless",
+    "gtsam": '"tactape-fab[slam]"',
     "manifold3d": '"tactape-fab[cad]"',
     "mcap": '"tactape-fab[live]"',
     "rerun": '"tactape-fab[rerun]"',
     "scipy": '"tactape-fab[measure]"',
     "tomli": "tomli",
+    "zenoh": '"tactape-fab[zenoh]"',
 }
 """Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
 _OWN = "tactape-fab"

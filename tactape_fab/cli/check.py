@@ -142,6 +142,7 @@ TAPE_OPTIONS = (
         help="Base of a cylinder: the tape's, or closed.  [default: segment]",
     ),
     _TapeOption(["--no-3d"], "models", _off, is_flag=True, help="Leave the 3D models out."),
+    _TapeOption(["--sim"], "sim", bool, is_flag=True, help="Add assets for simulators: MJCF, URDF, USD, glTF, a heightfield."),
 )
 
 

@@ -33,6 +33,8 @@ EXTRAS = {
     "raw": "decode and watch read colour images of the gel",
     "live": "watch writes MCAP files",
     "rerun": "watch shows what it sees in the Rerun viewer",
+    "zenoh": "watch publishes its messages over Zenoh",
+    "slam": "located contacts as factors of GTSAM",
     "verify": "verify reads the printed AprilTag with a second detector",
     "evidence": "python -m tests.bench draws the curves of the evidence",
     "docs": "zensical builds this documentation",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 @click.option("--up", metavar="X,Y,Z", help="Direction of board +y there.  [default: +z, or +y on a level surface]")
 @click.option("--face", metavar="N", help="Face of a STEP solid, from 0.  [default: the one at the point, or the largest]")
 @click.option("--unit", metavar="mm|cm|m|inch", default="mm", help="Unit of an STL, OBJ or PLY file.  [default: mm]")
+@click.option("--sim", is_flag=True, help="Add assets for simulators: MJCF, URDF, USD.")
 @click.option("-o", "--output", metavar="DIR", help="Folder of the result.  [default: beside the part]")
 @click.option("--overwrite", is_flag=True, help="Replace an older result of this tool.")
 @click.option("--discard-edits", is_flag=True, help="Replace it even if files in it were edited since.")
@@ -32,6 +33,7 @@ def emboss(
     kit: str,
     surface: str,
     unit: str,
+    sim: bool,
     output: str | None,
     overwrite: bool,
     discard_edits: bool,
@@ -53,7 +55,8 @@ def emboss(
             {key: number(text) if key == "face" else pair(text) for key, text in given.items() if text is not None}
         )
         replace: Overwrite = "edits" if discard_edits else overwrite
-        made = emboss_kit(kit, surface, output, placement=placement, overwrite=replace, unit=unit, progress=step_shown())
+        how: dict[str, Any] = {"overwrite": replace, "unit": unit, "sim": sim, "progress": step_shown()}
+        made = emboss_kit(kit, surface, output, placement=placement, **how)
         echo_lines_err(distortion_lines(made))
         echo_json(made.to_mapping()) if as_json else echo_lines(embossed_lines(made))
 

@@ -30,6 +30,7 @@ COMMANDS = (
     "make",
     "profiles",
     "registry",
+    "ros2",
     "simulate",
     "survey",
     "verify",

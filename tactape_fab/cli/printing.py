@@ -20,6 +20,7 @@ PURPOSES = (
     ("for the order", ("order-notes", "fab-drawing", "fab-dxf")),
     ("for CAD and milling", ("step-assembly", "step-solid")),
     ("for printing", ("stl", "3mf")),
+    ("for simulators", ("sim",)),
     ("to look at", ("report",)),
 )
 """Purposes of files and their roles, in the order in which make prints them."""

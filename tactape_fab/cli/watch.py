@@ -41,6 +41,7 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 @click.option("--weights", metavar="FILE.pth", help="With --raw: the network that turns the sensor's colours into slopes.")
 @click.option("--crop", metavar="U,V,W,H", help="With --raw: part of a camera's image that is scaled to the sensor's frame, px.")
 @click.option("--mcap", metavar="FILE.mcap", help="Write poses, depth images and answers as ROS 2 messages.")
+@click.option("--zenoh", metavar="local|ENDPOINT", help="Publish them over Zenoh, such as tcp/localhost:7447.")
 @click.option("--frame-id", metavar="NAME", help="Frame that poses are given in.  [default: the tape's name]")
 @click.option("--sensor-frame", metavar="NAME", help="Frame of the depth images.  [default: the sensor's name]")
 @click.option("--rerun", is_flag=True, help="Show it in the Rerun viewer.")
@@ -101,9 +102,10 @@ def _opened(source: str, kits: Sequence[str], sensor: str, given: Mapping[str, A
     )
     table = Fields({} if given["count"] is None else {"count": number(given["count"])})
     count = table.integer("count", low=1, high=10**12) if "count" in table.values else None
-    if given["mcap"] is None and (given["frame_id"] is not None or given["sensor_frame"] is not None):
-        table.problem("mcap", "--frame-id and --sensor-frame are for messages; give --mcap FILE.mcap with them")
-    problems = [*table.problems, *missing_extra([name for name in ("mcap", "rerun", "save") if given[name]])]
+    unsent = given["mcap"] is None and given["zenoh"] is None
+    if unsent and (given["frame_id"] is not None or given["sensor_frame"] is not None):
+        table.problem("mcap", "--frame-id and --sensor-frame are for messages; give --mcap FILE.mcap with them, or --zenoh local")
+    problems = [*table.problems, *missing_extra([name for name in ("mcap", "rerun", "save", "zenoh") if given[name]])]
     written = (("mcap", ".mcap", given["mcap"]), ("save", ".rrd", given["save"]))
     try:
         watched = open_watch(source, kits, sensor, wishes, written, **locating_values(given))
@@ -118,12 +120,18 @@ def _outputs(
     stack: ExitStack, watched: Watch, thing: TapedObject | None, given: dict[str, Any]
 ) -> list[Callable[[Located], bool]]:
     """Functions that write or show an answer; each returns False where an answer has no timestamp that it needs."""
+    from tactape_fab.sense.live.topics import Naming
+
     outputs: list[Callable[[Located], bool]] = []
+    naming = Naming(frame_id=given["frame_id"], sensor_frame=given["sensor_frame"], thing=thing)
+    if given["zenoh"] is not None:
+        from tactape_fab.sense.live.zenoh_bus import ZenohBus
+
+        outputs.append(stack.enter_context(ZenohBus(given["zenoh"], naming)).write)
     if given["mcap"] is not None:
         from tactape_fab.sense.live.mcap_log import McapLog
 
-        log = McapLog(Path(given["mcap"]), frame_id=given["frame_id"], sensor_frame=given["sensor_frame"], thing=thing)
-        outputs.append(stack.enter_context(log).write)
+        outputs.append(stack.enter_context(McapLog(Path(given["mcap"]), naming)).write)
     if given["rerun"] or given["save"] is not None:
         from tactape_fab.sense.live.rerun_log import RerunLog
 

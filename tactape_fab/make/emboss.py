@@ -20,6 +20,7 @@ from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
+from tactape_fab.kit.render.sim import render_part_sim
 from tactape_fab.kit.writer import write_kit
 from tactape_fab.make.publish import finished
 from tactape_fab.report import add_report
@@ -110,6 +111,7 @@ def emboss_kit(
     placement: Placement = Placement(),  # noqa: B008 (frozen)
     overwrite: Overwrite = False,
     unit: str = "mm",
+    sim: bool = False,
     progress: Progress = lambda *_: None,
 ) -> Embossed:
     """Put a kit's texture on the user's own part.
@@ -128,6 +130,8 @@ def emboss_kit(
         Replace an older result at `output`, as for `make_kit`. Anything else there is refused.
     unit : {"mm", "cm", "m", "inch"}
         Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
+    sim : bool
+        Add assets for simulators.
     progress : callable
         Called with the name of the step, the number of finished elements and their total.
 
@@ -160,6 +164,8 @@ def emboss_kit(
     progress("reading", 0, tape.part_count)
     made = (_on_step if source.kind == "step" else _on_mesh)(tape, source, placement, unit, progress)
     artifacts = [*_artifacts(tape, made, name), *render_certificate(certify(tape))]
+    if sim:
+        artifacts += render_part_sim(name, made.fused.mesh)
     surface = _surface(source, made, unit)
     manifest = {
         **{key: value for key, value in content.items() if key != "made"},  # of the kit's own files

@@ -16,6 +16,7 @@ from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.fab_dxf import render_fab_dxf
 from tactape_fab.kit.render.order_notes import render_order_notes
+from tactape_fab.kit.render.sim import render_sim
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.kit.writer import (
     film_record,
@@ -193,6 +194,8 @@ def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
         artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, drawing), *render_fab_dxf(facts, drawing))
     if spec.form is not None:
         artifacts += render_models(tape, spec.form, None if film is None else film.fab)
+    if spec.sim:
+        artifacts += render_sim(tape, spec.form, None if film is None else film.fab)
     if film is not None:
         record = film_record(film.layout, spec, film.fab, process)
     else:

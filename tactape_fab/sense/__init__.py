@@ -18,9 +18,14 @@ if TYPE_CHECKING:
     from tactape_fab.sense.inspect.inspection import inspect_scans as inspect_scans
     from tactape_fab.sense.inspect.result import Deviation as Deviation
     from tactape_fab.sense.inspect.result import Inspection as Inspection
+    from tactape_fab.sense.live.live_sensor import LiveSensor as LiveSensor
+    from tactape_fab.sense.live.live_sensor import observation as observation
+    from tactape_fab.sense.live.live_sensor import observation_names as observation_names
     from tactape_fab.sense.live.messages import image_message as image_message
     from tactape_fab.sense.live.messages import pose_message as pose_message
     from tactape_fab.sense.live.messages import text_message as text_message
+    from tactape_fab.sense.live.messages import transform_message as transform_message
+    from tactape_fab.sense.live.ros2_node import run_ros2_node as run_ros2_node
     from tactape_fab.sense.objects.mount import Mount as Mount
     from tactape_fab.sense.objects.mount import ObjectPose as ObjectPose
     from tactape_fab.sense.objects.mount import sensor_on_object as sensor_on_object
@@ -42,6 +47,8 @@ if TYPE_CHECKING:
     from tactape_fab.sense.simulation.parts import Parts as Parts
     from tactape_fab.sense.simulation.parts import parts_from_cpl as parts_from_cpl
     from tactape_fab.sense.simulation.scene import Scene as Scene
+    from tactape_fab.sense.slam.measurement import PoseMeasurement as PoseMeasurement
+    from tactape_fab.sense.slam.measurement import measure_pose as measure_pose
     from tactape_fab.sense.track.motion import Event as Event
     from tactape_fab.sense.track.motion import Slip as Slip
 
@@ -55,7 +62,9 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.files.arm_poses": "ArmPose",
         "sense.inspect.inspection": "inspect_scans",
         "sense.inspect.result": "Deviation Inspection",
-        "sense.live.messages": "image_message pose_message text_message",
+        "sense.live.live_sensor": "LiveSensor observation observation_names",
+        "sense.live.messages": "image_message pose_message text_message transform_message",
+        "sense.live.ros2_node": "run_ros2_node",
         "sense.objects.mount": "Mount ObjectPose sensor_on_object",
         "sense.objects.tag_pose": "TagPose",
         "sense.raw.reconstruct": "Network Reconstruction load_network make_reconstruction",
@@ -65,6 +74,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "sense.simulation.elastic_forces": "simulate_forces",
         "sense.simulation.parts": "Parts parts_from_cpl",
         "sense.simulation.scene": "Scene",
+        "sense.slam.measurement": "PoseMeasurement measure_pose",
         "sense.track.motion": "Event Slip",
     },
 )

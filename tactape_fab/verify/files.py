@@ -30,6 +30,8 @@ EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
 DRAWINGS = ("fab-drawing", "fab-dxf")
 """Roles of the drawing for the fab; kits of version 0.1.0 have none."""
+SIM = "sim"
+"""Role of every asset for simulators: those that were asked for, checked by their hashes and by making them again."""
 REPORT = "report"
 """Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
 _DATA, _DATA_END = b'<script type="application/json" id="data">', b"</script>"
@@ -151,7 +153,7 @@ def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]]
     """Check that every expected role is there once, and no other role except the allowed ones, each at most once."""
     wrong = [f"{role} {len(files.get(role, []))} times" for role in expected if len(files.get(role, [])) != 1]
     wrong += [f"{role} {len(files[role])} times" for role in allowed if len(files.get(role, [])) > 1]
-    wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed)]
+    wrong += [f"{role}, which this tape has no use for" for role in files if role not in (*expected, *allowed, SIM)]
     message = f"the kit holds {named(wrong)}" if wrong else f"{len(expected)} roles, one file each"
     return Check(name="roles", passed=not wrong, message=message)
 

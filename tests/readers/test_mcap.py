@@ -25,8 +25,8 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from tactape_fab import Kit
 from tactape_fab.cli import main
 from tactape_fab.sense import simulate_frames
-from tactape_fab.sense.live.mcap_log import DEPTH_TOPIC, POSE_TOPIC, TEXT_TOPIC
 from tactape_fab.sense.live.messages import UNMEASURED
+from tactape_fab.sense.live.topics import DEPTH_TOPIC, POSE_TOPIC, TEXT_TOPIC
 from tests.live import npy
 
 COUNT = 12

@@ -46,7 +46,9 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
         The spec's part; None if it cannot be read, and then nothing is checked against it.
     """
     models = table.flag("models", default=True)
-    negative = table.flag("negative")
+    negative, sim = table.flag("negative"), table.flag("sim")
+    if sim and negative:
+        _contradiction(table, "negative", "sim = true (--sim): nobody touches a mould", "leave out one of them")
     element = part if isinstance(part, ElementProfile) else None
     if element is not None:
         _refuse_film_options(table, element, models=models)
@@ -63,6 +65,7 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
         "dome_top_mm": top_mm,
         "base_mm": _base(table) if with_models else None,
         "negative": negative,
+        "sim": sim,
         "top": _choice(table, "top", TOPS) if with_models else None,
         **_cylinder(table),
     }

@@ -89,6 +89,8 @@ class TapeSpec:
     bend_axis : {"x", "y"} or None
         Board axis that becomes curved when the tape is bent.
     bend_radius_mm : float or None
+    sim : bool
+        Whether the kit has assets for simulators.
 
     Raises
     ------
@@ -131,6 +133,7 @@ class TapeSpec:
     adhesive: str | None = None
     bend_axis: str | None = None
     bend_radius_mm: float | None = None
+    sim: bool = False
 
     def __post_init__(self) -> None:
         values, problems = read_options(asdict(self))
@@ -183,7 +186,7 @@ class TapeSpec:
 
     def to_mapping(self) -> dict[str, Any]:
         """Every option in its final form, for the manifest; of a profile's path only the file's name."""
-        values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) != ("directions", USUAL_DIRECTIONS)}
+        values = {key: _plain(value) for key, value in asdict(self).items() if (key, value) not in _LEFT_OUT}
         return {**values, **{key: Path(values[key]).name for key in PROFILE_KEYS if values[key] is not None}}
 
     @property
@@ -202,6 +205,8 @@ class TapeSpec:
         return SolidForm(base_mm=self.base_mm, negative=self.negative, top=cast(Top, self.top), cylinder=cylinder)
 
 
+_LEFT_OUT = (("directions", USUAL_DIRECTIONS), ("sim", False))
+"""Options that a manifest has only where they are not usual, as those of older versions have not."""
 PROFILE_KEYS = ("fab", "part", "process")
 KEYS = tuple(f.name for f in fields(TapeSpec))
 DEFAULTS = {f.name: f.default for f in fields(TapeSpec) if f.default is not MISSING}

@@ -239,7 +239,7 @@ class Localization:
         SpecError
             For another frame or origin, and for an object without "object" or the reverse.
         """
-        surface, state = self._surface(frame, on), state_of(self, origin)
+        surface, state = surface_of(self, frame, on), state_of(self, origin)
         return None if surface is None or state is None else image_pose(surface, state[0])
 
     def covariance6(self, frame: str = "board", *, on: OnObject | None = None, origin: str = "tape") -> FloatArray | None:
@@ -267,7 +267,7 @@ class Localization:
         SpecError
             As `transform`.
         """
-        surface, state = self._surface(frame, on), state_of(self, origin)
+        surface, state = surface_of(self, frame, on), state_of(self, origin)
         if surface is None or state is None or state[1] is None:
             return None
         if frame != "object" and np.isinf(state[1][3, 3]):  # exactly, as there is nothing to carry over
@@ -280,27 +280,6 @@ class Localization:
             out[2], out[:, 2] = 0.0, 0.0
             out[2, 2] = inf
         return out
-
-    def _surface(self, frame: str, on: OnObject | None) -> Surface | None:
-        """Where the tape is in a frame; None where that is not known."""
-        if frame not in _FRAMES or (frame == "object" and on is None):
-            remedy = "give one of them; for an object's give 'object' and on=read_object(FILE), or use"
-            message = (
-                f"frame = {shown(frame)} is neither 'board' nor 'texture'; {remedy} read_object(FILE).locate(fix).transform()"
-            )
-            raise SpecError(Problem("frame", message))
-        if frame != "object" and on is not None:
-            raise SpecError(Problem("on", f"on is for frame = 'object', not {shown(frame)}; leave it out, or give 'object'"))
-        if not self.located or self.position_mm is None:
-            return None
-        if on is not None:
-            return on.surface_of(self)
-        if frame == "texture":
-            return texture_plane
-        if self.board_mm is None:
-            return None
-        x0, y0 = self.board_mm[0] - self.position_mm[0], self.board_mm[1] + self.position_mm[1]
-        return lambda at_mm: (np.array([x0 + at_mm[0], y0 - at_mm[1], 0.0]), np.diag([1.0, -1.0, -1.0]))
 
     def to_mapping(self, frame: int | None = None, *, dots: bool = False) -> dict[str, Any]:
         """The answer as a mapping that `json.dumps` takes.
@@ -326,6 +305,26 @@ class Localization:
             elif dots:
                 values["dots"] = None if self.dots is None else self.dots.to_mapping()
         return values
+
+
+def surface_of(fix: Localization, frame: str, on: OnObject | None) -> Surface | None:
+    """Where the tape of an answer is in a frame, as `Localization.transform` takes it; None where that is not known."""
+    if frame not in _FRAMES or (frame == "object" and on is None):
+        remedy = "give one of them; for an object's give 'object' and on=read_object(FILE), or use"
+        message = f"frame = {shown(frame)} is neither 'board' nor 'texture'; {remedy} read_object(FILE).locate(fix).transform()"
+        raise SpecError(Problem("frame", message))
+    if frame != "object" and on is not None:
+        raise SpecError(Problem("on", f"on is for frame = 'object', not {shown(frame)}; leave it out, or give 'object'"))
+    if not fix.located or fix.position_mm is None:
+        return None
+    if on is not None:
+        return on.surface_of(fix)
+    if frame == "texture":
+        return texture_plane
+    if fix.board_mm is None:
+        return None
+    x0, y0 = fix.board_mm[0] - fix.position_mm[0], fix.board_mm[1] + fix.position_mm[1]
+    return lambda at_mm: (np.array([x0 + at_mm[0], y0 - at_mm[1], 0.0]), np.diag([1.0, -1.0, -1.0]))
 
 
 def state_of(fix: Localization, origin: str = "tape") -> tuple[FloatArray, FloatArray | None] | None:

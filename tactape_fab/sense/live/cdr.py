@@ -20,9 +20,10 @@ _IMAGE = "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\n
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageType:
-    """A message type: its name, its definition (ros2msg: those of what it is made of behind it), and its serialization."""
+    """A message type: name, hash (REP 2016), definition (ros2msg: those of what it is made of behind it), serialization."""
 
     name: str
+    digest: str
     definition: str
     encode: Callable[[Mapping[str, Any]], bytes]
 
@@ -78,6 +79,7 @@ _STAMPED = {"std_msgs__Header": _HEADER, "builtin_interfaces__Time": _TIME}
 
 POSE = MessageType(
     name="geometry_msgs/msg/PoseWithCovarianceStamped",
+    digest="RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
     definition=_with(
         "std_msgs/Header header\nPoseWithCovariance pose\n",
         geometry_msgs__PoseWithCovariance="Pose pose\nfloat64[36] covariance\n",
@@ -88,5 +90,15 @@ POSE = MessageType(
     ),
     encode=_pose,
 )
-IMAGE = MessageType(name="sensor_msgs/msg/Image", definition=_with(_IMAGE, **_STAMPED), encode=_image)
-TEXT = MessageType(name="std_msgs/msg/String", definition="string data\n", encode=_text)
+IMAGE = MessageType(
+    name="sensor_msgs/msg/Image",
+    digest="RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
+    definition=_with(_IMAGE, **_STAMPED),
+    encode=_image,
+)
+TEXT = MessageType(
+    name="std_msgs/msg/String",
+    digest="RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    definition="string data\n",
+    encode=_text,
+)

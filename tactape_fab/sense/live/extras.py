@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from tactape_fab.base.errors import Problem
 from tactape_fab.base.libraries import missing
 
-_NEEDS = {"mcap": "mcap", "rerun": "rerun", "save": "rerun"}
+_NEEDS = {"mcap": "mcap", "rerun": "rerun", "save": "rerun", "zenoh": "zenoh"}
 
 
 def missing_extra(wanted: Collection[str]) -> list[Problem]:

@@ -11,11 +11,8 @@ from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.files.jobs import Located
-from tactape_fab.sense.live.cdr import IMAGE, POSE, TEXT, MessageType
-from tactape_fab.sense.live.messages import image_message, pose_message, stamp_ns, text_message
-from tactape_fab.sense.objects.taped_object import TapedObject
-
-POSE_TOPIC, DEPTH_TOPIC, TEXT_TOPIC = "/tactape/pose", "/tactape/depth", "/tactape/fix"
+from tactape_fab.sense.live.cdr import MessageType
+from tactape_fab.sense.live.topics import TOPICS, Naming, encoded
 
 _CHUNK_BYTES = 1 << 20
 """Bytes a killed process may lose: three frames of a GelSight Mini."""
@@ -28,10 +25,7 @@ class McapLog:
     ----------
     path : Path
         Must not be there.
-    frame_id, sensor_frame : str, optional
-        Frames of poses and of depth images; see `messages`.
-    thing : TapedObject, optional
-        In whose frame whole answers come, too.
+    naming : Naming
 
     Raises
     ------
@@ -39,21 +33,16 @@ class McapLog:
         When it cannot be written.
     """
 
-    def __init__(
-        self, path: Path, *, frame_id: str | None = None, sensor_frame: str | None = None, thing: TapedObject | None = None
-    ) -> None:
+    def __init__(self, path: Path, naming: Naming = Naming()) -> None:  # noqa: B008 (frozen)
         from mcap.writer import CompressionType, Writer
 
-        self.path = path
-        self._frame_id, self._sensor_frame, self._thing = frame_id, sensor_frame, thing
+        self.path, self._naming = path, naming
         self._writer: Any = None
         try:
             self._stream = path.open("xb")
             writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
             writer.start(profile="ros2", library=f"tactape-fab {__version__}")
-            self._pose, self._depth, self._text = (
-                _channel(writer, topic, kind) for topic, kind in ((POSE_TOPIC, POSE), (DEPTH_TOPIC, IMAGE), (TEXT_TOPIC, TEXT))
-            )
+            self._channels = {topic: _channel(writer, topic, kind) for topic, kind in TOPICS.items()}
             self._writer = writer
         except OSError as error:
             raise self._failed(error) from error
@@ -72,16 +61,13 @@ class McapLog:
         TactapeError
             When it cannot be written.
         """
-        stamp = stamp_ns(located.fix.timestamp)
-        if stamp is None:
+        found = encoded(located, self._naming)
+        if found is None:
             return False
-        pose = pose_message(located.fix, stamp, self._frame_id)
-        image = image_message(located.depth, located.sensor, stamp, self._sensor_frame)
+        stamp, messages = found
         try:
-            self._add(self._text, stamp, located.frame, TEXT.encode(text_message(located.frame, located.fix, self._thing)))
-            if pose is not None:
-                self._add(self._pose, stamp, located.frame, POSE.encode(pose))
-            self._add(self._depth, stamp, located.frame, IMAGE.encode(image))
+            for topic, data in messages:
+                self._add(self._channels[topic], stamp, located.frame, data)
             self._stream.flush()
         except OSError as error:
             raise self._failed(error) from error

@@ -8,6 +8,7 @@ points down.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from math import cos, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any
 
@@ -75,6 +76,25 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
             "covariance": board_covariance(fix.covariance).ravel().tolist(),
         },
     }
+
+
+def transform_message(pose: Mapping[str, Any], child_frame_id: str) -> dict[str, Any]:
+    """A pose as geometry_msgs/TransformStamped, from its frame to the sensor's.
+
+    Parameters
+    ----------
+    pose : mapping
+        Of `pose_message`.
+    child_frame_id : str
+        Name of the sensor's frame.
+
+    Returns
+    -------
+    dict
+    """
+    at = pose["pose"]["pose"]
+    transform = {"translation": dict(at["position"]), "rotation": dict(at["orientation"])}
+    return {"header": pose["header"], "child_frame_id": child_frame_id, "transform": transform}
 
 
 def board_covariance(covariance: FloatArray | None) -> FloatArray:

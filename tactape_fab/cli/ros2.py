@@ -1,0 +1,41 @@
+"""ros2: the ROS 2 node, or a package of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import SENSOR_HELP
+from tactape_fab.cli.printing import echo_lines
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.option("--tape", "kits", multiple=True, metavar="KIT...", help="Kits that can be touched, or a folder of kits.")
+@click.option("--sensor", metavar="NAME|FILE.toml", help=SENSOR_HELP)
+@click.option("--package", metavar="DIR", help="Write a ROS package of the node for your workspace instead, named as the folder.")
+@click.argument("arguments", nargs=-1, metavar="[--ros-args ...]")
+def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments: Sequence[str]) -> None:
+    """Run the ROS 2 node, which subscribes to depth images and publishes poses, answers, transforms and diagnostics.
+
+    Its Python must be that of ROS 2: source /opt/ros/DISTRO/setup.bash first. What follows --ros-args is for ROS.
+
+    \b
+    Example: tactape-fab ros2 --tape tactape-s007 --ros-args -r depth:=/gelsight/depth
+             tactape-fab ros2 --tape tactape-s007 --package src/tactape_node
+    """
+    with answers():
+        given: dict[str, Any] = {} if sensor is None else {"sensor": sensor}
+        if kits:
+            given["kits"] = [str(Path(kit).resolve()) if package is not None else kit for kit in kits]
+        if package is not None:
+            from tactape_fab.sense.live.ros2_package import write_package
+
+            echo_lines(str(Path(package) / path) for path in write_package(Path(package), given))
+            return
+        from tactape_fab.sense.live.ros2_node import run_ros2_node
+
+        run_ros2_node(["tactape-fab", *arguments], **given)

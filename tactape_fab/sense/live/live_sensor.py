@@ -1,0 +1,186 @@
+"""A sensor that is watched on a thread, for loops that ask for the latest answer when they need one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, radians, sin
+from threading import Condition, Event, Thread
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.sense.live.counts import Tally
+from tactape_fab.sense.live.opening import Wishes, open_watch
+from tactape_fab.sense.live.watch import watch
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.decode.result import Localization
+    from tactape_fab.sense.files.jobs import Located
+    from tactape_fab.sense.sensors import SensorProfile
+    from tactape_fab.texture.tape import Tape
+
+
+class LiveSensor:
+    """A source of frames, located as they come; the latest answer is kept.
+
+    Parameters
+    ----------
+    source : str
+        As `tactape-fab watch` takes it: a folder that files are written into, a file of frames, or a camera.
+    kits : sequence of str
+        Kits that can be touched.
+    sensor : str
+        Profile name or the path of its TOML file.
+    rate : float, optional
+        Of a file of frames, Hz.
+    raw : bool
+        The source has colour images; with `background` and `weights`.
+    background, weights : str, optional
+        See `tactape-fab watch --raw`.
+    crop : sequence of int, optional
+        Part of a camera's image, (u, v, width, height), px.
+    world : {"open", "closed"}
+    max_p_false : float
+        As for `Localizer`.
+
+    Raises
+    ------
+    SpecError
+        For everything that cannot be opened, all together.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        kits: Sequence[str],
+        sensor: str = "gelsight-mini",
+        *,
+        rate: float | None = None,
+        raw: bool = False,
+        background: str | None = None,
+        weights: str | None = None,
+        crop: Sequence[int] | None = None,
+        world: str = "open",
+        max_p_false: float = 1e-4,
+    ) -> None:
+        wishes = Wishes(rate=rate, raw=raw, background=background, weights=weights, crop=crop)
+        self._watched = open_watch(source, list(kits), sensor, wishes, (), world=world, max_p_false=max_p_false)
+        self._latest: Located | None = None
+        self._changed, self._stop, self._tally = Condition(), Event(), Tally()
+        self._ended: BaseException | None = None
+        self._thread = Thread(target=self._run, daemon=True, name="watch")
+        self._thread.start()
+
+    @property
+    def tapes(self) -> Sequence[Tape]:
+        """The tapes that can be touched."""
+        return self._watched.job.tapes
+
+    @property
+    def sensor(self) -> SensorProfile:
+        """The sensor's profile."""
+        return self._watched.job.sensor
+
+    @property
+    def running(self) -> bool:
+        """Whether answers may still come."""
+        return self._thread.is_alive()
+
+    def read(self, *, after: int = -1, timeout_s: float = 1.0) -> Located:
+        """The latest answer, which has ``frame``, ``depth`` and ``fix``.
+
+        Parameters
+        ----------
+        after : int
+            Wait for an answer whose frame is later than this; -1 for any.
+        timeout_s : float
+
+        Returns
+        -------
+        Located
+
+        Raises
+        ------
+        TimeoutError
+            When none came in time.
+        TactapeError
+            When the source failed, or has ended and there is no such answer.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended is not None or self._is_later(after), timeout_s)
+            if self._latest is not None and self._is_later(after):
+                return self._latest
+            if isinstance(self._ended, TactapeError):
+                raise self._ended
+            if self._ended is not None:
+                raise TactapeError(f"the source has ended, and gave no frame after {after}") from self._ended
+        raise TimeoutError(f"no frame after {after} was located within {timeout_s:g} s")
+
+    def close(self) -> None:
+        """End it; the answer in hand is finished."""
+        self._stop.set()
+        self._thread.join()
+
+    def __enter__(self) -> LiveSensor:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _is_later(self, frame: int) -> bool:
+        return self._latest is not None and self._latest.frame > frame
+
+    def _run(self) -> None:
+        ended: BaseException = EOFError()
+        try:
+            for located in watch(self._watched, self._tally, self._stop):
+                if located is not None:
+                    with self._changed:
+                        self._latest = located
+                        self._changed.notify_all()
+        except Exception as error:
+            ended = error
+        with self._changed:
+            self._ended = ended
+            self._changed.notify_all()
+
+
+def observation_names(tapes: Sequence[Tape]) -> list[str]:
+    """Names of the numbers of `observation`.
+
+    Parameters
+    ----------
+    tapes : sequence of Tape
+        The registered tapes, in an order that stays.
+
+    Returns
+    -------
+    list of str
+    """
+    return [f"on_{tape.name}" for tape in tapes] + list(_OF_FIX)
+
+
+_OF_FIX = ("located", "x_mm", "y_mm", "theta_sin", "theta_cos", "x_var_mm2", "y_var_mm2", "theta_var_rad2", "p_false")
+
+
+def observation(fix: Localization, tapes: Sequence[Tape]) -> dict[str, float]:
+    """An answer as numbers that a policy takes: no None, no NaN, and no jump at 180 degrees.
+
+    Parameters
+    ----------
+    fix : Localization
+    tapes : sequence of Tape
+        The registered tapes, as for `observation_names`.
+
+    Returns
+    -------
+    dict of str to float
+        One of the tapes is 1 where it is located on it; place (texture frame), sine and cosine of theta, the covariance's
+        diagonal, p_false. Not located: all of them 0, but for p_false, which is then 1.
+    """
+    values = dict.fromkeys(observation_names(tapes), 0.0) | {"p_false": 1.0}
+    if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
+        return values
+    theta, variance = radians(fix.theta_deg), (0.0, 0.0, 0.0) if fix.covariance is None else fix.covariance.diagonal().tolist()
+    seen = (1.0, *fix.position_mm, sin(theta), cos(theta), *variance, 1.0 if fix.p_false is None else fix.p_false)
+    return values | {f"on_{fix.tape}": 1.0} | dict(zip(_OF_FIX, map(float, seen), strict=True))

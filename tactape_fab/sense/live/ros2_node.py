@@ -1,0 +1,263 @@
+"""The ROS 2 node: depth images in; poses, whole answers, transforms and diagnostics out. rclpy is imported when it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from queue import Empty, SimpleQueue
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.sense.files.jobs import prepare_without_frames
+from tactape_fab.sense.live.counts import Tally
+from tactape_fab.sense.live.messages import pose_message, text_message, transform_message
+from tactape_fab.sense.live.sources import Frame, Trouble
+from tactape_fab.sense.live.watch import Watch, watch
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.files.jobs import Located
+
+_NS = 1_000_000_000
+_DIAGNOSED_S, _PATIENCE_S, _SAID_EACH_S = 1.0, 0.1, 10.0
+_OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
+PIXELS = {"32FC1": "f4", "16UC1": "u2", "mono16": "u2", "8UC1": "u1", "mono8": "u1"}
+"""Encodings of depth images, and what a pixel is; any unit, as the sensor delivers it."""
+PARAMETERS: Mapping[str, Any] = {
+    "kits": ["tactape-s007"],
+    "sensor": "gelsight-mini",
+    "world": "open",
+    "max_p_false": 1e-4,
+    "frame_id": "",
+    "sensor_frame": "",
+    "publish_tf": True,
+    "max_age_s": 0.0,
+}
+"""The node's parameters and their defaults; docs/ros2.md says what they mean."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Ros:
+    """The modules and classes of ROS 2 that the node uses: public ones of Humble and later."""
+
+    rclpy: Any
+    sensor_qos: Any
+    image: Any
+    pose: Any
+    text: Any
+    transform: Any
+    diagnostics: Any
+    broadcaster: Any
+    filled: Any
+    ended: tuple[type[BaseException], ...]
+
+
+def _ros() -> _Ros:
+    try:
+        return _Ros(
+            rclpy=import_module("rclpy"),
+            sensor_qos=import_module("rclpy.qos").qos_profile_sensor_data,
+            image=import_module("sensor_msgs.msg").Image,
+            pose=import_module("geometry_msgs.msg").PoseWithCovarianceStamped,
+            text=import_module("std_msgs.msg").String,
+            transform=import_module("geometry_msgs.msg").TransformStamped,
+            diagnostics=import_module("diagnostic_msgs.msg").DiagnosticArray,
+            broadcaster=import_module("tf2_ros").TransformBroadcaster,
+            filled=import_module("rosidl_runtime_py").set_message_fields,
+            ended=(KeyboardInterrupt, import_module("rclpy.executors").ExternalShutdownException),
+        )
+    except ModuleNotFoundError as error:
+        message = (
+            f"the ROS 2 node needs {error.name}, which is not on this Python's path; source /opt/ros/DISTRO/setup.bash first"
+        )
+        raise TactapeError(message) from error
+
+
+def run_ros2_node(arguments: Sequence[str] | None = None, **parameters: Any) -> None:
+    """Run the node until it is told to end.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        For rclpy, such as ``["--ros-args", "-r", "depth:=/gelsight/depth"]``; by default the program's own.
+    **parameters
+        Defaults of the node's parameters.
+
+    Raises
+    ------
+    TactapeError
+        When ROS 2 is not there, or the node's frames end it.
+    SpecError
+        For invalid parameters, all together.
+    """
+    ros = _ros()
+    ros.rclpy.init(args=None if arguments is None else list(arguments))
+    node = ros.rclpy.create_node("tactape")
+    try:
+        served = _Served(ros, node, {name: parameters.get(name, usual) for name, usual in PARAMETERS.items()})
+        with served, suppress(*ros.ended):
+            ros.rclpy.spin(node)
+        if served.error is not None:
+            raise served.error
+    finally:
+        node.destroy_node()
+        ros.rclpy.try_shutdown()
+
+
+class _Served:
+    """The node's publishers, and the thread that locates."""
+
+    def __init__(self, ros: _Ros, node: Any, usual: Mapping[str, Any]) -> None:
+        self._ros, self._node = ros, node
+        given = {name: node.declare_parameter(name, value).value for name, value in usual.items()}
+        self._most_age_s, self._watched = _read(given, self._frames)
+        self._frame_id = given["frame_id"] or None
+        self._sensor_frame = given["sensor_frame"] or self._watched.job.sensor.name
+        self._tally, self._stop = Tally(), Event()
+        self.error: Exception | None = None
+        self._queue: SimpleQueue[Frame | Trouble] = SimpleQueue()
+        self._stamps: dict[int, int] = {}
+        self._number = self._late = self._answered = 0
+        self._poses = node.create_publisher(ros.pose, "~/pose", 10)
+        self._answers = node.create_publisher(ros.text, "~/fix", 10)
+        self._health = node.create_publisher(ros.diagnostics, "/diagnostics", 10)
+        self._transforms = ros.broadcaster(node) if given["publish_tf"] else None
+        self._thread = Thread(target=self._locate, daemon=True, name="locate")
+
+    def __enter__(self) -> None:
+        self._thread.start()  # compiles; images that come before it is done are dropped but for the latest
+        self._node.create_subscription(self._ros.image, "depth", self._take, self._ros.sensor_qos)
+        self._node.create_timer(_DIAGNOSED_S, self._diagnose)
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _take(self, image: Any) -> None:
+        """Of an image as it comes: leave it to the other thread."""
+        number, self._number = self._number, self._number + 1
+        stamp = image.header.stamp.sec * _NS + image.header.stamp.nanosec
+        age_s = (self._node.get_clock().now().nanoseconds - stamp) / _NS
+        if 0.0 < self._most_age_s < age_s:
+            self._late += 1
+            return
+        try:
+            depth = depth_of(image)
+        except FrameError as error:
+            self._queue.put(Trouble(kind="image unusable", message=f"frame {number}: {error}"))
+            return
+        self._stamps[number] = stamp
+        self._queue.put(Frame(number=number, image=depth, timestamp=stamp / _NS))
+
+    def _frames(self, stop: Event) -> Iterator[Frame | Trouble]:
+        while not stop.is_set():
+            try:
+                yield self._queue.get(timeout=_PATIENCE_S)
+            except Empty:
+                continue
+
+    def _locate(self) -> None:
+        try:
+            for located in watch(self._watched, self._tally, self._stop):
+                if located is not None:
+                    self._publish(located)
+                for message in self._tally.unsaid():
+                    self._node.get_logger().warning(message, throttle_duration_sec=_SAID_EACH_S)
+        except Exception as error:
+            if self._ros.rclpy.ok():  # else ROS was told to end meanwhile, and takes no messages any more
+                self.error = error
+        finally:
+            if not self._stop.is_set() or self.error is not None:
+                self._ros.rclpy.try_shutdown()
+
+    def _publish(self, located: Located) -> None:
+        stamp = self._stamps[located.frame]
+        for number in [number for number in list(self._stamps) if number <= located.frame]:
+            del self._stamps[number]
+        self._send(self._answers, self._ros.text, text_message(located.frame, located.fix))
+        message = pose_message(located.fix, stamp, self._frame_id)
+        if message is None:  # not located: no pose, and no transform, rather than a guess
+            return
+        self._send(self._poses, self._ros.pose, message)
+        if self._transforms is not None:
+            transform = self._ros.transform()
+            self._ros.filled(transform, transform_message(message, self._sensor_frame))
+            self._transforms.sendTransform(transform)
+
+    def _send(self, publisher: Any, kind: Any, values: Mapping[str, Any]) -> None:
+        message = kind()
+        self._ros.filled(message, values)
+        publisher.publish(message)
+
+    def _diagnose(self) -> None:
+        now = self._node.get_clock().now().nanoseconds
+        self._send(self._health, self._ros.diagnostics, self._health_message(now))
+
+    def _health_message(self, now_ns: int) -> dict[str, Any]:
+        tally, seconds = self._tally, divmod(now_ns, _NS)
+        fresh, self._answered = tally.answered - self._answered, tally.answered
+        level, said = (_OK, f"{fresh} answers in the last second") if fresh else (_STALE, "no depth image in the last second")
+        if tally.unusable or tally.troubles:
+            level, said = _WARN, f"{said}; some images cannot be used"
+        values = {
+            "answered": tally.answered,
+            "located": tally.located,
+            "dropped": tally.dropped,
+            "late": self._late,
+            "unusable": tally.unusable + sum(tally.troubles.values()),
+            "latency_ms_p50": f"{tally.latencies.percentile_ms(50):.2f}",
+            "latency_ms_p99": f"{tally.latencies.percentile_ms(99):.2f}",
+        }
+        status = {
+            "level": level,
+            "name": f"{self._node.get_name()}: {self._watched.job.sensor.name}",
+            "message": said,
+            "hardware_id": self._sensor_frame,
+            "values": [{"key": key, "value": str(value)} for key, value in values.items()],
+        }
+        return {"header": {"stamp": {"sec": seconds[0], "nanosec": seconds[1]}}, "status": [status]}
+
+
+def depth_of(image: Any) -> npt.NDArray[Any]:
+    """The depth map in a sensor_msgs/Image, shape (height, width).
+
+    Raises
+    ------
+    FrameError
+        For another encoding, and for data that is not as long as its size says.
+    """
+    kind = PIXELS.get(image.encoding)
+    if kind is None:
+        raise FrameError(f"its encoding is {shown(image.encoding)}; depth images are one of: {', '.join(PIXELS)}")
+    pixel = np.dtype((">" if image.is_bigendian else "<") + kind)
+    data = np.frombuffer(image.data, dtype=np.uint8)
+    row = image.width * pixel.itemsize
+    if image.step < row or data.size < image.height * image.step or image.height * row == 0:
+        raise FrameError(f"{data.size} bytes are no {image.width} x {image.height} image of rows of {image.step} bytes")
+    rows = data[: image.height * image.step].reshape(image.height, image.step)[:, :row]
+    return np.ascontiguousarray(rows).view(pixel).astype(pixel.newbyteorder("="), copy=False)
+
+
+def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:
+    """The most that an image may be old (s; 0: any), and what is watched.
+
+    Raises
+    ------
+    SpecError
+        With every invalid parameter.
+    """
+    table = Fields(given, "parameter ")
+    most_age_s = table.number("max_age_s", low=0.0, high=3600.0, unit="s")
+    problems: list[Problem] = table.problems
+    wishes = {name: given[name] for name in ("world", "max_p_false")}
+    job = prepare_without_frames(list(given["kits"]), given["sensor"], problems, **wishes)
+    if problems:
+        raise SpecError(problems)
+    assert job is not None
+    return most_age_s, Watch(job=job, source=source)

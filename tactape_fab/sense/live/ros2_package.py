@@ -1,0 +1,150 @@
+"""A ROS 2 package of the node for a user's own workspace: package.xml, launch file, parameters, entry point."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.version import __version__
+from tactape_fab.sense.live.ros2_node import PARAMETERS
+
+DEPENDENCIES = (
+    *("diagnostic_msgs", "geometry_msgs", "launch_ros", "rclpy", "rosidl_runtime_py", "sensor_msgs", "std_msgs", "tf2_ros"),
+)
+"""ROS packages that the node imports, and the launch file."""
+MEANINGS = {
+    "kits": "kits that can be touched",
+    "sensor": "sensor profile, or the path of a TOML file",
+    "world": "open: other textures may be touched, too; closed: none",
+    "max_p_false": "largest chance of a wrong answer",
+    "frame_id": "parent frame of the poses; empty: the name of the tape that is touched",
+    "sensor_frame": "child frame of the transform; empty: the sensor's name",
+    "publish_tf": "false where the transform tree has the sensor under the arm already: a frame has one parent",
+    "max_age_s": "images that are older when they come are dropped and counted; 0: none is",
+}
+
+
+def write_package(folder: Path, parameters: Mapping[str, Any]) -> list[str]:
+    """Write a package; its name is the folder's.
+
+    Parameters
+    ----------
+    folder : Path
+        Must not be there.
+    parameters : mapping
+        Values of the node's parameters that are not the defaults.
+
+    Returns
+    -------
+    list of str
+        Paths of its files, relative to the folder.
+
+    Raises
+    ------
+    SpecError
+        If the folder is there, or its name is none of a package.
+    TactapeError
+        When it cannot be written.
+    """
+    name = folder.resolve().name
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
+        remedy = "use small letters, digits and single underscores, such as src/tactape_node"
+        raise SpecError(Problem("package", f"package = {shown_path(folder)}: {name} is no name of a ROS package; {remedy}"))
+    if folder.exists():
+        raise SpecError(
+            Problem("package", f"package = {shown_path(folder)} is there, and nothing is written over; give a new one")
+        )
+    files = package_files(name, {**PARAMETERS, **parameters})
+    try:
+        for path, text in files.items():
+            place = folder / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise TactapeError(f"package {shown_path(folder)} cannot be written: {error.strerror or error}") from error
+    return list(files)
+
+
+def package_files(name: str, parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Paths and contents of a package's files (ament_python, REP 149 format 3)."""
+    depends = "\n".join(f"  <exec_depend>{package}</exec_depend>" for package in DEPENDENCIES)
+    settings = "\n".join(f"    {key}: {json.dumps(value)}  # {MEANINGS[key]}" for key, value in parameters.items())
+    return {
+        "package.xml": f"""<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name>
+  <version>{__version__}</version>
+  <description>Locates contacts of a tactile sensor on tactape tapes. Needs: pip install tactape-fab</description>
+  <maintainer email="you@example.com">you</maintainer>
+  <license>MIT</license>
+
+{depends}
+
+  <export>
+    <build_type>ament_python</build_type>
+  </export>
+</package>
+""",
+        "setup.py": f"""from setuptools import setup
+
+setup(
+    name="{name}",
+    version="{__version__}",
+    packages=["{name}"],
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/{name}"]),
+        ("share/{name}", ["package.xml"]),
+        ("share/{name}/launch", ["launch/tactape.launch.py"]),
+        ("share/{name}/config", ["config/tactape.yaml"]),
+    ],
+    install_requires=["setuptools"],
+    entry_points={{"console_scripts": ["node = {name}.node:main"]}},
+)
+""",
+        "setup.cfg": f"""[develop]
+script_dir=$base/lib/{name}
+[install]
+install_scripts=$base/lib/{name}
+""",
+        f"resource/{name}": "",
+        f"{name}/__init__.py": "",
+        f"{name}/node.py": """from tactape_fab.sense import run_ros2_node
+
+
+def main():
+    run_ros2_node()
+""",
+        "config/tactape.yaml": f"""tactape:
+  ros__parameters:
+{settings}
+""",
+        "launch/tactape.launch.py": f"""from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description():
+    usual = PathJoinSubstitution([FindPackageShare("{name}"), "config", "tactape.yaml"])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("depth", default_value="/gelsight/depth", description="topic of the depth images"),
+            DeclareLaunchArgument("config", default_value=usual, description="file of the node's parameters"),
+            Node(
+                package="{name}",
+                executable="node",
+                name="tactape",
+                parameters=[LaunchConfiguration("config")],
+                remappings=[("depth", LaunchConfiguration("depth"))],
+                output="screen",
+            ),
+        ]
+    )
+""",
+    }

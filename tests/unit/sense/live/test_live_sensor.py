@@ -1,0 +1,82 @@
+"""A sensor on a thread: the latest answer, waiting for a later one, and how it ends; answers as numbers for a policy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactape_fab import Kit, Localization, SpecError, TactapeError
+from tactape_fab.sense import LiveSensor, observation, observation_names, simulate_frames
+from tests.contacts import TAPE, tape_of
+
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def recording(default_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "frames.npz"
+    np.savez(path, depth=simulate_frames(default_kit.tape, COUNT, seed=5).depth)
+    return path
+
+
+@pytest.fixture
+def live(default_kit: Kit, recording: Path) -> Iterator[LiveSensor]:
+    with LiveSensor(str(recording), [str(default_kit.path)], rate=20.0, world="closed") as sensor:
+        yield sensor
+
+
+def test_each_read_can_wait_for_a_later_frame(live: LiveSensor) -> None:
+    assert [tape.name for tape in live.tapes] == ["tactape-s007"] and live.sensor.name == "gelsight-mini"
+    frames = [live.read(timeout_s=60.0).frame]
+    while frames[-1] < COUNT - 1:
+        located = live.read(after=frames[-1], timeout_s=10.0)
+        assert located.frame > frames[-1] and located.fix.located and located.depth.shape == (240, 320)
+        frames.append(located.frame)
+    assert live.read().frame == COUNT - 1  # the latest stays
+    with pytest.raises(TactapeError, match="has ended"):
+        live.read(after=COUNT - 1, timeout_s=10.0)
+    assert not live.running
+
+
+def test_what_does_not_come_in_time_is_said(default_kit: Kit, tmp_path: Path) -> None:
+    with LiveSensor(str(tmp_path), [str(default_kit.path)]) as live, pytest.raises(TimeoutError, match=r"within 0\.1 s"):
+        live.read(timeout_s=0.1)
+    assert not live.running
+
+
+def test_a_source_that_fails_says_so_where_it_is_read(default_kit: Kit, tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    with LiveSensor(str(folder), [str(default_kit.path)]) as live:
+        folder.rmdir()
+        with pytest.raises(TactapeError, match="cannot be looked into"):
+            live.read(timeout_s=60.0)
+
+
+def test_everything_that_cannot_be_opened_is_said_at_once(tmp_path: Path) -> None:
+    with pytest.raises(SpecError) as refused:
+        LiveSensor(str(tmp_path / "none"), [str(tmp_path / "no-kit")], world="flat")
+    assert "no-kit" in str(refused.value) and "world" in str(refused.value)
+
+
+def test_an_answer_as_numbers() -> None:
+    tapes = [tape_of(3), TAPE]
+    fix = Localization(
+        status="solid",
+        located=True,
+        tape=TAPE.name,
+        position_mm=(3.0, 4.0),
+        theta_deg=-180.0,
+        covariance=np.diag([1e-4, 2e-4, 3e-6]),
+        p_false=1e-9,
+    )
+    values = observation(fix, tapes)
+    assert list(values) == observation_names(tapes) and all(type(value) is float for value in values.values())
+    assert (values["on_s3"], values[f"on_{TAPE.name}"], values["located"]) == (0.0, 1.0, 1.0)
+    assert [values[name] for name in ("x_mm", "y_mm", "x_var_mm2", "theta_var_rad2", "p_false")] == [3.0, 4.0, 1e-4, 3e-6, 1e-9]
+    assert (values["theta_sin"], values["theta_cos"]) == pytest.approx((0.0, -1.0))
+    lost = observation(Localization(status="none", located=False, p_false=0.2), tapes)
+    assert list(lost) == list(values) and lost["p_false"] == 1.0 and sum(lost.values()) == 1.0
