@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
 from tactape_fab.cli.exits import answer, answers
-from tactape_fab.cli.options import number
+from tactape_fab.cli.options import number, size
 from tactape_fab.cli.printing import (
     clear_step,
     counted,
@@ -62,6 +63,10 @@ class _Make(click.Command):
 @tape_options
 @click.command(cls=_Make)
 @avoid_option
+@click.option(
+    "--order", "house", metavar="HOUSE", help="Choose W, Δ, coverlay and anchor for a house: jlcpcb, pcbway, a profile."
+)
+@click.option("--contact", metavar="WxH", help="With --order: the smallest contact that is to be located, mm.  [default: 11x9]")
 @click.option("--pack", is_flag=True, help="Lay the tapes of a list out on the fab's largest panels, and say how full they are.")
 @click.option("--jobs", metavar="N", help="Processes that make the kits of a list.  [default: one per processor]")
 @click.option(
@@ -78,6 +83,8 @@ class _Make(click.Command):
 def make(
     spec_file: str | None,
     avoid: Sequence[str],
+    house: str | None,
+    contact: str | None,
     pack: bool,
     jobs: str | None,
     output: str | None,
@@ -94,6 +101,7 @@ def make(
 
     \b
     Examples: tactape-fab make --sector 7 --w 1.5 --delta 0.25
+              tactape-fab make --sector 7 --order jlcpcb
               tactape-fab make --sectors 7,8,9 --panel auto
               tactape-fab make --sector 7 --part dome --process sla
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
@@ -106,6 +114,7 @@ def make(
         from tactape_fab.make.panel import make_panel
 
         values, given = spec_values(spec_file), given_values(options)
+        given = _ordered(values, given, house, contact)
         replace: Overwrite = "edits" if discard_edits else overwrite
         if is_list(values, given, avoid, alone=pack or jobs is not None):
             settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force}
@@ -127,6 +136,24 @@ def make(
         else:
             panel = make_panel(examined, output, **how)
             echo_json(panel.to_mapping()) if as_json else echo_lines(_panel_lines(panel))
+
+
+def _ordered(values: dict[str, Any], given: dict[str, Any], house: str | None, contact: str | None) -> dict[str, Any]:
+    """The options with what --order decides; what it chose is printed."""
+    if house is None:
+        if contact is not None:
+            raise SpecError(Problem("contact", "contact is what --order chooses a tape for; give --order HOUSE, or leave it out"))
+        return given
+    if "tapes" in values:
+        raise SpecError(
+            Problem("order", "order chooses one W and Δ for all tapes; give --sectors, or a SPEC.toml without [[tapes]]")
+        )
+    from tactape_fab.advise.order import choose_order
+
+    sides = None if contact is None else size(contact)
+    chosen = choose_order({**values, **given}, house, sides)
+    echo_lines_err(chosen.remarks)
+    return chosen.values
 
 
 def _make_list(

@@ -27,6 +27,7 @@ from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
 from tactape_fab.kit.render.job import render_job
 from tactape_fab.kit.render.kicad_board import render_kicad
+from tactape_fab.kit.render.placement_preview import render_placement_preview
 from tactape_fab.kit.render.preview import render_preview
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.forms import SolidForm
@@ -63,7 +64,7 @@ FAB_ZIP_ROLES = (
 def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
     """Every file of a film or a panel except models, notes and manifest: layers, lists, previews drawn from those, the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
-    artifacts += render_preview(artifacts, fab)
+    artifacts += (*render_preview(artifacts, fab), *render_placement_preview(artifacts, fab))
     artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
     return artifacts
 
