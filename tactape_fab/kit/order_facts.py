@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor
 
@@ -11,7 +11,7 @@ import numpy as np
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.panel.arrange import Panel, Place
 from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile, SizeLimit
 from tactape_fab.kit.profiles.limits import Limit
 from tactape_fab.texture.frames import FloatArray
@@ -75,7 +75,9 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedTape:
-    """A tape of a panel: where it lies, and its first and last designator's numbers."""
+    """A tape of a panel: where it lies, how it is made, its first and last designator's numbers, and its field and the area for
+    print on the panel.
+    """
 
     name: str
     sector: int
@@ -85,6 +87,8 @@ class OrderedTape:
     size_mm: tuple[float, float]
     turned: bool
     made: str
+    field_mm: Box
+    number_mm: Box | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,7 +223,7 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         warnings=tuple(f"{f.rule}: {f.message}" for f in findings if f.level == "warn" and not f.passed and not f.source),
         close=tuple(f"{f.rule}: {f.message}" for f in findings if _is_close(f)),
         estimate=estimate(tape.part_count, fab),
-        coverlays=[fab.coverlay_mode],
+        coverlays=[layout.coverlay],
         rotation_deg=tape.part.rotation_deg,
         pitch_words=f"{tape.pitch_mm:.4g}",
         displacement_words=f"{tape.displacement_mm:.4g}",
@@ -244,6 +248,10 @@ def panel_order_facts(
     counts = [layout.tape.part_count for layout in layouts]
     last = np.cumsum(counts).tolist()
     holes = [hole[2] for layout in layouts for hole in layout.tape.board.holes]
+    made, turned = [_made(layout) for layout in layouts], [place.turned for place in panel.places]
+    ways = dict.fromkeys(way for _, way, _ in made)
+    rotation_deg = layouts[0].tape.part.rotation_deg
+    ends = [panel.places[i].on_panel_mm(layouts[i].parts_xy_mm[i]) for i in (0, -1)]
     return replace(
         facts,
         name=name,
@@ -252,10 +260,19 @@ def panel_order_facts(
         fits_panel=True,
         least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
         estimate=estimate(sum(counts), fab),
+        coverlays=[*ways],
+        anchors=" or ".join(dict.fromkeys(anchors for _, _, anchors in made if anchors != "none")) or "none",
+        pitch_words=_either(layout.tape.pitch_mm for layout in layouts),
+        displacement_words=_either(layout.tape.displacement_mm for layout in layouts),
+        slash=_slash(rotation_deg + 90.0 * all(turned)),
+        turned_slash=_slash(rotation_deg + 90.0) if any(turned) and not all(turned) else "",
+        rotation_deg=(rotation_deg + 90.0 * all(turned)) % 360.0,
+        first_mm=ends[0],
+        last_mm=ends[1],
         designs=len({(layout.tape.code, layout.tape.sector, layout.tape.origin) for layout in layouts}),
         panel=OrderedPanel(
-            words=f"{panel.columns} x {panel.rows} tapes",
-            mixed=False,
+            words=panel.words,
+            mixed=len(set(made)) > 1,
             rail_mm=panel.rail_mm,
             gap_mm=panel.gap_mm,
             tab_mm=panel.tab_mm,
@@ -265,15 +282,35 @@ def panel_order_facts(
                     sector=layout.tape.sector,
                     first=end - count + 1,
                     last=end,
-                    offset_mm=offset_mm,
-                    size_mm=layout.tape.board.size_mm,
-                    turned=False,
-                    made="",
+                    offset_mm=place.offset_mm,
+                    size_mm=place.size_mm,
+                    turned=place.turned,
+                    made=", ".join(words),
+                    field_mm=_on_panel(field, place),
+                    number_mm=None if (area := _number_area(layout, fab, field[0])) is None else _on_panel(area, place),
                 )
-                for layout, count, end, offset_mm in zip(layouts, counts, last, panel.offsets_mm, strict=True)
+                for layout, count, end, place, words in zip(layouts, counts, last, panel.places, made, strict=True)
+                for field in (_field(layout),)
             ),
         ),
     )
+
+
+def _made(layout: Layout) -> tuple[str, str, str]:
+    """W and Δ, coverlay and anchors of a tape, in words."""
+    tape, anchors = layout.tape, layout.anchors
+    way = layout.coverlay
+    return f"W {tape.pitch_mm:.4g} Δ {tape.displacement_mm:.4g}", way, "none" if anchors is None else anchors.mode
+
+
+def _either(values: Iterable[float]) -> str:
+    known = [f"{value:.4g}" for value in sorted(set(values))]
+    return known[0] if len(known) == 1 else f"{', '.join(known[:-1])} or {known[-1]}"
+
+
+def _on_panel(box: Box, place: Place) -> Box:
+    a, b = place.on_panel_mm(np.array(box[:2])), place.on_panel_mm(np.array(box[2:]))
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
 
 
 def _slash(rotation_deg: float) -> str:

@@ -18,7 +18,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.anchors import anchor_plan
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.panel.arrange import Panel, Place
 from tactape_fab.kit.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
@@ -151,7 +151,7 @@ class PlacedKit:
     tape: Tape
     manifest: str
     data: bytes
-    offset_mm: tuple[float, float]
+    place: Place
     first: int
 
 
@@ -171,8 +171,8 @@ def panel_manifest(
                 "name": kit.tape.name,
                 "sector": kit.tape.sector,
                 "parts": kit.tape.part_count,
-                "offset_mm": list(kit.offset_mm),
-                "rotation_deg": 0.0,
+                "offset_mm": list(kit.place.offset_mm),
+                "rotation_deg": kit.place.rotation_deg,
                 "first_designator": f"R{kit.first}",
             }
             for kit in kits
