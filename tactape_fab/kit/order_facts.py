@@ -75,9 +75,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedTape:
-    """A tape of a panel: where it lies, how it is made, its first and last designator's numbers, and its field and the area for
-    print on the panel.
-    """
+    """A tape of a panel: where it lies, how it is made, its first and last designator's numbers, and its field on the panel."""
 
     name: str
     sector: int
@@ -88,7 +86,6 @@ class OrderedTape:
     turned: bool
     made: str
     field_mm: Box
-    number_mm: Box | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,11 +283,9 @@ def panel_order_facts(
                     size_mm=place.size_mm,
                     turned=place.turned,
                     made=", ".join(words),
-                    field_mm=_on_panel(field, place),
-                    number_mm=None if (area := _number_area(layout, fab, field[0])) is None else _on_panel(area, place),
+                    field_mm=_on_panel(_field(layout), place),
                 )
                 for layout, count, end, place, words in zip(layouts, counts, last, panel.places, made, strict=True)
-                for field in (_field(layout),)
             ),
         ),
     )

@@ -95,7 +95,8 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
         sheet.text((high[0] + 1.0, high[1] - 1.0), f"R{drawing.corner_radius_mm:g} (4x)", size_mm=_SMALL_MM)
     sheet.text(
         (13.0, 97.0),
-        "Grey: the field of parts. Nothing may be added there. Short dashes: where a number may be printed.",
+        "Grey: the field of parts. Nothing may be added there."
+        + " Short dashes: where a number may be printed." * (facts.panel is None and facts.number_mm is not None),
         size_mm=_SMALL_MM,
     )
     return view.scale
@@ -170,7 +171,7 @@ def _one_part(sheet: Sheet, drawing: Drawing) -> None:
     low, high = lines.opening.min(axis=0), lines.opening.max(axis=0)
     size = tuple(high - low)
     view = _fitted(size, _PART_BOX, origin_mm=tuple(low), exact=True, fill=0.75)
-    if not drawing.windows_mm:
+    if drawing.parts[0].openings is not None:
         sheet.outlines([view(lines.opening)], fill=1.0, stroke=0.3, dash=(1.2, 0.7))
     sheet.outlines([view(lines.pad + xy) for xy in lines.pad_xy], fill=_COPPER, stroke=None)
     sheet.outlines([view(lines.body)], stroke=0.0, width_mm=0.25)
@@ -198,7 +199,11 @@ def _one_part(sheet: Sheet, drawing: Drawing) -> None:
         size_mm=_SMALL_MM,
     )
     pads, (long_mm, wide_mm) = drawing.part.pads, lines.opening_size_mm
-    openings = "one window in the coverlay for all parts" if drawing.windows_mm else f"coverlay opening {long_mm:g} x {wide_mm:g}"
+    openings = (
+        "one window in the coverlay for all parts"
+        if drawing.parts[0].openings is None
+        else f"coverlay opening {long_mm:g} x {wide_mm:g}"
+    )
     words = [
         f"Body {' x '.join(f'{side:g}' for side in drawing.part.body_mm)}; {openings};",
         f"lands {pads.size_mm[0]:g} x {pads.size_mm[1]:g}, centres at ±{pads.offset_mm:g} from the part's.",
@@ -272,7 +277,9 @@ def _layers(facts: OrderFacts, drawing: Drawing) -> list[tuple[str, str]]:
     fab, (long_mm, wide_mm) = facts.fab, facts.opening_mm
     openings = (
         "one opening for all parts"
-        if drawing.windows_mm
+        if facts.coverlays == ["gang"]
+        else "opened for all parts of a tape, or for each part: as drawn"
+        if "gang" in facts.coverlays
         else f"{len(drawing.parts_xy_mm)} openings of {long_mm:g} x {wide_mm:g}, never merged"
     )
     material = fab.material
@@ -308,6 +315,8 @@ def _notes(facts: OrderFacts) -> list[str]:
     if len(facts.coverlays) > 1:
         coverlay = f"The coverlay differs from tape to tape, on purpose. {merged}"
     number = "only within the short dashes, better none" if facts.number_mm else "none on the tape"
+    if facts.panel is not None:
+        number = "only in the rails, better none"
     return [
         "1. The Gerber and drill files rule; this drawing explains them.",
         f"2. Rotations in the placement file are {clockwise}, 0 is along x.{leans}",
@@ -335,7 +344,7 @@ def _fields(facts: OrderFacts) -> list[tuple[Box, Box | None]]:
     """Field of parts and area for print of every tape, as they lie."""
     if facts.panel is None:
         return [(facts.field_mm, facts.number_mm)]
-    return [(tape.field_mm, tape.number_mm) for tape in facts.panel.tapes]
+    return [(tape.field_mm, None) for tape in facts.panel.tapes]
 
 
 def _fitted(
