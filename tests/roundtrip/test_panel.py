@@ -386,7 +386,7 @@ def near_places(opened: OpenKit) -> None:
     opened.manifest["tapes"][-1]["offset_mm"][0] -= 3.0
 
 
-PACKED_MUTATIONS: dict[str, tuple[Callable[[OpenKit], None], str]] = {
+PACKED_MUTATIONS: dict[str, tuple[Callable[[OpenKit], object], str]] = {
     "a turned tape said to lie straight": (lambda k: turned_row(k).update(rotation_deg=0.0), "arrangement"),
     "both say that it lies straight": (
         lambda k: (
