@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from tactape_fab import Kit, TapeSpec, make_kit
-from tactape_fab.make.panel import PanelKit
+from tactape_fab.kit.examine.coupon import examine_coupon
+from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.verify.trip.round_trip import full_trips
-from tests.panels import SIX, TWO, panel_of
+from tests.panels import SIX, TWO, packed_panel, panel_of
 
 
 def pytest_configure() -> None:
@@ -70,6 +71,18 @@ def panel_2(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
 def panel_6(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
     """A panel of six tapes; not to be changed."""
     return panel_of(SIX, tmp_path_factory.mktemp("six") / "panel")
+
+
+@pytest.fixture(scope="session")
+def panel_packed(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+    """A packed panel of five different tapes, some turned; not to be changed."""
+    return packed_panel(tmp_path_factory.mktemp("packed"))
+
+
+@pytest.fixture(scope="session")
+def coupon_panel(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+    """The coupon of jlcpcb-fpc; not to be changed."""
+    return make_panel(examine_coupon("jlcpcb-fpc"), tmp_path_factory.mktemp("coupon") / "panel", force=True)
 
 
 @pytest.fixture

@@ -62,6 +62,7 @@ class Design:
     process: str | None = None
     warnings: tuple[str, ...] = ()
     directions: int = USUAL_DIRECTIONS
+    anchor: str = "none"
 
     @property
     def points_in(self) -> Directions:
@@ -71,7 +72,7 @@ class Design:
         """Spec of a tape of the design, by default with four directions: designing the code of eight takes seconds."""
         values: dict[str, object] = {"part": self.part, "pitch_mm": self.pitch_mm, "displacement_mm": self.displacement_mm}
         if self.fab is not None:
-            values |= {"fab": self.fab, "coverlay": self.coverlay}
+            values |= {"fab": self.fab, "coverlay": self.coverlay, "anchor": self.anchor}
         else:
             values |= {"process": self.process, "body_mm": self.body_mm}
         return TapeSpec(**{"sector": 7, "size_mm": size_mm, **values, **more})  # type: ignore[arg-type]
@@ -95,7 +96,7 @@ def film_designs(fab: FabProfile) -> Iterator[Design]:
     """Designs of parts with lands: the smallest within the fab's blocking limits, and those without a warning."""
     parts = [part for part in map(read_part, FILM_PARTS) if isinstance(part, PartProfile)]
     for part, mode, share, careful in product(parts, fab.coverlay_modes, SHARES, (True, False)):
-        pitch_mm = _settled(partial(_film_pitch_mm, fab.in_mode(mode), part, careful), share)
+        pitch_mm = settled(partial(film_pitch_mm, fab.in_mode(mode), part, careful), share)
         yield replace(_design(part, pitch_mm, share), coverlay=mode, fab=fab.name)
 
 
@@ -112,7 +113,7 @@ def solid_designs(process: ProcessProfile) -> Iterator[Design]:
     for (name, body_mm), (directions, share), careful in product(ELEMENTS, shares, (True, False)):
         part = replace(parts[name], body_mm=body_mm, top_mm=None)
         gap_mm = process.limits["gap"].value_mm if careful or process.limits["gap"].level == "block" else 0.0
-        pitch_mm = _settled(partial(_solid_pitch_mm, part, gap_mm, directions), share)
+        pitch_mm = settled(partial(_solid_pitch_mm, part, gap_mm, directions), share)
         yield replace(_design(part, pitch_mm, share), process=process.name, directions=directions)
 
 
@@ -121,7 +122,7 @@ def _design(part: PartProfile | ElementProfile, pitch_mm: float, share: float) -
     return Design(part=part.name, shape=part.shape, body_mm=part.body_mm, pitch_mm=pitch_mm, displacement_mm=displacement_mm)
 
 
-def _settled(least: Callable[[float], float], share: float) -> float:
+def settled(least: Callable[[float], float], share: float) -> float:
     """Least pitch at which a displacement of that fraction of it is legal, in whole hundredths of a millimetre."""
     # the least pitch is piecewise linear in Δ: two secant steps and one more
     low, high = 1.0, 1.5
@@ -134,7 +135,7 @@ def _settled(least: Callable[[float], float], share: float) -> float:
     return round(ceil(round(high / _STEP_MM, 4)) * _STEP_MM, 2)
 
 
-def _film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
+def film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacement_mm: float) -> float:
     """Least pitch, mm, at which pads, bodies, openings and models are apart; careful: also courtyards and warning limits."""
 
     def limit_mm(rule: str) -> float:

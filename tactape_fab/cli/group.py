@@ -23,6 +23,7 @@ COMMANDS = (
     "certify",
     "check",
     "completion",
+    "coupon",
     "decode",
     "doctor",
     "emboss",

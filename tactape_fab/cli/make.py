@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
 from tactape_fab.cli.exits import answer, answers
-from tactape_fab.cli.options import number
+from tactape_fab.cli.options import number, size
 from tactape_fab.cli.printing import (
     clear_step,
     counted,
@@ -62,7 +63,11 @@ class _Make(click.Command):
 @tape_options
 @click.command(cls=_Make)
 @avoid_option
-@click.option("--pack", is_flag=True, help="Lay the tapes of a list out on the fab's largest panels, and say how full they are.")
+@click.option(
+    "--order", "house", metavar="HOUSE", help="Choose W, Δ, coverlay and anchor for a house: jlcpcb, pcbway, a profile."
+)
+@click.option("--contact", metavar="WxH", help="With --order: the smallest contact that is to be located, mm.  [default: 11x9]")
+@click.option("--pack", is_flag=True, help="Make panels of the tapes of a list, of any sizes, packed into as few as can be.")
 @click.option("--jobs", metavar="N", help="Processes that make the kits of a list.  [default: one per processor]")
 @click.option(
     "-o",
@@ -78,6 +83,8 @@ class _Make(click.Command):
 def make(
     spec_file: str | None,
     avoid: Sequence[str],
+    house: str | None,
+    contact: str | None,
     pack: bool,
     jobs: str | None,
     output: str | None,
@@ -94,6 +101,7 @@ def make(
 
     \b
     Examples: tactape-fab make --sector 7 --w 1.5 --delta 0.25
+              tactape-fab make --sector 7 --order jlcpcb
               tactape-fab make --sectors 7,8,9 --panel auto
               tactape-fab make --sector 7 --part dome --process sla
               tactape-fab make --sectors 0-9,20 --no-3d -o lab
@@ -106,6 +114,7 @@ def make(
         from tactape_fab.make.panel import make_panel
 
         values, given = spec_values(spec_file), given_values(options)
+        given = _ordered(values, given, house, contact)
         replace: Overwrite = "edits" if discard_edits else overwrite
         if is_list(values, given, avoid, alone=pack or jobs is not None):
             settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force}
@@ -129,6 +138,24 @@ def make(
             echo_json(panel.to_mapping()) if as_json else echo_lines(_panel_lines(panel))
 
 
+def _ordered(values: dict[str, Any], given: dict[str, Any], house: str | None, contact: str | None) -> dict[str, Any]:
+    """The options with what --order decides; what it chose is printed."""
+    if house is None:
+        if contact is not None:
+            raise SpecError(Problem("contact", "contact is what --order chooses a tape for; give --order HOUSE, or leave it out"))
+        return given
+    if "tapes" in values:
+        raise SpecError(
+            Problem("order", "order chooses one W and Δ for all tapes; give --sectors, or a SPEC.toml without [[tapes]]")
+        )
+    from tactape_fab.advise.order import choose_order
+
+    sides = None if contact is None else size(contact)
+    chosen = choose_order({**values, **given}, house, sides)
+    echo_lines_err(chosen.remarks)
+    return chosen.values
+
+
 def _make_list(
     values: dict[str, Any],
     given: dict[str, Any],
@@ -141,7 +168,8 @@ def _make_list(
 ) -> None:
     """Make the kits of a list and print a row for each, with its errors; the exit status is the highest of all."""
     from tactape_fab.kit.examine.tape_lists import list_tapes
-    from tactape_fab.make.many import DEFAULT_FOLDER, FailedKit, make_kits, pack_tapes
+    from tactape_fab.make.many import DEFAULT_FOLDER, FailedKit, make_kits, make_packed, pack_tapes
+    from tactape_fab.make.panel import PanelKit
 
     folder = Path(DEFAULT_FOLDER if output is None else output)
     count = None if jobs is None else number(jobs)
@@ -149,39 +177,37 @@ def _make_list(
     listed = list_tapes(values, given, folder, jobs=count, overwrite=overwrite, force=force, packed=pack)
     say_rules(listed.findings, force=force)
     packed = pack_tapes(listed.tapes) if pack else []
+    names = [name for film in packed for name in film.names] if pack else [tape.spec.name for tape in listed.tapes]
+    make = make_packed(packed, folder, jobs=listed.jobs, **settings) if pack else None
     table, begin = _KitTable(listed.tapes), time.monotonic()
     rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
     show = (lambda *_: None) if rows_shown else step_shown()  # rows already show the progress
     made, failed, statuses = [], [], [0]
-    echo_lines([] if as_json else [table.header()])
+    noun = "panel" if pack else "kit"
+    echo_lines([] if as_json else _packed_lines(packed) if pack else [table.header()])
     try:
-        with closing(make_kits(listed.tapes, folder, jobs=listed.jobs, **settings)) as kits:
-            for done, (kit, tape) in enumerate(zip(kits, listed.tapes, strict=True), start=1):
-                if isinstance(kit, FailedKit):
-                    status, lines = answer(kit.error)
+        with closing(make or make_kits(listed.tapes, folder, jobs=listed.jobs, **settings)) as results:
+            for done, (result, name) in enumerate(zip(results, names, strict=True), start=1):
+                if isinstance(result, FailedKit):
+                    status, lines = answer(result.error)
                     statuses.append(status)
-                    failed.append(_failed_mapping(kit, status, lines))
+                    failed.append(_failed_mapping(result, status, lines))
                     clear_step()
-                    echo_lines_err(f"error: {kit.name}: {line}" for line in lines)
+                    echo_lines_err(f"error: {name}: {line}" for line in lines)
                 else:
-                    made.append(kit.to_mapping())
-                echo_lines([] if as_json else [table.row(kit, tape)])
-                show("kits", done, len(listed.tapes))
+                    made.append(result.to_mapping())
+                if not as_json and isinstance(result, PanelKit):
+                    echo_lines(_panel_lines(result))
+                elif not as_json and not pack:
+                    echo_lines([table.row(result, listed.tapes[done - 1])])  # type: ignore[arg-type]
+                show(f"{noun}s", done, len(names))
     except (KeyboardInterrupt, SystemExit):
-        echo_line(f"stopped; the kits that stand in {folder} are whole", err=True)
+        echo_line(f"stopped; the {noun}s that stand in {folder} are whole", err=True)
         raise
     if as_json:
-        echo_json(
-            {
-                "folder": str(folder),
-                "kits": made,
-                "failed": failed,
-                **({"packed": [film.to_mapping() for film in packed]} if pack else {}),
-            }
-        )
-    else:
-        echo_lines(_packed_lines(packed))
-    echo_line(_summary(len(made), len(listed.tapes), folder, time.monotonic() - begin), err=True)
+        of_panels = {"panels": made, "packed": [film.to_mapping() for film in packed]}
+        echo_json({"folder": str(folder), **(of_panels if pack else {"kits": made}), "failed": failed})
+    echo_line(_summary(noun, len(made), len(names), folder, time.monotonic() - begin), err=True)
     sys.exit(max(statuses))
 
 
@@ -226,14 +252,21 @@ def _panel_lines(made: PanelKit) -> list[str]:
     width, height = panel.size_mm
     parts = sum(tape.part_count for tape in made.tapes)
     rows = [
-        (tape.name, str(tape.sector), f"{tape.origin[0]},{tape.origin[1]}", f"{x:g}, {y:g}", kit)
-        for tape, (x, y), kit in zip(made.tapes, panel.offsets_mm, made.kits, strict=True)
+        (
+            tape.name,
+            str(tape.sector),
+            f"{tape.origin[0]},{tape.origin[1]}",
+            _size(tape.board.size_mm),
+            f"{place.offset_mm[0]:g}, {place.offset_mm[1]:g}{', turned' * place.turned}",
+            kit,
+        )
+        for tape, place, kit in zip(made.tapes, panel.places, made.kits, strict=True)
     ]
+    grids = {f"pitch {t.pitch_mm:g} mm, displacement {t.displacement_mm:g} mm{t.in_directions}" for t in made.tapes}
     return [
-        f"{made.path}: {panel.columns} x {panel.rows} tapes of {panel.tape_mm[0]:g} x {panel.tape_mm[1]:g} mm, "
-        f"panel {width:g} x {height:g} mm, {parts} parts",
-        f"{first.code}; pitch {first.pitch_mm:g} mm, displacement {first.displacement_mm:g} mm{first.in_directions}",
-        *table_lines(("tape", "sector", "origin", "at x, y mm", "kit"), rows),
+        f"{made.path}: {panel.words}, panel {width:g} x {height:g} mm, {parts} parts",
+        f"{first.code}; {' | '.join(sorted(grids))}",
+        *table_lines(("tape", "sector", "origin", "size mm", "at x, y mm", "kit"), rows),
         verified_line(made.checks) if made.checks else "not verified",
         *(f"{f.rule}: {f.message}" for f in made.findings if f.rule == "coverlay" and f.level == "info"),
         *purpose_lines(made.path, made.files),
@@ -275,28 +308,24 @@ def _failed_mapping(kit: FailedKit, status: int, lines: Sequence[str]) -> dict[s
     return {"path": str(kit.path), "name": kit.name, "sector": kit.sector, "status": status, "errors": list(lines)}
 
 
-def _summary(made: int, count: int, folder: Path, seconds: float) -> str:
-    """Number of kits of a list that were made, and the rate."""
-    rate = f", {made / seconds:.2g} kits/s" if made and seconds > 0.0 else ""
-    return f"made {made} of {counted(count, 'kit')} in {folder}; {seconds:.1f} s{rate}"
+def _summary(noun: str, made: int, count: int, folder: Path, seconds: float) -> str:
+    """Number of kits or panels of a list that were made, and the rate."""
+    rate = f", {made / seconds:.2g} {noun}s/s" if made and seconds > 0.0 else ""
+    return f"made {made} of {counted(count, noun)} in {folder}; {seconds:.1f} s{rate}"
 
 
 def _packed_lines(films: Sequence[PackedFilm]) -> list[str]:
-    """Sheets of each film, their yield, and the tapes on them."""
+    """Panels of each film, their yield, and the tapes on them."""
     lines = []
     for film in films:
-        packing, panel = film.packing, film.fab.panel
-        shares = film.shares
+        rules, shares = film.fab.panel, film.shares
         lines.append(
-            f"packed {counted(len(film.tapes), 'tape')} into {counted(packing.sheets, 'panel')} "
-            f"of {_size(panel.largest_mm)} mm ({film.fab.name}, rails {panel.rail_mm:g} mm, gaps {panel.gap_mm:g} mm): "
+            f"packed {counted(len(film.tapes), 'tape')} into {counted(len(film.panels), 'panel')} of up to "
+            f"{_size(rules.largest_mm)} mm ({film.fab.name}, rails {rules.rail_mm:g} mm), each tape in a frame of its own: "
             f"{sum(shares) / len(shares):.1%} of the area is tape"
         )
-        for sheet, share in enumerate(shares):
-            names = [film.tapes[i].spec.name for i in (packing.sheet == sheet).nonzero()[0]]
-            turned = int(packing.turned[packing.sheet == sheet].sum())
-            said = ", ".join(names) if len(names) <= _NAMED else f"{names[0]} ... {names[-1]}"
-            lines.append(
-                f"  panel {sheet + 1}: {counted(len(names), 'tape')}{f', {turned} turned' * (turned > 0)}, {share:.1%}: {said}"
-            )
+        for name, packed, share in zip(film.names, film.panels, shares, strict=True):
+            tapes = [film.tapes[i].spec.name for i in packed.tapes]
+            said = ", ".join(tapes) if len(tapes) <= _NAMED else f"{tapes[0]} ... {tapes[-1]}"
+            lines.append(f"  {name}: {packed.panel.words}, {_size(packed.panel.size_mm)} mm, {share:.1%}: {said}")
     return lines

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.printing import echo_json, echo_lines, table_lines
 
@@ -14,12 +17,32 @@ if TYPE_CHECKING:
     from tactape_fab.kit.profiles import FabProfile
 
 
+MOST_SECTORS = 1_000_000
+
+
 @click.command()
 @click.argument("name", required=False, metavar="[NAME]")
+@click.argument("coupon", required=False, metavar="[COUPON]")
+@click.option("--held", metavar="SECTORS", help="With confirm: sectors of the coupon's tapes that came back whole.")
+@click.option("--failed", metavar="SECTORS", help="With confirm: sectors of those that did not.")
+@click.option("--date", metavar="YYYY-MM-DD", help="With confirm: when they were looked at.  [default: today]")
+@click.option("-o", "--output", metavar="FILE.toml", help="With confirm: the profile to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def profiles(name: str | None, as_json: bool) -> None:
-    """List the fab profiles, or explain one: its thresholds, and where each comes from. NAME may be a .toml file of yours."""
+def profiles(name: str | None, coupon: str | None, as_json: bool, **judged: str | None) -> None:
+    """List the fab profiles, or explain one: its thresholds, and where each comes from. NAME may be a .toml file of yours.
+
+    confirm COUPON writes a profile of what came back of a coupon: limits that its tapes confirmed or moved, with the date.
+
+    \b
+    Examples: tactape-fab profiles jlcpcb-fpc
+              tactape-fab profiles confirm jlcpcb-fpc-coupon --held 0,1,5-8 --failed 2-4 -o my-jlc.toml
+    """
     with answers():
+        if name == "confirm":
+            _confirm(coupon, judged, as_json=as_json)
+            return
+        if strange := [f"--{key}" for key, value in judged.items() if value is not None] or ([coupon] if coupon else []):
+            raise SpecError(f"{', '.join(strange)} is for profiles confirm COUPON; leave it out")
         from tactape_fab.base.templates import profile_names
         from tactape_fab.kit.profiles import explain_fab, load_fab
 
@@ -28,6 +51,54 @@ def profiles(name: str | None, as_json: bool) -> None:
             echo_json([explain_fab(fab) for fab in fabs] if name is None else explain_fab(fabs[0]))
         else:
             echo_lines(profiles_lines(fabs) if name is None else profile_lines(explain_fab(fabs[0])))
+
+
+def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: bool) -> None:
+    """Write the profile of a coupon that came back."""
+    from tactape_fab.kit.profiles import load_fab
+    from tactape_fab.kit.profiles.confirm import confirm, read_trials
+    from tactape_fab.kit.spec.sectors import read_sectors
+    from tactape_fab.texture.manifest import find_manifest, read_any_manifest
+
+    output = judged["output"]
+    problems = []
+    if coupon is None:
+        problems.append(Problem("coupon", "profiles confirm needs the coupon's folder; give profiles confirm COUPON"))
+    if output is None or not output.endswith(".toml"):
+        problems.append(Problem("output", "profiles confirm writes a profile; give -o NAME.toml"))
+    elif Path(output).exists():
+        problems.append(Problem("output", f"output = {output} exists; use -o to name another file"))
+    if judged["held"] is None and judged["failed"] is None:
+        problems.append(Problem("held", "profiles confirm needs what came back; give --held SECTORS, --failed SECTORS, or both"))
+    date = _date(judged["date"], problems)
+    if problems or coupon is None or output is None:
+        raise SpecError(problems)
+    content = read_any_manifest(find_manifest(Path(coupon)))
+    fab, trials = read_trials(content)
+    held, failed = (read_sectors(judged[key], MOST_SECTORS) if judged[key] is not None else () for key in ("held", "failed"))
+    source = f"coupon {content.get('name')}: sectors {judged['held'] or 'none'} held, {judged['failed'] or 'none'} failed"
+    found = confirm(fab, trials, held, failed, date=date, source=source, place=Path(output))
+    place = Path(output)
+    place.write_text(found.text, encoding="utf-8")
+    load_fab(output)
+    if as_json:
+        echo_json({"profile": output, "said": list(found.lines)})
+    else:
+        echo_lines([*found.lines, f"wrote {place}; tactape-fab make --sector 7 --order {place}"])
+
+
+def _date(text: str | None, problems: list[Problem]) -> str:
+    try:
+        return (date.today() if text is None else date.fromisoformat(text)).isoformat()
+    except ValueError:
+        problems.append(Problem("date", f"date = {text!r} is no date; give YYYY-MM-DD, such as 2026-11-23"))
+        return ""
+
+
+def _value(name: str, value: Any) -> str:
+    if isinstance(value, list):
+        return (" to " if name.startswith("order.") else " x ").join(f"{v:g}" for v in value)
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def profiles_lines(fabs: Sequence[FabProfile]) -> list[str]:
@@ -65,7 +136,7 @@ def profile_lines(profile: Mapping[str, Any]) -> list[str]:
         (
             row["id"],
             row["level"],
-            " x ".join(f"{v:g}" for v in row["value"]) if isinstance(row["value"], list) else f"{row['value']:g}",
+            _value(row["id"], row["value"]),
             row["unit"],
             "yes" if row["confirmed"] else "no",
             row["date"],

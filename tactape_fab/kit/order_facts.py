@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor
 
@@ -11,16 +11,23 @@ import numpy as np
 from tactape_fab.base.errors import Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.panel.arrange import Panel
-from tactape_fab.kit.profiles import FabProfile, Origin, PartProfile, SizeLimit
+from tactape_fab.kit.panel.arrange import Panel, Place
+from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile, SizeLimit
 from tactape_fab.kit.profiles.limits import Limit
+from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
 from tactape_fab.texture.tape import Tape
 
 TAPES_AN_ORDER = (1, 5, 20)
 """Order quantities for which a cost is estimated."""
+ONCE = ("setup", "stencil", "fixture", "feeder")
+"""Costs of an order whatever its number of tapes."""
 LANDS_PER_PART = 2
+_CLOSE = 1.25
+"""A limit is close where the measured value is less than this many times it."""
+_NEVER_CLOSE = ("size", "corner-radius", "part-count")
+"""Rules whose figure is no gap that a fab could fail to make."""
 _INK_CLEAR_MM = 0.5
 _LEAST_AREA_MM = 1.5
 _TENTHS = 10
@@ -45,24 +52,44 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """Assembly cost in the profile's currency: ``once`` for each order and ``each`` for each tape."""
+    """Cost of assembly and parts in the profile's currency: ``once`` for each order and ``each`` for each tape, and the least
+    of both where figures are ranges; ``quantities`` for `TAPES_AN_ORDER`.
+    """
 
     joints: int
     minutes: float
     once: float
     each: float
-    totals: tuple[tuple[int, float], ...]
+    least_once: float
+    least_each: float
+    quantities: tuple[Quantity, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """An order of so many tapes or panels: least and most cost without bare boards, the least and most cost of these (None
+    where not known), and parts with what the line loses (None where not known).
+    """
+
+    count: int
+    cost: tuple[float, float]
+    boards: tuple[float, float] | None
+    parts: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedTape:
-    """A tape of a panel: where it lies, and its first and last designator's numbers."""
+    """A tape of a panel: where it lies, how it is made, its first and last designator's numbers, and its field on the panel."""
 
     name: str
     sector: int
     first: int
     last: int
     offset_mm: tuple[float, float]
+    size_mm: tuple[float, float]
+    turned: bool
+    made: str
+    field_mm: Box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +97,7 @@ class OrderedPanel:
     """Facts of a panel for the order notes."""
 
     words: str
-    tape_mm: tuple[float, float]
+    mixed: bool
     rail_mm: float
     gap_mm: float
     tab_mm: float
@@ -100,8 +127,17 @@ class OrderFacts:
         Direction of a part seen from above: one of ``- / | \\``.
     fits_panel : bool
         Whether the board alone is within the assembly line's limits.
-    questions, broken, warnings : tuples
-        Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), and warnings without a threshold.
+    questions, broken, warnings, close : tuples
+        Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), warnings without a threshold, and those of
+        the questions that are met by less than `_CLOSE`.
+    coverlays : tuple of str
+        Ways in which the tapes' coverlay is opened, each once.
+    rotation_deg, turned_slash
+        Of the parts on tapes that are not turned, and how parts lean on turned ones; "" without any.
+    pitch_words, displacement_words : str
+        W and Δ, of all tapes.
+    first_mm, last_mm : (float, float)
+        Places of the first and the last part.
     stiffener, adhesive : str or None
         Layer laminated to the underside: material and thickness in mm.
     anchors : str
@@ -127,7 +163,15 @@ class OrderFacts:
     questions: tuple[Question, ...]
     broken: tuple[str, ...]
     warnings: tuple[str, ...]
+    close: tuple[str, ...]
     estimate: Estimate
+    coverlays: list[str]
+    rotation_deg: float
+    pitch_words: str
+    displacement_words: str
+    first_mm: tuple[float, float]
+    last_mm: tuple[float, float]
+    turned_slash: str = ""
     stiffener: str | None = None
     adhesive: str | None = None
     anchors: str = "none"
@@ -140,13 +184,22 @@ class OrderFacts:
         return "tape" if self.panel is None else "panel"
 
     @property
-    def tape_offsets_mm(self) -> list[tuple[float, float]]:
-        """Places of the tapes on what is ordered."""
-        return [(0.0, 0.0)] if self.panel is None else [tape.offset_mm for tape in self.panel.tapes]
+    def fields_mm(self) -> list[tuple[Box, Box | None]]:
+        """Field of parts of every tape as it lies, and where the fab may print a number of its own."""
+        if self.panel is None:
+            return [(self.field_mm, self.number_mm)]
+        return [(tape.field_mm, None) for tape in self.panel.tapes]
 
-    def on_each_tape(self, box: Box) -> list[Box]:
-        """A box of the first tape's board, on every tape of what is ordered."""
-        return [moved(box, offset) for offset in self.tape_offsets_mm]
+    @property
+    def turned(self) -> bool:
+        """Whether tapes lie turned on the panel."""
+        return bool(self.turned_slash)
+
+    @property
+    def number(self) -> PartNumber | None:
+        """Where the part number comes from; None if it is the user's own, or none is given."""
+        known = self.fab.order.number
+        return known if known is not None and known.number == self.part_number else None
 
 
 def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], artifacts: Sequence[Artifact]) -> OrderFacts:
@@ -168,7 +221,7 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         bom_rows=bom.data.count(b"\r\n") - 1,
         field_mm=field_mm,
         number_mm=_number_area(layout, fab, field_mm[0]),
-        slash="-/|\\"[round(tape.part.rotation_deg % 180.0 / 45.0) % 4],
+        slash=_slash(tape.part.rotation_deg),
         fits_panel=least[0] <= longer <= most[0] and least[1] <= shorter <= most[1],
         least_gap_mm=min((f.value for f in findings if f.rule in ("pad-pad", "pad-pair") and f.value is not None), default=0.0),
         least_hole_mm=min((hole[2] for hole in tape.board.holes), default=None),
@@ -176,7 +229,14 @@ def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], ar
         questions=_questions(fab, findings),
         broken=tuple(f"{f.rule}: {f.message}" for f in findings if f.blocks),
         warnings=tuple(f"{f.rule}: {f.message}" for f in findings if f.level == "warn" and not f.passed and not f.source),
+        close=tuple(f"{f.rule}: {f.message}" for f in findings if _is_close(f)),
         estimate=estimate(tape.part_count, fab),
+        coverlays=[layout.coverlay],
+        rotation_deg=tape.part.rotation_deg,
+        pitch_words=f"{tape.pitch_mm:.4g}",
+        displacement_words=f"{tape.displacement_mm:.4g}",
+        first_mm=_place(layout.parts_xy_mm[0]),
+        last_mm=_place(layout.parts_xy_mm[-1]),
         stiffener=layout.stiffener,
         adhesive=layout.adhesive,
         anchors="none" if layout.anchors is None else layout.anchors.mode,
@@ -196,6 +256,10 @@ def panel_order_facts(
     counts = [layout.tape.part_count for layout in layouts]
     last = np.cumsum(counts).tolist()
     holes = [hole[2] for layout in layouts for hole in layout.tape.board.holes]
+    made, turned = [_made(layout) for layout in layouts], [place.turned for place in panel.places]
+    ways = dict.fromkeys(way for _, way, _ in made)
+    rotation_deg = layouts[0].tape.part.rotation_deg
+    ends = [panel.places[i].on_panel_mm(layouts[i].parts_xy_mm[i]) for i in (0, -1)]
     return replace(
         facts,
         name=name,
@@ -204,21 +268,69 @@ def panel_order_facts(
         fits_panel=True,
         least_hole_mm=min([*holes, *(hole[2] for hole in panel.tooling_holes_mm)], default=None),
         estimate=estimate(sum(counts), fab),
+        coverlays=[*ways],
+        anchors=" or ".join(dict.fromkeys(anchors for _, _, anchors in made if anchors != "none")) or "none",
+        pitch_words=_either(layout.tape.pitch_mm for layout in layouts),
+        displacement_words=_either(layout.tape.displacement_mm for layout in layouts),
+        slash=_slash(rotation_deg + 90.0 * all(turned)),
+        turned_slash=_slash(rotation_deg + 90.0) if any(turned) and not all(turned) else "",
+        rotation_deg=(rotation_deg + 90.0 * all(turned)) % 360.0,
+        first_mm=ends[0],
+        last_mm=ends[1],
         designs=len({(layout.tape.code, layout.tape.sector, layout.tape.origin) for layout in layouts}),
         panel=OrderedPanel(
-            words=f"{panel.columns} x {panel.rows} tapes",
-            tape_mm=panel.tape_mm,
+            words=panel.words,
+            mixed=len(set(made)) > 1,
             rail_mm=panel.rail_mm,
             gap_mm=panel.gap_mm,
             tab_mm=panel.tab_mm,
             tapes=tuple(
                 OrderedTape(
-                    name=layout.tape.name, sector=layout.tape.sector, first=end - count + 1, last=end, offset_mm=offset_mm
+                    name=layout.tape.name,
+                    sector=layout.tape.sector,
+                    first=end - count + 1,
+                    last=end,
+                    offset_mm=place.offset_mm,
+                    size_mm=place.size_mm,
+                    turned=place.turned,
+                    made=", ".join(words),
+                    field_mm=_on_panel(_field(layout), place),
                 )
-                for layout, count, end, offset_mm in zip(layouts, counts, last, panel.offsets_mm, strict=True)
+                for layout, count, end, place, words in zip(layouts, counts, last, panel.places, made, strict=True)
             ),
         ),
     )
+
+
+def _made(layout: Layout) -> tuple[str, str, str]:
+    """W and Δ, coverlay and anchors of a tape, in words."""
+    tape, anchors = layout.tape, layout.anchors
+    way = layout.coverlay
+    return f"W {tape.pitch_mm:.4g} Δ {tape.displacement_mm:.4g}", way, "none" if anchors is None else anchors.mode
+
+
+def _either(values: Iterable[float]) -> str:
+    known = [f"{value:.4g}" for value in sorted(set(values))]
+    return known[0] if len(known) == 1 else f"{', '.join(known[:-1])} or {known[-1]}"
+
+
+def _on_panel(box: Box, place: Place) -> Box:
+    a, b = place.on_panel_mm(np.array(box[:2])), place.on_panel_mm(np.array(box[2:]))
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
+
+
+def _slash(rotation_deg: float) -> str:
+    return "-/|\\"[round(rotation_deg % 180.0 / 45.0) % 4]
+
+
+def _place(xy_mm: FloatArray) -> tuple[float, float]:
+    return float(xy_mm[0]), float(xy_mm[1])
+
+
+def _is_close(finding: Finding) -> bool:
+    """Whether a limit that no fab confirmed is met by little, or not met."""
+    asked = finding.source and not finding.confirmed and finding.level != "info" and finding.rule not in _NEVER_CLOSE
+    return bool(asked) and finding.value is not None and bool(finding.limit) and finding.value < _CLOSE * (finding.limit or 0.0)
 
 
 def _field(layout: Layout) -> Box:
@@ -266,14 +378,27 @@ def _questions(fab: FabProfile, findings: Sequence[Finding]) -> tuple[Question, 
 
 def estimate(parts: int, fab: FabProfile) -> Estimate:
     """Estimated cost of assembling tapes with this number of parts, from the figures of the fab's profile."""
-    costs = {name: assumption.value for name, assumption in fab.order.costs.items()}
-    joints = LANDS_PER_PART * parts
-    once = costs["setup"] + costs["stencil"] + costs["fixture"] + costs["feeder"]
-    each = joints * costs["joint"] + parts * costs["part"]
+    order, joints = fab.order, LANDS_PER_PART * parts
+    most = {name: assumption.value for name, assumption in order.costs.items()}
+    least = {name: assumption.least for name, assumption in order.costs.items()}
+    (least_once, least_each), (once, each) = (
+        (sum(costs[name] for name in ONCE), joints * costs["joint"] + parts * costs["part"]) for costs in (least, most)
+    )
+    quantities = [
+        Quantity(
+            count=count,
+            cost=(least_once + count * least_each, once + count * each),
+            boards=None if order.board is None else (count * order.board.least, count * order.board.value),
+            parts=None if order.attrition is None else ceil(round(count * parts * (1.0 + order.attrition.value), 6)),
+        )
+        for count in TAPES_AN_ORDER
+    ]
     return Estimate(
         joints=joints,
-        minutes=parts * fab.order.placement.value / 60.0,
+        minutes=parts * order.placement.value / 60.0,
         once=once,
         each=each,
-        totals=tuple((tapes, once + tapes * each) for tapes in TAPES_AN_ORDER),
+        least_once=least_once,
+        least_each=least_each,
+        quantities=tuple(quantities),
     )

@@ -18,7 +18,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.anchors import anchor_plan
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.panel.arrange import Panel, Place
 from tactape_fab.kit.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components
@@ -27,6 +27,7 @@ from tactape_fab.kit.render.drill import render_drill
 from tactape_fab.kit.render.gerber import render_copper, render_coverlay, render_legend, render_paste, render_profile
 from tactape_fab.kit.render.job import render_job
 from tactape_fab.kit.render.kicad_board import render_kicad
+from tactape_fab.kit.render.placement_preview import render_placement_preview
 from tactape_fab.kit.render.preview import render_preview
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.forms import SolidForm
@@ -63,7 +64,7 @@ FAB_ZIP_ROLES = (
 def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
     """Every file of a film or a panel except models, notes and manifest: layers, lists, previews drawn from those, the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
-    artifacts += render_preview(artifacts, fab)
+    artifacts += (*render_preview(artifacts, fab), *render_placement_preview(artifacts, fab))
     artifacts.append(_fab_zip(drawing.name, [a for a in artifacts if a.role != "job" or fab.job_in_zip]))
     return artifacts
 
@@ -150,7 +151,7 @@ class PlacedKit:
     tape: Tape
     manifest: str
     data: bytes
-    offset_mm: tuple[float, float]
+    place: Place
     first: int
 
 
@@ -170,8 +171,8 @@ def panel_manifest(
                 "name": kit.tape.name,
                 "sector": kit.tape.sector,
                 "parts": kit.tape.part_count,
-                "offset_mm": list(kit.offset_mm),
-                "rotation_deg": 0.0,
+                "offset_mm": list(kit.place.offset_mm),
+                "rotation_deg": kit.place.rotation_deg,
                 "first_designator": f"R{kit.first}",
             }
             for kit in kits

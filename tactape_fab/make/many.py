@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.pool import LostProcessError, ProcessPool
+from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.examine.tape_lists import Planned
-from tactape_fab.kit.output_place import Overwrite
-from tactape_fab.kit.panel.packing import Packing, pack, sheet_room_mm
+from tactape_fab.kit.output_place import Overwrite, refuse_taken
+from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.panel.packing import PackedPanel, pack_panels
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.make.kit import make_examined
+from tactape_fab.make.panel import PanelKit, make_panel
 
 DEFAULT_FOLDER = "tactape-kits"
 
@@ -55,49 +59,67 @@ class FailedKit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedFilm:
-    """Tapes that fit on one kind of film, packed into sheets: panels of the fab without their rails."""
+    """Tapes that fit on one kind of film, packed into panels of the fab, and the panels' names."""
 
     fab: FabProfile
     tapes: tuple[Planned, ...]
-    packing: Packing
+    panels: tuple[PackedPanel, ...]
+    names: tuple[str, ...]
 
     @property
     def shares(self) -> list[float]:
-        """Fraction of each sheet's area covered by tapes."""
-        width_mm, height_mm = self.fab.panel.largest_mm
-        return [float(area) / (width_mm * height_mm) for area in self.packing.tape_area_mm2()]
+        """Fraction of each panel's area covered by tapes."""
+        return [sum(prod(p.size_mm) for p in panel.panel.places) / prod(panel.panel.size_mm) for panel in self.panels]
 
     def to_mapping(self) -> dict[str, Any]:
-        """Sheets with the places of their tapes, in the frame of the panel: its lower left corner, rails included."""
-        packing, panel = self.packing, self.fab.panel
-        offsets_mm = packing.offset_mm + panel.rail_mm + panel.gap_mm
-        sheets = [
+        """Panels with the places of their tapes, in the frame of the panel: its lower left corner, rails included."""
+        panels = [
             {
+                "name": name,
+                "size_mm": list(packed.panel.size_mm),
                 "share": round(share, 6),
                 "tapes": [
                     {
                         "name": self.tapes[i].spec.name,
-                        "offset_mm": [round(float(v), 6) for v in offsets_mm[i]],
-                        "rotation_deg": 90.0 if packing.turned[i] else 0.0,
+                        "offset_mm": [round(v, 6) for v in place.offset_mm],
+                        "rotation_deg": place.rotation_deg,
                     }
-                    for i in (packing.sheet == sheet).nonzero()[0].tolist()
+                    for i, place in zip(packed.tapes, packed.panel.places, strict=True)
                 ],
             }
-            for sheet, share in enumerate(self.shares)
+            for name, packed, share in zip(self.names, self.panels, self.shares, strict=True)
         ]
-        share = sum(self.shares) / len(sheets)
-        return {"fab": self.fab.name, "panel_mm": list(panel.largest_mm), "share": round(share, 6), "panels": sheets}
+        share = sum(self.shares) / len(panels)
+        return {"fab": self.fab.name, "share": round(share, 6), "panels": panels}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Order:
-    """Request to a process."""
+    """Request for a kit to a process."""
 
+    name: str
     spec: TapeSpec
     path: Path
-    overwrite: Overwrite
-    verify: bool
-    force: bool
+    how: Mapping[str, Any]
+
+    @property
+    def sector(self) -> int:
+        return self.spec.sector
+
+
+class Ordered(Protocol):
+    """What a process is asked to make."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> Path: ...
+    @property
+    def sector(self) -> int: ...
+
+
+Wanted = TypeVar("Wanted", bound=Ordered)
+Result = TypeVar("Result")
 
 
 def make_kits(
@@ -134,17 +156,40 @@ def make_kits(
     TactapeError
         If the folder cannot be made.
     """
+    orders = [
+        _Order(
+            name=tape.spec.name,
+            spec=tape.spec,
+            path=folder / tape.spec.name,
+            how={"overwrite": overwrite, "verify": verify, "force": force},
+        )
+        for tape in tapes
+    ]
+    with _made_folder(folder):
+        yield from _in_processes(_make_kit, orders, jobs)
+
+
+@contextmanager
+def _made_folder(folder: Path) -> Generator[None]:
+    """The folder of a list; folders that hold nothing in the end are removed again."""
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TactapeError(f"{folder} cannot be made: {error.strerror or error}; use -o to name another folder") from error
-    orders = [
-        _Order(spec=tape.spec, path=folder / tape.spec.name, overwrite=overwrite, verify=verify, force=force) for tape in tapes
-    ]
+    try:
+        yield
+    finally:
+        for parent in missing:  # innermost first; a folder that holds a kit is kept
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _in_processes(make: Callable[[Wanted], Result], orders: Sequence[Wanted], jobs: int) -> Generator[Result | FailedKit]:
+    """Result of each order in turn, as soon as it is known."""
     pool = ProcessPool(min(jobs, len(orders)))
     try:
-        futures = [pool.submit(_make, order, Path.cwd()) for order in orders]
+        futures = [pool.submit(_answered, make, order, Path.cwd()) for order in orders]
         for order, future in zip(orders, futures, strict=True):
             try:
                 yield future.result()
@@ -152,23 +197,24 @@ def make_kits(
                 yield _lost(order, lost)
     finally:
         pool.stop()
-        for parent in missing:  # innermost first; a folder that holds a kit is kept
-            with suppress(OSError):
-                parent.rmdir()
 
 
-def _make(order: _Order, folder: Path) -> MadeKit | FailedKit:
-    """Make one kit in its own process, in the user's current folder so that relative paths are resolved there."""
+def _answered(make: Callable[[Wanted], Result], order: Wanted, folder: Path) -> Result | FailedKit:
+    """Do one order in its own process, in the user's current folder so that relative paths are resolved there."""
     import cv2
 
     os.chdir(folder)
     cv2.setNumThreads(1)
     try:
-        kit = make_examined(examine(order.spec), order.path, overwrite=order.overwrite, verify=order.verify, force=order.force)
+        return make(order)
     except TactapeError as error:
         return _failed(order, error)
     except Exception as error:  # the others continue
         return _failed(order, TactapeError(f"{type(error).__name__}: {error}; this should not happen, please report it"))
+
+
+def _make_kit(order: _Order) -> MadeKit:
+    kit = make_examined(examine(order.spec), order.path, **order.how)
     tape = kit.tape
     width_mm, height_mm = tape.board.size_mm
     return MadeKit(
@@ -186,11 +232,11 @@ def _make(order: _Order, folder: Path) -> MadeKit | FailedKit:
     )
 
 
-def _failed(order: _Order, error: TactapeError) -> FailedKit:
-    return FailedKit(path=order.path, name=order.spec.name, sector=order.spec.sector, error=error)
+def _failed(order: Ordered, error: TactapeError) -> FailedKit:
+    return FailedKit(path=order.path, name=order.name, sector=order.sector, error=error)
 
 
-def _lost(order: _Order, lost: LostProcessError) -> FailedKit:
+def _lost(order: Ordered, lost: LostProcessError) -> FailedKit:
     status = lost.exit_status
     how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
     return _failed(order, TactapeError(f"its process {how}; where memory is short, use fewer --jobs"))
@@ -199,16 +245,77 @@ def _lost(order: _Order, lost: LostProcessError) -> FailedKit:
 # Packing
 
 
-def pack_tapes(tapes: Sequence[Planned]) -> list[PackedFilm]:
-    """Pack the tapes of a list into panels of their fabs; only tapes of one fab and one laminate share a panel."""
+def pack_tapes(tapes: Sequence[Planned], name: str = "tactape") -> list[PackedFilm]:
+    """Pack the tapes of a list into panels of their fabs; only tapes of one fab, part and laminate share a panel."""
     kinds: dict[tuple[object, ...], list[Planned]] = {}
     for tape in tapes:
-        kinds.setdefault((tape.spec.fab, tape.spec.stiffener, tape.spec.adhesive), []).append(tape)
-    return [_packed_film(alike) for alike in kinds.values()]
+        spec = tape.spec
+        own = (spec.part, spec.rotation_deg, spec.assembly, spec.part_number, spec.x2)
+        kinds.setdefault((spec.fab, spec.stiffener, spec.adhesive, *own), []).append(tape)
+    films, number = [], 0
+    for alike in kinds.values():
+        fab = alike[0].fab
+        assert fab is not None
+        _, panels = pack_panels([(tape.spec.size_mm, tape.spec.corner_radius_mm) for tape in alike], fab)
+        names = tuple(f"{name}-panel-{number + i}" for i in range(1, len(panels) + 1))
+        films.append(PackedFilm(fab=fab, tapes=tuple(alike), panels=tuple(panels), names=names))
+        number += len(panels)
+    return films
 
 
-def _packed_film(tapes: Sequence[Planned]) -> PackedFilm:
-    fab = tapes[0].fab
-    assert fab is not None
-    packing = pack([tape.spec.size_mm for tape in tapes], sheet_room_mm(fab), fab.panel.gap_mm)
-    return PackedFilm(fab=fab, tapes=tuple(tapes), packing=packing)
+def make_packed(
+    films: Sequence[PackedFilm],
+    folder: Path,
+    *,
+    overwrite: Overwrite = False,
+    verify: bool = True,
+    force: bool = False,
+    jobs: int,
+) -> Generator[PanelKit | FailedKit]:
+    """Make packed panels with all their kits, each in the folder under its name; as `make_kits` does kits.
+
+    Raises
+    ------
+    SpecError
+        If the path of a panel is taken; nothing is made.
+    """
+    how = {"overwrite": overwrite, "verify": verify, "force": force}
+    orders = [
+        _PanelOrder(
+            name=name,
+            panel=packed.panel,
+            specs=tuple(film.tapes[i].spec for i in packed.tapes),
+            path=folder / name,
+            how=how,
+        )
+        for film in films
+        for name, packed in zip(film.names, film.panels, strict=True)
+    ]
+    problems: list[Problem] = []
+    for order in orders:
+        tried(lambda path=order.path: refuse_taken(path, overwrite=overwrite), problems)  # type: ignore[misc]
+    if problems:
+        raise SpecError(problems)
+    with _made_folder(folder):
+        yield from _in_processes(_make_panel, orders, jobs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PanelOrder:
+    """Request for a packed panel to a process."""
+
+    name: str
+    panel: Panel
+    specs: tuple[TapeSpec, ...]
+    path: Path
+    how: Mapping[str, Any]
+
+    @property
+    def sector(self) -> int:
+        return self.specs[0].sector
+
+
+def _make_panel(order: _PanelOrder) -> PanelKit:
+    tapes = tuple(examine(spec) for spec in order.specs)
+    examined = ExaminedPanel(name=order.name, tapes=tapes, panel=order.panel, remarks=())
+    return make_panel(examined, order.path, **order.how)

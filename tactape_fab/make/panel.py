@@ -68,9 +68,10 @@ class PanelKit:
                     "code": tape.code,
                     "origin": list(tape.origin),
                     "parts": tape.part_count,
-                    "offset_mm": list(offset_mm),
+                    "offset_mm": list(place.offset_mm),
+                    "rotation_deg": place.rotation_deg,
                 }
-                for kit, tape, offset_mm in zip(self.kits, self.tapes, self.panel.offsets_mm, strict=True)
+                for kit, tape, place in zip(self.kits, self.tapes, self.panel.places, strict=True)
             ],
             "files": dict(self.files),
             "findings": [asdict(f) for f in self.findings],
@@ -180,14 +181,14 @@ def _write_panel(
     artifacts += (*render_order_notes(facts), *render_fab_drawing(facts, drawing), *render_fab_dxf(facts, drawing))
     kits = []
     number = 1
-    for tape, offset_mm in zip(examined.tapes, examined.panel.offsets_mm, strict=True):
+    for tape, place in zip(examined.tapes, examined.panel.places, strict=True):
         path = f"{_kit_folder(tape)}/{MANIFEST_NAME}"
-        kits.append(
-            PlacedKit(tape=tape.tape, manifest=path, data=(folder / path).read_bytes(), offset_mm=offset_mm, first=number)
-        )
+        kits.append(PlacedKit(tape=tape.tape, manifest=path, data=(folder / path).read_bytes(), place=place, first=number))
         number += tape.tape.part_count
     record = panel_record(film.layout, first.spec, film.fab)
     content = panel_manifest(examined.name, examined.panel, kits, record, artifacts) | made_record(first.spec, verified=verify)
+    if examined.trials:
+        content["coupon"] = {"fab": first.spec.fab, "trials": [trial.to_mapping() for trial in examined.trials]}
     if blocking:
         content["forced"] = [forced(finding) for finding in blocking]
     write_kit(folder, content, artifacts)

@@ -21,8 +21,8 @@ from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined, examine
-from tactape_fab.kit.panel.arrange import plan_panel
-from tactape_fab.kit.spec.panel_options import MOST_ALONG, PanelRequest
+from tactape_fab.kit.panel.arrange import plan_packed, plan_panel, read_panel_record
+from tactape_fab.kit.profiles.confirm import read_trials
 from tactape_fab.kit.spec.tape_spec import KEYS, PROFILE_KEYS, TapeSpec
 from tactape_fab.make.kit import fill_kit
 from tactape_fab.make.panel import fill_panel
@@ -256,16 +256,19 @@ def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> Ex
     table = Fields(content)
     name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
     record = table.table("panel")
-    columns, rows = (record.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows"))
-    sides = "".join(side for side in "xy" if record.integer(f"tabs_{side}", low=0, high=1000))
+    said = read_panel_record(record)
     if table.problems or record.problems:
         raise SpecError([*table.problems, *record.problems])
-    board = tapes[0].tape.board
-    if columns * rows != len(tapes) or any(tape.film is None or tape.tape.board.size_mm != board.size_mm for tape in tapes):
-        raise SpecError(f"its {len(tapes)} tapes are not {columns} x {rows} films of one size")
-    panel = plan_panel(board.size_mm, board.corner_radius_mm, (columns, rows), sides, tapes[0].fab)
-    request = PanelRequest(mode="given", arrangement=(columns, rows), sectors=None, same_sector=False, tabs=sides)
-    return ExaminedPanel(name=name, tapes=tuple(tapes), panel=panel, request=request, remarks=())
+    boards = [(tape.tape.board.size_mm, tape.tape.board.corner_radius_mm) for tape in tapes]
+    if any(tape.film is None for tape in tapes) or boards != [(place.size_mm, place.radius_mm) for place in said.places]:
+        raise SpecError(f"its {len(tapes)} tapes are not {said.words} of the sizes that it records")
+    if said.grid is None:
+        panel = plan_packed(said.size_mm, boards, [(place.offset_mm, place.turned) for place in said.places], tapes[0].fab)
+    else:
+        sides = "x" * (said.places[0].tabs_x > 0) + "y" * (said.places[0].tabs_y > 0)
+        panel = plan_panel(*boards[0], said.grid, sides, tapes[0].fab)
+    trials = read_trials(content)[1] if "coupon" in content else ()
+    return ExaminedPanel(name=name, tapes=tuple(tapes), panel=panel, remarks=(), trials=trials)
 
 
 # Comparison

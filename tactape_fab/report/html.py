@@ -22,6 +22,11 @@ def allowed(text: str) -> str:
     return f"'sha256-{b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
 
 
+def embedded(picture: bytes | None) -> str | None:
+    """A picture's bytes as a data URL holds them; None without one."""
+    return None if picture is None else b64encode(picture).decode("ascii")
+
+
 @cache
 def asset(name: str) -> str:
     """A file that is put into pages as it is."""

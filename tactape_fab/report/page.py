@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.report.bom_summary import bom_lines
-from tactape_fab.report.html import allowed, asset, script_json, script_of, template
+from tactape_fab.report.html import allowed, asset, embedded, script_json, script_of, template
 from tactape_fab.report.layers import TITLES, Shapes, film_shapes, layer_switches, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid_view import solid_view
@@ -24,7 +23,7 @@ from tactape_fab.texture.tape import Tape
 REPORT_NAME = "report.html"
 READ_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
-    *("components-top", "cpl", "bom", "order-notes", "certificate", "stl", "placements", "preview-png"),
+    *("components-top", "cpl", "bom", "order-notes", "certificate", "stl", "placements", "preview-png", "placement-preview"),
 )
 """Roles of the files that the page is made from."""
 _SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.js", "begin.js")
@@ -75,6 +74,7 @@ def render_report(kit: Written) -> Artifact:
             notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
             bom=bom_lines(kit.files["bom"], kit.manifest) if "bom" in kit.files else None,
             picture=_picture(kit),
+            placements=embedded(kit.files.get("placement-preview")),
             data=script_json(report_data(kit)),
             script=script,
             style=style,
@@ -147,7 +147,7 @@ def reach_mm(manifest: Mapping[str, Any], tape: Tape) -> float:
 def _picture(kit: Written) -> str | None:
     """The preview of a solid texture, which shows the whole of it shaded; that of a film is a drawing, as the map is."""
     shown = not kit.is_film and "preview-png" in kit.files
-    return b64encode(kit.files["preview-png"]).decode("ascii") if shown else None
+    return embedded(kit.files["preview-png"]) if shown else None
 
 
 def _facts(kit: Written) -> Iterator[tuple[str, str]]:

@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.report.bom_summary import bom_lines
-from tactape_fab.report.html import allowed, asset, script_json, script_of, template
+from tactape_fab.report.html import allowed, asset, embedded, script_json, script_of, template
 from tactape_fab.report.layers import film_shapes, layer_switches
 from tactape_fab.report.page import REPORT_NAME, reach_mm
 from tactape_fab.report.places import Places, measured_places
@@ -23,7 +23,7 @@ from tactape_fab.texture.tape import Tape
 
 PANEL_READ_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
-    *("components-top", "cpl", "bom", "order-notes"),
+    *("components-top", "cpl", "bom", "order-notes", "placement-preview"),
 )
 """Roles of the files that the page is made from."""
 _SCRIPTS = ("arrays.js", "map.js", "parts.js", "begin.js")
@@ -65,6 +65,7 @@ def render_panel_report(panel: WrittenPanel) -> Artifact:
         findings=panel.findings,
         notes=panel.files["order-notes"].decode("utf-8"),
         bom=bom_lines(panel.files["bom"], manifest),
+        placements=embedded(panel.files.get("placement-preview")),
         files=manifest["files"],
         data=script_json(_data(panel)),
         script=script,
@@ -117,7 +118,7 @@ def _places(panel: WrittenPanel, cpl: CplContent) -> Places:
 def _facts(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Properties of the panel as short texts."""
     panel = manifest["panel"]
-    yield "tapes", f"{panel['columns']} x {panel['rows']}"
+    yield "tapes", f"{panel['columns']} x {panel['rows']}" if "columns" in panel else str(len(manifest["tapes"]))
     yield "size", "{:g} x {:g} mm".format(*panel["size_mm"])
     yield "parts", str(sum(tape["parts"] for tape in manifest["tapes"]))
     yield "fab", str(manifest["fab"]["name"])
@@ -134,5 +135,5 @@ def _tapes(manifest: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             "sector": tape["sector"],
             "parts": tape["parts"],
             "designators": f"R{first} to R{first + tape['parts'] - 1}",
-            "at_mm": "{:g}, {:g}".format(*tape["offset_mm"]),
+            "at_mm": "{:g}, {:g}".format(*tape["offset_mm"]) + ", turned" * bool(tape["rotation_deg"]),
         }

@@ -60,7 +60,7 @@ def read_placed(table: Fields) -> tuple[PlacedTape, ...]:
                 manifest=entry.text("manifest", pattern=_KIT_PATH, remedy=f"give {KITS_FOLDER}/NAME/{MANIFEST_NAME}"),
                 sha256=entry.text("sha256", pattern="[0-9a-f]{64}", remedy="give 64 hexadecimal digits"),
                 offset_mm=(x, y),
-                rotation_deg=entry.number("rotation_deg", low=0.0, high=0.0, unit="deg", remedy="tapes lie on panels unturned"),
+                rotation_deg=_turn(entry),
                 first_designator=entry.text(
                     "first_designator", pattern="R[1-9][0-9]{0,8}", remedy="give R and a number", default="R1"
                 ),
@@ -71,6 +71,13 @@ def read_placed(table: Fields) -> tuple[PlacedTape, ...]:
     if len({p.manifest for p in placed}) < len(placed):
         table.problem("tapes", "tapes names a kit twice; each stands on the panel once")
     return tuple(placed)
+
+
+def _turn(entry: Fields) -> float:
+    turn_deg = entry.number("rotation_deg", low=0.0, high=90.0, unit="deg", remedy="give 0 or 90")
+    if 0.0 < turn_deg < 90.0:
+        entry.problem("rotation_deg", f"rotation_deg = {turn_deg:g} deg is no turn of a tape on a panel; give 0 or 90")
+    return turn_deg
 
 
 def kits_of(path: Path) -> list[Path]:

@@ -28,8 +28,8 @@ PICTURES = ("preview-svg", "preview-png")
 CERTIFICATE = "certificate"
 EMBOSSED = ("stl", "3mf", "placements", CERTIFICATE)
 MODELS = ("step-solid", "stl", "3mf")
-DRAWINGS = ("fab-drawing", "fab-dxf")
-"""Roles of the drawing for the fab; kits of version 0.1.0 have none."""
+LATER = ("fab-drawing", "fab-dxf", "placement-preview")
+"""Roles that older kits do not have: drawings for the fab, and picture of the first placements."""
 SIM = "sim"
 """Role of every asset for simulators: those that were asked for, checked by their hashes and by making them again."""
 REPORT = "report"
@@ -143,7 +143,7 @@ def check_listed(
 ) -> tuple[dict[str, WrittenFile], list[str], list[Check]]:
     """The first file of each role, the expected roles without a file, and one check each of the roles and the report."""
     single = {role: rows[0] for role, rows in files.items() if rows}
-    checks = [_check_roles(expected, files, (REPORT, *DRAWINGS, *allowed))]
+    checks = [_check_roles(expected, files, (REPORT, *LATER, *allowed))]
     if REPORT in single:
         checks.append(_check_report(single[REPORT], manifest, what))
     return single, [role for role in expected if role not in single], checks
@@ -217,7 +217,8 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     except cv2.error:  # the header gives a size above OpenCV's limit
         image = None
-    svg_whole = files["preview-svg"].data.startswith(b"<svg") and files["preview-svg"].data.rstrip().endswith(b"</svg>")
+    drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]
+    svg_whole = all(data.startswith(b"<svg") and data.rstrip().endswith(b"</svg>") for data in drawn)
     if image is None or not svg_whole:
         return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")
     return Check(name="previews", passed=True, message=f"PNG {image.shape[1]} x {image.shape[0]} px and SVG")

@@ -13,7 +13,7 @@ import shapely
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields
-from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, read_panel_record
+from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.kit.read.readback import read_cpl
@@ -52,7 +52,7 @@ from tactape_fab.verify.layers.film_layers import pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
-from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, rows_of_tape, whole
+from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, part_data_of_tape, rows_of_tape, whole
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
@@ -67,6 +67,13 @@ class _PanelRecord:
     name: str
     panel: Panel
     placed: tuple[PlacedTape, ...]
+    film: FilmManifest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _OnPanel(OnPanel):
+    """A kit's tape and its place, with its film as its own manifest records it: the tapes of a packed panel differ."""
+
     film: FilmManifest
 
 
@@ -91,7 +98,7 @@ def verify_panel_folder(
     try:
         manifest = read_any_manifest(manifest_file)
         record = _read_record(manifest)
-        tapes = [OnPanel(tape=Tape.load(folder / PurePosixPath(p.manifest), as_built=NOMINAL), place=p) for p in record.placed]
+        tapes = [_on_panel(folder, place) for place in record.placed]
         if any(tape.tape.part.shape != "block" or tape.tape.surface is not None for tape in tapes):
             raise SpecError("a kit on it is no film with parts")
     except SpecError as error:
@@ -141,25 +148,52 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
     return record
 
 
-def _check_arrangement(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Check:
-    """Check number, size and places of the kits against the panel's columns and rows, and that designators are consecutive."""
+def _on_panel(folder: Path, place: PlacedTape) -> _OnPanel:
+    file = folder / PurePosixPath(place.manifest)
+    tape = Tape.load(file, as_built=NOMINAL)
+    table = Fields(read_any_manifest(file), f"{place.manifest}: ")
+    film = read_film_manifest(table)
+    if table.problems:
+        raise SpecError(table.problems)
+    return _OnPanel(tape=tape, place=place, film=film)
+
+
+def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check:
+    """Check number, size and places of the kits against the panel's, and that designators are consecutive."""
     panel, problems = record.panel, []
     if len(tapes) != panel.count:
-        problems.append(f"{len(tapes)} tapes where {panel.columns} x {panel.rows} are {panel.count}")
+        problems.append(f"{len(tapes)} tapes where the panel has {panel.words}")
     number = 1
-    for on, offset in zip(tapes, panel.offsets_mm, strict=False):
+    for on, place in zip(tapes, panel.places, strict=False):
         board = on.tape.board
-        if np.abs(on.offset - offset).max() > PLACE_TOLERANCE_MM:
-            problems.append(f"{on.tape.name} is said to lie at {on.place.offset_mm}, not at {offset}")
-        if board.size_mm != panel.tape_mm or board.corner_radius_mm != panel.tape_radius_mm:
-            problems.append(f"{on.tape.name} has another outline than {panel.tape_mm[0]:g} x {panel.tape_mm[1]:g} mm")
+        if np.abs(on.offset - place.offset_mm).max() > PLACE_TOLERANCE_MM or on.place.rotation_deg != place.rotation_deg:
+            turned = f" turned {place.rotation_deg:g} deg" * place.turned
+            problems.append(f"{on.tape.name} is said to lie at {on.place.offset_mm}, not at {place.offset_mm}{turned}")
+        if board.size_mm != place.size_mm or board.corner_radius_mm != place.radius_mm:
+            problems.append(f"{on.tape.name} has another outline than {place.size_mm[0]:g} x {place.size_mm[1]:g} mm")
         if on.tape.part != tapes[0].tape.part:
             problems.append(f"{on.tape.name} has other parts than {tapes[0].tape.name}")
         if on.place.first_number != number:
             problems.append(f"{on.tape.name} begins with {on.place.first_designator}, not R{number}")
         number += on.tape.part_count
-    message = named(problems) or f"{panel.columns} x {panel.rows} tapes with {number - 1} parts"
+    problems += [] if problems else _overlaps(panel)
+    message = named(problems) or f"{panel.words} with {number - 1} parts"
     return Check(name="arrangement", passed=not problems, message=message, figure=float(len(tapes)))
+
+
+def _overlaps(panel: Panel) -> list[str]:
+    """Tapes of a packed panel that leave the rails, or stand nearer to each other than a slot each."""
+    if panel.grid is not None:
+        return []
+    low = np.array([place.low_mm for place in panel.places])
+    high = low + np.array([place.extent_mm for place in panel.places])
+    border_mm = panel.rail_mm + panel.gap_mm - PLACE_TOLERANCE_MM
+    off = (low < border_mm).any() or (high > np.array(panel.size_mm) - border_mm).any()
+    apart = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    said = ["a tape lies on the rails"] if off else []
+    near = apart.min(initial=np.inf) < 2 * panel.gap_mm - PLACE_TOLERANCE_MM
+    return [*said, "two tapes lie nearer than two slots"] if near else said
 
 
 def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
@@ -177,7 +211,7 @@ def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
     return Check(name="kits", passed=not problems, message=message, figure=float(len(placed)))
 
 
-def _roles(record: _PanelRecord, tapes: Sequence[OnPanel]) -> tuple[str, ...]:
+def _roles(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> tuple[str, ...]:
     legend = ("legend-top",) if any(on.tape.tag is not None for on in tapes) else ()
     holes = record.panel.tooling_holes_mm or any(on.tape.board.holes for on in tapes)
     drill = ("drill-npth",) if holes else ()
@@ -187,7 +221,7 @@ def _roles(record: _PanelRecord, tapes: Sequence[OnPanel]) -> tuple[str, ...]:
 # Files of the panel
 
 
-def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
+def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[str, WrittenFile], *, quick: bool) -> list[Check]:
     checks: list[Check] = []
     panel, film = record.panel, record.film
     cpl = read_role("cpl", read_cpl, files, checks)
@@ -206,7 +240,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[OnPanel], files: dict[s
     checks.append(check_order_notes(files, tapes[0].tape, ordered))
     checks += _check_rails(layers, panel, tapes)
     for on in tapes:
-        lines = pardoned(_check_tape(record, on, layers, files, quick=quick), film.film)
+        lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(record, tapes), film.lands)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
@@ -255,17 +289,19 @@ def _check_cut(content: GerberContent, panel: Panel) -> Check:
         float(shapely.hausdorff_distance(polygon.exterior, shapely.Polygon(slot).exterior))
         for polygon, slot in zip(drawn[1:], expected, strict=True)
     ]
-    slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(panel.tape_outline_mm + o) for o in panel.offsets_mm]
+    slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(place.outline_mm) for place in panel.places]
     problems = [
         f"a slot cuts {shapely.area(shapely.intersection(slots, t)):.3f} mm2 off a tape" for t in tapes if _cuts(slots, t)
     ]
-    near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), 2 * (panel.tabs_x + panel.tabs_y)
+    near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), [2 * (place.tabs_x + place.tabs_y) for place in panel.places]
     uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
-    problems += [f"a tape is held by {len(pieces)} tabs, not {tabs}" for pieces in uncut if len(pieces) != tabs]
+    wrong = [(len(pieces), count) for pieces, count in zip(uncut, tabs, strict=True) if len(pieces) != count]
+    problems += [f"a tape is held by {held} tabs, not {count}" for held, count in wrong]
+    said = " or ".join(str(count) for count in sorted(set(tabs)))
     if max(errors) > PLACE_TOLERANCE_MM:
         problems.append(f"a contour is {max(errors):.3f} mm off the manifest's panel")
     size = panel.size_mm
-    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {tabs} tabs"
+    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {said} tabs"
     return Check(name=name, passed=not problems, message=named(problems) or right, figure=max(errors) * 1000, unit="um")
 
 
@@ -273,44 +309,58 @@ def _cuts(slots: Any, tape: Any) -> bool:
     return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
 
 
-def _shown(record: _PanelRecord, tapes: Sequence[OnPanel]) -> Shown:
-    panel, anchors = record.panel, [anchor_lines(record.film, on.tape) for on in tapes]
-    holes = [(x + on.place.offset_mm[0], y + on.place.offset_mm[1], d) for on in tapes for x, y, d in on.tape.board.holes]
+def _shown(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Shown:
+    panel, anchors = record.panel, [anchor_lines(on.film, on.tape) for on in tapes]
+    holes = [(*on.on_panel(np.array([x, y])).tolist(), d) for on in tapes for x, y, d in on.tape.board.holes]
     return Shown(
-        parts_xy_mm=np.concatenate([on.tape.part_xy_mm() + on.offset for on in tapes]),
-        rotation_deg=tapes[0].tape.part.rotation_deg,
+        parts_xy_mm=np.concatenate([on.on_panel(on.tape.part_xy_mm()) for on in tapes]),
+        rotation_deg=np.concatenate(
+            [np.full(on.tape.part_count, on.tape.part.rotation_deg + on.place.rotation_deg) for on in tapes]
+        ),
         size_mm=panel.size_mm,
         holes=[*holes, *panel.tooling_holes_mm],
         edge_lines=sides_of(CORNER_RADIUS_MM) + sum(len(slot) for slot in slots_mm(panel)),
         fiducials_mm=panel.fiducials_mm,
-        tracks_mm=np.concatenate([lines_mm + on.offset for on, (lines_mm, _) in zip(tapes, anchors, strict=True)]),
-        track_width_mm=anchors[0][1],
+        tracks_mm=np.concatenate([on.on_panel(lines_mm) for on, (lines_mm, _) in zip(tapes, anchors, strict=True)]),
+        track_width_mm=max(width_mm for _, width_mm in anchors),
     )
 
 
 # Tape by tape
 
 
-def _check_tape(
-    record: _PanelRecord, on: OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFile], *, quick: bool
-) -> list[Check]:
+def _check_tape(on: _OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFile], *, quick: bool) -> list[Check]:
     """Check that everything in the panel's files within this tape's outline belongs to the tape."""
-    tape, film = on.tape, record.film
+    tape, film = on.tape, on.film
     own = FilmLayers(
         gerbers={role: of_tape(content, on) for role, content in layers.gerbers.items() if role != "profile"},
-        holes=None if layers.holes is None else layers.holes[inside(layers.holes[:, :2], on)] - (*on.offset, 0.0),
+        holes=None if layers.holes is None else _holes_of_tape(layers.holes, on),
         cpl=None if layers.cpl is None else rows_of_tape(layers.cpl, on),
     )
+    blank: list[Check] = []
+    if tape.tag is None and "legend-top" in own.gerbers:  # other tapes of the panel are printed
+        legend = own.gerbers["legend-top"]
+        inked = len(legend.areas_mm) + len(legend.strokes_mm) + len(legend.flash_xy_mm)
+        message = f"{inked} objects on a tape that is not printed" if inked else "nothing on it, as it has no strip"
+        blank.append(Check(name="legend-top", passed=not inked, message=message, figure=float(inked)))
+        own = replace(own, gerbers={role: content for role, content in own.gerbers.items() if role != "legend-top"})
     rows = [] if own.cpl is None else check_cpl(own.cpl, tape, film.assembly, film.lands.pads)
     pairs = pair_all_lands(own, film.lands, tape)
-    outline_mm = record.panel.tape_outline_mm
-    return [*rows, *check_tape(own, pairs, tape, film, files, outline_mm, with_pupil=not quick)]
+    outline_mm = outline_of(tape.board.size_mm, tape.board.corner_radius_mm)
+    listed = files["components-top"]
+    own_files = {**files, "components-top": replace(listed, data=part_data_of_tape(listed.data, on))}
+    return [*rows, *blank, *check_tape(own, pairs, tape, film, own_files, outline_mm, with_pupil=not quick)]
+
+
+def _holes_of_tape(holes: FloatArray, on: OnPanel) -> FloatArray:
+    of_it = holes[inside(holes[:, :2], on)]
+    return np.column_stack([on.on_board(of_it[:, :2]), of_it[:, 2]])
 
 
 # Beside the tapes
 
 
-def _check_rails(layers: FilmLayers, panel: Panel, tapes: Sequence[OnPanel]) -> list[Check]:
+def _check_rails(layers: FilmLayers, panel: Panel, tapes: Sequence[_OnPanel]) -> list[Check]:
     """Check that outside the tapes there are only the fiducials and the tooling holes."""
     checks, holes = [], layers.holes
     marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}

@@ -32,8 +32,9 @@ def compare(path: Path, data: bytes, request: pytest.FixtureRequest) -> None:
 def test_notes_are_the_golden_ones(fab: str, request: pytest.FixtureRequest) -> None:
     made = examine(TapeSpec(sector=7, pitch_mm=1.5, displacement_mm=0.25, fab=fab, models=False))
     lists = [*render_cpl(made.drawing, made.fab), *render_bom(made.drawing, made.fab)]
-    archive = Artifact(role="fab-zip", path=f"{made.tape.name}-fab.zip", data=b"")
-    (notes,) = render_order_notes(order_facts(made.layout, made.fab, made.findings, [*lists, archive]))
+    others = {"fab-zip": "-fab.zip", "preview-png": ".png", "placement-preview": "-placements.svg"}
+    files = [*lists, *(Artifact(role=role, path=made.tape.name + ending, data=b"") for role, ending in others.items())]
+    (notes,) = render_order_notes(order_facts(made.layout, made.fab, made.findings, files))
     compare(FOLDER / "order-notes" / f"{fab}.txt", notes.data, request)
 
 

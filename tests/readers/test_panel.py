@@ -48,8 +48,24 @@ def panel(request: pytest.FixtureRequest) -> PanelKit:
 
 def placed(panel: PanelKit) -> list[tuple[Tape, Any]]:
     """Tapes and offsets as the manifests say."""
+    return [(tape, offset) for tape, offset, _ in lying(panel)]
+
+
+def lying(panel: PanelKit) -> list[tuple[Tape, Any, Any]]:
+    """Tapes, offsets and turns as the manifests say."""
     rows = json.loads((panel.path / "manifest.json").read_bytes())["tapes"]
-    return [(Tape.load(panel.path / row["manifest"]), np.array(row["offset_mm"])) for row in rows]
+    return [(Tape.load(panel.path / row["manifest"]), np.array(row["offset_mm"]), turn_of(row["rotation_deg"])) for row in rows]
+
+
+def turn_of(rotation_deg: float) -> Any:
+    """Matrix from a tape's board to the panel."""
+    turn = np.radians(rotation_deg)
+    return np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+
+
+def parts_mm(panel: PanelKit) -> Any:
+    """Places of all parts on the panel, from the tapes alone."""
+    return np.concatenate([tape.part_xy_mm() @ turn.T + offset for tape, offset, turn in lying(panel)])
 
 
 def window(panel: PanelKit) -> Window:
@@ -61,10 +77,14 @@ def pads_mm(panel: PanelKit) -> Any:
     """Every pad as a polygon, from the tapes alone and the 0201's land pattern turned by 45 degrees."""
     core = shapely.box(*(-(np.array(PAD_MM) / 2 - PAD_RADIUS_MM)), *(np.array(PAD_MM) / 2 - PAD_RADIUS_MM))
     pad = shapely.affinity.rotate(core.buffer(PAD_RADIUS_MM, quad_segs=8), 45.0, origin=(0, 0))
-    step = PAD_OFFSET_MM * np.sqrt(0.5)
-    centres = np.concatenate([tape.part_xy_mm() + offset for tape, offset in placed(panel)])
-    both = np.concatenate([centres - step, centres + step])
-    return [shapely.affinity.translate(pad, x, y) for x, y in both.tolist()]
+    step = np.full(2, PAD_OFFSET_MM * np.sqrt(0.5))
+    pads = []
+    for tape, offset, turn in lying(panel):
+        centres = tape.part_xy_mm() @ turn.T + offset
+        both = np.concatenate([centres - turn @ step, centres + turn @ step])
+        own = shapely.affinity.rotate(pad, np.degrees(np.arctan2(turn[1, 0], turn[0, 0])), origin=(0, 0))
+        pads += [shapely.affinity.translate(own, x, y) for x, y in both.tolist()]
+    return pads
 
 
 def copper(panel: PanelKit) -> Picture:
@@ -75,6 +95,46 @@ def copper(panel: PanelKit) -> Picture:
 def test_readers_draw_the_copper_of_every_tape_and_the_fiducials(panel_2: PanelKit, reader: Reader) -> None:
     picture = reader.draw(panel_2.path / panel_2.files["copper-top"], window(panel_2))
     assert reader.iou(picture, copper(panel_2)) >= reader.least_iou
+
+
+@pytest.mark.parametrize("name", ["panel_packed", "coupon_panel"])
+def test_readers_draw_the_pads_of_tapes_that_differ(name: str, reader: Reader, request: pytest.FixtureRequest) -> None:
+    """Every tape's own grid, turned where the tape lies turned; a mesh of copper only where tapes are anchored."""
+    panel: PanelKit = request.getfixturevalue(name)
+    picture = reader.draw(panel.path / panel.files["copper-top"], window(panel))
+    pads, anchored = pads_mm(panel), [row["sector"] for row in manifests(panel) if row["spec"]["anchor"] != "none"]
+    outlines = [
+        shapely.affinity.translate(
+            shapely.affinity.rotate(shapely.box(0, 0, *tape.board.size_mm), 90.0 * bool(turn[1, 0]), (0, 0)), *offset
+        )
+        for tape, offset, turn in lying(panel)
+        if tape.sector in anchored
+    ]
+    kept = shapely.box(0, 0, *panel.panel.size_mm).difference(shapely.union_all(outlines))
+    marks = [shapely.Point(xy).buffer(FIDUCIAL_MM / 2, quad_segs=32) for xy in panel.panel.fiducials_mm]
+    truth = coverage(polygon_edges_mm(shapely.MultiPolygon([*(p for p in pads if kept.contains(p)), *marks])), window(panel))
+    mask = coverage(polygon_edges_mm(kept), window(panel)) > 0.5
+    assert anchored and reader.iou(np.where(mask, picture, 0.0), np.where(mask, truth, 0.0)) >= reader.least_iou
+
+
+def manifests(panel: PanelKit) -> list[Any]:
+    return [json.loads((panel.path / kit / "manifest.json").read_bytes()) for kit in panel.kits]
+
+
+@pytest.mark.parametrize("name", ["panel_packed", "coupon_panel"])
+def test_gerbonara_sees_what_each_tape_is_opened_by(name: str, request: pytest.FixtureRequest) -> None:
+    panel: PanelKit = request.getfixturevalue(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mask = GerberFile.open(panel.path / panel.files["coverlay-top"])
+        copper_layer = GerberFile.open(panel.path / panel.files["copper-top"])
+    kinds = [type(o).__name__ for o in mask.objects]
+    ways = {row["sector"]: row["fab"]["coverlay_mode"] for row in manifests(panel)}
+    alone = sum(tape.part_count for tape in panel.tapes if ways[tape.sector] != "gang")
+    assert set(ways.values()) == {"gang", "per-part"}
+    assert (kinds.count("Region"), kinds.count("Flash")) == (list(ways.values()).count("gang"), alone + 4)
+    flashed = np.array([(o.x, o.y) for o in copper_layer.objects if type(o).__name__ == "Flash"])[:-4]
+    np.testing.assert_allclose(flashed.reshape(-1, 2, 2).mean(axis=1), parts_mm(panel), atol=2e-6)
 
 
 def test_readers_draw_outline_and_slots(panel: PanelKit, reader: Reader) -> None:
@@ -89,7 +149,7 @@ def test_readers_draw_outline_and_slots(panel: PanelKit, reader: Reader) -> None
 
 def slots_by_hand(panel: PanelKit) -> list[Any]:
     """Outlines of the slots, from numbers: rails 5, gaps 2, tabs 1 mm wide and at most 25 mm apart."""
-    (width, height), (w, h) = panel.panel.size_mm, panel.panel.tape_mm
+    (width, height), (w, h) = panel.panel.size_mm, panel.panel.places[0].size_mm
     tapes = [
         shapely.box(*offset, *(offset + np.array([w, h]))).buffer(-1.0).buffer(1.0, quad_segs=32) for _, offset in placed(panel)
     ]
@@ -119,7 +179,7 @@ def test_gerbonara_sees_the_worth_of_every_tape(panel: PanelKit) -> None:
     marks = flashed[-4:]
     np.testing.assert_allclose(marks, panel.panel.fiducials_mm, atol=1e-6)
     for tape, offset in placed(panel):
-        inside = ((flashed >= offset) & (flashed <= offset + np.array(panel.panel.tape_mm))).all(axis=1)
+        inside = ((flashed >= offset) & (flashed <= offset + np.array(panel.panel.places[0].size_mm))).all(axis=1)
         assert inside.sum() == 2 * tape.part_count
     assert len(flashed) == 4 + sum(2 * tape.part_count for tape in panel.tapes)
     # turned round by half a turn, or mirrored, the marks would not fall on each other
@@ -154,7 +214,7 @@ def gang_panel(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
     return panel_of({**TWO, "fab": "jlcpcb-fpc"}, tmp_path_factory.mktemp("gang") / "panel")
 
 
-@pytest.mark.parametrize("name", ["panel_2", "panel_6", "gang_panel"])
+@pytest.mark.parametrize("name", ["panel_2", "panel_6", "gang_panel", "panel_packed", "coupon_panel"])
 def test_kicad_opens_the_board_and_finds_it_legal(
     name: str, request: pytest.FixtureRequest, kicad_python: str, tmp_path: Path
 ) -> None:
@@ -172,7 +232,7 @@ def test_kicad_opens_the_board_and_finds_it_legal(
     assert run.returncode == 0, run.stderr[-2000:]
     answer = json.loads(run.stdout[run.stdout.index("{") :])
     assert answer["violations"] == []
-    parts = np.concatenate([tape.part_xy_mm() + offset for tape, offset in placed(panel)])
+    parts = parts_mm(panel)
     found = np.array([answer["places"][f"R{n}"] for n in range(1, len(parts) + 1)])
     np.testing.assert_allclose(found, parts, atol=1e-5)
     marks = [answer["places"][f"FID{n}"] for n in range(1, 5)]

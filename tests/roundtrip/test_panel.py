@@ -244,7 +244,8 @@ MUTATIONS: dict[str, tuple[Edit, str]] = {
     "rows of the CPL exchanged": (rows("cpl", lambda t: t.insert(1, t.pop())), "cpl order"),
     "a designator of the BOM": (rows("bom", lambda t: t[1].__setitem__(0, t[1][0].replace("R2,", "R9999,"))), "bom"),
     "another first designator": (lambda k: k.manifest["tapes"][1].update(first_designator="R5"), "arrangement"),
-    "a turned tape": (lambda k: k.manifest["tapes"][1].update(rotation_deg=90.0), "manifest"),
+    "a turned tape": (lambda k: k.manifest["tapes"][1].update(rotation_deg=90.0), "arrangement"),
+    "a tape turned by half": (lambda k: k.manifest["tapes"][1].update(rotation_deg=45.0), "manifest"),
     "a path out of the panel": (lambda k: k.manifest["tapes"][1].update(manifest="tapes/../../x/manifest.json"), "manifest"),
     "more rows than tapes": (lambda k: k.manifest["panel"].update(rows=3), "arrangement"),
     "a wider gap": (lambda k: k.manifest["panel"].update(gap_mm=2.5), "arrangement"),
@@ -358,3 +359,65 @@ def test_an_interrupted_make_leaves_no_half_a_panel(kind: signal.Signals, tmp_pa
             verify_kit(tmp_path / "deep" / left[0])
     else:
         assert list(tmp_path.iterdir()) == []
+
+
+# Packed panels
+
+
+def turned_row(opened: OpenKit) -> dict[str, Any]:
+    return next(row for row in opened.manifest["tapes"] if row["rotation_deg"] == 90.0)
+
+
+def of_turned(edit: Callable[[list[list[str]], int], None]) -> Callable[[OpenKit], None]:
+    """Edit the placement list at the first part of the first turned tape."""
+
+    def edited(opened: OpenKit) -> None:
+        number = int(turned_row(opened)["first_designator"][1:])
+        rows("cpl", lambda table: edit(table, number))(opened)
+
+    return edited
+
+
+def near_places(opened: OpenKit) -> None:
+    """Say, in both places, that a tape lies a millimetre nearer to its neighbour than slots allow."""
+    panel, place = opened.manifest["panel"], opened.manifest["panel"]["places"][-1]
+    assert len(panel["places"]) == len(opened.manifest["tapes"])
+    place["offset_mm"][0] -= 3.0
+    opened.manifest["tapes"][-1]["offset_mm"][0] -= 3.0
+
+
+PACKED_MUTATIONS: dict[str, tuple[Callable[[OpenKit], object], str]] = {
+    "a turned tape said to lie straight": (lambda k: turned_row(k).update(rotation_deg=0.0), "arrangement"),
+    "both say that it lies straight": (
+        lambda k: (
+            [row.update(rotation_deg=0.0) for row in k.manifest["tapes"]],
+            [place.update(turned=False) for place in k.manifest["panel"]["places"]],
+        ),
+        "arrangement|profile|tape .*",
+    ),
+    "a part of a turned tape not turned": (of_turned(lambda t, n: t[n].__setitem__(4, "45")), "tape .*: cpl rotation"),
+    "a part of a turned tape moved": (of_turned(lambda t, n: t[n].__setitem__(1, "50.0000")), "tape .*: cpl places"),
+    "the rotation in the component layer": (
+        text_of("components-top", lambda t: t.replace("TO.CRot,135", "TO.CRot,45")),
+        "tape .*",
+    ),
+    "a tape too near to another": (near_places, "arrangement|profile"),
+    "another size": (lambda k: k.manifest["panel"]["places"][0]["size_mm"].__setitem__(0, 30.0), "arrangement"),
+    "a tab less": (lambda k: k.manifest["panel"]["places"][0].update(tabs_x=0), "profile"),
+    "a slot left out": (fill_slot, "profile"),
+}
+
+
+@pytest.mark.parametrize("name", PACKED_MUTATIONS)
+def test_what_is_wrong_on_a_packed_panel_is_named(name: str, panel_packed: PanelKit, copied: Callable[[PanelKit], Path]) -> None:
+    edit, line = PACKED_MUTATIONS[name]
+    opened = OpenKit(copied(panel_packed))
+    edit(opened)
+    wrong = failed(verify_panel_folder(opened.save(consistent=True) / "manifest.json", quick=True, kits=False))
+    assert any(re.fullmatch(line, found) for found in wrong), list(wrong)
+
+
+def test_a_packed_panel_has_turned_tapes_and_verifies(panel_packed: PanelKit, coupon_panel: PanelKit) -> None:
+    assert any(place.turned for place in panel_packed.panel.places) and not all(p.turned for p in panel_packed.panel.places)
+    for made in (panel_packed, coupon_panel):
+        assert not failed(verify_panel_folder(made.path / "manifest.json", quick=True))

@@ -14,6 +14,7 @@ from tactape_fab.kit.output_place import Overwrite
 from tactape_fab.kit.panel.arrange import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
 from tactape_fab.kit.panel.panel_drawing import panel_drawing
 from tactape_fab.kit.profiles import FabProfile, load_fab
+from tactape_fab.kit.profiles.confirm import Trial
 from tactape_fab.kit.rules.film_rules import assembly_findings
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
 from tactape_fab.kit.spec.tape_spec import read_spec
@@ -32,19 +33,20 @@ class ExaminedPanel:
     tapes : tuple of Examined
         In the order of `panel.offsets_mm`.
     panel : Panel
-    request : PanelRequest
     remarks : tuple of str
         Remarks for the user: why there is a panel, and copies of tapes.
     together : tuple of Finding
         What tapes of the panel share that they should not.
+    trials : tuple of Trial
+        What each tape tests, if the panel is a coupon.
     """
 
     name: str
     tapes: tuple[Examined, ...]
     panel: Panel
-    request: PanelRequest
     remarks: tuple[str, ...]
     together: tuple[Finding, ...] = ()
+    trials: tuple[Trial, ...] = ()
 
     @property
     def fab(self) -> FabProfile:
@@ -148,7 +150,7 @@ def takes_panel(values: Mapping[str, Any]) -> tuple[bool, str]:
     width, height = spec.size_mm
     return False, (
         f"no panel: {len(request.sectors)} tapes of {width:g} x {height:g} mm fill none that assembly at {fab.name} takes, but "
-        f"{', '.join(map(str, counts[:3]))} do; each is made alone"
+        f"{', '.join(map(str, counts[:3]))} do; each is made alone, --pack puts any number on panels"
     )
 
 
@@ -204,7 +206,6 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
         name=values_of.panel_name(first),
         tapes=tapes,
         panel=panel,
-        request=request,
         remarks=tuple(_remarks(panel, sectors, fab, by_profile=by_profile, filled=request.sectors is None and not copies)),
         together=() if copies else _together(tapes, named=request.sectors is not None),
     )
@@ -246,7 +247,7 @@ def _remarks(panel: Panel, sectors: Sequence[int], fab: FabProfile, *, by_profil
         )
         said.append(
             f"panel: assembly at {fab.name} takes {least[0]:g} x {least[1]:g} to {most[0]:g} x {most[1]:g} mm with rails, so "
-            f"{panel.columns} x {panel.rows} tapes go on {width:g} x {height:g} mm: sector {added}; "
+            f"{panel.words} go on {width:g} x {height:g} mm: sector {added}; "
             f"{'--sectors names others, ' if filled else ''}--panel none makes tapes alone"
         )
     if len(set(sectors)) < len(sectors):

@@ -113,14 +113,15 @@ def list_tapes(
     problems = [*table.problems, *of_folder, *of_list, *tally.problems()]
     if not of_list:  # otherwise some of the tapes are substitutes
         problems += _shared_names(tally.tapes)
-        problems += [] if of_folder else _taken(tally.tapes, folder, overwrite=overwrite)
+        problems += [] if of_folder or packed else _taken(tally.tapes, folder, overwrite=overwrite)
     broken = [finding for finding in tally.findings if finding.blocks]
     if problems:
         raise SpecError(problems, [replace(finding, at_mm=None) for finding in broken])
     if broken and not force:
         raise DesignRuleError(broken)
     together = () if len(tally.drawn) < len(tally.tapes) else _together(tally, by_table="tapes" in values)
-    return Listed(tapes=tuple(tally.tapes), findings=(*tally.findings, *_copies(tally.tapes), *together), jobs=count)
+    of_tapes = [finding for finding in tally.findings if not (packed and finding.rule == "assembly-size")]  # the panel is larger
+    return Listed(tapes=tuple(tally.tapes), findings=(*of_tapes, *_copies(tally.tapes), *together), jobs=count)
 
 
 def _together(tally: _Tally, *, by_table: bool) -> tuple[Finding, ...]:

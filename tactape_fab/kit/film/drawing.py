@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +38,26 @@ class Fiducials:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Parts:
+    """The parts of one tape, all turned alike, with their lands and openings.
+
+    Attributes
+    ----------
+    rotation_deg : float
+    xy_mm : ndarray, shape (n, 2)
+    pads, paste, openings, bodies : Flashes
+        As in `Layout`; ``openings`` is None where one window is opened for all.
+    """
+
+    rotation_deg: float
+    xy_mm: FloatArray
+    pads: Flashes
+    paste: Flashes
+    openings: Flashes | None
+    bodies: Flashes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawing:
     """One set of fabrication files, in the frame of its own outline: x right, y up from the lower left corner, mm.
 
@@ -48,10 +68,12 @@ class Drawing:
     size_mm, corner_radius_mm, outline_mm
         The outline, and the same with rounded corners as polylines, shape (k, 2).
     holes : tuple of (x, y, diameter)
-    parts_xy_mm, pads, paste, openings, bodies
-        As in `Layout`, those of several tapes one after the other with consecutive designators R1 ... Rn.
+    parts : tuple of Parts
+        Those of each tape, with designators R1 ... Rn that run on through them.
+    outlines : PartOutlines
+        Of a part of the first tape.
     windows_mm : tuple of ndarray
-        One coverlay opening per tape in place of `openings`, in mode gang.
+        One coverlay opening in place of those of each part, for tapes in mode gang.
     backed_mm : tuple of ndarray
         Areas that stiffener and adhesive are laminated to.
     slots_mm : tuple of ndarray, each (k, 2)
@@ -65,14 +87,9 @@ class Drawing:
     thickness_mm: float
     outline_mm: FloatArray
     holes: tuple[Hole, ...]
-    rotation_deg: float
     part: PartProfile
     outlines: PartOutlines
-    parts_xy_mm: FloatArray
-    pads: Flashes
-    paste: Flashes
-    openings: Flashes
-    bodies: Flashes
+    parts: tuple[Parts, ...]
     legend: Legend
     windows_mm: tuple[FloatArray, ...]
     anchors: Anchors | None
@@ -86,9 +103,19 @@ class Drawing:
     def name(self) -> str:
         return self.project.name
 
+    @property
+    def parts_xy_mm(self) -> FloatArray:
+        """Places of all parts, shape (n, 2)."""
+        return np.concatenate([parts.xy_mm for parts in self.parts])
+
+    @property
+    def rotations_deg(self) -> FloatArray:
+        """Rotations of all parts, shape (n,)."""
+        return np.concatenate([np.full(len(parts.xy_mm), parts.rotation_deg) for parts in self.parts])
+
     def designators(self) -> list[str]:
         """R1 ... Rn."""
-        return [f"R{i}" for i in range(1, len(self.parts_xy_mm) + 1)]
+        return [f"R{i}" for i in range(1, sum(len(parts.xy_mm) for parts in self.parts) + 1)]
 
 
 def _key(tape: Tape) -> str:
@@ -105,14 +132,18 @@ def tape_drawing(layout: Layout) -> Drawing:
         thickness_mm=tape.board.thickness_mm,
         outline_mm=layout.outline_mm,
         holes=tape.board.holes,
-        rotation_deg=tape.part.rotation_deg,
         part=layout.part,
         outlines=layout.outlines,
-        parts_xy_mm=layout.parts_xy_mm,
-        pads=layout.pads,
-        paste=layout.paste,
-        openings=layout.openings,
-        bodies=layout.bodies,
+        parts=(
+            Parts(
+                rotation_deg=tape.part.rotation_deg,
+                xy_mm=layout.parts_xy_mm,
+                pads=layout.pads,
+                paste=layout.paste,
+                openings=layout.openings if layout.window_mm is None else None,
+                bodies=layout.bodies,
+            ),
+        ),
         legend=layout.legend,
         windows_mm=() if layout.window_mm is None else (layout.window_mm,),
         anchors=layout.anchors,
@@ -122,30 +153,22 @@ def tape_drawing(layout: Layout) -> Drawing:
     )
 
 
-def joined(drawings: Sequence[Drawing], offsets_mm: Sequence[Offset]) -> Drawing:
-    """Drawings with the same part and rotation moved to their places and joined; outline and name are the first's."""
-    pairs = list(zip(drawings, [np.array(offset) for offset in offsets_mm], strict=True))
-    first = drawings[0]
-
-    def flashes(of: str) -> Flashes:
-        xy = np.concatenate([snap_mm(getattr(drawing, of).xy_mm + offset) for drawing, offset in pairs])
-        return Flashes(outline_mm=getattr(first, of).outline_mm, xy_mm=xy)
+def joined(drawings: Sequence[Drawing], places: Sequence[tuple[Offset, bool]]) -> Drawing:
+    """Drawings with the same part turned by 90 degrees where so placed, moved, and joined; outline and name are the first's."""
+    moves = [_Move(offset_mm=np.array(offset), turned=turned) for offset, turned in places]
+    pairs, first = list(zip(drawings, moves, strict=True)), drawings[0]
 
     def shapes(of: str) -> tuple[FloatArray, ...]:
-        return tuple(shape for drawing, offset in pairs for shape in _moved(getattr(drawing, of), offset))
+        return tuple(move(shape) for drawing, move in pairs for shape in getattr(drawing, of))
 
-    anchors = [(drawing.anchors, offset) for drawing, offset in pairs if drawing.anchors is not None]
+    anchors = [(drawing.anchors, move) for drawing, move in pairs if drawing.anchors is not None]
     return replace(
         first,
-        holes=tuple((float(x + dx), float(y + dy), d) for drawing, (dx, dy) in pairs for x, y, d in drawing.holes),
-        parts_xy_mm=np.concatenate([snap_mm(drawing.parts_xy_mm + offset) for drawing, offset in pairs]),
-        pads=flashes("pads"),
-        paste=flashes("paste"),
-        openings=flashes("openings"),
-        bodies=flashes("bodies"),
+        holes=tuple((*_pair(move(np.array(hole[:2]), snap=False)), hole[2]) for drawing, move in pairs for hole in drawing.holes),
+        parts=tuple(move.parts(parts) for drawing, move in pairs for parts in drawing.parts),
         legend=Legend(
-            areas_mm=tuple(a for drawing, offset in pairs for a in _moved(drawing.legend.areas_mm, offset)),
-            strokes_mm=tuple(s for drawing, offset in pairs for s in _moved(drawing.legend.strokes_mm, offset)),
+            areas_mm=tuple(move(area) for drawing, move in pairs for area in drawing.legend.areas_mm),
+            strokes_mm=tuple(move(stroke) for drawing, move in pairs for stroke in drawing.legend.strokes_mm),
             line_mm=first.legend.line_mm,
         ),
         windows_mm=shapes("windows_mm"),
@@ -154,14 +177,42 @@ def joined(drawings: Sequence[Drawing], offsets_mm: Sequence[Offset]) -> Drawing
         if not anchors
         else replace(
             anchors[0][0],
-            spurs_mm=np.concatenate([snap_mm(a.spurs_mm + offset) for a, offset in anchors]),
-            webs_mm=np.concatenate([snap_mm(a.webs_mm + offset) for a, offset in anchors]),
+            spurs_mm=np.concatenate([move(a.spurs_mm) for a, move in anchors]),
+            webs_mm=np.concatenate([move(a.webs_mm) for a, move in anchors]),
         ),
     )
 
 
-def _moved(shapes: Iterable[FloatArray], offset: FloatArray) -> list[FloatArray]:
-    return [snap_mm(shape + offset) for shape in shapes]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Move:
+    """A tape's place on a panel: turned by 90 degrees counter-clockwise or not, then moved."""
+
+    offset_mm: FloatArray
+    turned: bool
+
+    def turn(self, xy_mm: FloatArray) -> FloatArray:
+        return np.stack([-xy_mm[..., 1], xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
+
+    def __call__(self, xy_mm: FloatArray, *, snap: bool = True) -> FloatArray:
+        moved: FloatArray = self.turn(xy_mm) + self.offset_mm
+        return snap_mm(moved) if snap else moved
+
+    def parts(self, parts: Parts) -> Parts:
+        def flashes(of: Flashes) -> Flashes:
+            return Flashes(outline_mm=self.turn(of.outline_mm), xy_mm=self(of.xy_mm))
+
+        return Parts(
+            rotation_deg=(parts.rotation_deg + 90.0 * self.turned) % 360.0,
+            xy_mm=self(parts.xy_mm),
+            pads=flashes(parts.pads),
+            paste=flashes(parts.paste),
+            openings=None if parts.openings is None else flashes(parts.openings),
+            bodies=flashes(parts.bodies),
+        )
+
+
+def _pair(xy_mm: FloatArray) -> tuple[float, float]:
+    return float(xy_mm[0]), float(xy_mm[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -86,6 +86,8 @@ class Layout:
         n flashes in designator order.
     outline_mm : ndarray, shape (k, 2)
         The board's outline with its rounded corners as polylines.
+    coverlay : str
+        How it is opened: ``per-part``, ``lpi`` or ``gang``.
     window_mm : ndarray, shape (m, 2), or None
         The one coverlay opening in place of `openings`, in mode gang.
     anchors : Anchors or None
@@ -104,6 +106,7 @@ class Layout:
     bodies: Flashes
     outline_mm: FloatArray
     legend: Legend
+    coverlay: str
     window_mm: FloatArray | None = None
     anchors: Anchors | None = None
     stiffener: str | None = None
@@ -133,6 +136,7 @@ def build_layout(tape: Tape, spec: TapeSpec, fab: FabProfile, part: PartProfile)
         bodies=Flashes(outline_mm=outlines.body, xy_mm=xy_mm),
         outline_mm=_board_outline(tape),
         legend=tape_legend(tape, fab.legend, light=fab.legend_colour == "white"),
+        coverlay=fab.coverlay_mode,
         window_mm=gang_window(tape.board, xy_mm, outlines.opening) if gang else None,
         anchors=anchors,
         stiffener=spec.stiffener,

@@ -1,11 +1,12 @@
-"""Panel: tapes of one size in columns and rows within rails, held by tabs, with fiducials and tooling holes for assembly.
+"""Panel: tapes within rails, held by tabs, with fiducials and tooling holes for assembly.
 
 Frame: x right, y up from the panel's lower left corner, mm. A slot of the gap's width surrounds every tape, interrupted by tabs.
+Tapes of one size stand in columns and rows and share slots; packed ones, of any size and turned, each in a frame of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import ceil
 from typing import Any
@@ -22,6 +23,9 @@ from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
 
 CORNER_RADIUS_MM = 1.0
+_RADIUS = "corner_radius_mm"
+MOST_PLACES = 1000
+"""Tapes on a packed panel."""
 _MARK_APART_MM = 1.5
 _CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _HOLE_CORNERS = ((0, 0), (1, 1), (1, 0), (0, 1))
@@ -30,33 +34,69 @@ Size = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A tape's place on a panel: p_panel = offset_mm + R_ccw(90 degrees if turned, else 0) p_board.
+
+    ``size_mm`` and ``radius_mm`` are of its outline as a board; ``tabs_x`` and ``tabs_y`` count the tabs on each left and right,
+    and on each lower and upper side of it as it lies.
+    """
+
+    size_mm: Size
+    radius_mm: float
+    offset_mm: Offset
+    turned: bool = False
+    tabs_x: int = 0
+    tabs_y: int = 0
+
+    @property
+    def rotation_deg(self) -> float:
+        return 90.0 if self.turned else 0.0
+
+    @property
+    def extent_mm(self) -> Size:
+        """Width and height as it lies."""
+        return (self.size_mm[1], self.size_mm[0]) if self.turned else self.size_mm
+
+    @property
+    def low_mm(self) -> Offset:
+        """Its lower left corner as it lies."""
+        return (float(snap_mm(self.offset_mm[0] - self.size_mm[1])), self.offset_mm[1]) if self.turned else self.offset_mm
+
+    def on_panel_mm(self, xy_mm: FloatArray) -> tuple[float, float]:
+        """Where a point of the board lies on the panel."""
+        x, y = (-xy_mm[1], xy_mm[0]) if self.turned else xy_mm
+        return float(snap_mm(x + self.offset_mm[0])), float(snap_mm(y + self.offset_mm[1]))
+
+    @property
+    def outline_mm(self) -> FloatArray:
+        """Its outline on the panel."""
+        return outline_of(self.extent_mm, self.radius_mm) + self.low_mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
     """Geometry of a panel.
 
     Attributes
     ----------
-    columns, rows : int
-    tape_mm, tape_radius_mm
-        Outline of every tape.
+    size_mm : (float, float)
+    places : tuple of Place
+    grid : (int, int) or None
+        Columns and rows of equal tapes that share the slots between them; None if every tape lies in a frame of its own.
     rail_mm, gap_mm, tab_mm : float
         Widths of the rails, of the slot round every tape, and of a tab.
-    tabs_x, tabs_y : int
-        Number of tabs on each left and right, and on each lower and upper side of a tape.
     fiducials_mm : tuple of (x, y)
     fiducial_mm, fiducial_opening_mm : float
         Diameters of their copper and of its opening.
     tooling_holes_mm : tuple of (x, y, diameter)
     """
 
-    columns: int
-    rows: int
-    tape_mm: Size
-    tape_radius_mm: float
+    size_mm: Size
+    places: tuple[Place, ...]
+    grid: tuple[int, int] | None
     rail_mm: float
     gap_mm: float
     tab_mm: float
-    tabs_x: int
-    tabs_y: int
     fiducials_mm: tuple[Offset, ...]
     fiducial_mm: float
     fiducial_opening_mm: float
@@ -64,34 +104,60 @@ class Panel:
 
     @property
     def count(self) -> int:
-        return self.columns * self.rows
+        return len(self.places)
 
     @property
-    def size_mm(self) -> Size:
-        return panel_size_mm(self.tape_mm, (self.columns, self.rows), self.rail_mm, self.gap_mm)
+    def words(self) -> str:
+        """How many tapes it has, and how they lie."""
+        if self.grid is not None:
+            return f"{self.grid[0]} x {self.grid[1]} tapes"
+        turned = sum(place.turned for place in self.places)
+        return f"{self.count} tape{'s' * (self.count > 1)}" + (f" ({turned} turned)" if turned else "")
 
     @property
     def offsets_mm(self) -> tuple[Offset, ...]:
-        """Lower left corner of every tape, in reading order: the upper left tape first."""
-        (width, height), start = self.tape_mm, self.rail_mm + self.gap_mm
-        return tuple(
-            (float(snap_mm(start + c * (width + self.gap_mm))), float(snap_mm(start + r * (height + self.gap_mm))))
-            for r in reversed(range(self.rows))
-            for c in range(self.columns)
-        )
+        """Place of every tape's board origin; of a grid in reading order, the upper left tape first."""
+        return tuple(place.offset_mm for place in self.places)
 
     @property
     def outline_mm(self) -> FloatArray:
         return outline_of(self.size_mm, CORNER_RADIUS_MM)
 
     @property
-    def tape_outline_mm(self) -> FloatArray:
-        """A tape's outline in its own frame."""
-        return outline_of(self.tape_mm, self.tape_radius_mm)
+    def key(self) -> str:
+        """A text that differs from that of every other panel."""
+        own = {key: value for key, value in self.to_mapping().items() if self.grid is None or key not in ("size_mm", _RADIUS)}
+        return f"Panel({', '.join(f'{key}={value!r}' for key, value in own.items())})"
 
     def to_mapping(self) -> dict[str, Any]:
         """The panel as its manifest records it."""
-        return {**asdict(self), "size_mm": self.size_mm, "corner_radius_mm": CORNER_RADIUS_MM}
+        same = {key: value for key, value in asdict(self).items() if key not in ("places", "grid", "size_mm")}
+        if self.grid is None:
+            own: dict[str, Any] = {"places": [asdict(place) for place in self.places]}
+        else:
+            first = self.places[0]
+            own = {"columns": self.grid[0], "rows": self.grid[1], "tape_mm": first.size_mm, "tape_radius_mm": first.radius_mm}
+            tabs = {"tabs_x": first.tabs_x, "tabs_y": first.tabs_y}
+            same = {**{key: same[key] for key in ("rail_mm", "gap_mm", "tab_mm")}, **tabs, **same}
+        return {**own, **same, "size_mm": self.size_mm, _RADIUS: CORNER_RADIUS_MM}
+
+
+def grid_places(
+    tape_mm: Size, radius_mm: float, grid: tuple[int, int], border: tuple[float, float], tabs: tuple[int, int]
+) -> Any:
+    """Places of equal tapes in columns and rows, in reading order; ``border`` is the rails' width, and the gap's."""
+    (width, height), start, gap_mm = tape_mm, sum(border), border[1]
+    return tuple(
+        Place(
+            size_mm=tape_mm,
+            radius_mm=radius_mm,
+            offset_mm=(float(snap_mm(start + c * (width + gap_mm))), float(snap_mm(start + r * (height + gap_mm)))),
+            tabs_x=tabs[0],
+            tabs_y=tabs[1],
+        )
+        for r in reversed(range(grid[1]))
+        for c in range(grid[0])
+    )
 
 
 def outline_of(size_mm: Size, radius_mm: float) -> FloatArray:
@@ -198,25 +264,63 @@ def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int
     """
     rules = fab.panel
     counts = [_tabs_along(side_mm, tape_radius_mm, fab) for side_mm in tape_mm]
-    panel = Panel(
-        columns=arrangement[0],
-        rows=arrangement[1],
-        tape_mm=tape_mm,
-        tape_radius_mm=tape_radius_mm,
+    tabs_x, tabs_y = counts[1] * (tabs in ("auto", "x", "xy")), counts[0] * (tabs in ("auto", "y", "xy"))
+    size_mm = panel_size_mm(tape_mm, arrangement, rules.rail_mm, rules.gap_mm)
+    places = grid_places(tape_mm, tape_radius_mm, arrangement, (rules.rail_mm, rules.gap_mm), (tabs_x, tabs_y))
+    return _checked(size_mm, places, arrangement, tabs, fab)
+
+
+def plan_packed(
+    size_mm: Size, tapes: Sequence[tuple[Size, float]], offsets: Sequence[tuple[Offset, bool]], fab: FabProfile
+) -> Panel:
+    """A panel with every tape in a frame of its own.
+
+    Parameters
+    ----------
+    size_mm : (float, float)
+    tapes : sequence of (size, radius)
+        Outlines of the tapes as boards.
+    offsets : sequence of (offset, turned)
+        Their places, see `Place`, two gaps and a web apart: see `packing`.
+
+    Raises
+    ------
+    SpecError
+        If there is not enough space for the tabs, or for the marks in the rails.
+    """
+    places = []
+    for (tape_mm, radius_mm), (offset_mm, turned) in zip(tapes, offsets, strict=True):
+        along = [_tabs_along(side_mm, radius_mm, fab) for side_mm in tape_mm]
+        tabs_y, tabs_x = (along[1], along[0]) if turned else (along[0], along[1])
+        places.append(
+            Place(size_mm=tape_mm, radius_mm=radius_mm, offset_mm=offset_mm, turned=turned, tabs_x=tabs_x, tabs_y=tabs_y)
+        )
+    return _checked(size_mm, tuple(places), None, "auto", fab)
+
+
+def _checked(size_mm: Size, places: tuple[Place, ...], grid: tuple[int, int] | None, tabs: str, fab: FabProfile) -> Panel:
+    """The panel with its marks, if there is space for these and for the tabs."""
+    rules = fab.panel
+    problems = [
+        problem
+        for place in dict.fromkeys(replace(p, offset_mm=(0.0, 0.0)) for p in places)
+        for problem in _tab_problems(place, tabs, fab)
+    ]
+    problems += _mark_problems(size_mm, fab)
+    if problems:
+        raise SpecError(problems)
+    return Panel(
+        size_mm=size_mm,
+        places=places,
+        grid=grid,
         rail_mm=rules.rail_mm,
         gap_mm=rules.gap_mm,
         tab_mm=rules.tab_mm,
-        tabs_x=counts[1] if tabs in ("auto", "x", "xy") else 0,
-        tabs_y=counts[0] if tabs in ("auto", "y", "xy") else 0,
-        fiducials_mm=(),
+        fiducials_mm=_fiducials(size_mm, fab),
         fiducial_mm=rules.fiducial_mm,
         fiducial_opening_mm=rules.fiducial_opening_mm,
-        tooling_holes_mm=(),
+        tooling_holes_mm=_tooling_holes(size_mm, fab),
     )
-    problems = [*_tab_problems(panel, tabs), *_mark_problems(panel, fab)]
-    if problems:
-        raise SpecError(problems)
-    return replace(panel, fiducials_mm=_fiducials(panel.size_mm, fab), tooling_holes_mm=_tooling_holes(panel.size_mm, fab))
 
 
 def _least_side_mm(radius_mm: float, count: int, tab_mm: float, gap_mm: float) -> float:
@@ -234,13 +338,13 @@ def _tabs_along(side_mm: float, radius_mm: float, fab: FabProfile) -> int:
     return next(having_room, 0)
 
 
-def _tab_problems(panel: Panel, tabs: str) -> Iterator[Problem]:
-    width, height = panel.tape_mm
-    sides = {"x": ("left and right", height, panel.tabs_x), "y": ("lower and upper", width, panel.tabs_y)}
+def _tab_problems(place: Place, tabs: str, fab: FabProfile) -> Iterator[Problem]:
+    (width, height), rules = place.extent_mm, fab.panel
+    sides = {"x": ("left and right", height, place.tabs_x), "y": ("lower and upper", width, place.tabs_y)}
     without = [name for name, (_, _, count) in sides.items() if count == 0]
     if tabs == "auto":
         without = without if len(without) == len(sides) else []
-    least_mm = _least_side_mm(panel.tape_radius_mm, 1, panel.tab_mm, panel.gap_mm)
+    least_mm = _least_side_mm(place.radius_mm, 1, rules.tab_mm, rules.gap_mm)
     for name in without:
         if name in tabs or tabs == "auto":
             words, side_mm, _ = sides[name]
@@ -248,8 +352,8 @@ def _tab_problems(panel: Panel, tabs: str) -> Iterator[Problem]:
             remedy = f"use --tabs {other}, " if sides[other][2] or tabs == name else "use "
             yield Problem(
                 "tabs",
-                f"tabs = '{tabs}': the {words} sides of {side_mm:g} mm have no room for a tab of {panel.tab_mm:g} mm, which "
-                f"between corners of {panel.tape_radius_mm:g} mm and the ends of slots of {panel.gap_mm:g} mm needs "
+                f"tabs = '{tabs}': the {words} sides of {side_mm:g} mm have no room for a tab of {rules.tab_mm:g} mm, which "
+                f"between corners of {place.radius_mm:g} mm and the ends of slots of {rules.gap_mm:g} mm needs "
                 f"{least_mm:g} mm; "
                 f"{remedy}a larger --size or a smaller --corner-radius",
             )
@@ -261,12 +365,12 @@ def _first_mark_mm(fab: FabProfile) -> float:
     return rules.rail_mm / 2 + (rules.tooling_hole_mm + rules.fiducial_opening_mm) / 2 + _MARK_APART_MM
 
 
-def _mark_problems(panel: Panel, fab: FabProfile) -> Iterator[Problem]:
+def _mark_problems(size_mm: Size, fab: FabProfile) -> Iterator[Problem]:
     rules = fab.panel
     needed_mm = 2 * (_first_mark_mm(fab) + rules.fiducial_shift_mm + rules.fiducial_opening_mm / 2)
-    if rules.fiducials and panel.size_mm[0] < needed_mm:
+    if rules.fiducials and size_mm[0] < needed_mm:
         message = (
-            f"panel is {panel.size_mm[0]:g} mm wide, but two fiducials of its rails, one of them shifted by "
+            f"panel is {size_mm[0]:g} mm wide, but two fiducials of its rails, one of them shifted by "
             f"{rules.fiducial_shift_mm:g} mm, need {needed_mm:g} mm; use more columns of tapes"
         )
         yield Problem("panel", message)
@@ -310,20 +414,40 @@ def read_panel_record(table: Fields) -> Panel:
             )
         return tuple(entries)
 
-    width, height = table.numbers("tape_mm", 2, above=0.0, high=longest, default=(1.0, 1.0))
+    def place(entry: Fields) -> Place:
+        width, height = entry.numbers("size_mm", 2, above=0.0, high=longest, default=(1.0, 1.0))
+        x, y = entry.numbers("offset_mm", 2, low=0.0, high=longest, default=(0.0, 0.0))
+        return Place(
+            size_mm=(width, height),
+            radius_mm=entry.number("radius_mm", low=0.0, high=min(width, height) / 2, default=0.0),
+            offset_mm=(x, y),
+            turned=entry.flag("turned"),
+            tabs_x=entry.integer("tabs_x", low=0, high=1000, default=0),
+            tabs_y=entry.integer("tabs_y", low=0, high=1000, default=0),
+        )
+
     lengths: Mapping[str, Any] = {
         key: table.number(key, above=0.0, high=100.0, default=1.0)
         for key in ("rail_mm", "gap_mm", "tab_mm", "fiducial_mm", "fiducial_opening_mm")
     }
-    counts: Mapping[str, Any] = {
-        **{key: table.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows")},
-        **{key: table.integer(key, low=0, high=1000, default=0) for key in ("tabs_x", "tabs_y")},
-    }
+    marks: Mapping[str, Any] = {"fiducials_mm": points("fiducials_mm", 2), "tooling_holes_mm": points("tooling_holes_mm", 3)}
+    if "places" in table.values:
+        rows = table.rows("places", longest=MOST_PLACES)
+        entries = [
+            Fields(row if isinstance(row, Mapping) else {}, f"{table.where}places[{i}].", table.problems)
+            for i, row in enumerate(rows)
+        ]
+        width, height = table.numbers("size_mm", 2, above=0.0, high=longest, default=(1.0, 1.0))
+        return Panel(size_mm=(width, height), places=tuple(place(entry) for entry in entries), grid=None, **lengths, **marks)
+    width, height = table.numbers("tape_mm", 2, above=0.0, high=longest, default=(1.0, 1.0))
+    columns, rows_n = (table.integer(key, low=1, high=MOST_ALONG, default=1) for key in ("columns", "rows"))
+    tabs_x, tabs_y = (table.integer(key, low=0, high=1000, default=0) for key in ("tabs_x", "tabs_y"))
+    radius_mm = table.number("tape_radius_mm", low=0.0, high=min(width, height) / 2, default=0.0)
+    grid, rail_mm, gap_mm = (columns, rows_n), lengths["rail_mm"], lengths["gap_mm"]
     return Panel(
-        tape_mm=(width, height),
-        tape_radius_mm=table.number("tape_radius_mm", low=0.0, high=min(width, height) / 2, default=0.0),
-        fiducials_mm=points("fiducials_mm", 2),
-        tooling_holes_mm=points("tooling_holes_mm", 3),
+        size_mm=panel_size_mm((width, height), grid, rail_mm, gap_mm),
+        places=grid_places((width, height), radius_mm, grid, (rail_mm, gap_mm), (tabs_x, tabs_y)),
+        grid=grid,
         **lengths,
-        **counts,
+        **marks,
     )

@@ -9,11 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.kit.panel.arrange import Panel, plan_packed
 from tactape_fab.kit.panel.max_rects import bottom_left, fill_sheets, short_side_fit
 from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.texture.frames import snap_mm
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+FRAME_GAPS = 3
+"""Least distance of two packed tapes, in gaps: the slot of each, and between them a web of the panel as wide as a slot."""
+_WIDTHS = 24
+"""Widths of sheets that are tried for a panel's tapes."""
 _UNITS_PER_MM = 1_000_000
 """Packing runs in whole nanometres: with floats, touching neighbours would count as overlapping."""
 
@@ -56,6 +62,14 @@ class Packing:
     def tape_area_mm2(self) -> FloatArray:
         """Area of the tapes on each sheet, mm^2; shape (sheets,)."""
         return np.bincount(self.sheet, weights=self.sizes_mm.prod(axis=1)).astype(np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PackedPanel:
+    """A panel, and the indices of the tapes on it in the order of its places."""
+
+    panel: Panel
+    tapes: tuple[int, ...]
 
 
 def sheet_room_mm(fab: FabProfile) -> tuple[float, float]:
@@ -118,6 +132,63 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
         xy_mm=places[:, 1:3] / _UNITS_PER_MM,
         turned=places[:, 3].astype(bool),
     )
+
+
+def pack_panels(outlines: Sequence[tuple[tuple[float, float], float]], fab: FabProfile) -> tuple[Packing, list[PackedPanel]]:
+    """Pack tapes into panels of a fab, each no larger than it needs and than assembly asks for.
+
+    Parameters
+    ----------
+    outlines : sequence of (size, radius)
+        Outlines of the tapes as boards, mm.
+
+    Raises
+    ------
+    SpecError
+        If there is no tape, one fits no sheet, or a panel has no room for its tabs or marks.
+    """
+    packing = pack([size_mm for size_mm, _ in outlines], sheet_room_mm(fab), FRAME_GAPS * fab.panel.gap_mm)
+    panels = []
+    for sheet in range(packing.sheets):
+        tapes = np.flatnonzero(packing.sheet == sheet)
+        own = _tightest([(float(w), float(h)) for w, h in packing.sizes_mm[tapes]], fab)
+        x, y = own.xy_mm.T
+        order = np.lexsort((x, -y, own.turned))  # an unturned one first: the drawing enlarges its parts
+        places = [
+            ((float(snap_mm(px)), float(snap_mm(py))), bool(own.turned[i]))
+            for i, (px, py) in zip(
+                order.tolist(), (own.offset_mm[order] + fab.panel.rail_mm + fab.panel.gap_mm).tolist(), strict=True
+            )
+        ]
+        found = tuple(tapes[order].tolist())
+        panel = plan_packed(_panel_mm(own, fab), [outlines[i] for i in found], places, fab)
+        panels.append(PackedPanel(panel=panel, tapes=found))
+    return packing, panels
+
+
+def _panel_mm(packing: Packing, fab: FabProfile) -> tuple[float, float]:
+    """Outline of a panel that holds what lies on a sheet, and is as large as assembly asks for."""
+    extents = np.where(packing.turned[:, None], packing.sizes_mm[:, ::-1], packing.sizes_mm)
+    far = (packing.xy_mm + extents).max(axis=0) + 2 * (fab.panel.rail_mm + fab.panel.gap_mm)
+    longer, shorter = fab.panel.smallest_mm
+    least = (longer, shorter) if far[0] >= far[1] else (shorter, longer)
+    width, height = (float(snap_mm(max(a, b))) for a, b in zip(far.tolist(), least, strict=True))
+    return width, height
+
+
+def _tightest(sizes_mm: Sequence[tuple[float, float]], fab: FabProfile) -> Packing:
+    """Of packings of one sheet's tapes into sheets of several widths the one with the smallest panel, then the squarest."""
+    room_mm, gap_mm = sheet_room_mm(fab), FRAME_GAPS * fab.panel.gap_mm
+    low, high = min(max(min(size) for size in sizes_mm), room_mm[0]), max(max(size) for size in sizes_mm)
+    tried = [pack(sizes_mm, room_mm, gap_mm)]
+    for width_mm in np.linspace(low, room_mm[0], _WIDTHS).tolist():
+        if high <= max(width_mm, room_mm[1]):
+            tried.append(pack(sizes_mm, (width_mm, room_mm[1]), gap_mm))
+    return min((packing for packing in tried if packing.sheets == 1), key=lambda packing: _area_and_side(_panel_mm(packing, fab)))
+
+
+def _area_and_side(size_mm: tuple[float, float]) -> tuple[float, float]:
+    return round(size_mm[0] * size_mm[1], 3), max(size_mm)
 
 
 def _whole(lengths_mm: FloatArray) -> IntArray:

@@ -13,7 +13,7 @@ from shapely.geometry.polygon import orient
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.kit.film.drawing import Drawing, Fiducials, Project, joined
 from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, outline_of
-from tactape_fab.texture.frames import FloatArray, snap_mm
+from tactape_fab.texture.frames import FloatArray, snap_mm, to_nm
 
 _ARC_QUARTER = 16
 """Number of lines in a quarter of a slot's round end."""
@@ -21,20 +21,29 @@ _ARC_QUARTER = 16
 
 def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
     """Centres of the tabs across vertical slots, and across horizontal ones, mm; shapes (k, 2)."""
+    found: dict[bool, dict[tuple[int, int], tuple[float, float]]] = {True: {}, False: {}}
+    for place in panel.places:
+        (x, y), (width, height), half = place.low_mm, place.extent_mm, panel.gap_mm / 2
+        for upright, count, side, along in ((True, place.tabs_x, height, y), (False, place.tabs_y, width, x)):
+            steps = along + side * (np.arange(count) + 0.5) / max(count, 1)
+            ends = (x - half, x + width + half) if upright else (y - half, y + height + half)
+            for middle in [(end, step) if upright else (step, end) for end in ends for step in steps.tolist()]:
+                a, b = to_nm(np.array(middle)).tolist()
+                found[upright].setdefault((a, b), middle)  # neighbours in a grid share their tabs
+    upright_mm, level_mm = (np.array([*found[way].values()]).reshape(-1, 2) for way in (True, False))
+    return upright_mm, level_mm
 
-    def along(count: int, side_mm: float, tabs: int) -> FloatArray:
-        starts = panel.rail_mm + panel.gap_mm + np.arange(count) * (side_mm + panel.gap_mm)
-        places: FloatArray = (starts[:, None] + side_mm * (np.arange(tabs) + 0.5) / max(tabs, 1)).ravel()
-        return places
 
-    def across(count: int, side_mm: float) -> FloatArray:
-        steps: FloatArray = np.arange(count + 1, dtype=np.float64) * (side_mm + panel.gap_mm)
-        return steps + panel.rail_mm + panel.gap_mm / 2
-
-    (width, height), (columns, rows) = panel.tape_mm, (panel.columns, panel.rows)
-    upright = np.stack(np.meshgrid(across(columns, width), along(rows, height, panel.tabs_x)), axis=-1).reshape(-1, 2)
-    level = np.stack(np.meshgrid(along(columns, width, panel.tabs_y), across(rows, height)), axis=-1).reshape(-1, 2)
-    return upright, level
+def _cut_area(panel: Panel) -> Any:
+    """What the slots and the tapes take: all within the rails of a grid, a frame round each packed tape."""
+    frames = [((panel.rail_mm,) * 2, tuple(side - 2 * panel.rail_mm for side in panel.size_mm))]
+    if panel.grid is None:
+        gap_mm = panel.gap_mm
+        frames = [
+            ((place.low_mm[0] - gap_mm, place.low_mm[1] - gap_mm), tuple(side + 2 * gap_mm for side in place.extent_mm))
+            for place in panel.places
+        ]
+    return shapely.union_all([shapely.Polygon(outline_of((w, h), panel.gap_mm / 2) + low) for low, (w, h) in frames])
 
 
 def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:
@@ -54,10 +63,8 @@ def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
     SpecError
         If a tape would not be held by any tab.
     """
-    size, inner_radius = np.array(panel.size_mm), panel.gap_mm / 2
-    inner_mm = (float(size[0] - 2 * panel.rail_mm), float(size[1] - 2 * panel.rail_mm))
-    inner = shapely.Polygon(outline_of(inner_mm, inner_radius) + panel.rail_mm)
-    tapes = [shapely.Polygon(panel.tape_outline_mm + offset) for offset in panel.offsets_mm]
+    inner = _cut_area(panel)
+    tapes = [shapely.Polygon(place.outline_mm) for place in panel.places]
     upright, level = tab_middles_mm(panel)
     tabs = [*(_tab(m, panel, upright=True) for m in upright), *(_tab(m, panel, upright=False) for m in level)]
     pieces = shapely.get_parts(shapely.difference(inner, shapely.union_all([*tapes, *tabs])))
@@ -69,10 +76,9 @@ def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
 
 
 def panel_drawing(name: str, drawings: Sequence[Drawing], panel: Panel) -> Drawing:
-    """The drawing of a panel with the drawings of its tapes, in the order of `Panel.offsets_mm`."""
-    offsets = panel.offsets_mm
-    tapes = joined(drawings, offsets)
-    key = "/".join([name, repr(panel), *(drawing.project.key for drawing in drawings)])
+    """The drawing of a panel with the drawings of its tapes, in the order of `Panel.places`."""
+    tapes = joined(drawings, [(place.offset_mm, place.turned) for place in panel.places])
+    key = "/".join([name, panel.key, *(drawing.project.key for drawing in drawings)])
     return replace(
         tapes,
         project=Project(name=name, key=key, part="Array"),

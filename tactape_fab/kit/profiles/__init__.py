@@ -22,10 +22,11 @@ from tactape_fab.kit.profiles.fabs import (
     Material,
     SizeLimit,
     X2Mode,
+    house_fab,
     load_fab,
 )
 from tactape_fab.kit.profiles.limits import Limit
-from tactape_fab.kit.profiles.ordering import COSTS, Ordering
+from tactape_fab.kit.profiles.ordering import COSTS, Assumption, Ordering, PartNumber
 from tactape_fab.kit.profiles.parts import (
     LARGEST_BODY_MM,
     LEAST_BODY_MM,
@@ -55,6 +56,7 @@ __all__ = [
     "PROCESS_LIMIT_IDS",
     "X2_MODES",
     "AnchorRules",
+    "Assumption",
     "BomTable",
     "CoverlayMode",
     "ElementProfile",
@@ -65,12 +67,14 @@ __all__ = [
     "Material",
     "Ordering",
     "Origin",
+    "PartNumber",
     "PartProfile",
     "ProcessProfile",
     "SizeLimit",
     "X2Mode",
     "element_problem",
     "explain_fab",
+    "house_fab",
     "load_fab",
     "load_part",
     "load_process",

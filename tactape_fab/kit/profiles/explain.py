@@ -64,8 +64,13 @@ def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
         shown = list(value) if isinstance(value, tuple) else value
         rows.append(_row(f"panel.{name.removesuffix('_mm')}", shown, "mm" * name.endswith("_mm"), "info", fab.panel.origin))
     assumptions = {name: (cost, fab.order.currency) for name, cost in fab.order.costs.items()}
-    for name, (assumption, unit) in {**assumptions, "placement": (fab.order.placement, "s")}.items():
-        rows.append(_row(f"order.{name}", assumption.value, unit, "info", assumption.origin))
+    others = {"board": fab.order.currency, "placement": "s", "attrition": "", "reel": "parts"}
+    assumptions |= {name: (known, unit) for name, unit in others.items() if (known := getattr(fab.order, name)) is not None}
+    for name, (assumption, unit) in assumptions.items():
+        value = assumption.value if assumption.least == assumption.value else [assumption.least, assumption.value]
+        rows.append(_row(f"order.{name}", value, unit, "info", assumption.origin))
+    if (number := fab.order.number) is not None:
+        rows.append(_row(f"order.number of {number.part}", number.number, "", "info", number.origin))
     return rows
 
 

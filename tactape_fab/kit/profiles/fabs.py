@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast
 
-from tactape_fab.base.errors import Level
+from tactape_fab.base.errors import Level, Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.templates import refuse_problems
+from tactape_fab.base.templates import profile_names, refuse_problems
 from tactape_fab.kit.profiles.fab_tables import (
     ORIGIN_KEYS,
     AnchorRules,
@@ -257,3 +258,23 @@ def _file_name(files: Fields, role: str) -> str:
         remedy = "give a file name of letters and digits, with {name} for the tape's and {material} for material and thickness"
         return files.text(role, pattern=_BACKING_NAME, remedy=remedy)
     return files.text(role, pattern=_FILE_NAME, remedy="give a file name, with {name} for the tape's")
+
+
+def house_fab(house: str) -> str:
+    """The fab profile of a house, its films before its boards; a profile's name or file is itself.
+
+    Raises
+    ------
+    SpecError
+        If no profile is of that house.
+    """
+    known = profile_names("fabs")
+    own = [name for name in known if name.partition("-")[0] == house]
+    if house in known or house.endswith(".toml"):
+        return house
+    if own:
+        return f"{house}-fpc" if f"{house}-fpc" in own else own[0]
+    houses = sorted({name.partition("-")[0] for name in known})
+    near = difflib.get_close_matches(house, [*houses, *known], n=1)
+    hint = f"did you mean '{near[0]}'?" if near else "give one of them, a profile's name, or a .toml file"
+    raise SpecError(Problem("order", f"order = {shown(house)} is none of: {', '.join(houses)}; {hint}"))

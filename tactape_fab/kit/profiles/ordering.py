@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.templates import templates_folder
+from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
 from tactape_fab.kit.profiles.fab_tables import Origin
 
 COSTS = {
@@ -18,27 +19,45 @@ COSTS = {
     "part": "each part, bought",
 }
 """Cost items of assembly, and how often each is charged."""
+OPTIONAL = ("board", "number", "attrition", "reel")
+"""Tables that a profile may leave out: what is not known is said to be unknown."""
 _ORIGIN_KEYS = ("source", "date", "confirmed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumption:
-    """A figure used in an estimate, and its source."""
+    """A figure used in an estimate, and its source; ``least`` is the lower end where a range is known."""
 
     value: float
+    least: float
+    origin: Origin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartNumber:
+    """The house's number of a part profile's part, and what it names."""
+
+    part: str
+    number: str
+    names: str
     origin: Origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ordering:
     """``template`` is a file of templates/order without its ending; ``costs`` has one `Assumption` for each of COSTS, in
-    ``currency``; ``placement`` is the time that a machine takes for one part, in seconds.
+    ``currency``; ``placement`` is the time that a machine takes for one part, in seconds. ``board`` is the cost of one bare
+    board, ``attrition`` the share of parts that a line loses, ``reel`` the parts of a reel; None where not known.
     """
 
     template: str
     currency: str
     costs: Mapping[str, Assumption]
     placement: Assumption
+    board: Assumption | None = None
+    number: PartNumber | None = None
+    attrition: Assumption | None = None
+    reel: Assumption | None = None
 
 
 def order_templates() -> list[str]:
@@ -48,19 +67,43 @@ def order_templates() -> list[str]:
 
 def read_ordering(profile: Fields) -> Ordering:
     """Read a profile's ``[order]``; problems are collected in `profile`."""
-    order = profile.table("order", ("template", "currency", "placement", *COSTS))
+    order = profile.table("order", ("template", "currency", "placement", *COSTS, *OPTIONAL))
     currency = order.text("currency", pattern="[A-Z]{3}", remedy="give three capitals, such as USD")
+
+    def known(name: str, key: str, unit: str) -> Assumption | None:
+        return _assumption(order, name, key, unit) if name in order.values else None
+
     return Ordering(
         template=order.text("template", choices=order_templates()),
         currency=currency,
         costs={name: _assumption(order, name, "cost", currency) for name in COSTS},
         placement=_assumption(order, "placement", "seconds", "s"),
+        board=known("board", "cost", currency),
+        number=_number(order) if "number" in order.values else None,
+        attrition=known("attrition", "share", ""),
+        reel=known("reel", "parts", ""),
     )
 
 
 def _assumption(order: Fields, name: str, key: str, unit: str) -> Assumption:
-    table = order.table(name, (key, *_ORIGIN_KEYS))
+    table = order.table(name, (key, "least", *_ORIGIN_KEYS))
+    value = table.number(key, low=0.0, high=1e6, unit=unit)
     return Assumption(
-        value=table.number(key, low=0.0, high=1e6, unit=unit),
-        origin=Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed")),
+        value=value,
+        least=min(value, table.number("least", low=0.0, high=1e6, unit=unit)) if "least" in table.values else value,
+        origin=_origin(table),
     )
+
+
+def _number(order: Fields) -> PartNumber:
+    table = order.table("number", ("part", "number", "names", *_ORIGIN_KEYS))
+    return PartNumber(
+        part=table.text("part"),
+        number=table.text("number", pattern=PART_NUMBER_PATTERN, remedy=PART_NUMBER_REMEDY),
+        names=table.text("names"),
+        origin=_origin(table),
+    )
+
+
+def _origin(table: Fields) -> Origin:
+    return Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed"))

@@ -26,23 +26,29 @@ def render_components(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     body = gerber.circle(_BODY_LINE_MM, "ComponentOutline,Body")
     pin_1 = gerber.polygon(_PIN_1_MM, 4, "ComponentPin")
     pin_2 = gerber.circle(0.0, "ComponentPin")
-    gerber.object_attribute(f"CRot,{drawing.rotation_deg:g}")
-    gerber.object_attribute("CMnt,SMD")
-    gerber.object_attribute(f"CVal,{_field(part.value)}")
-    gerber.object_attribute(f"CFtp,{_field(part.footprint)}")
-    gerber.object_attribute(f"CHgt,{part.body_mm[2]:g}")
-    corners = len(drawing.bodies.outline_mm)
-    template = (
-        f"%%TO.C,R%d*%%\n{centre}*\nX%dY%dD03*\n{body}*\nX%dY%dD02*\n"
-        + "X%dY%dD01*\n" * corners
-        + f"%%TO.P,R%d,1*%%\n{pin_1}*\nX%dY%dD03*\n%%TO.P,R%d,2*%%\n{pin_2}*\nX%dY%dD03*\n%%TD.P*%%\n"
-    )
-    number = np.arange(1, len(drawing.parts_xy_mm) + 1)
-    closed = np.concatenate([drawing.bodies.outline_mm, drawing.bodies.outline_mm[:1]])
-    outline = to_nm(drawing.parts_xy_mm[:, None] + closed).reshape(len(number), -1)
-    pins = to_nm(drawing.pads.xy_mm).reshape(-1, 4)
-    values = np.column_stack([number, to_nm(drawing.parts_xy_mm), outline, number, pins[:, :2], number, pins[:, 2:]])
-    gerber.rows(template, values)
+    first, rotation_deg = 1, None
+    for parts in drawing.parts:
+        if parts.rotation_deg != rotation_deg:
+            gerber.object_attribute(f"CRot,{parts.rotation_deg:g}")
+        if rotation_deg is None:
+            gerber.object_attribute("CMnt,SMD")
+            gerber.object_attribute(f"CVal,{_field(part.value)}")
+            gerber.object_attribute(f"CFtp,{_field(part.footprint)}")
+            gerber.object_attribute(f"CHgt,{part.body_mm[2]:g}")
+        rotation_deg = parts.rotation_deg
+        corners = len(parts.bodies.outline_mm)
+        template = (
+            f"%%TO.C,R%d*%%\n{centre}*\nX%dY%dD03*\n{body}*\nX%dY%dD02*\n"
+            + "X%dY%dD01*\n" * corners
+            + f"%%TO.P,R%d,1*%%\n{pin_1}*\nX%dY%dD03*\n%%TO.P,R%d,2*%%\n{pin_2}*\nX%dY%dD03*\n%%TD.P*%%\n"
+        )
+        number = np.arange(first, first + len(parts.xy_mm))
+        closed = np.concatenate([parts.bodies.outline_mm, parts.bodies.outline_mm[:1]])
+        outline = to_nm(parts.xy_mm[:, None] + closed).reshape(len(number), -1)
+        pins = to_nm(parts.pads.xy_mm).reshape(-1, 4)
+        values = np.column_stack([number, to_nm(parts.xy_mm), outline, number, pins[:, :2], number, pins[:, 2:]])
+        gerber.rows(template, values)
+        first += len(number)
     gerber.delete_attributes()
     role = "components-top"
     return (Artifact(role=role, path=fab.file_path(role, drawing.name), data=gerber.data()),)

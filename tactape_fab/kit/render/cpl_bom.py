@@ -52,9 +52,8 @@ def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -
     part = drawing.part
     x, y = (drawing.parts_xy_mm / house.unit_mm).T.tolist()
     length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)
-    rotation = f"{house.written_deg(drawing.rotation_deg):.4f}"
+    of_tapes = [(_degrees(house.written_deg(parts.rotation_deg), house), len(parts.xy_mm)) for parts in drawing.parts]
     same = {
-        "rotation": rotation if house.style == "kicad" else rotation.rstrip("0").rstrip("."),
         "side": house.side,
         "value": part.value,
         "footprint": part.footprint,
@@ -65,10 +64,16 @@ def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -
     }
     return {
         "designator": drawing.designators(),
+        "rotation": [text for text, count in of_tapes for _ in range(count)],
         "x": [f"{value:.4f}" for value in x],
         "y": [f"{value:.4f}" for value in y],
         **{content: repeat(text) for content, text in same.items()},
     }
+
+
+def _degrees(rotation_deg: float, house: PlacementTable) -> str:
+    text = f"{rotation_deg:.4f}"
+    return text if house.style == "kicad" else text.rstrip("0").rstrip(".")
 
 
 def _kicad_text(house: PlacementTable, rows: Iterable[Sequence[str]]) -> bytes:

@@ -15,7 +15,7 @@ from tactape_fab.base.build_date import build_date
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
-from tactape_fab.kit.order_facts import Box, OrderFacts, moved
+from tactape_fab.kit.order_facts import Box, OrderFacts
 from tactape_fab.kit.render.pdf_sheet import Sheet, View
 from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
@@ -58,17 +58,15 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
     width, height = drawing.size_mm
     sheet.outlines([view(drawing.outline_mm)], width_mm=0.35, fill=_FILM)
     sheet.outlines([view(slot) for slot in drawing.slots_mm], width_mm=0.18, fill=1.0)
-    for number, offset in enumerate(facts.tape_offsets_mm, 1):
-        field = moved(facts.field_mm, offset)
+    for number, (field, area) in enumerate(facts.fields_mm, 1):
         sheet.box(view(field[:2]), view(field[2:]), fill=_FIELD_GREY, stroke=0.45, width_mm=0.1, dash=(1.0, 0.6))
-        if facts.number_mm is not None:
-            area = moved(facts.number_mm, offset)
+        if area is not None:
             sheet.box(view(area[:2]), view(area[2:]), stroke=0.0, width_mm=0.13, dash=(0.5, 0.4))
         if facts.panel is not None:
             middle = ((field[0] + field[2]) / 2, (field[1] + field[3]) / 2)
             sheet.text(view(middle), str(number), size_mm=3.5, bold=True, align="middle")
     if len(drawing.parts_xy_mm) <= _MOST_BODIES and facts.panel is None:
-        sheet.outlines([view(drawing.bodies.outline_mm + xy) for xy in drawing.parts_xy_mm], fill=_BODY, stroke=None)
+        sheet.outlines([view(drawing.parts[0].bodies.outline_mm + xy) for xy in drawing.parts_xy_mm], fill=_BODY, stroke=None)
     sheet.outlines([view(area) for area in drawing.legend.areas_mm], fill=0.15, stroke=None)
     sheet.strokes([view(stroke) for stroke in drawing.legend.strokes_mm], drawing.legend.line_mm * view.scale)
     for x, y, diameter in drawing.holes:
@@ -97,7 +95,8 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
         sheet.text((high[0] + 1.0, high[1] - 1.0), f"R{drawing.corner_radius_mm:g} (4x)", size_mm=_SMALL_MM)
     sheet.text(
         (13.0, 97.0),
-        "Grey: the field of parts. Nothing may be added there. Short dashes: where a number may be printed.",
+        "Grey: the field of parts. Nothing may be added there."
+        + " Short dashes: where a number may be printed." * (facts.panel is None and facts.number_mm is not None),
         size_mm=_SMALL_MM,
     )
     return view.scale
@@ -115,18 +114,19 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
     low, high = _corner_area(facts)
     view = _fitted(tuple(high - low), _CORNER_BOX, origin_mm=tuple(low), exact=True)
     sheet.text((13.0, 88.0), f"A: the first parts, {view.scale:.3g}:1", size_mm=3.0, bold=True)
-    parts = np.flatnonzero(np.all((drawing.parts_xy_mm > low) & (drawing.parts_xy_mm < high), axis=1))
+    first = drawing.parts[0]
+    parts = np.flatnonzero(np.all((first.xy_mm > low) & (first.xy_mm < high), axis=1))
     sheet.box(view(low), view(high), fill=_FILM, stroke=0.5, width_mm=0.13)
     _grid(sheet, facts, low, high, view)
-    centres = drawing.parts_xy_mm[parts]
-    if not drawing.windows_mm:
-        sheet.outlines([view(drawing.openings.outline_mm + xy) for xy in centres], stroke=0.3, width_mm=0.1)
-    lands = drawing.pads.xy_mm.reshape(-1, 2, 2)[parts]
-    sheet.outlines([view(drawing.pads.outline_mm + xy) for xy in lands.reshape(-1, 2)], fill=_COPPER, stroke=None)
-    sheet.outlines([view(drawing.bodies.outline_mm + xy) for xy in centres], fill=_BODY, stroke=None)
-    across = rotate([(0.0, -1.0)], drawing.rotation_deg)[0] * (0.5 * drawing.outlines.opening_size_mm[1] * view.scale + 2.0)
-    for part, centre, (first, _) in zip(parts, centres, lands, strict=True):
-        sheet.circle(view(first + 0.3 * (first - centre)), 0.45, fill=1.0, width_mm=0.1)
+    centres = first.xy_mm[parts]
+    if first.openings is not None:
+        sheet.outlines([view(first.openings.outline_mm + xy) for xy in centres], stroke=0.3, width_mm=0.1)
+    lands = first.pads.xy_mm.reshape(-1, 2, 2)[parts]
+    sheet.outlines([view(first.pads.outline_mm + xy) for xy in lands.reshape(-1, 2)], fill=_COPPER, stroke=None)
+    sheet.outlines([view(first.bodies.outline_mm + xy) for xy in centres], fill=_BODY, stroke=None)
+    across = rotate([(0.0, -1.0)], first.rotation_deg)[0] * (0.5 * drawing.outlines.opening_size_mm[1] * view.scale + 2.0)
+    for part, centre, (land, _) in zip(parts, centres, lands, strict=True):
+        sheet.circle(view(land + 0.3 * (land - centre)), 0.45, fill=1.0, width_mm=0.1)
         sheet.text(view(centre) + across, f"R{part + 1}", size_mm=1.8, align="middle")
     ways = "N, S, E or W" if facts.tape.directions == USUAL_DIRECTIONS else f"in one of {facts.tape.directions} directions"
     words = f"Circle: land 1. Each part stands {facts.tape.displacement_mm:.4g} {ways} of its grid point: do not align them."
@@ -137,41 +137,45 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
 def _grid(sheet: Sheet, facts: OrderFacts, low: FloatArray, high: FloatArray, view: View) -> None:
     """The lines of the grid in view, with its pitch."""
     size = min(PREVIEW_POINTS, facts.tape.columns), min(PREVIEW_POINTS, facts.tape.rows)
-    for column in range(size[0]):
-        x = _grid_point(facts, column, 0)[0]
+    turned = facts.panel is not None and facts.panel.tapes[0].turned
+    points = [_grid_point(facts, *((0, k) if turned else (k, 0))) for k in range(size[turned])]
+    for x, _ in points:
         sheet.line(view((x, low[1])), view((x, high[1])), 0.1, stroke=0.55)
-    for row in range(size[1]):
-        y = _grid_point(facts, 0, row)[1]
+    for _, y in (_grid_point(facts, *((k, 0) if turned else (0, k))) for k in range(size[not turned])):
         sheet.line(view((low[0], y)), view((high[0], y)), 0.1, stroke=0.55)
-    start, end = (view((_grid_point(facts, column, 0)[0], high[1])) for column in (0, 1))
+    start, end = sorted((view((point[0], high[1])) for point in points[:2]), key=lambda xy: float(xy[0]))
     sheet.dimension(start, end, f"W {facts.tape.pitch_mm:.4g}", away_mm=3.0, size_mm=_SMALL_MM)
 
 
 def _corner_area(facts: OrderFacts) -> tuple[FloatArray, FloatArray]:
     """The lower left and upper right corner of the board's area with the first grid points, mm."""
     last = min(PREVIEW_POINTS, facts.tape.columns) - 0.35, min(PREVIEW_POINTS, facts.tape.rows) - 0.35
-    return _grid_point(facts, -0.65, last[1]), _grid_point(facts, last[0], -0.65)
+    ends = np.stack([_grid_point(facts, -0.65, last[1]), _grid_point(facts, last[0], -0.65)])
+    return ends.min(axis=0), ends.max(axis=0)
 
 
 def _grid_point(facts: OrderFacts, column: float, row: float) -> FloatArray:
     """A point of the (first) tape's grid, x right and y down, in the drawing's frame, mm."""
     tape = facts.tape
-    xy_mm = texture_to_board(np.array([column, row]) * tape.pitch_mm, tape.board.texture_origin_mm)
-    return np.asarray(xy_mm + np.array(facts.tape_offsets_mm[0]))
+    x, y = texture_to_board(np.array([column, row]) * tape.pitch_mm, tape.board.texture_origin_mm)
+    if facts.panel is None:
+        return np.array([x, y])
+    first = facts.panel.tapes[0]
+    return np.asarray(np.array([-y, x] if first.turned else [x, y]) + np.array(first.offset_mm))
 
 
 def _one_part(sheet: Sheet, drawing: Drawing) -> None:
     """One part with its pads, opening and angle."""
     sheet.text((104.0, 88.0), "B: one part", size_mm=3.0, bold=True)
-    lines = drawing.outlines
+    lines, rotation_deg = drawing.outlines, drawing.parts[0].rotation_deg
     low, high = lines.opening.min(axis=0), lines.opening.max(axis=0)
     size = tuple(high - low)
     view = _fitted(size, _PART_BOX, origin_mm=tuple(low), exact=True, fill=0.75)
-    if not drawing.windows_mm:
+    if drawing.parts[0].openings is not None:
         sheet.outlines([view(lines.opening)], fill=1.0, stroke=0.3, dash=(1.2, 0.7))
     sheet.outlines([view(lines.pad + xy) for xy in lines.pad_xy], fill=_COPPER, stroke=None)
     sheet.outlines([view(lines.body)], stroke=0.0, width_mm=0.25)
-    angle = radians(drawing.rotation_deg)
+    angle = radians(rotation_deg)
     centre = view((0.0, 0.0))
     axis = np.array([cos(angle), sin(angle)])
     reach = 0.5 * view.scale * lines.opening_size_mm[0] + 6.0
@@ -185,7 +189,7 @@ def _one_part(sheet: Sheet, drawing: Drawing) -> None:
             (-0.5 * drawing.part.body_mm[0], -0.5 * drawing.part.body_mm[1]),
             (0.5 * drawing.part.body_mm[0], -0.5 * drawing.part.body_mm[1]),
         ],
-        drawing.rotation_deg,
+        rotation_deg,
     )
     sheet.dimension(
         view(long_side[0]),
@@ -195,11 +199,15 @@ def _one_part(sheet: Sheet, drawing: Drawing) -> None:
         size_mm=_SMALL_MM,
     )
     pads, (long_mm, wide_mm) = drawing.part.pads, lines.opening_size_mm
-    openings = "one window in the coverlay for all parts" if drawing.windows_mm else f"coverlay opening {long_mm:g} x {wide_mm:g}"
+    openings = (
+        "one window in the coverlay for all parts"
+        if drawing.parts[0].openings is None
+        else f"coverlay opening {long_mm:g} x {wide_mm:g}"
+    )
     words = [
         f"Body {' x '.join(f'{side:g}' for side in drawing.part.body_mm)}; {openings};",
         f"lands {pads.size_mm[0]:g} x {pads.size_mm[1]:g}, centres at ±{pads.offset_mm:g} from the part's.",
-        f"All parts turned {drawing.rotation_deg:g}° counter-clockwise.",
+        f"All parts turned {rotation_deg:g}° counter-clockwise.",
     ]
     sheet.lines_of_text((104.0, 22.0), words, size_mm=_SMALL_MM, width_mm=86.0)
 
@@ -269,7 +277,9 @@ def _layers(facts: OrderFacts, drawing: Drawing) -> list[tuple[str, str]]:
     fab, (long_mm, wide_mm) = facts.fab, facts.opening_mm
     openings = (
         "one opening for all parts"
-        if drawing.windows_mm
+        if facts.coverlays == ["gang"]
+        else "opened for all parts of a tape, or for each part: as drawn"
+        if "gang" in facts.coverlays
         else f"{len(drawing.parts_xy_mm)} openings of {long_mm:g} x {wide_mm:g}, never merged"
     )
     material = fab.material
@@ -302,7 +312,11 @@ def _notes(facts: OrderFacts) -> list[str]:
     )
     merged = "Openings of the coverlay are not merged. Ask before a bridge between two of them is changed."
     coverlay = merged if facts.fab.coverlay_mode == "per-part" else "The coverlay has one opening for all parts, on purpose."
+    if len(facts.coverlays) > 1:
+        coverlay = f"The coverlay differs from tape to tape, on purpose. {merged}"
     number = "only within the short dashes, better none" if facts.number_mm else "none on the tape"
+    if facts.panel is not None:
+        number = "only in the rails, better none"
     return [
         "1. The Gerber and drill files rule; this drawing explains them.",
         f"2. Rotations in the placement file are {clockwise}, 0 is along x.{leans}",
@@ -316,7 +330,7 @@ def _notes(facts: OrderFacts) -> list[str]:
 
 def _texture(facts: OrderFacts) -> str:
     tape = facts.tape
-    grid = f"W {tape.pitch_mm:.4g}, Δ {tape.displacement_mm:.4g}"
+    grid = f"W {facts.pitch_words}, Δ {facts.displacement_words}"
     if facts.panel is not None:
         return f"{facts.panel.words}; {grid}"
     return f"sector {tape.sector} of {tape.code}; {tape.columns} x {tape.rows} points, {grid}"

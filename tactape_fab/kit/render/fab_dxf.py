@@ -52,9 +52,8 @@ def _draw(document: Any, facts: OrderFacts, drawing: Drawing) -> None:
     draw("SLOTS", drawing.slots_mm)
     for x, y, diameter in drawing.holes:
         space.add_circle((x, y), diameter / 2, dxfattribs={"layer": "HOLES"})
-    draw("FIELD", map(_corners, facts.on_each_tape(facts.field_mm)))
-    if facts.number_mm is not None:
-        draw("NUMBER", map(_corners, facts.on_each_tape(facts.number_mm)))
+    draw("FIELD", [_corners(field) for field, _ in facts.fields_mm])
+    draw("NUMBER", [_corners(area) for _, area in facts.fields_mm if area is not None])
     draw("TAG", drawing.legend.areas_mm)
     draw("LABEL", drawing.legend.strokes_mm, closed=False)
 

@@ -6,10 +6,13 @@ that gerbonara, tracespace, gerbv and PyGerber all draw right.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.film.layout import Flashes
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.render.gerber_text import GerberText
 from tactape_fab.texture.frames import to_nm
@@ -21,21 +24,40 @@ def _artifact(drawing: Drawing, fab: FabProfile, role: str, gerber: GerberText) 
     return (Artifact(role=role, path=fab.file_path(role, drawing.name), data=gerber.data()),)
 
 
+def _apertures(gerber: GerberText, name: str, flashes: Sequence[Flashes], function: str) -> list[str]:
+    """The aperture of each tape's flashes; those of one outline share it: two at most, as tapes lie turned or not."""
+    known: dict[bytes, str] = {}
+    for of in flashes:
+        if (key := of.outline_mm.round(9).tobytes()) not in known:
+            known[key] = gerber.outline(f"{name}TURNED" if known else name, of.outline_mm, function)
+    return [known[of.outline_mm.round(9).tobytes()] for of in flashes]
+
+
+def _flash_all(gerber: GerberText, name: str, flashes: Sequence[Flashes]) -> None:
+    apertures = _apertures(gerber, name, flashes, "Material")
+    for aperture in dict.fromkeys(apertures):
+        of_it = [of.xy_mm for of, own in zip(flashes, apertures, strict=True) if own == aperture]
+        gerber.flash(aperture, np.concatenate(of_it))
+
+
 def render_copper(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """Copper layer: two flashed pads per part, each naming its component and pin (.P) where attributes are on; what anchors
     them; and fiducials.
     """
     gerber = GerberText(drawing.project, fab.x2, "Copper,L1,Top")
-    aperture = gerber.outline("PAD", drawing.pads.outline_mm, "SMDPad,CuDef")
+    apertures = _apertures(gerber, "PAD", [parts.pads for parts in drawing.parts], "SMDPad,CuDef")
     gerber.object_attribute("N,N/C")
-    gerber.add(f"{aperture}*")
-    pad = np.arange(len(drawing.pads.xy_mm))
     named = gerber.attribute_line("TO.P,R%d,%d")
-    if named:
-        values = np.column_stack([pad // 2 + 1, pad % 2 + 1, to_nm(drawing.pads.xy_mm)])
-        gerber.rows(f"{named}X%dY%dD03*\n", values)
-    else:
-        gerber.rows("X%dY%dD03*\n", to_nm(drawing.pads.xy_mm))
+    first, before = 0, ""
+    for parts, aperture in zip(drawing.parts, apertures, strict=True):
+        gerber.add(*[f"{aperture}*"] * (aperture != before))
+        pad = np.arange(first, first + len(parts.pads.xy_mm))
+        if named:
+            values = np.column_stack([pad // 2 + 1, pad % 2 + 1, to_nm(parts.pads.xy_mm)])
+            gerber.rows(f"{named}X%dY%dD03*\n", values)
+        else:
+            gerber.rows("X%dY%dD03*\n", to_nm(parts.pads.xy_mm))
+        first, before = first + len(pad), aperture
     gerber.delete_attributes()
     if drawing.anchors is not None:
         gerber.add(f"{gerber.circle(drawing.anchors.web_mm, 'Conductor')}*")
@@ -50,8 +72,7 @@ def render_coverlay(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     gerber = GerberText(drawing.project, fab.x2, "Soldermask,Top", "Negative")
     if drawing.windows_mm:
         gerber.regions(drawing.windows_mm, "Material")
-    else:
-        gerber.flash(gerber.outline("OPENING", drawing.openings.outline_mm, "Material"), drawing.openings.xy_mm)
+    _flash_all(gerber, "OPENING", [parts.openings for parts in drawing.parts if parts.openings is not None])
     if drawing.fiducials is not None:
         gerber.flash(gerber.circle(drawing.fiducials.opening_mm, "Material"), drawing.fiducials.xy_mm)
     return _artifact(drawing, fab, "coverlay-top", gerber)
@@ -60,7 +81,7 @@ def render_coverlay(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 def render_paste(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
     """Stencil apertures."""
     gerber = GerberText(drawing.project, fab.x2, "Paste,Top")
-    gerber.flash(gerber.outline("PASTE", drawing.paste.outline_mm, "Material"), drawing.paste.xy_mm)
+    _flash_all(gerber, "PASTE", [parts.paste for parts in drawing.parts])
     return _artifact(drawing, fab, "paste-top", gerber)
 
 

@@ -7,7 +7,7 @@ lower-left corner is KiCad's auxiliary origin, from which its plots and placemen
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from math import isclose, sqrt
 
@@ -16,7 +16,7 @@ import numpy as np
 from tactape_fab.base.build_date import build_date
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
-from tactape_fab.kit.film.drawing import Drawing
+from tactape_fab.kit.film.drawing import Drawing, Parts
 from tactape_fab.kit.profiles import FabProfile, LandPattern
 from tactape_fab.texture.frames import FloatArray
 
@@ -99,9 +99,20 @@ def _head(drawing: Drawing) -> list[str]:
 # Parts
 
 
-def _footprints(drawing: Drawing) -> Iterable[str]:
+def _footprints(drawing: Drawing) -> Iterator[str]:
     """A footprint for each part, in designator order; its shapes are those of the unturned part about its centre."""
-    part, turn = drawing.part, _number(drawing.rotation_deg)
+    first = 1
+    for parts in drawing.parts:
+        template = _footprint(drawing, parts)
+        at = _sheet(drawing, parts.xy_mm).tolist()
+        for n, (x, y) in enumerate(at, start=first):
+            yield template.format(n=n, x=x, y=y, stamp=f"00000000-0000-4000-8000-{n:011x}")
+        first += len(at)
+
+
+def _footprint(drawing: Drawing, parts: Parts) -> str:
+    """Text of a part's footprint, to be formatted with its number, place and stamp."""
+    part, turn = drawing.part, _number(parts.rotation_deg)
     body, courtyard = part.body_mm, part.courtyard_mm
     lines = [
         "  (footprint "
@@ -116,11 +127,9 @@ def _footprints(drawing: Drawing) -> Iterable[str]:
         *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
         *(_pad("", "F.Paste", part.paste, turn, k) for k in range(2)),
     ]
-    if not drawing.windows_mm:
+    if parts.openings is not None:
         lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid", "9"))
-    template = "\n".join([*lines, "  )"])
-    at = _sheet(drawing, drawing.parts_xy_mm).tolist()
-    return (template.format(n=n, x=x, y=y, stamp=f"00000000-0000-4000-8000-{n:011x}") for n, (x, y) in enumerate(at, start=1))
+    return "\n".join([*lines, "  )"])
 
 
 def _hidden_text(kind: str, text: str, turn: str, stamp: str) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
+from math import ceil
 from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.order_facts import OrderFacts
-from tactape_fab.kit.profiles import COSTS
+from tactape_fab.kit.profiles import COSTS, Assumption, Ordering
 from tactape_fab.texture.cpl import PLACEMENTS
 
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
@@ -38,10 +39,38 @@ def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
         placements=PLACEMENTS[facts.fab.assembly],
         files=facts.files,
         copper=COPPER_OZ.get(facts.fab.material.copper_um, f"{facts.fab.material.copper_um:g} um"),
-        cost_words=COSTS,
+        figures=_figures(facts),
+        money=lambda both: _money(facts.fab.order.currency, both),
+        reels=lambda parts: _reels(facts.fab.order, parts),
     )
     path = f"{facts.name}-order-notes.txt"
     return (Artifact(role="order-notes", path=path, data=text.encode("utf-8")),)
+
+
+def _figures(facts: OrderFacts) -> list[tuple[str, Assumption, str, str]]:
+    """Every figure of the estimate: its name, itself, what it is of, and its unit."""
+    order = facts.fab.order
+    of_costs = [(name, cost, COSTS[name], order.currency) for name, cost in order.costs.items()]
+    others = [
+        ("board", order.board, "bare", order.currency),
+        ("attrition", order.attrition, "share of parts that the line loses", ""),
+        ("reel", order.reel, "on one", "parts"),
+        ("placement", order.placement, "of a part", "s"),
+    ]
+    return of_costs + [(name, known, words, unit) for name, known, words, unit in others if known is not None]
+
+
+def _money(currency: str, both: tuple[float, float]) -> str:
+    least, most = (f"{value:.2f}" for value in both)
+    return f"{currency} {most}" if least == most else f"{currency} {least} to {most}"
+
+
+def _reels(order: Ordering, parts: int) -> str:
+    """How many reels hold so many parts."""
+    if order.reel is None:
+        return ""
+    fewest, most = ceil(parts / order.reel.value), ceil(parts / max(order.reel.least, 1.0))
+    return f"; {fewest} reel{'s' * (fewest > 1)}" if fewest == most else f"; {fewest} or {most} reels"
 
 
 @cache
@@ -59,6 +88,7 @@ def _environment(folder: Path) -> Any:
         finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
     )
     environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
+    environment.filters["figures"] = lambda a: f"{a.value:g}" if a.least == a.value else f"{a.least:g} to {a.value:g}"
     environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
     environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
     return environment

@@ -27,7 +27,7 @@ EDGE_TOLERANCE_MM = 0.0005
 _ARC_MISFIT_MM, _MOST_ARC_POINTS = 1e-6, 2048
 _CORNERS = np.array([(1, -1), (1, 1), (-1, 1), (-1, -1)])
 OUTLINE_LINE_MM = 0.1
-_PART_DATA = re.compile(rb"%TO\.C([A-Z][A-Za-z]*),([^*]*)\*%")
+PART_DATA = re.compile(rb"%TO\.C([A-Z][A-Za-z]*),([^*]*)\*%")
 
 
 def check_outline(content: GerberContent, tape: Tape) -> Check:
@@ -161,7 +161,7 @@ def check_part_data(content: GerberContent, data: bytes, tape: Tape, recorded: R
         "Ftp": recorded.footprint.replace(",", "\\u002C"),
         "Hgt": f"{tape.part.body_mm[2]:g}",
     }
-    found = [(name.decode("ascii"), value.decode("ascii", "replace")) for name, value in _PART_DATA.findall(data)]
+    found = [(name.decode("ascii"), value.decode("ascii", "replace")) for name, value in PART_DATA.findall(data)]
     problems = []
     if found != list(fields.items()):
         wrong = [f".C{name} {shown(value)}" for name, value in found if fields.get(name) != value]

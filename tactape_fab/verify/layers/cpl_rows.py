@@ -26,7 +26,7 @@ UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
 _CELL = r"[A-Za-z0-9][A-Za-z0-9 ._()+/,:#-]{0,199}"
 _CELL_REMEDY = "a cell begins with a letter or digit and holds no formula"
-_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos)(?!\w)")
+_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos)(?!\.?\w)")
 _MOST_NOTES_BYTES = 100_000
 _NUMBER = r"(-?\d+\.\d)"
 _PRINT_AREA = re.compile(
@@ -196,7 +196,8 @@ def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered 
     facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
     problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
     paths = {file.path for file in files.values()}
-    listed = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]
+    old = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]  # notes of version 0.2.0 and before
+    listed = old or text.partition("\nSTEP 1. ")[2].partition("\nSTEP 10. ")[0]
     problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
     found = _PRINT_AREA.findall(text)
     if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:

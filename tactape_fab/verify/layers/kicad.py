@@ -46,7 +46,7 @@ class Shown:
     ----------
     parts_xy_mm : ndarray, shape (n, 2)
         Parts R1 ... Rn.
-    rotation_deg : float
+    rotation_deg : ndarray, shape (n,)
     size_mm : (float, float)
     holes : sequence of (x, y, diameter)
     edge_lines : int
@@ -57,7 +57,7 @@ class Shown:
     """
 
     parts_xy_mm: FloatArray
-    rotation_deg: float
+    rotation_deg: FloatArray
     size_mm: tuple[float, float]
     holes: Sequence[tuple[float, float, float]]
     edge_lines: int
@@ -88,7 +88,7 @@ def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Show
     """Expected content of the board of a single tape."""
     return Shown(
         parts_xy_mm=tape.part_xy_mm(),
-        rotation_deg=tape.part.rotation_deg,
+        rotation_deg=np.full(tape.part_count, tape.part.rotation_deg),
         size_mm=tape.board.size_mm,
         holes=tape.board.holes,
         edge_lines=sides_of(tape.board.corner_radius_mm),
@@ -191,13 +191,14 @@ def _places(found: _Board, shown: Shown) -> list[str]:
 
 def _lands(found: _Board, shown: Shown, lands: Recorded) -> list[str]:
     """Check that every part has the four lands of the manifest's land pattern, and no other pad."""
-    alike: dict[tuple[int, ...], list[str]] = {}  # equal lists are one object, so that comparing identities is enough and fast
+    alike: dict[tuple[float, ...], list[str]] = {}  # equal lists are one object, so that comparing identities is enough and fast
+    turned = dict(zip(shown.designators(), shown.rotation_deg.tolist(), strict=True))
     for name, pads in found.pads.items():
         if _is_part(name):
-            alike.setdefault(tuple(map(id, pads)), []).append(name)
+            alike.setdefault((turned.get(name, 0.0), *map(id, pads)), []).append(name)
     wrong: dict[str, list[str]] = {}
-    for names in alike.values():
-        for problem in _pads_problems(found.pads[names[0]], lands, shown.rotation_deg):
+    for (rotation_deg, *_), names in alike.items():
+        for problem in _pads_problems(found.pads[names[0]], lands, rotation_deg):
             wrong.setdefault(problem, []).extend(names)
     every = len(shown.parts_xy_mm)
     return [f"{what} ({'every part' if len(names) == every else named(names)})" for what, names in wrong.items()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +13,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.panel_manifest import PlacedTape
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.layers.board import PART_DATA
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 
 
@@ -31,10 +33,27 @@ class OnPanel:
     def offset(self) -> FloatArray:
         return np.array(self.place.offset_mm)
 
+    @property
+    def turned(self) -> bool:
+        return self.place.rotation_deg != 0.0
+
+    def turned_back(self, xy_mm: FloatArray) -> FloatArray:
+        """Vectors of the panel in the tape's board frame."""
+        return np.stack([xy_mm[..., 1], -xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
+
+    def on_board(self, xy_mm: FloatArray) -> FloatArray:
+        """Points of the panel in the tape's board frame."""
+        return self.turned_back(xy_mm - self.offset)
+
+    def on_panel(self, xy_mm: FloatArray) -> FloatArray:
+        """Points of the tape's board on the panel."""
+        placed: FloatArray = np.stack([-xy_mm[..., 1], xy_mm[..., 0]], axis=-1) if self.turned else xy_mm
+        return placed + self.offset
+
 
 def inside(xy_mm: FloatArray, on: OnPanel) -> BoolArray:
     """Mask of the points on a tape's board; shape (n,)."""
-    local = xy_mm - on.offset
+    local = on.on_board(xy_mm)
     high = np.array(on.tape.board.size_mm) + PLACE_TOLERANCE_MM
     result: BoolArray = np.asarray(((local >= -PLACE_TOLERANCE_MM) & (local <= high)).all(axis=-1))
     return result
@@ -52,14 +71,14 @@ def of_tape(content: GerberContent, on: OnPanel) -> GerberContent:
     strokes = whole(content.strokes_mm, on)
     return replace(
         content,
-        flash_xy_mm=content.flash_xy_mm[keep] - on.offset,
+        flash_xy_mm=on.on_board(content.flash_xy_mm[keep]),
         flash_aperture=aperture.astype(np.int64),
-        aperture_outlines_mm=tuple(content.aperture_outlines_mm[i] for i in used),
+        aperture_outlines_mm=tuple(on.turned_back(content.aperture_outlines_mm[i]) for i in used),
         aperture_functions=tuple(content.aperture_functions[i] for i in used),
         flash_component=tuple(_renumbered(content.flash_component[i], on) for i in keep),
         flash_pin=tuple(content.flash_pin[i] for i in keep),
-        areas_mm=tuple(content.areas_mm[i] - on.offset for i in whole(content.areas_mm, on)),
-        strokes_mm=tuple(content.strokes_mm[i] - on.offset for i in strokes),
+        areas_mm=tuple(on.on_board(content.areas_mm[i]) for i in whole(content.areas_mm, on)),
+        strokes_mm=tuple(on.on_board(content.strokes_mm[i]) for i in strokes),
         stroke_width_mm=content.stroke_width_mm[strokes],
     )
 
@@ -69,14 +88,30 @@ def _renumbered(name: str, on: OnPanel) -> str:
     return f"R{int(name[1:]) - on.first}" if name[:1] == "R" and name[1:].isdecimal() else name
 
 
+def part_data_of_tape(data: bytes, on: OnPanel) -> bytes:
+    """What the component layer says of the parts of one tape: what stands when it begins, and what it changes."""
+    start, end = (data.find(b"%%TO.C,R%d*%%" % number) for number in (on.first + 1, on.first + on.tape.part_count + 1))
+    standing = dict(PART_DATA.findall(data[: max(start, 0)]))
+    before = b"".join(b"%%TO.C%s,%s*%%\n" % (name, _turned_back(name, value, on)) for name, value in standing.items())
+    until = len(data) if end < 0 else max(data.rfind(b"%TD.P*%", 0, end), start)  # what follows is said of the next tape
+    return before + data[max(start, 0) : until]
+
+
+def _turned_back(name: bytes, value: bytes, on: OnPanel) -> bytes:
+    """The tape's own rotation for a panel's."""
+    if name != b"Rot" or not on.turned or not re.fullmatch(rb"\d{1,3}(\.\d{1,6})?", value):
+        return value
+    return b"%g" % ((float(value) - on.place.rotation_deg) % 360.0)
+
+
 def rows_of_tape(cpl: CplContent, on: OnPanel) -> CplContent:
     rows = slice(on.first, on.first + on.tape.part_count)
     return replace(
         cpl,
         lines=cpl.lines[rows],
         designators=tuple(_renumbered(name, on) for name in cpl.designators[rows]),
-        xy_mm=cpl.xy_mm[rows] - on.offset,
+        xy_mm=on.on_board(cpl.xy_mm[rows]),
         sides=cpl.sides[rows],
-        rotation_deg=cpl.rotation_deg[rows],
+        rotation_deg=(cpl.rotation_deg[rows] - on.place.rotation_deg) % 360.0,
         texts={content: cells[rows] for content, cells in cpl.texts.items()},
     )

@@ -118,16 +118,17 @@ def test_tapes_are_whole_and_held_by_tabs_alone(
     assert cut.area == pytest.approx(sum(slot.area for slot in slots))
     left = shapely.box(0, 0, *made.size_mm) - cut
     assert left.geom_type == "Polygon"  # one piece: no tape falls out
-    tapes = [shapely.Polygon(made.tape_outline_mm + offset) for offset in made.offsets_mm]
+    tapes = [shapely.Polygon(place.outline_mm) for place in made.places]
     assert max(tape.intersection(cut).area for tape in tapes) < 1e-4  # snapped to 1 nm
     # without its tabs, each tape would be free
     bare = [tape.buffer(2.0) - tape.buffer(1e-3) - cut for tape in tapes]
-    count = 2 * (made.tabs_x + made.tabs_y)
+    tabs_x, tabs_y = made.places[0].tabs_x, made.places[0].tabs_y
+    count = 2 * (tabs_x + tabs_y)
     assert [len([p for p in shapely.get_parts(b) if p.area > 0.5]) for b in bare] == [count] * made.count
     narrow = left.buffer(-0.49).intersection(shapely.box(5.2, 5.2, made.size_mm[0] - 5.2, made.size_mm[1] - 5.2))
     assert len(shapely.get_parts(left.buffer(-0.51))) == 1 + made.count  # a tab is 1 mm wide
     assert len(shapely.get_parts(narrow)) > 0
-    assert {"x": made.tabs_y, "y": made.tabs_x}.get(tabs, 0) == 0
+    assert {"x": tabs_y, "y": tabs_x}.get(tabs, 0) == 0
 
 
 def test_the_ends_of_slots_are_round() -> None:
@@ -140,7 +141,7 @@ def test_the_ends_of_slots_are_round() -> None:
 
 def test_tabs_are_no_further_apart_than_the_profile_says() -> None:
     made = panel(1, 1, (101.0, 90.0))
-    assert (made.tabs_x, made.tabs_y) == (4, 5)
+    assert (made.places[0].tabs_x, made.places[0].tabs_y) == (4, 5)
 
 
 # At the door

@@ -37,7 +37,8 @@ def examined(**values: Any) -> Examined:
 
 def files_of(made: Examined) -> list[Artifact]:
     film = [artifact for role in ("cpl", "bom") for artifact in RENDERERS[role](made.drawing, made.fab)]
-    return [*film, Artifact(role="fab-zip", path=f"{made.tape.name}-fab.zip", data=b"")]
+    others = {"fab-zip": "-fab.zip", "preview-png": ".png", "placement-preview": "-placements.svg"}
+    return [*film, *(Artifact(role=role, path=made.tape.name + ending, data=b"") for role, ending in others.items())]
 
 
 def facts_of(made: Examined, fab: FabProfile | None = None, findings: Sequence[Finding] | None = None) -> OrderFacts:
@@ -62,7 +63,9 @@ def test_notes_name_files_counts_and_board(fab: str) -> None:
     assert all(file.path in text for file in files_of(made))
     assert f"{count} parts" in text and "40 x 30 mm" in text
     assert f"one kind of part, {count} parts in {-(-count // 200)} rows" in flat(text)
-    assert all(title in text for title in ("2. THE BOARD", "4. ASSEMBLY", "6. CHECK", "7. ESTIMATE"))
+    steps = [int(number) for number in re.findall(r"^STEP (\d+)\. [A-Z]", text, re.MULTILINE)]
+    assert steps == list(range(1, 11))
+    assert re.findall(r"^APPENDIX (.)", text, re.MULTILINE) == ["A", "B", "C"]
     assert "None" not in text and "{{" not in text and max(map(len, text.split("\n"))) < 260
     assert "\t" not in text and not re.search(r"\n{3}", text) and text.endswith("\n") and " \n" not in text
 
@@ -71,10 +74,14 @@ def test_notes_name_files_counts_and_board(fab: str) -> None:
 def test_every_assumption_of_the_estimate_is_shown_with_its_source(fab: str) -> None:
     profile = load_fab(fab)
     text = notes_of(facts_of(examined(fab=fab)))
-    for assumption in [*profile.order.costs.values(), profile.order.placement]:
-        assert f"{assumption.value}" in text
+    order = profile.order
+    known = [figure for figure in (order.board, order.attrition, order.reel) if figure is not None]
+    given = [*order.costs.values(), order.placement, *known]
+    for assumption in given:
+        assert f"{assumption.value:g}" in text and f"{assumption.least:g}" in text
         assert f"{assumption.origin.source}, {assumption.origin.date}" in text
-    assert text.count(", unconfirmed") == 7
+    assert text.count(", unconfirmed") == len(given) == 9
+    assert "bare board unknown" in text and "no figure of it has a source" in text
 
 
 @EVERY
@@ -86,6 +93,10 @@ def test_every_unconfirmed_limit_in_play_is_asked_about(fab: str) -> None:
     for finding in asked:
         assert f"{finding.rule}: {finding.message}" in text
         assert f"{finding.source}, {made.fab.limits['pad-pad'].date}" in text
+    asking = text[text.index("STEP 10.") : text.index("APPENDIX A")]
+    close = re.findall(r"^   - ([a-z-]+): ", asking, re.MULTILINE)
+    assert close and set(close) < {finding.rule for finding in asked}
+    assert all(f.value < 1.25 * f.limit for f in asked if f.rule in close and f.value is not None and f.limit is not None)
 
 
 def test_confirmed_limits_are_not_asked_about() -> None:
@@ -105,7 +116,23 @@ def test_the_estimate_is_what_its_figures_make() -> None:
     assert estimate.joints == 2 * parts
     assert estimate.minutes == pytest.approx(parts / 20)
     assert (estimate.once, estimate.each) == (100.0, 1.25 * parts)
-    assert estimate.totals == tuple((n, 100.0 + n * 1.25 * parts) for n in (1, 5, 20))
+    most = [(quantity.count, quantity.cost[1]) for quantity in estimate.quantities]
+    assert most == [(n, 100.0 + n * 1.25 * parts) for n in (1, 5, 20)]
+    assert [quantity.parts for quantity in estimate.quantities] == [-(-n * parts * 11 // 10) for n in (1, 5, 20)]
+
+
+def test_a_range_is_a_range_and_what_is_not_known_is_said() -> None:
+    made = examined()
+    order = made.fab.order
+    board = replace(order.costs["setup"], value=30.0, least=10.0)
+    known = replace(order, board=board, attrition=None, reel=None)
+    facts = facts_of(made, replace(made.fab, order=known))
+    five = next(quantity for quantity in facts.estimate.quantities if quantity.count == 5)
+    fixture = order.costs["fixture"]
+    assert five.cost[1] - five.cost[0] == pytest.approx(fixture.value - fixture.least) and fixture.least == 0.0
+    assert five.boards == (50.0, 150.0) and five.parts is None
+    text = notes_of(facts)
+    assert "bare board USD 50.00 to 150.00" in text and "no figure of it has a source" not in text and " reels" not in text
 
 
 @pytest.mark.parametrize("size_mm", [(40.0, 30.0), (100.0, 50.0), (26.0, 60.0), (30.0, 14.0)])
@@ -153,7 +180,8 @@ def test_the_field_holds_every_opening(fab: str) -> None:
 )
 def test_how_a_part_leans(rotation_deg: float, slash: str) -> None:
     made = examined(rotation_deg=rotation_deg, pitch_mm=2.5)
-    assert f"every part leans like this: {slash}\n" in notes_of(facts_of(made))
+    text = notes_of(facts_of(made))
+    assert f"every part leans like this: {slash}\n" in text and f"all leaning like {slash};" in text
 
 
 @EVERY
@@ -215,6 +243,14 @@ def test_the_part_number_and_the_list_s_conventions_are_said(house: str) -> None
     assert "no part number is given" in notes_of(facts_of(examined(assembly=house)))
 
 
+def test_the_profile_s_part_number_has_its_date_and_another_has_none() -> None:
+    order = load_fab("jlcpcb-fpc").order
+    assert order.number is not None
+    text = notes_of(facts_of(examined(fab="jlcpcb-fpc", part_number=order.number.number)))
+    assert order.number.names in text and f"as of {order.number.origin.date}" in text and "it is not confirmed" in text
+    assert "as of 2" not in notes_of(facts_of(examined(fab="jlcpcb-fpc", part_number="C1")))
+
+
 def test_files_that_a_profile_s_words_name_are_no_files_of_the_kit(default_kit: Kit) -> None:
     folder, paths = default_kit.path, default_kit.files
     files = {role: WrittenFile(path=path, data=(folder / path).read_bytes()) for role, path in paths.items()}
@@ -227,8 +263,10 @@ def test_files_that_a_profile_s_words_name_are_no_files_of_the_kit(default_kit: 
 
 def test_a_profile_s_own_words_stay_in_their_line() -> None:
     made = examined()
-    text = notes_of(facts_of(made, replace(made.fab, title="Fabrik S\u00fcd\n\n2. THE BOARD:\x1b[31m {{ tape }}")))
-    assert f"ORDER NOTES: {made.tape.name} at Fabrik S\u00fcd 2. THE BOARD: [31m {{{{ tape }}}} (profile generic-fpc)\n" in text
+    text = notes_of(facts_of(made, replace(made.fab, title="Fabrik S\u00fcd\n\nSTEP 2. THE BOARD:\x1b[31m {{ tape }}")))
+    assert (
+        f"ORDER NOTES: {made.tape.name} at Fabrik S\u00fcd STEP 2. THE BOARD: [31m {{{{ tape }}}} (profile generic-fpc)\n" in text
+    )
 
 
 def test_notes_are_the_same_bytes_again() -> None:

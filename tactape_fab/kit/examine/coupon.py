@@ -1,0 +1,151 @@
+"""Coupon: one small panel of tapes that differ in W, Δ, coverlay and anchor, to learn in one order what a fab can make.
+
+Some of its tapes break limits of the profile on purpose: those that come back whole move the limit, with a date.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil
+
+from tactape_fab.base.errors import Finding, Problem, SpecError
+from tactape_fab.kit.examine.order import ExaminedPanel
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.film.anchors import Placing
+from tactape_fab.kit.panel.packing import pack_panels
+from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
+from tactape_fab.kit.profiles.confirm import CONFIRMABLE, Trial
+from tactape_fab.kit.rules.remedies import film_pitch_mm
+from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.code import DEFAULT_CODE, get_code
+
+TAPE_MM = (24.0, 24.0)
+"""Outline of a tape: nine make a panel of 98 x 98 mm, each shows a contact of 11 x 9 mm and its sector in print."""
+SHARES_OF_LIMIT = (1.0, 0.7, 0.4, 0.2)
+"""Bridges of coverlay that are tried, as fractions of the profile's limit."""
+_PART, _DISPLACEMENT_MM, _SMALL_MM = "r0201", 0.25, 0.16
+_ROTATION_DEG = 45.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Wanted:
+    """A tape of the coupon: what it tests, at which value, and how it is made."""
+
+    tests: str
+    value_mm: float | None
+    pitch_mm: float
+    displacement_mm: float
+    coverlay: str
+    anchor: str = "none"
+
+
+def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None) -> ExaminedPanel:
+    """The coupon of a fab profile, with a `Trial` for each of its tapes.
+
+    Parameters
+    ----------
+    fab_name : str
+        A profile, or its file.
+    first_sector : int
+        Sector of the first tape; the others follow.
+
+    Raises
+    ------
+    SpecError
+        If there is no such profile, or the sectors do not exist.
+    """
+    fab, part = load_fab(fab_name), read_part(_PART)
+    assert isinstance(part, PartProfile)
+    wanted = list(_wanted(fab, part))
+    last = get_code(DEFAULT_CODE).sectors - len(wanted)
+    if not 0 <= first_sector <= last:
+        message = f"first_sector = {first_sector}: its {len(wanted)} tapes need sectors up to {first_sector + len(wanted) - 1}; "
+        raise SpecError(Problem("first_sector", message + f"use --first-sector 0 to {last}"))
+    name = name or f"{fab.name}-coupon"
+    tapes = tuple(
+        examine(
+            TapeSpec(
+                sector=sector,
+                name=f"coupon-s{sector:03d}",
+                fab=fab_name,
+                size_mm=TAPE_MM,
+                pitch_mm=trial.pitch_mm,
+                displacement_mm=trial.displacement_mm,
+                coverlay=trial.coverlay,
+                anchor=trial.anchor,
+                models=False,
+            )
+        )
+        for sector, trial in enumerate(wanted, start=first_sector)
+    )
+    _, (packed, *_) = pack_panels([(TAPE_MM, tape.tape.board.corner_radius_mm) for tape in tapes], fab)
+    trials = tuple(
+        Trial(
+            sector=tapes[i].tape.sector,
+            tests=wanted[i].tests,
+            value_mm=wanted[i].value_mm,
+            coverlay=wanted[i].coverlay,
+            measured_mm=_measured(tapes[i].findings),
+        )
+        for i in packed.tapes
+    )
+    return ExaminedPanel(
+        name=name,
+        tapes=tuple(tapes[i] for i in packed.tapes),
+        panel=packed.panel,
+        remarks=(),
+        trials=trials,
+    )
+
+
+def _wanted(fab: FabProfile, part: PartProfile) -> Iterator[_Wanted]:
+    """The tapes: bridges down to a fifth of the limit, another Δ, anchors, and one window for all at two Δ."""
+    mode = fab.coverlay_modes[0]
+    opened = fab.in_mode(mode)
+    bridge_mm = fab.limits["opening-bridge"].value_mm
+
+    def pitch_mm(rule: str, limit_mm: float, displacement_mm: float) -> float:
+        placing = Placing(rotation_deg=_ROTATION_DEG, displacement_mm=displacement_mm, directions=4)
+        found = film_pitch_mm(rule, limit_mm, opened, part, placing)
+        assert found is not None, rule  # at 45 degrees spurs and mesh have a pitch
+        return ceil(round(found * 1000.0, 3)) / 1000.0
+
+    if mode != "gang":
+        for share in SHARES_OF_LIMIT:
+            value_mm = round(share * bridge_mm, 3)
+            wide_mm = pitch_mm("opening-bridge", value_mm, _DISPLACEMENT_MM)
+            yield _Wanted(
+                tests="opening-bridge",
+                value_mm=value_mm,
+                pitch_mm=wide_mm,
+                displacement_mm=_DISPLACEMENT_MM,
+                coverlay=mode,
+            )
+        yield _Wanted(
+            tests="opening-bridge",
+            value_mm=bridge_mm,
+            pitch_mm=pitch_mm("opening-bridge", bridge_mm, _SMALL_MM),
+            displacement_mm=_SMALL_MM,
+            coverlay=mode,
+        )
+        for anchor in ("spur", "mesh"):
+            copper_mm = fab.limits["pad-pad"].value_mm
+            wide_mm = max(
+                pitch_mm("opening-bridge", bridge_mm, _DISPLACEMENT_MM), pitch_mm(f"anchor-{anchor}", copper_mm, _DISPLACEMENT_MM)
+            )
+            yield _Wanted(
+                tests=f"anchor-{anchor}",
+                value_mm=None,
+                pitch_mm=wide_mm,
+                displacement_mm=_DISPLACEMENT_MM,
+                coverlay=mode,
+                anchor=anchor,
+            )
+    if "gang" in fab.coverlay_modes:
+        for wide_mm, displacement_mm in ((1.5, _DISPLACEMENT_MM), (1.32, _SMALL_MM)):
+            yield _Wanted(tests="gang", value_mm=None, pitch_mm=wide_mm, displacement_mm=displacement_mm, coverlay="gang")
+
+
+def _measured(findings: tuple[Finding, ...]) -> dict[str, float]:
+    return {f.rule: round(f.value, 4) for f in findings if f.rule in CONFIRMABLE and f.value is not None}

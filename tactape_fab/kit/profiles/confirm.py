@@ -1,0 +1,164 @@
+"""What came back of a coupon, as a fab profile: limits that its tapes confirmed or moved, with source and date."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.kit.profiles.fabs import FabProfile, load_fab
+
+CONFIRMABLE = ("opening-bridge", "opening-size", "opening-expansion", "pad-pad", "body-body", "courtyard")
+"""Limits that a tape which came back whole confirms, where it was no wider than the limit."""
+TESTS = ("opening-bridge", "anchor-spur", "anchor-mesh", "gang")
+_MET_MM = 0.0005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """A tape of a coupon: what it tests, at which value (None for anchors and one window), and the gaps it has, mm."""
+
+    sector: int
+    tests: str
+    value_mm: float | None
+    coverlay: str
+    measured_mm: Mapping[str, float]
+
+    def to_mapping(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
+    """Fab profile and trials of a coupon, from its panel's manifest.
+
+    Raises
+    ------
+    SpecError
+        If it is no coupon, or cannot be read.
+    """
+    if not isinstance(content.get("coupon"), Mapping):
+        raise SpecError(Problem("coupon", "it is no coupon; give the folder that tactape-fab coupon wrote"))
+    table = Fields(content).table("coupon", ("fab", "trials"))
+    fab, trials = table.text("fab", longest=1000), []
+    for i, row in enumerate(table.rows("trials", longest=100)):
+        entry = Fields(row if isinstance(row, Mapping) else {}, f"coupon.trials[{i}].", table.problems)
+        measured = entry.table("measured_mm", CONFIRMABLE)
+        given = entry.values.get("value_mm") is not None
+        trials.append(
+            Trial(
+                sector=entry.integer("sector", low=0, high=1_000_000),
+                tests=entry.text("tests", choices=TESTS),
+                value_mm=entry.number("value_mm", low=0.0, high=100.0) if given else None,
+                coverlay=entry.text("coverlay", longest=20),
+                measured_mm={key: measured.number(key, low=-100.0, high=100.0) for key in measured.values},
+            )
+        )
+    if table.problems:
+        raise SpecError(table.problems)
+    return fab, tuple(trials)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Confirmed:
+    """A profile's text, and what it says in words."""
+
+    text: str
+    lines: tuple[str, ...]
+
+
+def confirm(
+    fab_name: str, trials: Sequence[Trial], held: Collection[int], failed: Collection[int], *, date: str, source: str, place: Path
+) -> Confirmed:
+    """The profile of a coupon's fab with what its tapes showed.
+
+    Parameters
+    ----------
+    held, failed : collections of int
+        Sectors of the tapes that came back whole, and of those that did not; others are not judged.
+    date, source : str
+        When, and which coupon.
+    place : Path
+        File of the new profile.
+
+    Raises
+    ------
+    SpecError
+        If a sector is not the coupon's or is given twice, a narrower bridge held where a wider one failed, or nothing held.
+    """
+    known = {trial.sector for trial in trials}
+    problems = []
+    for key, sectors in (("held", held), ("failed", failed)):
+        if strange := sorted(set(sectors) - known):
+            said = (
+                f"{key} = {', '.join(map(str, strange))} is no sector of the coupon; give those of {min(known)} to {max(known)}"
+            )
+            problems.append(Problem(key, said))
+    if both := sorted(set(held) & set(failed)):
+        problems.append(Problem("held", f"held and failed both name sector {', '.join(map(str, both))}; leave it out of one"))
+    whole, broken = ([trial for trial in trials if trial.sector in of] for of in (held, failed))
+    problems += _contradictions(whole, broken)
+    modes = _modes(load_fab(fab_name), whole, broken)
+    if not modes or not whole:
+        problems.append(Problem("held", "held: no way to open the coverlay came back whole; ask another fab"))
+    if problems:
+        raise SpecError(problems)
+    origin = f"source = {json.dumps(source)}\ndate = {json.dumps(date)}\nconfirmed = true\n"
+    fab = load_fab(fab_name)
+    extends = os.path.relpath(fab_name, place.parent) if fab_name.endswith(".toml") else fab_name
+    tables = [
+        f"name = {json.dumps(place.stem)}\nextends = {json.dumps(extends)}\ntitle = {json.dumps(fab.title + ', confirmed')}\n"
+    ]
+    lines = []
+    if modes != list(fab.coverlay_modes):
+        tables.append(f"[coverlay]\nmodes = {json.dumps(modes)}\n")
+        lines.append(f"coverlay: {' or '.join(modes)} alone")
+    for rule, value_mm in _limits(fab, whole):
+        before = fab.limits[rule].value_mm
+        tables.append(f"[limits.{rule}]\nvalue_mm = {value_mm:g}\nlevel = {json.dumps(fab.limits[rule].level)}\n{origin}")
+        moved = f", {before:g} mm before" if abs(before - value_mm) > _MET_MM else ""
+        lines.append(f"{rule}: {value_mm:g} mm confirmed{moved}")
+    anchors = {trial.tests: trial in whole for trial in (*whole, *broken) if trial.tests.startswith("anchor-")}
+    if any(anchors.values()):
+        tables.append(f"[anchor]\n{origin}")
+    lines += [f"{name.replace('-', ' ')}: {'held' if fine else 'failed: do not order it'}" for name, fine in anchors.items()]
+    return Confirmed(text="\n".join(tables), lines=tuple(lines))
+
+
+def _contradictions(whole: Sequence[Trial], broken: Sequence[Trial]) -> Iterator[Problem]:
+    """A bridge that held although a wider one failed: one of the two is misjudged, or the fab is not steady."""
+    bridges = [[t for t in of if t.tests == "opening-bridge" and t.value_mm is not None] for of in (whole, broken)]
+    for good in bridges[0]:
+        for bad in bridges[1]:
+            if (bad.value_mm or 0.0) > (good.value_mm or 0.0) + _MET_MM:
+                message = (
+                    f"held: sector {good.sector} with bridges of {good.value_mm:g} mm held, but sector {bad.sector} with "
+                    f"{bad.value_mm:g} mm failed; look again, or leave both out"
+                )
+                yield Problem("held", message)
+
+
+def _modes(fab: FabProfile, whole: Sequence[Trial], broken: Sequence[Trial]) -> list[str]:
+    """Ways to open the coverlay that did not fail altogether."""
+    kept = []
+    for mode in fab.coverlay_modes:
+        bridges = [t for t in (*whole, *broken) if t.coverlay == mode and t.tests in ("opening-bridge", "gang")]
+        if not bridges or any(t in whole for t in bridges):
+            kept.append(str(mode))
+    return kept
+
+
+def _limits(fab: FabProfile, whole: Sequence[Trial]) -> Iterator[tuple[str, float]]:
+    """Limits that a whole tape was no wider than, at the narrowest that came back whole."""
+    for rule in CONFIRMABLE:
+        values = [
+            t.measured_mm[rule]
+            for t in whole
+            if rule in t.measured_mm and not (rule == "opening-bridge" and t.coverlay == "gang")
+        ]
+        if values and min(values) <= fab.limits[rule].value_mm + _MET_MM:
+            yield rule, round(min(values), 3)
