@@ -15,6 +15,7 @@ from tactape_fab.texture.code import get_code
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import (
     CERTIFICATE,
@@ -70,7 +71,7 @@ def verify_folder(
     except SpecError as error:
         return unreadable(folder.name, error)
     checks = [Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}")]
-    listed, file_checks = read_files(folder, manifest)
+    listed, file_checks = read_files(folder, manifest, count_of(tape))
     backings = () if film is None else tuple(film.film.backings)
     expected = roles_of(tape, kind, models=form is not None, backings=backings)
     files, missing, role_checks = check_listed(manifest, listed, expected, allowed=("step-solid",) if kind == "embossed" else ())

@@ -20,9 +20,10 @@ from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.manifest import read_any_manifest
+from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES, read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.files import (
     ALWAYS,
     PICTURES,
@@ -96,7 +97,7 @@ def verify_panel_folder(
         return unreadable(folder.name, error)
     checks = [_check_arrangement(record, tapes)]
     folders = [str(PurePosixPath(p.manifest).parent) + "/" for p in record.placed]
-    listed, file_checks = read_files(folder, manifest, folders)
+    listed, file_checks = read_files(folder, manifest, count_of(*(on.tape for on in tapes)), folders)
     files, missing, role_checks = check_listed(manifest, listed, _roles(record, tapes), what="panel")
     checks += [*file_checks, _check_kits_listed(folder, record.placed), *role_checks]
     if missing or not checks[0].passed:
@@ -150,7 +151,7 @@ def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
     problems = []
     for place in placed:
         try:
-            data = read_inside(folder.resolve(), folder / place.manifest)
+            data = read_inside(folder.resolve(), folder / place.manifest, MOST_MANIFEST_BYTES)
         except (OSError, RuntimeError) as error:
             problems.append(f"{place.manifest} {error}")
         else:
