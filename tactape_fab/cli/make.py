@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from tactape_fab.make.panel import PanelKit
     from tactape_fab.texture.certify.origin import Choice
     from tactape_fab.texture.tape import Tape
+    from tactape_fab.verify.signature import Signer
 
 _OBJECTS_A_COLLECTION = 50_000
 """Garbage collection threshold: loading modules makes many objects and few cycles, and each collection scans all of them."""
@@ -74,6 +75,7 @@ class _Make(click.Command):
 @click.option("--discard-edits", is_flag=True, help="Replace them even if files in them were edited since.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--force", is_flag=True, help="Write the kit in spite of broken design rules; the manifest records them.")
+@click.option("--sign", metavar="KEY", help="Sign it with a private Ed25519 key, of openssl or ssh-keygen.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def make(
     spec_file: str | None,
@@ -85,6 +87,7 @@ def make(
     discard_edits: bool,
     no_verify: bool,
     force: bool,
+    sign: str | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -107,8 +110,9 @@ def make(
 
         values, given = spec_values(spec_file), given_values(options)
         replace: Overwrite = "edits" if discard_edits else overwrite
+        signer = _signer(sign)
         if is_list(values, given, avoid, alone=pack or jobs is not None):
-            settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force}
+            settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force, "signer": signer}
             _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
             return
         examined = examined_order(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=replace)
@@ -117,6 +121,7 @@ def make(
             "overwrite": replace,
             "verify": not no_verify,
             "force": force,
+            "signer": signer,
             "progress": lambda text: (
                 click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None
             ),
@@ -127,6 +132,14 @@ def make(
         else:
             panel = make_panel(examined, output, **how)
             echo_json(panel.to_mapping()) if as_json else echo_lines(_panel_lines(panel))
+
+
+def _signer(key: str | None) -> Signer | None:
+    if key is None:
+        return None
+    from tactape_fab.verify.signature import read_signer
+
+    return read_signer(key)
 
 
 def _make_list(

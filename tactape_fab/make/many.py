@@ -7,7 +7,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.pool import LostProcessError, ProcessPool
@@ -18,6 +18,9 @@ from tactape_fab.kit.panel.packing import Packing, pack, sheet_room_mm
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.make.kit import make_examined
+
+if TYPE_CHECKING:
+    from tactape_fab.verify.signature import Signer
 
 DEFAULT_FOLDER = "tactape-kits"
 
@@ -98,6 +101,7 @@ class _Order:
     overwrite: Overwrite
     verify: bool
     force: bool
+    signer: Signer | None
 
 
 def make_kits(
@@ -107,6 +111,7 @@ def make_kits(
     overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
+    signer: Signer | None = None,
     jobs: int,
 ) -> Generator[MadeKit | FailedKit]:
     """Make the kits of a list, each in the folder under its tape's name.
@@ -120,6 +125,7 @@ def make_kits(
     folder : Path
     overwrite : bool or "edits"
     verify, force : bool
+    signer : Signer, optional
         As for `make_kit`.
     jobs : int
         Number of processes.
@@ -139,9 +145,8 @@ def make_kits(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TactapeError(f"{folder} cannot be made: {error.strerror or error}; use -o to name another folder") from error
-    orders = [
-        _Order(spec=tape.spec, path=folder / tape.spec.name, overwrite=overwrite, verify=verify, force=force) for tape in tapes
-    ]
+    how: dict[str, Any] = {"overwrite": overwrite, "verify": verify, "force": force, "signer": signer}
+    orders = [_Order(spec=tape.spec, path=folder / tape.spec.name, **how) for tape in tapes]
     pool = ProcessPool(min(jobs, len(orders)))
     try:
         futures = [pool.submit(_make, order, Path.cwd()) for order in orders]
@@ -164,7 +169,8 @@ def _make(order: _Order, folder: Path) -> MadeKit | FailedKit:
     os.chdir(folder)
     cv2.setNumThreads(1)
     try:
-        kit = make_examined(examine(order.spec), order.path, overwrite=order.overwrite, verify=order.verify, force=order.force)
+        how: dict[str, Any] = {key: getattr(order, key) for key in ("overwrite", "verify", "force", "signer")}
+        kit = make_examined(examine(order.spec), order.path, **how)
     except TactapeError as error:
         return _failed(order, error)
     except Exception as error:  # the others continue

@@ -113,7 +113,9 @@ def _read_made(content: Mapping[str, Any]) -> dict[str, Any]:
     tool = content.get("tool")
     version = tool.get("version") if isinstance(tool, Mapping) else None
     if version != __version__:
-        raise NotReproducibleError(f"tactape-fab {shown(version)} made it, this is {__version__}; install that version")
+        raise NotReproducibleError(
+            f"its manifest says that tactape-fab {shown(version)} made it, this is {__version__}; install that version"
+        )
     if not isinstance(content.get("made"), Mapping):
         raise NotReproducibleError("it does not record what it was made with, as this version does; make it anew")
     table = Fields(content).table("made", ("date", "libraries", "verified", "coverlay_asked"))
