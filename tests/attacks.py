@@ -526,7 +526,7 @@ ATTACKS = (
     ),
     Attack(
         kind="emboss",
-        tried="6,000 nested tetrahedra",
+        tried="5,000 nested tetrahedra",
         make=_emboss("a.stl", lambda: nested_tetrahedra(5_000)),
         status=2,
         said="SURFACE",

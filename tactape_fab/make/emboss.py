@@ -274,19 +274,19 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     """As `_on_mesh`, in a process of its own, with limits: a mutated STEP file can crash OCCT, or keep it busy for ever."""
     with ProcessPool(1, progress) as pool:
         try:
-            return pool.submit(_on_step_alone, tape, source, placement).result()
+            return pool.submit(_on_step_alone, tape, source, placement, STEP_CPU_S).result()
         except LostProcessError as error:
             why = "takes too long" if too_long(error.exit_status) else "ends its process"
             message = f"SURFACE cannot be read as STEP: the CAD kernel {why} over it; export it again, or as STL"
             raise SpecError(message) from error
 
 
-def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
+def _on_step_alone(tape: Tape, source: _Source, placement: Placement, cpu_s: float) -> _Made:
+    size, progress = len(source.data), tell
+    limit_self(cpu_s=cpu_s + STEP_CPU_S_PER_BYTE * size, memory_bytes=STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * size)
     library("build123d", "emboss")
     from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
 
-    size, progress = len(source.data), tell
-    limit_self(cpu_s=STEP_CPU_S + STEP_CPU_S_PER_BYTE * size, memory_bytes=STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * size)
     model = read_step_solid(source.data)
     refuse_wrong_size(model.size_mm, None, texture_size_mm(tape))
     chart = FaceChart(model, placement)

@@ -22,9 +22,11 @@ LEAST_SIZE_MM, MOST_SIZE_MM = 1.0, 5000.0
 
 _WELD = 1e-6
 """Corners closer than this part of the model's size are one vertex: float32, the coordinates of an STL, is that fine."""
-_MOST_BOXES, _BOXES_EACH = 20_000_000, 100
+_LEAST_VOLUME = 1e-12
+"""Volume of a solid as a part of the cube of its size; rounding gives a flat mesh less."""
+_MOST_BOXES, _BOXES_EACH = 30_000_000, 200
 """Pairs of triangles whose boxes overlap, of a mesh and for each of its triangles: a fine one has some 20 for each."""
-_MOST_PAIRS, _PAIRS_EACH = 500_000, 40
+_MOST_PAIRS, _PAIRS_EACH = 200_000, 20
 """Pairs of these, in one's plane of which the other has corners on both sides."""
 _MOST_NEAR = 50
 """Corners within the grain of an open one, on average."""
@@ -64,7 +66,10 @@ def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
     furthest = float(np.abs(vertices).max())
     if furthest > FURTHEST_MM:
         raise SpecError(f"SURFACE reaches {furthest:.3g} mm from its origin, more than {FURTHEST_MM:g} mm; correct its unit")
-    return welded(vertices, faces)
+    mesh = welded(vertices, faces)
+    if len(mesh.faces) == 0:
+        raise SpecError("SURFACE holds no triangle with three corners apart; give a closed mesh of a solid")
+    return mesh
 
 
 def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
@@ -169,6 +174,8 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
     if cuts:
         near = ", ".join(f"{v:.2f}" for v in at_mm)
         raise SpecError(f"SURFACE cuts itself: {cuts} pairs of triangles cross, first near ({near}) mm; {repair}")
+    if abs(mesh.volume_mm3) <= _LEAST_VOLUME * float(np.ptp(mesh.vertices_mm, axis=0).max()) ** 3:
+        raise SpecError("SURFACE encloses no volume: all of it is flat; give a closed mesh of a solid")
     if mesh.volume_mm3 < 0:
         return Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[:, ::-1])
     return mesh
@@ -276,7 +283,7 @@ def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
             raise SpecError(f"SURFACE has {count} and more pairs of triangles {_CROWDED}")
         one = one + start
         start += size
-        size = int(np.clip(size * 1_000_000 // max(len(one), 1), 10, 20_000))  # about as many pairs in each chunk
+        size = int(np.clip(size * 250_000 // max(len(one), 1), 10, 20_000))  # about as many pairs in each chunk
         keep = other > one
         one, other = one[keep], other[keep]
         keep = (low[one, depth] <= high[other, depth]) & (low[other, depth] <= high[one, depth])
