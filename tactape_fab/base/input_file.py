@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import zipfile
 from io import BufferedReader
 from pathlib import Path
 
@@ -40,3 +41,22 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     """
     with open_regular(path) as stream:
         return stream.read(most_bytes + 1)
+
+
+def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: int) -> bytes:
+    """The bytes of a member of a zip that unpacks to no more than `most_bytes`, whatever it says of itself.
+
+    `ZipFile.read` unpacks all that the compressed bytes hold before it looks at the size that the directory gives.
+
+    Raises
+    ------
+    ValueError
+        If it unpacks to more.
+    zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError
+        If it is damaged, encrypted, or packed in a way that Python does not know.
+    """
+    with archive.open(entry) as member:
+        data = member.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise ValueError(f"{entry.filename[:100]!r} unpacks to more than {most_bytes} bytes")
+    return data

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +61,40 @@ def python_command(code: str, *arguments: str) -> list[str]:
     ``-I`` alone would lose folders that the user named in PYTHONPATH, and their own site-packages.
     """
     return [sys.executable, "-I", "-c", f"import sys; sys.path[:] = {_module_folders()!r}; {code}", *arguments]
+
+
+def limited(command: Sequence[str], *, cpu_s: int, memory_bytes: int) -> list[str]:
+    """Command that runs another within a processor time and a memory, where the system can limit them (not on Windows).
+
+    A program that needs more time ends by SIGXCPU; one that asks for more memory does not get it.
+    """
+    if find_spec("resource") is None:
+        return list(command)
+    code = _WITHIN_LIMITS.format(cpu_s=cpu_s, memory_bytes=memory_bytes)
+    return [sys.executable, "-I", "-S", "-c", code, *command]
+
+
+_WITHIN_LIMITS = (
+    "import os, resource as r, sys; r.setrlimit(r.RLIMIT_CPU, ({cpu_s}, {cpu_s} + 5)); "
+    "r.setrlimit(r.RLIMIT_DATA, ({memory_bytes}, r.getrlimit(r.RLIMIT_DATA)[1])); os.execv(sys.argv[1], sys.argv[1:])"
+)
+
+
+def limit_self(*, cpu_s: float, memory_bytes: int) -> None:
+    """Limit this process to a further processor time and to a memory; it ends by SIGXCPU when the time is over."""
+    if find_spec("resource") is None:
+        return
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    _, most_s = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (ceil(used.ru_utime + used.ru_stime + cpu_s), most_s))
+    resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+
+
+def too_long(status: int) -> bool:
+    """Whether a process with this exit status was ended because its processor time was over."""
+    return status == -getattr(signal, "SIGXCPU", 0) != 0
 
 
 def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None) -> subprocess.CompletedProcess[str]:

@@ -16,6 +16,7 @@ from tactape_fab.base.errors import MissingLibraryError
 _INSTALLED_BY = {
     "OCP": '"tactape-fab[cad]"',
     "build123d": '"tactape-fab[cad]"',
+    "cryptography": '"tactape-fab[sign]"',
     "cv2": "opencv-python-headless",
     "gtsam": '"tactape-fab[slam]"',
     "manifold3d": '"tactape-fab[cad]"',

@@ -43,11 +43,12 @@ class ProcessPool(Executor):
 
     Unlike those of concurrent.futures.ProcessPoolExecutor, its processes are started by `tactape_fab.base.launch`: they import
     nothing from the current folder, and never see SIGINT. A process that dies fails its own call alone, with
-    `LostProcessError`. They end by themselves when this process ends. As a context manager, the pool stops at once if the
-    block raises.
+    `LostProcessError`. What a function in them says by `tell` is passed to `told`. They end by themselves when this process
+    ends. As a context manager, the pool stops at once if the block raises.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, told: Callable[..., object] = lambda *_: None) -> None:
+        self._told = told
         self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
         self._threads = ThreadPoolExecutor(max(1, count))
         self._own = threading.local()
@@ -86,6 +87,9 @@ class ProcessPool(Executor):
         try:
             _send(child.stdin, (function, args, kwargs))
             answered, answer = pickle.load(child.stdout)
+            while answered is None:
+                self._told(*answer)
+                answered, answer = pickle.load(child.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):
             self._own.child = None
             raise LostProcessError(self._ended(child)) from None
@@ -145,14 +149,26 @@ def _send(pipe: BinaryIO | Any, value: object) -> None:
     pipe.flush()
 
 
+_answers: BinaryIO | None = None
+"""Where a process of a pool answers; None in any other process."""
+
+
+def tell(*message: object) -> None:
+    """Say something, such as progress, to the pool that runs this process."""
+    if _answers is not None:
+        _send(_answers, (None, message))
+
+
 def serve() -> None:
     """Main loop of a process of the pool: answers calls until its input ends.
 
     A stop request lets a running function clean up; otherwise the process ends at once: the collector would swallow the
     exception.
     """
+    global _answers  # noqa: PLW0603 (one for each process)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    asked, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    asked = sys.stdin.buffer
+    _answers = answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a function's printed output must not mix with the results
     settled = False
     while True:

@@ -64,6 +64,8 @@ def answers() -> Iterator[None]:
         status, lines = answer(error)
         typed = _options()
         fail(status, [_as_typed(line, typed) for line in lines])
+    except MemoryError:
+        fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise

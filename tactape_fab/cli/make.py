@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from tactape_fab.make.panel import PanelKit
     from tactape_fab.texture.certify.origin import Choice
     from tactape_fab.texture.tape import Tape
+    from tactape_fab.verify.signature import Signer
 
 _OBJECTS_A_COLLECTION = 50_000
 """Garbage collection threshold: loading modules makes many objects and few cycles, and each collection scans all of them."""
@@ -79,6 +80,7 @@ class _Make(click.Command):
 @click.option("--discard-edits", is_flag=True, help="Replace them even if files in them were edited since.")
 @click.option("--no-verify", is_flag=True, help="Do not read the written files back.")
 @click.option("--force", is_flag=True, help="Write the kit in spite of broken design rules; the manifest records them.")
+@click.option("--sign", metavar="KEY", help="Sign it with a private Ed25519 key, of openssl or ssh-keygen.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def make(
     spec_file: str | None,
@@ -92,6 +94,7 @@ def make(
     discard_edits: bool,
     no_verify: bool,
     force: bool,
+    sign: str | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -116,8 +119,9 @@ def make(
         values, given = spec_values(spec_file), given_values(options)
         given = _ordered(values, given, house, contact)
         replace: Overwrite = "edits" if discard_edits else overwrite
+        signer = _signer(sign)
         if is_list(values, given, avoid, alone=pack or jobs is not None):
-            settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force}
+            settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force, "signer": signer}
             _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
             return
         examined = examined_order(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=replace)
@@ -126,6 +130,7 @@ def make(
             "overwrite": replace,
             "verify": not no_verify,
             "force": force,
+            "signer": signer,
             "progress": lambda text: (
                 click.echo(f"{text} ...", err=True) if sys.stderr is not None and sys.stderr.isatty() else None
             ),
@@ -154,6 +159,14 @@ def _ordered(values: dict[str, Any], given: dict[str, Any], house: str | None, c
     chosen = choose_order({**values, **given}, house, sides)
     echo_lines_err(chosen.remarks)
     return chosen.values
+
+
+def _signer(key: str | None) -> Signer | None:
+    if key is None:
+        return None
+    from tactape_fab.verify.signature import read_signer
+
+    return read_signer(key)
 
 
 def _make_list(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -11,6 +12,11 @@ from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size
 from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_told, verified_line
+
+_STAND_IN = (
+    "for what the fab gets written form, fab-zip, job, bom, cpl rows and the places of parts stand in for it, for previews, "
+    "report and drawing nothing does; the line 'reproduced' says why, and what to install"
+)
 
 if TYPE_CHECKING:
     from tactape_fab.base.errors import Check
@@ -28,6 +34,7 @@ if TYPE_CHECKING:
 @click.option("--map", "map_file", metavar="FILE.png", help="Write a picture of where contacts can be located on the tape.")
 @click.option("--overwrite", is_flag=True, help="Replace a file of the map's name.")
 @click.option("--reproduce", is_flag=True, help="Only make the kit again from its manifest, and compare every byte.")
+@click.option("--key", metavar="PUB", help="Public key of who should have made it; nothing else is read where they did not sign.")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
 def verify(
     kit: str,
@@ -37,6 +44,7 @@ def verify(
     map_file: str | None,
     overwrite: bool,
     reproduce: bool,
+    key: str | None,
     as_json: bool,
 ) -> None:
     """Read a written kit back with software that is not ours, decode contacts of the parts that it places, and make it again.
@@ -46,7 +54,11 @@ def verify(
     """
     with answers():
         said = (lambda _: None) if as_json else echo_check
-        verification = _verified(kit, contact, sensor, map_file, said, overwrite=overwrite, quick=quick, reproduce=reproduce)
+        verification = None if key is None else _signed(kit, key, said)
+        if verification is None or verification.passed:
+            before = () if verification is None else verification.checks
+            verification = _verified(kit, contact, sensor, map_file, said, overwrite=overwrite, quick=quick, reproduce=reproduce)
+            verification = replace(verification, checks=(*verification.checks, *(before or _signed(kit, None, said).checks)))
         clear_step()
         if as_json:
             echo_json(
@@ -54,6 +66,11 @@ def verify(
             )
         verification.raise_if_failed()
         echo_line(verified_line(verification.checks), err=True)
+        if not quick and not reproduce:
+            from tactape_fab.make.reproduce import NAME
+
+            if not all(check.passed for check in verification.checks if check.name == NAME):
+                echo_line(f"warning: the kit was NOT made again, so not every byte of it is proved; {_STAND_IN}", err=True)
 
 
 def _verified(
@@ -101,6 +118,17 @@ def _verified(
         from tactape_fab.verify.trip.map import map_kit
 
         map_kit(kit, path, touched, verification.trips, step, overwrite=overwrite)
+    return verification
+
+
+def _signed(kit: str, key: str | None, said: Said) -> Verification:
+    """Whether a kit is signed as it should be: before anything else of it is read."""
+    from tactape_fab.verify import Verification
+    from tactape_fab.verify.signature import check_signed
+
+    verification = Verification(name=Path(kit).resolve().name, checks=tuple(check_signed(kit, key)))
+    for check in verification.checks:
+        said(check)
     return verification
 
 

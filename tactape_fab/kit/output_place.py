@@ -8,7 +8,7 @@ from typing import Literal
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields, shown_path
-from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, read_any_manifest
+from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
 Overwrite = bool | Literal["edits"]
@@ -87,6 +87,7 @@ def _listed(folder: Path, within: str, digest: str | None = None) -> dict[str, s
     rows = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
     listed: dict[str, str | None] = {f"{within}{row.get('path')}": str(row.get("sha256")) for row in rows}
     listed[f"{within}{MANIFEST_NAME}"] = digest
+    listed[f"{within}{SIGNATURE_NAME}"] = None
     if is_panel(content) and not within:
         for placed in read_placed(Fields(content)):
             place = PurePosixPath(placed.manifest).parent

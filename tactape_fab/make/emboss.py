@@ -15,7 +15,9 @@ from tactape_fab.base.build_date import build_date, zip_date
 from tactape_fab.base.errors import Check, Problem, SpecError, VerifyError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.launch import limit_self, too_long
 from tactape_fab.base.libraries import library
+from tactape_fab.base.pool import LostProcessError, ProcessPool, tell
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
@@ -45,6 +47,11 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.embossed import check_embossed
 
 STEP_FORMATS = ("step", "stp")
+STEP_CPU_S, STEP_CPU_S_PER_BYTE = 30, 30e-6
+STEP_MEMORY_BYTES, STEP_MEMORY_PER_BYTE = 3 << 30, 400
+"""Limits of the process that reads a STEP file and lays the texture on it."""
+_FUSING_S, _FUSING_BYTES = 10, 32 << 30
+"""Those of fusing elements with a solid that has proved valid, the time for each element."""
 _FAR = 10.0
 """Distance of the points to which the sides of a part are the nearest, in its largest dimension."""
 Point = tuple[float, float, float]
@@ -156,8 +163,7 @@ def emboss_kit(
     if isinstance(solid, Mapping) and solid.get("negative") is True:
         raise SpecError(f"KIT = {shown_path(kit_path)} is a mould; make the texture itself, without --negative, and emboss that")
     source = _read_source(Path(surface_path), unit)
-    for module in ("manifold3d", "build123d")[: 2 if source.kind == "step" else 1]:
-        library(module, "emboss")
+    library("manifold3d", "emboss")
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
     target = source.path.parent / name if output is None else Path(output)
     refuse_taken(target, overwrite=overwrite)
@@ -271,6 +277,20 @@ def worst_pitch_error(distortion: Mapping[str, float | None]) -> float:
 
 
 def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progress: Progress) -> _Made:
+    """As `_on_mesh`, in a process of its own, with limits: a mutated STEP file can crash OCCT, or keep it busy for ever."""
+    with ProcessPool(1, progress) as pool:
+        try:
+            return pool.submit(_on_step_alone, tape, source, placement, STEP_CPU_S).result()
+        except LostProcessError as error:
+            why = "takes too long" if too_long(error.exit_status) else "ends its process"
+            message = f"SURFACE cannot be read as STEP: the CAD kernel {why} over it; export it again, or as STL"
+            raise SpecError(message) from error
+
+
+def _on_step_alone(tape: Tape, source: _Source, placement: Placement, cpu_s: float) -> _Made:
+    size, progress = len(source.data), tell
+    limit_self(cpu_s=cpu_s + STEP_CPU_S_PER_BYTE * size, memory_bytes=STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * size)
+    library("build123d", "emboss")
     from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
 
     model = read_step_solid(source.data)
@@ -280,6 +300,7 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     laid = laid_well(tape, lambda _: chart, placement)
     fused = fuse_mesh(model.tessellated(), laid, progress, chord_error_mm=model.chord_error_mm)
     stamp = build_date().replace(tzinfo=None).isoformat()
+    limit_self(cpu_s=_FUSING_S * (60 + tape.part_count), memory_bytes=_FUSING_BYTES)
     return _Made(laid=laid, fused=fused, face=chart.face, step=model.embossed(laid, stamp, progress))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.kit.artifact import Artifact
@@ -34,6 +34,9 @@ from tactape_fab.solids.checks import form_problems
 from tactape_fab.texture.certify.origin import Choice
 from tactape_fab.texture.manifest import MANIFEST_NAME
 from tactape_fab.texture.tape import Tape
+
+if TYPE_CHECKING:
+    from tactape_fab.verify.signature import Signer
 
 T = TypeVar("T")
 
@@ -90,6 +93,7 @@ def make_kit(
     overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
+    signer: Signer | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Kit:
     """Make a kit: all files of a tape, verified from what was written.
@@ -109,6 +113,8 @@ def make_kit(
         Verify the written files before the kit gets its name.
     force : bool
         Write it in spite of broken design rules; the manifest records them under ``forced``.
+    signer : Signer, optional
+        Sign it: `tactape_fab.verify.signature.read_signer` reads a key.
     progress : callable
         Called with the name of each step.
 
@@ -125,7 +131,9 @@ def make_kit(
     VerifyError
         If the written files fail the verification; nothing is left at `path`.
     """
-    return make_examined(examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, progress=progress)
+    return make_examined(
+        examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, signer=signer, progress=progress
+    )
 
 
 def make_examined(
@@ -135,12 +143,13 @@ def make_examined(
     overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
+    signer: Signer | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
     target = Path(examined.tape.name if path is None else path)
     blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
-    with finished(target, "kit", overwrite=overwrite) as folder:
+    with finished(target, "kit", overwrite=overwrite, signer=signer) as folder:
         artifacts, checks = fill_kit(folder, examined, blocking, verify=verify, progress=progress)
     return Kit(
         path=target,

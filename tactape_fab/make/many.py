@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from math import prod
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.pool import LostProcessError, ProcessPool
@@ -22,6 +22,9 @@ from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.make.kit import make_examined
 from tactape_fab.make.panel import PanelKit, make_panel
+
+if TYPE_CHECKING:
+    from tactape_fab.verify.signature import Signer
 
 DEFAULT_FOLDER = "tactape-kits"
 
@@ -129,6 +132,7 @@ def make_kits(
     overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
+    signer: Signer | None = None,
     jobs: int,
 ) -> Generator[MadeKit | FailedKit]:
     """Make the kits of a list, each in the folder under its tape's name.
@@ -142,6 +146,7 @@ def make_kits(
     folder : Path
     overwrite : bool or "edits"
     verify, force : bool
+    signer : Signer, optional
         As for `make_kit`.
     jobs : int
         Number of processes.
@@ -161,7 +166,7 @@ def make_kits(
             name=tape.spec.name,
             spec=tape.spec,
             path=folder / tape.spec.name,
-            how={"overwrite": overwrite, "verify": verify, "force": force},
+            how={"overwrite": overwrite, "verify": verify, "force": force, "signer": signer},
         )
         for tape in tapes
     ]
@@ -270,6 +275,7 @@ def make_packed(
     overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
+    signer: Signer | None = None,
     jobs: int,
 ) -> Generator[PanelKit | FailedKit]:
     """Make packed panels with all their kits, each in the folder under its name; as `make_kits` does kits.
@@ -279,7 +285,7 @@ def make_packed(
     SpecError
         If the path of a panel is taken; nothing is made.
     """
-    how = {"overwrite": overwrite, "verify": verify, "force": force}
+    how = {"overwrite": overwrite, "verify": verify, "force": force, "signer": signer}
     orders = [
         _PanelOrder(
             name=name,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
@@ -24,6 +24,9 @@ from tactape_fab.report import add_panel_report
 from tactape_fab.texture.manifest import MANIFEST_NAME
 from tactape_fab.texture.panel_manifest import KITS_FOLDER
 from tactape_fab.texture.tape import Tape
+
+if TYPE_CHECKING:
+    from tactape_fab.verify.signature import Signer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +89,7 @@ def make_panel(
     overwrite: Overwrite = False,
     verify: bool = True,
     force: bool = False,
+    signer: Signer | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> PanelKit:
     """Make a panel: its files, and the complete kit of every tape on it, verified from the written files.
@@ -98,6 +102,7 @@ def make_panel(
         Folder of the panel; by default its name in the current folder.
     overwrite : bool or "edits"
     verify, force : bool
+    signer : Signer, optional
         As for `make_kit`.
     progress : callable
         Called with the name of each step.
@@ -118,7 +123,7 @@ def make_panel(
     target = Path(examined.name if path is None else path)
     findings = examined.findings
     blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
-    with finished(target, "panel", overwrite=overwrite) as folder:
+    with finished(target, "panel", overwrite=overwrite, signer=signer) as folder:
         artifacts, checks = fill_panel(folder, examined, blocking, verify=verify, progress=progress)
     return PanelKit(
         path=target,

@@ -10,18 +10,22 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.output_file import sync_below, sync_folder
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 
+if TYPE_CHECKING:
+    from tactape_fab.verify.signature import Signer
+
 _RENAME_EXCHANGE = 2
 _AT_FDCWD = -100
 
 
 @contextmanager
-def finished(target: Path, what: str, *, overwrite: Overwrite) -> Iterator[Path]:
+def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | None = None) -> Iterator[Path]:
     """Context manager: a new folder beside `target` that replaces it at the end of the block, or is removed after an error.
 
     Parameters
@@ -31,6 +35,8 @@ def finished(target: Path, what: str, *, overwrite: Overwrite) -> Iterator[Path]
         Kind of the written folder, for the error message.
     overwrite : bool or "edits"
         Replace an older kit of this tool.
+    signer : Signer, optional
+        Signs what the folder holds at the end.
 
     Raises
     ------
@@ -42,6 +48,8 @@ def finished(target: Path, what: str, *, overwrite: Overwrite) -> Iterator[Path]
     try:
         folder.mkdir(parents=True)
         yield folder
+        if signer is not None:
+            signer.sign(folder)
         sync_below(folder)  # a power cut after the rename must not find a name without its files
         put_in_place(folder, target, overwrite=overwrite)
         sync_folder(target.parent)

@@ -28,7 +28,7 @@ from tactape_fab.make.kit import fill_kit
 from tactape_fab.make.panel import fill_panel
 from tactape_fab.texture.certify.origin import Choice
 from tactape_fab.texture.code import has_plane
-from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
+from tactape_fab.texture.manifest import MANIFEST_NAME, MOST_MANIFEST_BYTES, find_manifest, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.certificate import difference
@@ -40,6 +40,7 @@ _SPARE_POINTS = 10_000
 _MORE_POINTS = 4
 """Grid points that a board of this size has room for may exceed those of the manifest so far: margins and a strip take some."""
 _MOST_HOLES = 10_000
+_LONGER_BYTES = 1 << 20
 _DATE = "%Y-%m-%dT%H:%M:%S+00:00"
 
 
@@ -112,7 +113,9 @@ def _read_made(content: Mapping[str, Any]) -> dict[str, Any]:
     tool = content.get("tool")
     version = tool.get("version") if isinstance(tool, Mapping) else None
     if version != __version__:
-        raise NotReproducibleError(f"tactape-fab {shown(version)} made it, this is {__version__}; install that version")
+        raise NotReproducibleError(
+            f"its manifest says that tactape-fab {shown(version)} made it, this is {__version__}; install that version"
+        )
     if not isinstance(content.get("made"), Mapping):
         raise NotReproducibleError("it does not record what it was made with, as this version does; make it anew")
     table = Fields(content).table("made", ("date", "libraries", "verified", "coverlay_asked"))
@@ -229,7 +232,7 @@ def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str]
     for place in placed:
         kit = file.parent / PurePosixPath(place.manifest)
         try:
-            read_inside(root, kit)
+            read_inside(root, kit, MOST_MANIFEST_BYTES)
         except (OSError, RuntimeError) as error:
             raise SpecError(f"{place.manifest} {getattr(error, 'strerror', None) or error}") from error
         own = read_any_manifest(kit)
@@ -281,12 +284,13 @@ def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tup
     paths = [str(row["path"]) for row in expected["files"]]
     for path in paths:
         try:
-            same = read_inside(root, folder / path) == (again / path).read_bytes()
+            right = (again / path).read_bytes()
+            same = read_inside(root, folder / path, len(right) + _LONGER_BYTES) == right
         except (OSError, RuntimeError) as error:
             problems.append(f"{path} {getattr(error, 'strerror', None) or error}")
         else:
             problems += [] if same else [f"{path} is not what this manifest makes"]
-    if read_inside(root, folder / MANIFEST_NAME) != (again / MANIFEST_NAME).read_bytes():
+    if read_inside(root, folder / MANIFEST_NAME, MOST_MANIFEST_BYTES) != (again / MANIFEST_NAME).read_bytes():
         problems += _manifest_difference(_read_json(folder), expected, problems)
     others = {name: (libraries[name], own) for name, own in versions_in_kits().items() if libraries[name] != own}
     if problems and others:

@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.json_text import parse_json
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.plane import MOST_POINTS
 
@@ -23,7 +25,9 @@ AS_BUILT_NAME = "as-built.json"
 NOMINAL = "none"
 """Stands for the places of the design, in the place of a file."""
 SOURCES = ("scan", "survey", "aoi", "cpl")
-MOST_BYTES = 256 * 1024 * 1024
+MOST_BYTES = 64 * 1024 * 1024
+_MOST_VALUES = 7 * MOST_POINTS
+"""Six columns of one value for each part."""
 MOST_SOURCES = 1000
 MOST_SOURCE_CHARACTERS = 10_000
 FARTHEST_MM = 10.0
@@ -361,12 +365,12 @@ def _as_text(content: Mapping[str, Any]) -> str:
 def _content(path: Path) -> Mapping[str, Any]:
     try:
         file = _file_of(path)
-        size = file.stat().st_size
-        if size > MOST_BYTES:
-            message = f"{shown_path(file)} has {size} bytes, more than {MOST_BYTES}; it is no as-built file of this tool"
+        data = read_regular(file, MOST_BYTES)
+        if len(data) > MOST_BYTES:
+            message = f"{shown_path(file)} has more than {MOST_BYTES} bytes; it is no as-built file of this tool"
             raise SpecError(Problem("as-built", message))
-        content = json.loads(file.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
+        content = parse_json(data, most_values=_MOST_VALUES)
+    except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
         reason = getattr(error, "strerror", None) or shown(str(error))

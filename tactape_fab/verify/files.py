@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,14 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.json_text import parse_json
+from tactape_fab.kit.render.preview import MOST_PX
 from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
-from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
+from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
 
-_MOST_BYTES, _LONGER_BYTES = 1 << 30, 1 << 20
 _MOST_NAMED = 5
 
 ALWAYS = (
@@ -73,40 +75,49 @@ def roles_of(tape: Tape, kind: Kind = "film", *, models: bool = True, backings: 
 
 
 def read_files(
-    folder: Path, manifest: Mapping[str, Any], kits: Collection[str] = ()
+    folder: Path, manifest: Mapping[str, Any], count: int, kits: Collection[str] = ()
 ) -> tuple[dict[str, list[WrittenFile]], list[Check]]:
-    """Read every listed file, by role, and compare sizes and SHA-256.
+    """Read every listed file, by role, and compare sizes and SHA-256; each path is read once, within its role's budget.
 
-    ``kits`` are subfolders, each ending in '/', whose files are listed by their own manifests.
+    ``count`` are the parts and holes, ``kits`` subfolders, each ending in '/', whose files are listed by their own manifests.
     """
     rows = manifest.get("files")
     files: dict[str, list[WrittenFile]] = {}
     problems: list[str] = []
-    known: dict[PurePosixPath, bytes] = {}
-    listed = {MANIFEST_NAME}
+    known: dict[PurePosixPath, tuple[bytes, str] | None] = {}
+    listed = {MANIFEST_NAME, SIGNATURE_NAME}
     if not isinstance(rows, list) or not rows:
         return files, [Check(name="files", passed=False, message="the manifest lists no files")]
-    root = folder.resolve()
+    if len(rows) > MOST_FILES:
+        return files, [Check(name="files", passed=False, message=f"the manifest lists {len(rows)} files, more than {MOST_FILES}")]
+    root, embossed = folder.resolve(), "surface" in manifest
+    left = most_bytes(WHOLE_KIT, count, embossed=embossed)
     for row in rows:
         path = safe_path(row.get("path")) if isinstance(row, dict) else None
         if path is None:
             problems.append(f"{shown(row)} names no file inside the kit")
             continue
         listed.add(str(path))
-        try:
-            data = known[path] if path in known else read_inside(root, folder / path, _most_bytes(row.get("bytes")))
-            known[path] = data
-        except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
-            problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
-        else:
-            files.setdefault(str(row.get("role")), []).append(WrittenFile(path=str(path), data=data))
-            if row.get("bytes") != len(data) or row.get("sha256") != hashlib.sha256(data).hexdigest():
+        role = str(row.get("role"))
+        if path not in known:
+            known[path] = None
+            try:
+                data = read_inside(root, folder / path, min(left, most_bytes(role, count, embossed=embossed)))
+                known[path] = data, hashlib.sha256(data).hexdigest()
+                left -= len(data)
+            except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
+                problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
+        if (found := known[path]) is not None:
+            files.setdefault(role, []).append(WrittenFile(path=str(path), data=found[0]))
+            if (row.get("bytes"), row.get("sha256")) != (len(found[0]), found[1]):
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
     listed.add(AS_BUILT_NAME)  # the user's own; `check_as_built` reports it
-    present = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir()]
-    unlisted = sorted(path for path in present if path not in listed and not path.startswith(tuple(kits)))
+    places, own = (p.relative_to(folder) for p in folder.rglob("*") if not p.is_dir()), set(kits)
+    unlisted = sorted(
+        path.as_posix() for path in places if path.as_posix() not in listed and "/".join(path.parts[:2]) + "/" not in own
+    )
     if unlisted:
         checks.append(
             Check(
@@ -116,21 +127,16 @@ def read_files(
     return files, checks
 
 
-def _most_bytes(recorded: object) -> int:
-    """Bytes to read of a file that has `recorded` bytes by its manifest: a few more, to say what else is wrong with it."""
-    return min(_MOST_BYTES, max(recorded, 0) + _LONGER_BYTES) if isinstance(recorded, int) else _MOST_BYTES
-
-
-def read_inside(root: Path, place: Path, most_bytes: int = _MOST_BYTES) -> bytes:
+def read_inside(root: Path, place: Path, most_bytes: int) -> bytes:
     """The bytes of a regular file below `root` of bounded size; OSError with the reason otherwise."""
     if not place.resolve().is_relative_to(root):
         raise OSError(0, "leads out of the kit's folder")
     if not place.is_file():
         raise OSError(0, "is missing")
-    data = read_regular(place, most_bytes)
-    if len(data) > most_bytes:
-        raise OSError(0, f"is larger than {most_bytes} bytes")
-    return data
+    with open_regular(place) as stream:
+        if os.fstat(stream.fileno()).st_size <= most_bytes and len(data := stream.read(most_bytes + 1)) <= most_bytes:
+            return data
+    raise OSError(0, f"has more than {most_bytes} bytes, which this tool does not write for so few parts")
 
 
 def check_listed(
@@ -163,7 +169,7 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
     problem, count = None, 0
     try:
         _, text = file.data.split(_DATA)
-        content = json.loads(text[: text.index(_DATA_END)])
+        content = parse_json(text[: text.index(_DATA_END)])
         told = {str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in content["files"]}
         listed = {
             str(row["path"]): (row["role"], row["bytes"], row["sha256"]) for row in manifest["files"] if row["role"] != REPORT
@@ -174,7 +180,7 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
             problem = f"it is that of another {what}"
         elif differing:
             problem = f"it does not show as they are: {named(differing)}"
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         problem = f"its data cannot be read: {type(error).__name__}"
     message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
     return Check(name=REPORT, passed=problem is None, message=message)
@@ -208,14 +214,16 @@ def check_signature(role: str, data: bytes) -> str | None:
 
 
 def check_picture(files: Mapping[str, WrittenFile]) -> Check:
-    """Check that the previews can be opened."""
+    """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2)."""
     import cv2
     import numpy as np
 
-    data = np.frombuffer(files["preview-png"].data, dtype=np.uint8)
+    data = files["preview-png"].data
+    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    small = data.startswith(b"\x89PNG\r\n\x1a\n") and max(width, height) <= MOST_PX
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    except cv2.error:  # the header gives a size above OpenCV's limit
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if small else None
+    except cv2.error:
         image = None
     drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]
     svg_whole = all(data.startswith(b"<svg") and data.rstrip().endswith(b"</svg>") for data in drawn)

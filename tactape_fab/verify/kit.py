@@ -19,6 +19,7 @@ from tactape_fab.texture.code import get_code
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import (
     CERTIFICATE,
@@ -114,7 +115,7 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
     """Every line as soon as it is known, those of other programs last; contacts that are not quick are added to `trips`."""
     tape, kind, film = record.tape, record.kind, record.film
     yield Check(name="manifest", passed=True, message=f"{tape.part_count} parts, symbols {get_code(tape.code).vouched}")
-    listed, file_checks = read_files(manifest_file.parent, record.manifest)
+    listed, file_checks = read_files(manifest_file.parent, record.manifest, count_of(tape))
     backings = () if film is None else tuple(film.film.backings)
     expected = roles_of(tape, kind, models=record.form is not None, backings=backings)
     allowed = ("step-solid",) if kind == "embossed" else ()

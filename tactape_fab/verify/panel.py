@@ -20,9 +20,10 @@ from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.manifest import read_any_manifest
+from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES, read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.files import (
     ALWAYS,
     PICTURES,
@@ -119,12 +120,12 @@ def _kit_folders(record: _PanelRecord) -> list[str]:
 
 
 def _checks(
-    folder: Path, manifest: Mapping[str, Any], record: _PanelRecord, tapes: Sequence[OnPanel], *, quick: bool
+    folder: Path, manifest: Mapping[str, Any], record: _PanelRecord, tapes: Sequence[_OnPanel], *, quick: bool
 ) -> Iterator[Check]:
     """Every line of the panel's own files as soon as it is known."""
     arrangement = _check_arrangement(record, tapes)
     yield arrangement
-    listed, file_checks = read_files(folder, manifest, _kit_folders(record))
+    listed, file_checks = read_files(folder, manifest, count_of(*(on.tape for on in tapes)), _kit_folders(record))
     files, missing, role_checks = check_listed(manifest, listed, _roles(record, tapes), what="panel")
     yield from (*file_checks, _check_kits_listed(folder, record.placed), *role_checks)
     if missing or not arrangement.passed:
@@ -201,7 +202,7 @@ def _check_kits_listed(folder: Path, placed: Sequence[PlacedTape]) -> Check:
     problems = []
     for place in placed:
         try:
-            data = read_inside(folder.resolve(), folder / place.manifest)
+            data = read_inside(folder.resolve(), folder / place.manifest, MOST_MANIFEST_BYTES)
         except (OSError, RuntimeError) as error:
             problems.append(f"{place.manifest} {error}")
         else:

@@ -19,6 +19,7 @@ from tactape_fab.texture.cpl import PLACEMENTS
 from tactape_fab.verify.files import roles_of
 from tactape_fab.verify.trip.round_trip import EDGE, INSIDE, QUICK
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM, SWALLOWED_MM
+from tests.attacks import ATTACKS, MOST_BYTES, MOST_CPU_S
 
 ROOT = Path(__file__).parents[2]
 
@@ -84,3 +85,14 @@ def test_the_page_on_verify_has_the_round_trip_s_numbers() -> None:
     assert f"nearer than {SWALLOWED_MM:g} mm to the outline" in page
     assert "a third of them over its edge" in page
     assert f"within {1000 * IN_PLACE_MM:g} µm" in page
+
+
+def test_tables_of_limits_are_those_of_the_package_and_of_its_attacks() -> None:
+    script = script_of("make_limits")
+    page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
+    assert "\n".join(script.budget_rows()) in page, "run docs/make_limits.py"
+    rows = [line.strip("| ").split(" | ") for line in page.partition("<!-- attacks -->")[2].splitlines() if line.startswith("|")]
+    assert [row[:2] for row in rows[2:]] == [[attack.kind, attack.tried] for attack in ATTACKS], "run docs/make_limits.py"
+    assert {row[2] for row in rows[2:]} == {"refused"}
+    assert max(float(row[3].removesuffix(" s")) for row in rows[2:]) <= MOST_CPU_S
+    assert max(float(row[4].removesuffix(" MB")) for row in rows[2:]) <= MOST_BYTES / 2**20

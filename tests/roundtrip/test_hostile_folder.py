@@ -14,6 +14,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tests.thorough import thorough
@@ -23,13 +25,17 @@ NAMES = (
     *("pickle", "struct", "random", "logging", "dataclasses", "collections", "functools", "argparse", "inspect", "shutil"),
     *("zipfile", "hashlib", "warnings", "site", "sitecustomize", "usercustomize", "encodings", "codecs", "locale", "copy"),
     *("numpy", "numba", "llvmlite", "scipy", "shapely", "trimesh", "build123d", "OCP", "manifold3d", "cv2", "click", "jinja2"),
-    *("gerbonara", "yaml", "Part", "FreeCAD", "tactape_fab"),
+    *("gerbonara", "yaml", "Part", "FreeCAD", "tactape_fab", "resource", "xml", "pyexpat", "ctypes", "cryptography", "reportlab"),
+    *("FreeCADInit", "InitGui", "importlib", "runpy", "csv", "string", "queue", "concurrent", "secrets", "datetime", "math"),
 )
 COMMANDS = (
     "verify .",
     "verify . --quick",
     "check --sector 3 --size 20x20",
     "make --sectors 1,2 --size 20x20 --no-3d --jobs 2 -o made",
+    "make --sectors 3,4 --size 40x60 --no-3d --panel 2x1 --sign shop -o panel",
+    "verify panel --key shop.pub --quick",
+    "verify . --reproduce",
     "certify .",
     "registry .",
     "simulate . -o frames.npz --count 2",
@@ -63,6 +69,11 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Kit:
     folder = tmp_path_factory.mktemp("stranger")
     kit = make_kit(TapeSpec(sector=9, part="block", size_mm=(20.0, 20.0), tag="none"), folder / "kit")
     (kit.path / "plate.stl").write_text(plate_stl(), encoding="ascii")
+    shop = Ed25519PrivateKey.from_private_bytes(b"s" * 32)
+    encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
+    (kit.path / "shop").write_bytes(shop.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none))
+    public = shop.public_key().public_bytes(encoding, serialization.PublicFormat.SubjectPublicKeyInfo)
+    (kit.path / "shop.pub").write_bytes(public)
     for name in NAMES:
         mark = f"import sys\nopen({str(folder / 'ran')!r}, 'a').write({name!r} + ' ' + repr(sys.argv) + chr(10))\n"
         (kit.path / f"{name}.py").write_text(mark, encoding="utf-8")

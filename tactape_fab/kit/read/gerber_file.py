@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
+from math import acos, hypot
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,11 @@ from tactape_fab.texture.shapes import area_mm2
 FURTHEST_MM = 1e5
 _ARC_ERROR_MM = 1e-4
 _ARC_MISFIT_MM = 1e-5
+_SPARE_CHORDS = 200_000
+"""Chords of a file's arcs; half as many as it has bytes are added. A corner of 1 mm has 56."""
 _CIRCLE_POINTS = 64
+_PLAIN = re.compile(r"\s*(?:(?:1|2|4|20|21|22),[-+.,\d\s]*|5,[01],\d{1,2},[-+.,\d\s]*|0\s[^*%]*)?")
+"""Primitives of an aperture macro (Gerber 2024.05 section 4.5.1) whose corners are no more than their bytes say."""
 _STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
 
 
@@ -93,6 +98,7 @@ def read_gerber(data: bytes) -> GerberContent:
             warnings.simplefilter("error")
             text = data.decode("ascii")
             _refuse_statements(text)
+            _refuse_costly_apertures(text)
             content = _content(*_drawn(text))
     except ReadbackError:
         raise
@@ -127,7 +133,7 @@ def _drawn(text: str) -> tuple[_Drawn, Mapping[str, Sequence[str]]]:
     """
     from gerbonara.rs274x import GerberFile, GerberParser
 
-    drawn = _Drawn()
+    drawn = _Drawn(_SPARE_CHORDS + len(text) // 2)
     file = GerberFile(objects=drawn)
     parser = GerberParser(file, override_settings=_remembering_settings()())
     known = dict(parser.STATEMENT_REGEXES)
@@ -141,13 +147,14 @@ def _drawn(text: str) -> tuple[_Drawn, Mapping[str, Sequence[str]]]:
 class _Drawn:
     """Replacement for gerbonara's list of objects, which needs many times the memory of these arrays."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_chords: int) -> None:
         from gerbonara.graphic_objects import Arc, Flash, Line, Region
 
         self._kinds = Flash, Line, Arc, Region
         self.units: dict[int, Any] = {}
         self.clear = False
         self.misfit = False
+        self.chords_left = float(most_chords)
         self.flashes_mm: list[float] = []
         self.flashed: list[Any] = []
         self.components: list[str] = []
@@ -172,7 +179,12 @@ class _Drawn:
             self.drawn_with.append(thing.aperture)
         elif isinstance(thing, arc):
             self.misfit = self.misfit or thing.numeric_error("mm") > _ARC_MISFIT_MM or thing.cx == thing.cy == 0.0
-            for chord in [] if self.misfit else _chords(thing):
+            if self.misfit:
+                return
+            self.chords_left -= thing.sweep_angle() / (2 * acos(max(0.0, 1 - _ARC_ERROR_MM / hypot(thing.cx, thing.cy))))
+            if not self.chords_left > 0:
+                raise ReadbackError("its arcs are longer than those of any board")
+            for chord in _chords(thing):
                 self.append(chord)
         elif isinstance(thing, region):
             self.areas.append(thing)
@@ -189,6 +201,16 @@ def _remembering_settings() -> Any:
             self.__dict__["parse_gerber_value"] = lru_cache(maxsize=None)(super().parse_gerber_value)  # depends on the settings
 
     return Remembering
+
+
+def _refuse_costly_apertures(text: str) -> None:
+    """Refuse apertures whose few bytes stand for any number of corners: this tool writes none."""
+    for corners in re.findall(r"AD[^*%]*P,[^*%X]*X([^*%X]*)", text):
+        if not (corners.isdecimal() and len(corners) < 3):
+            raise ReadbackError("it has a polygon of more corners than this tool writes")
+    for body in re.findall(r"%AM[^*%]*\*([^%]*)", text):
+        if not all(_PLAIN.fullmatch(block) for block in body.split("*")):
+            raise ReadbackError("it has a macro that computes, or that draws more than its text says")
 
 
 def _refuse_statements(text: str) -> None:

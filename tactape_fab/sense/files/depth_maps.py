@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from io import BytesIO
 from math import isfinite, prod
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -29,6 +30,7 @@ ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError,
 """Exceptions raised by reading a damaged zip."""
 
 _MOST_BYTES = 1 << 30
+_MOST_HEADER_BYTES = 10_000
 _MOST_MEMBERS = 1000
 _SHOWN = 100
 _REMEDY = "give an .npz with an array 'depth' of shape (N, h, w) or (h, w), an .npy, or a 16-bit .png or .tif"
@@ -206,8 +208,14 @@ def read_array_header(stream: IO[bytes]) -> ArrayHeader:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             version = np.lib.format.read_magic(stream)
+            # numpy reads a header of any announced length, up to 4 GB, before it looks at it
+            width = 2 if version == (1, 0) else 4
+            announced = stream.read(width)
+            length = int.from_bytes(announced, "little")
+            if length > _MOST_HEADER_BYTES:
+                raise ValueError(f"the header of an array has {length} bytes, more than {_MOST_HEADER_BYTES}")
             read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, fortran, dtype = read(stream)
+            shape, fortran, dtype = read(BytesIO(announced + stream.read(length)))
     except ZIP_ERRORS:
         raise
     except Exception as error:  # numpy tokenizes an invalid literal, and passes on the tokenizer's exceptions

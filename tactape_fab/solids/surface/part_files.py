@@ -5,31 +5,31 @@ from __future__ import annotations
 import io
 import logging
 import warnings
-import zipfile
-import zlib
 from collections.abc import Iterator
-from pathlib import PurePosixPath
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.surface.threemf_file import FURTHEST_MM, MOST_FACES, read_3mf
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 MESH_FORMATS = ("stl", "3mf", "obj", "ply")
 MOST_BYTES = 512 * 1024 * 1024
-MOST_FACES = 2_000_000
 LEAST_SIZE_MM, MOST_SIZE_MM = 1.0, 5000.0
 
 _WELD = 1e-6
 """Corners closer than this part of the model's size are one vertex: float32, the coordinates of an STL, is that fine."""
-_THREEMF_UNITS_MM = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
-_FURTHEST_MM = 1e9
-_DEEPEST = 16
-_MOST_OBJECTS = 10_000
+_LEAST_VOLUME = 1e-12
+"""Volume of a solid as a part of the cube of its size; rounding gives a flat mesh less."""
+_MOST_BOXES, _BOXES_EACH = 30_000_000, 200
+"""Pairs of triangles whose boxes overlap, of a mesh and for each of its triangles: a fine one has some 20 for each."""
+_MOST_PAIRS, _PAIRS_EACH = 200_000, 20
+"""Pairs of these, in one's plane of which the other has corners on both sides."""
+_MOST_NEAR = 50
+"""Corners within the grain of an open one, on average."""
 
 
 def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
@@ -52,7 +52,7 @@ def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
     if unit not in UNITS_MM:
         raise SpecError(f"unit = {unit!r} is none of: {', '.join(UNITS_MM)}; give one of them")
     if kind == "3mf":
-        vertices, faces = _read_3mf(data)
+        vertices, faces = read_3mf(data)
     else:
         vertices, faces = _read_trimesh(data, kind)
         vertices = vertices * UNITS_MM[unit]
@@ -64,9 +64,12 @@ def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
     if bad:
         raise SpecError(f"SURFACE has {bad} vertices whose coordinates are not finite numbers; export it again")
     furthest = float(np.abs(vertices).max())
-    if furthest > _FURTHEST_MM:
-        raise SpecError(f"SURFACE reaches {furthest:.3g} mm from its origin, more than {_FURTHEST_MM:g} mm; correct its unit")
-    return welded(vertices, faces)
+    if furthest > FURTHEST_MM:
+        raise SpecError(f"SURFACE reaches {furthest:.3g} mm from its origin, more than {FURTHEST_MM:g} mm; correct its unit")
+    mesh = welded(vertices, faces)
+    if len(mesh.faces) == 0:
+        raise SpecError("SURFACE holds no triangle with three corners apart; give a closed mesh of a solid")
+    return mesh
 
 
 def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
@@ -96,105 +99,6 @@ def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:
     return vertices, faces
 
 
-def _read_3mf(data: bytes) -> tuple[FloatArray, IntArray]:
-    """Vertices in mm and triangles of all build items (3MF Core Specification 1.3, sections 3 and 4)."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = [n for n in archive.namelist() if PurePosixPath(n).suffix.lower() == ".model"]
-            if len(names) != 1:
-                raise SpecError(f"SURFACE holds {len(names)} model parts, not 1; export it as STL")
-            if archive.getinfo(names[0]).file_size > 2 * MOST_BYTES:
-                raise SpecError(f"SURFACE unpacks to more than {2 * MOST_BYTES} bytes; give a coarser mesh")
-            with archive.open(names[0]) as member:
-                xml = member.read(2 * MOST_BYTES)
-        if b"<!DOCTYPE" in xml or b"<!ENTITY" in xml:
-            raise SpecError("SURFACE declares XML entities, which no 3MF needs; export it again")
-        return _ThreeMF(ElementTree.fromstring(xml)).mesh()
-    except SpecError:
-        raise
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        ElementTree.ParseError,
-        NotImplementedError,
-        RuntimeError,
-        OSError,
-        EOFError,
-    ) as error:
-        raise SpecError(f"SURFACE cannot be read as 3MF: {error}; export it again, or as STL") from error
-    except (LookupError, ValueError, OverflowError) as error:
-        reason = f"a value is missing or not a number ({str(error)[:80]})"
-        raise SpecError(f"SURFACE cannot be read as 3MF: {reason}; export it again, or as STL") from error
-
-
-class _ThreeMF:
-    """One 3MF model: its objects, put together as its build says."""
-
-    def __init__(self, root: ElementTree.Element) -> None:
-        self.space = root.tag.partition("}")[0] + "}" if root.tag.startswith("{") else ""
-        unit = root.get("unit", "millimeter")
-        if unit not in _THREEMF_UNITS_MM:
-            raise SpecError(f"SURFACE has the unit {unit[:40]!r}, which 3MF does not know; export it again")
-        self.unit_mm = _THREEMF_UNITS_MM[unit]
-        self.objects = {o.get("id", ""): o for o in root.iter(f"{self.space}object")}
-        self.items = list(root.iter(f"{self.space}item"))
-        self.placed = 0
-        self.faces = 0
-
-    def mesh(self) -> tuple[FloatArray, IntArray]:
-        vertices: list[FloatArray] = []
-        faces: list[IntArray] = []
-        for item in self.items:
-            self._add(item, np.eye(3), np.zeros(3), vertices, faces, 0)
-        if not vertices:
-            return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-        first = np.cumsum([0, *(len(v) for v in vertices[:-1])])
-        return np.vstack(vertices) * self.unit_mm, np.vstack([f + i for f, i in zip(faces, first, strict=True)])
-
-    def _add(
-        self,
-        reference: ElementTree.Element,
-        turn: FloatArray,
-        move: FloatArray,
-        vertices: list[FloatArray],
-        faces: list[IntArray],
-        depth: int,
-    ) -> None:
-        self.placed += 1
-        if depth > _DEEPEST or self.placed > _MOST_OBJECTS:
-            raise SpecError(f"SURFACE places more than {_MOST_OBJECTS} objects or nests them too deep; export it as STL")
-        target = self.objects.get(reference.get("objectid", ""))
-        if target is None:
-            raise SpecError("SURFACE places an object that its model part does not hold; export it as STL")
-        if reference.get("transform") is not None:
-            numbers = np.array(reference.get("transform", "").split(), dtype=np.float64)
-            if len(numbers) != 12 or not (np.abs(numbers) < _FURTHEST_MM).all():
-                raise ValueError("transform")
-            matrix = numbers.reshape(4, 3)  # row vectors, section 3.3
-            turn, move = matrix[:3] @ turn, matrix[3] @ turn + move
-        mesh = target.find(f"{self.space}mesh")
-        if mesh is not None:
-            points, triangles = self._arrays(mesh)
-            vertices.append(points @ turn + move)
-            faces.append(triangles if np.linalg.det(turn) > 0 else triangles[:, ::-1])
-        for component in target.iter(f"{self.space}component"):
-            self._add(component, turn, move, vertices, faces, depth + 1)
-
-    def _arrays(self, mesh: ElementTree.Element) -> tuple[FloatArray, IntArray]:
-        rows = [(v.attrib["x"], v.attrib["y"], v.attrib["z"]) for v in mesh.iter(f"{self.space}vertex")]
-        points = np.array(rows, dtype=np.float64).reshape(-1, 3)
-        corners = [(t.attrib["v1"], t.attrib["v2"], t.attrib["v3"]) for t in mesh.iter(f"{self.space}triangle")]
-        triangles = np.array(corners, dtype=np.int64).reshape(-1, 3)
-        if not (np.abs(points) < _FURTHEST_MM).all():
-            raise ValueError("a coordinate")
-        self.faces += len(triangles)
-        if self.faces > MOST_FACES:
-            raise SpecError(f"SURFACE has more than {MOST_FACES} triangles; give a coarser mesh")
-        if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
-            raise ValueError("a triangle names a vertex that is not there")
-        return points, triangles
-
-
 def welded(vertices: FloatArray, faces: IntArray) -> Mesh:
     """Equal vertices as one, along open edges also those that only rounding parts; no triangle that runs through one twice."""
     points, _, place = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
@@ -220,7 +124,10 @@ def _clusters(points: FloatArray, within_mm: float) -> IntArray:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    a, b = cKDTree(points).query_pairs(within_mm, output_type="ndarray").T
+    tree = cKDTree(points)
+    if tree.count_neighbors(tree, within_mm) > _MOST_NEAR * len(points):
+        raise SpecError(f"SURFACE has thousands of open edges within {within_mm:.3g} mm; repair it and export it again")
+    a, b = tree.query_pairs(within_mm, output_type="ndarray").T
     links = coo_array((np.ones(len(a)), (a, b)), shape=(len(points), len(points)))
     _, label = connected_components(links, directed=False)
     _, first = np.unique(label, return_index=True)
@@ -267,6 +174,8 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
     if cuts:
         near = ", ".join(f"{v:.2f}" for v in at_mm)
         raise SpecError(f"SURFACE cuts itself: {cuts} pairs of triangles cross, first near ({near}) mm; {repair}")
+    if abs(mesh.volume_mm3) <= _LEAST_VOLUME * float(np.ptp(mesh.vertices_mm, axis=0).max()) ** 3:
+        raise SpecError("SURFACE encloses no volume: all of it is flat; give a closed mesh of a solid")
     if mesh.volume_mm3 < 0:
         return Mesh(vertices_mm=mesh.vertices_mm, faces=mesh.faces[:, ::-1])
     return mesh
@@ -314,14 +223,26 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
 
     An edge of one that goes through the inside of the other counts; triangles that only touch or lie in each other's
     plane do not.
+
+    Raises
+    ------
+    SpecError
+        If so many triangles lie within each other's reach that looking at all pairs would take minutes.
     """
     corners = mesh.corners_mm
     tolerance = 1e-6 * float(np.ptp(mesh.vertices_mm, axis=0).max())
-    found = 0
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    normals /= np.where(area > 0, area, 1)[:, None]
+    found = looked_at = 0
     first = np.zeros(3)
-    for pairs in _box_pairs(corners, tolerance):
+    for near in _box_pairs(corners, tolerance):
+        pairs = near[:, _across(corners, normals, near, tolerance) | _across(corners, normals, near[::-1], tolerance)]
         shared = (mesh.faces[pairs[0]][:, :, None] == mesh.faces[pairs[1]][:, None, :]).sum(axis=(1, 2))
         a, b = pairs[:, shared < 2]
+        looked_at += len(a)
+        if looked_at > _MOST_PAIRS + _PAIRS_EACH * len(corners):
+            raise SpecError(f"SURFACE has {looked_at} and more pairs of triangles {_CROWDED}")
         crossing = np.zeros(len(a), dtype=bool)
         for one, other in ((a, b), (b, a)):
             for k in range(3):
@@ -334,6 +255,16 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     return found, (float(first[0]), float(first[1]), float(first[2]))
 
 
+_CROWDED = "in one place; give a mesh of one part, with triangles of even size"
+
+
+def _across(corners: FloatArray, normals: FloatArray, pairs: IntArray, tolerance: float) -> BoolArray:
+    """Whether the second triangle of each pair has corners beyond both sides of the plane of the first; shape (n,)."""
+    one, other = pairs
+    from_plane = np.einsum("nkj,nj->nk", corners[other] - corners[one, :1], normals[one])
+    return np.asarray((from_plane.min(axis=1) < -tolerance) & (from_plane.max(axis=1) > tolerance))
+
+
 def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
     """Pairs of triangles whose boxes overlap, in chunks: by a tree in the plane where they are smallest, then in depth."""
     import shapely
@@ -344,9 +275,15 @@ def _box_pairs(corners: FloatArray, tolerance: float) -> Iterator[IntArray]:
     u, v = (k for k in range(3) if k != depth)
     boxes = shapely.box(low[:, u], low[:, v], high[:, u], high[:, v])
     tree = shapely.STRtree(boxes)
-    for start in range(0, len(boxes), 20_000):
-        one, other = tree.query(boxes[start : start + 20_000])
+    count, start, size, most = 0, 0, 100, _MOST_BOXES + _BOXES_EACH * len(boxes)
+    while start < len(boxes):
+        one, other = tree.query(boxes[start : start + size])
+        count += len(one)
+        if count > most:
+            raise SpecError(f"SURFACE has {count} and more pairs of triangles {_CROWDED}")
         one = one + start
+        start += size
+        size = int(np.clip(size * 250_000 // max(len(one), 1), 10, 20_000))  # about as many pairs in each chunk
         keep = other > one
         one, other = one[keep], other[keep]
         keep = (low[one, depth] <= high[other, depth]) & (low[other, depth] <= high[one, depth])

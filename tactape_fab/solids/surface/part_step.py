@@ -20,9 +20,10 @@ from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.surface.charts import Frames, Placement, board_x, nearest
 from tactape_fab.solids.surface.developed import Developable, Kind, Places
 from tactape_fab.solids.surface.fuse import Progress
-from tactape_fab.solids.surface.part_files import MOST_FACES, closed_mesh, welded
+from tactape_fab.solids.surface.part_files import closed_mesh, welded
 from tactape_fab.solids.surface.part_mesh import refuse_no_point, refuse_off_surface
 from tactape_fab.solids.surface.place import LaidOut
+from tactape_fab.solids.surface.threemf_file import MOST_FACES
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.tape import TapePart
 
@@ -136,6 +137,7 @@ def read_step_solid(data: bytes) -> StepModel:
         When it cannot be read, or holds no solid or several.
     """
     import build123d as bd
+    from OCP.BRepCheck import BRepCheck_Analyzer
 
     remedy = "export the part as one solid"
     if b"ISO-10303-21" not in data[:1000]:
@@ -157,6 +159,8 @@ def read_step_solid(data: bytes) -> StepModel:
         raise SpecError(f"SURFACE holds no solid, only {len(faces)} loose faces; {remedy}, or as a closed STL mesh")
     if len(solids) > 1:
         raise SpecError(f"SURFACE holds {len(solids)} solids; {remedy}")
+    if not BRepCheck_Analyzer(solids[0].wrapped).IsValid():  # booleans of an invalid solid crash OCCT, or never end
+        raise SpecError("SURFACE is no valid solid, as OCCT finds; repair it in your CAD program, or export it as STL")
     return StepModel(solid=solids[0], faces=tuple(solids[0].faces()))
 
 

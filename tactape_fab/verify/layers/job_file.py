@@ -10,6 +10,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.verify.certificate import difference
@@ -93,11 +94,11 @@ def vars_of(record: Any) -> dict[str, Any]:
 def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, files: Mapping[str, WrittenFile]) -> Check:
     """Check that the job file is JSON, and says what the manifest does: project, size, layers, thickness, materials, files."""
     try:
-        job = json.loads(files["job"].data)
+        job = parse_json(files["job"].data)
         given = job["GeneralSpecs"]["Size"]
         written_mm = (float(given["X"]), float(given["Y"]))
         paths = {str(row["Path"]) for row in job["FilesAttributes"]}
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         return Check(name="job", passed=False, message=f"the job file cannot be read: {type(error).__name__} {shown(str(error))}")
     roles = [role for role in _FUNCTIONS if role in files]
     expected = {files[role].path.rsplit("/", 1)[-1]: _FUNCTIONS[role] for role in roles}

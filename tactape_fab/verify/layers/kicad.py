@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown as quoted
+from tactape_fab.base.json_text import parse_json
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
 from tactape_fab.kit.read.s_expression import Tree, read_s_expression
@@ -312,7 +312,7 @@ def _strange_child(child: str | Tree) -> str | None:
 
 def _rules(project: bytes) -> list[str]:
     try:
-        json.loads(project)["board"]["design_settings"]["rules"]["min_clearance"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+        parse_json(project)["board"]["design_settings"]["rules"]["min_clearance"]
+    except (ValueError, KeyError, TypeError):
         return ["its project holds no design rules"]
     return []

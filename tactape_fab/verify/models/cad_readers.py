@@ -6,7 +6,7 @@ import json
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -31,6 +31,9 @@ from tactape_fab.verify.models.expected import VOLUME_TOLERANCE, Expected, film_
 PLACE_TOLERANCE_MM = 0.001
 DIRECTION_TOLERANCE = 1e-6
 _TIMEOUT_S = 1800
+CPU_S, CPU_S_PER_BYTE = 60, 60e-6
+"""Processor time of a reader: some ten times what OCCT takes for a kit's solid, the slowest of them."""
+MEMORY_BYTES, MEMORY_PER_BYTE = 3 << 30, 400
 _FILE_NAMES = {"step-solid": "solid.step", "step-assembly": "assembly.step", "stl": "a.stl", "3mf": "a.3mf"}
 _FREECAD = """
 import json, sys
@@ -108,10 +111,13 @@ def _lines(runs: Sequence[tuple[str, Future[list[Check]]]], progress: Callable[[
         yield from run.result()
 
 
-def _run(arguments: list[str], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
-    """Output of a program, or the reason why there is no output."""
+def _run(arguments: list[str], files: Iterable[Path], scratch: Path | None = None) -> subprocess.CompletedProcess[str] | str:
+    """Output of a program, or the reason why there is no output; its time and memory go by the size of the files it reads."""
+    size = sum(file.stat().st_size for file in files)
+    cpu_s, memory_bytes = CPU_S + round(CPU_S_PER_BYTE * size), MEMORY_BYTES + MEMORY_PER_BYTE * size
     try:
-        return launch.run(arguments, timeout_s=_TIMEOUT_S, scratch=scratch)
+        run = launch.run(launch.limited(arguments, cpu_s=cpu_s, memory_bytes=memory_bytes), timeout_s=_TIMEOUT_S, scratch=scratch)
+        return f"it took more than {cpu_s} s of processor time" if launch.too_long(run.returncode) else run
     except subprocess.TimeoutExpired:
         return f"no answer within {_TIMEOUT_S} s"
     except OSError as error:
@@ -134,12 +140,13 @@ def _answer(run: subprocess.CompletedProcess[str] | str) -> dict[str, Any]:
 
 
 def _occt(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
+    steps = [paths[role] for role in ("step-solid", "step-assembly") if role in paths]
     names = [str(paths.get(role, "-")) for role in ("step-solid", "step-assembly")]
-    if names == ["-", "-"]:
+    if not steps:
         return []
     if find_spec("OCP") is None:
         return [_missing("OCCT", '; pip install "tactape-fab[cad]"')]
-    found = _answer(_run(launch.python_command("from tactape_fab.verify.models.occt_reader import main; main()", *names)))
+    found = _answer(_run(launch.python_command("from tactape_fab.verify.models.occt_reader import main; main()", *names), steps))
     failed = found if "error" in found else None
     checks = []
     if "step-solid" in paths:
@@ -236,7 +243,7 @@ def _freecad(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
     script, answer = folder / "read.py", folder / "answer.json"
     files = {key: str(paths[role]) for key, role in (("solid", "step-solid"), ("assembly", "step-assembly")) if role in paths}
     script.write_text(_FREECAD.format(files=files, answer=str(answer)), encoding="utf-8")
-    run = _run([program, str(script)], folder)
+    run = _run([program, str(script)], map(Path, files.values()), folder)
     try:
         found = json.loads(answer.read_bytes())
     except (OSError, ValueError):
@@ -272,7 +279,7 @@ def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplC
         return [_missing("PrusaSlicer")]
     checks = []
     for role in ("stl", "3mf"):
-        run = _run([program, "--info", str(paths[role])])
+        run = _run([program, "--info", str(paths[role])], [paths[role]])
         text = run if isinstance(run, str) else run.stdout
         found = dict(re.findall(r"^(\w+) =\s*(\S+)", text, re.MULTILINE))
         volume = float(found.get("volume", "nan"))
@@ -287,7 +294,7 @@ def _slicer(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplC
 
 
 def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: CplContent | None) -> list[Check]:
-    found = _answer(_run(launch.python_command(f"exec({_TRIMESH!r})", str(paths["stl"]))))
+    found = _answer(_run(launch.python_command(f"exec({_TRIMESH!r})", str(paths["stl"])), [paths["stl"]]))
     if "error" in found:
         return [Check(name="stl by trimesh", passed=False, message=str(found["error"]))]
     watertight, consistent, bodies, volume = found[str(paths["stl"])]

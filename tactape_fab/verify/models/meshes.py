@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import read_member
 from tactape_fab.solids.elements import closed_element, element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.stl import MeshError, mesh_problems
@@ -135,9 +136,7 @@ def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
             models = [entry for entry in archive.infolist() if entry.filename.endswith(".model")]
             if len(models) != 1 or "[Content_Types].xml" not in names or "_rels/.rels" not in names:
                 raise MeshError("it is no 3MF package of one model")
-            if sum(entry.file_size for entry in archive.infolist()) > most_bytes:
-                raise MeshError(f"it unpacks to more than {most_bytes} bytes")
-            text = archive.read(models[0])
+            text = read_member(archive, models[0], most_bytes)
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, NotImplementedError) as error:
         raise MeshError(f"it cannot be unpacked: {error}") from error
     if not re.search(rb'<model\b[^<>]{0,2000}\bunit="millimeter"', text):

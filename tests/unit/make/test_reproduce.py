@@ -318,3 +318,13 @@ def test_the_whole_verification_makes_the_kit_again(flat_kit: Kit, copied: Copy)
     run = CliRunner().invoke(main, ["verify", str(save(kit)), "--json"])
     failed = [c["name"] for c in json.loads(run.stdout)["checks"] if not c["passed"] and not c["warning"]]
     assert run.exit_code == 4 and failed == ["reproduced"]
+
+
+def test_a_forged_version_is_said_loudly_with_what_stands_in(flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    text("order-notes", "Do not merge openings", "Merge openings")(kit)
+    stated("tool.version", "0.0.9")(kit)
+    run = CliRunner().invoke(main, ["verify", str(save(kit))])
+    assert run.exit_code == 0, run.output  # a kit of another version is none that fails
+    assert "warn  reproduced" in run.stdout
+    assert run.stderr.splitlines()[-1].startswith("warning: the kit was NOT made again, so not every byte of it is proved")

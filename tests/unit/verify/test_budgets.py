@@ -1,60 +1,45 @@
-"""What costs little to send costs little to refuse: no file of a kit of up to 1 MB keeps `verify` for more than 5 s."""
+"""Budgets of a kit's files: three times what this tool writes, whatever the kit, and none that a few parts can make large."""
 
 from __future__ import annotations
 
-import io
-import os
-import time
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tactape_fab import Kit, PanelKit
+from tactape_fab import Kit, PanelKit, Tape, TapeSpec, make_kit
 from tactape_fab.verify import verify_kit
-from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed
+from tactape_fab.verify.budgets import BUDGETS, WHOLE_KIT, count_of, most_bytes
+from tests.roundtrip.kits import failed
 
-Copy = Callable[[Kit | PanelKit], Path]
-
-
-def model(change: Callable[[bytes], bytes]) -> Edit:
-    def edit(kit: OpenKit) -> None:
-        stream = io.BytesIO()
-        with zipfile.ZipFile(io.BytesIO(kit.data["3mf"])) as old, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as new:
-            for name in old.namelist():
-                data = old.read(name)
-                new.writestr(name, change(data) if name.endswith(".model") else data)
-        kit.data["3mf"] = stream.getvalue()
-
-    return edit
-
-
-def listed_often(kit: OpenKit) -> None:
-    """A sparse file of 1 GB, listed twelve times."""
-    row = next(row for row in kit.manifest["files"] if row["role"] == "order-notes")
-    os.truncate(kit.folder / row["path"], 1 << 30)
-    kit.manifest["files"] += [{**row, "role": f"order-notes-{i}"} for i in range(12)]
-
-
-ATTACKS: dict[str, tuple[Edit, str]] = {
-    "3MF: 140,000 times <model": (model(lambda b: b"<model " * 140_000 + b), "3mf"),
-    "3MF: 140,000 times <item": (model(lambda b: b"<item " * 140_000 + b), "3mf"),
-    "3MF: vertices without an end": (model(lambda b: b'<vertex x="' * 80_000 + b), "3mf"),
-    "report: 22,000 script tags": (
-        bytes_of("report", lambda b: b'<script type="application/json" id="data">' * 22_000),
-        "report",
-    ),
-    "order notes: a word of 140 kB": (bytes_of("order-notes", lambda b: b"\n1. FILES\n" + b"a." * 70_000), "order-notes"),
-    "order notes: a word of 90 kB": (bytes_of("order-notes", lambda b: b"\n1. FILES\n" + b"a." * 45_000), "order-notes"),
-    "a file listed twelve times": (listed_often, "files"),
+SPECS = {
+    "film with models": {"size_mm": (34.0, 24.0), "holes_mm": ((20.0, 12.0, 2.0),)},
+    "domes round a cylinder": {"size_mm": (34.0, 24.0), "part": "dome", "process": "sla", "cylinder_mm": 6.0, "shell": "whole"},
+    "a mould": {"size_mm": (20.0, 20.0), "part": "block", "tag": "none", "negative": True},
 }
 
 
-@pytest.mark.parametrize(("edit", "line"), ATTACKS.values(), ids=ATTACKS.keys())
-def test_a_file_that_costs_much_is_refused_soon(edit: Edit, line: str, small_kit: Kit, copied: Copy) -> None:
-    kit = OpenKit(copied(small_kit))
-    edit(kit)
-    folder, started = kit.save(consistent=edit is not listed_often), time.process_time()
-    assert line in failed(verify_kit(folder, quick=True))
-    assert time.process_time() - started < 5.0
+@pytest.mark.parametrize("values", SPECS.values(), ids=SPECS.keys())
+def test_a_budget_is_three_times_what_is_written(values: dict[str, object], tmp_path: Path) -> None:
+    kit = make_kit(TapeSpec.from_mapping({"sector": 9, **values}), tmp_path / "kit", verify=False)
+    count = count_of(kit.tape)
+    sizes = {role: (kit.path / path).stat().st_size for role, path in kit.files.items()}
+    assert {role: size for role, size in sizes.items() if 3 * size > most_bytes(role, count)} == {}
+    assert 3 * sum(sizes.values()) < most_bytes(WHOLE_KIT, count)
+    each = {role: (size - BUDGETS[role][0] / 3) / count for role, size in sizes.items() if role in BUDGETS}
+    assert {role: size for role, size in each.items() if 3 * size > BUDGETS[role][1]} == {}  # of a large kit, too
+
+
+@pytest.mark.parametrize("role", [*BUDGETS, "a role of another version"])
+def test_no_file_of_a_kit_of_few_parts_may_be_large(role: str) -> None:
+    assert most_bytes(role, 100) < 1 << 28
+    assert most_bytes(role, 10**9, embossed=True) <= 1 << 30
+
+
+def test_a_file_beyond_its_budget_is_not_read(flat_kit: Kit, copied: Callable[[Kit | PanelKit], Path]) -> None:
+    folder = copied(flat_kit)
+    place = folder / flat_kit.files["cpl"]
+    most = most_bytes("cpl", count_of(Tape.load(folder / "manifest.json")))
+    with place.open("r+b") as stream:
+        stream.truncate(most + 1)
+    assert f"has more than {most} bytes" in failed(verify_kit(folder, quick=True))["files"].message

@@ -169,7 +169,7 @@ ATTACKS: dict[str, tuple[Edit, str]] = {
     "copper: end of another system": (text_of("copper-top", lambda t: t.replace("\n", "\r\n")), "written form"),
     "copper: aperture X1000000000": (
         swap("copper-top", "%TD*%\n", "%TD*%\n%AMBIG*\n1,1,$1X1000000000,0,0*%\n"),
-        "written form",
+        "copper-top",
     ),
     "outline: 5 mm wide": (swap("profile", "C,0.100000", "C,5.000000"), "profile"),
     "outline: hairline": (swap("profile", "C,0.100000", "C,0.000100"), "profile"),

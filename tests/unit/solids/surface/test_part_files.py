@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,8 @@ from tactape_fab.make.emboss import emboss_kit
 from tactape_fab.solids.mesh.triangles import threemf_bytes
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.part_files import closed_mesh, read_surface_mesh, self_intersections
+from tactape_fab.texture.frames import FloatArray
+from tests.attacks import nested_tetrahedra, stl
 from tests.surfaces import ball, box, cylinder, emboss, kit_folder, mesh_of, planned, saddle, stl_of
 
 
@@ -204,3 +207,45 @@ def test_units_scale_the_part(kit: Path) -> None:
     made = emboss(kit, scaled(0.1), unit="cm")
     assert made.surface["unit"] == "cm"
     assert made.surface["source_volume_mm3"] == pytest.approx(4500, rel=1e-5)
+
+
+FLAT = np.array([(-30, -30, 0), (30, -30, 0), (30, 30, 0), (-30, 30, 0)], dtype=np.float64)
+
+
+@pytest.mark.parametrize(
+    ("corners", "why"),
+    [
+        (np.zeros((12, 3, 3)), "no triangle with three corners apart"),
+        (np.full((12, 3, 3), 1e6), "no triangle with three corners apart"),
+        (np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]] * 12), "watertight|simple solid"),
+        (FLAT[[[0, 1, 2], [0, 2, 3], [0, 2, 1], [0, 3, 2]]], "no volume|simple solid"),
+        (box(60.0, 60.0, 5.0).triangles * (1, 1, 0), "no volume|simple solid|opposite ways"),
+    ],
+    ids=["points", "points far away", "lines", "a sheet of two sides", "a flattened box"],
+)
+def test_a_mesh_without_area_or_volume_is_refused(corners: FloatArray, why: str) -> None:
+    with pytest.raises(SpecError, match=why):
+        closed_mesh(read_surface_mesh(stl(corners), "stl"))
+
+
+def test_triangles_without_area_beside_others_do_no_harm() -> None:
+    sound = box(60.0, 60.0, 5.0).triangles
+    sliver = np.concatenate([sound, np.repeat(sound[:1, :1], 3, axis=1), sound[:1, [0, 1, 0]]])
+    mesh = closed_mesh(read_surface_mesh(stl(sliver), "stl"))
+    assert len(mesh.faces) == 12
+    assert mesh.volume_mm3 == pytest.approx(18_000.0)
+
+
+def test_thousands_of_open_corners_in_one_place_are_refused() -> None:
+    random = np.random.default_rng(3)
+    corners = np.concatenate([random.normal(0.0, 1e-7, (2000, 3, 3)), [[(0, 0, 0), (1, 0, 0), (0, 1, 0)]]])
+    with pytest.raises(SpecError, match="open edges within"):
+        read_surface_mesh(stl(corners), "stl")
+
+
+def test_nested_shells_are_refused_before_all_their_pairs_are_looked_at() -> None:
+    mesh = read_surface_mesh(nested_tetrahedra(3000), "stl")
+    started = time.process_time()
+    with pytest.raises(SpecError, match="pairs of triangles in one place"):
+        self_intersections(mesh)
+    assert time.process_time() - started < 5.0

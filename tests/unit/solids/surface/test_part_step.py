@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import build123d as bd
@@ -12,17 +14,29 @@ import numpy as np
 import pytest
 
 from tactape_fab import Tape
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base import launch
+from tactape_fab.base.errors import SpecError, TactapeError
+from tactape_fab.make import emboss as make_emboss
 from tactape_fab.make.emboss import Embossed, emboss_kit
 from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.developed import Developable
 from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
+from tests.roundtrip.test_verify_robust import DAMAGES
 from tests.surfaces import kit_folder, planned, step_file
+from tests.thorough import some
 
 BLOCK_MM3 = 0.6 * 0.3 * 0.23
 AXES = np.array([(0.6, 0.8, 0.0), (-0.8, 0.6, 0.0), (0.0, 0.0, 1.0)])
+
+
+@pytest.fixture(autouse=True)
+def one_kernel(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OCCT in this process, which has loaded it: another process for each part would take seconds. Not where it may crash."""
+    if "own_process" not in request.node.name:
+        monkeypatch.setattr(make_emboss, "limit_self", lambda **_: None)
+        monkeypatch.setattr(make_emboss, "_on_step", lambda a, b, c, *_: make_emboss._on_step_alone(a, b, c, 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -240,3 +254,35 @@ def test_step_in_metres_is_read_in_mm(kit: Path) -> None:
     made = emboss_kit(kit, path, placement=Placement(at_mm=(15.0, 15.0, 5.0)))
     assert made.surface["source_volume_mm3"] == pytest.approx(4500.0)
     assert read_back(made).volume == pytest.approx(4500 + made.tape.part_count * BLOCK_MM3, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(some(8)))
+def test_a_mutated_step_file_is_answered_from_its_own_process(seed: int, kit: Path) -> None:
+    """OCCT crashes on some of these: in a process of its own."""
+    random = Random(f"step {seed}")
+    part = step_file(kit.parent / "part.step", bd.Solid.make_cylinder(20.0, 60.0))
+    for _ in range(random.randint(1, 3)):
+        part.write_bytes(random.choice(DAMAGES)(random, part.read_bytes()))
+    try:
+        made = emboss_kit(kit, part)
+    except TactapeError as error:
+        assert len(str(error).splitlines()) == 1
+        assert sorted(path.name for path in kit.parent.iterdir()) == ["kit", "part.step"]
+    else:
+        assert all(check.passed for check in made.checks)
+
+
+@pytest.mark.parametrize(
+    ("deed", "says"), [("os.kill(os.getpid(), 11)", "ends its process"), ("0\nwhile 1: pass", "takes too long")]
+)
+def test_a_kernel_that_crashes_or_never_ends_costs_its_own_process(deed: str, says: str, kit: Path) -> None:
+    part = step_file(kit.parent / "part.step", bd.Solid.make_box(30.0, 30.0, 5.0))
+    kernel = kit.parent / "modules" / "build123d"
+    kernel.mkdir(parents=True)
+    (kernel / "__init__.py").write_text(f"import os\n{deed}\n", encoding="ascii")
+    code = (
+        "import sys; from tactape_fab.make import emboss; emboss.STEP_CPU_S = 1; "
+        f"sys.path.insert(0, {str(kernel.parent)!r}); emboss.emboss_kit({str(kit)!r}, {str(part)!r})"
+    )
+    run = subprocess.run(launch.python_command(code), capture_output=True, encoding="utf-8", check=False)
+    assert f"SURFACE cannot be read as STEP: the CAD kernel {says} over it" in run.stderr

@@ -1,0 +1,55 @@
+"""Writes the tables of docs/limits.md: budgets of files as the package has them, and attacks with what each costs, measured here.
+
+Run: python docs/make_limits.py. A test holds the budgets, and which attacks there are; figures are those of the machine.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from tactape_fab import TapeSpec, make_kit
+from tactape_fab.verify.budgets import BUDGETS, OTHERS, most_bytes
+from tests.attacks import ATTACKS, Attack, Cost, cost_of
+
+PAGE = Path(__file__).parent / "limits.md"
+PARTS = 1984
+
+
+def budget_rows() -> list[str]:
+    """The budgets of a kit's files, roles of one budget in one row."""
+    kinds: dict[tuple[int, int], list[str]] = {}
+    for role, budget in {**BUDGETS, "all others": OTHERS}.items():
+        kinds.setdefault(budget, []).append(role if " " in role else f"`{role}`")
+    return [
+        f"| {', '.join(roles)} | {budget[0] >> 20} MiB | {budget[1]:,} | {most_bytes(roles[0].strip('`'), PARTS) / 1e6:.1f} MB |"
+        for budget, roles in kinds.items()
+    ]
+
+
+def attack_row(attack: Attack, cost: Cost) -> str:
+    said = "refused" if (cost.status, attack.said in cost.output) == (attack.status, True) else "NOT REFUSED"
+    return f"| {attack.kind} | {attack.tried} | {said} | {cost.cpu_s:.1f} s | {cost.peak_bytes / 2**20:.0f} MB |"
+
+
+def with_table(page: str, name: str, rows: list[str]) -> str:
+    """The page with other rows below the heading of a table."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->\n"
+    before, _, rest = page.partition(begin)
+    head = rest.splitlines()[:2]
+    return before + begin + "\n".join([*head, *rows]) + "\n" + end + rest.partition(end)[2]
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        kit = make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), Path(folder) / "kit")
+        attacks = [attack_row(attack, cost_of(attack, kit.path)) for attack in ATTACKS]
+    page = with_table(PAGE.read_text(encoding="utf-8"), "budgets", budget_rows())
+    PAGE.write_text(with_table(page, "attacks", attacks), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

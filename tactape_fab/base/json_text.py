@@ -1,0 +1,49 @@
+"""Reader of untrusted JSON: of bounded size as objects, each key once, no NaN."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from typing import Any
+
+from tactape_fab.base.fields import shown
+
+MOST_VALUES = 2_000_000
+"""Values, keys and ends of lists in one text: as objects of Python they take some 200 MB."""
+
+
+def parse_json(data: bytes, *, most_values: int = MOST_VALUES) -> Any:
+    """The content of a JSON text.
+
+    Parameters
+    ----------
+    data : bytes
+    most_values : int
+        Most commas, colons and opened brackets. The number of objects is below it, wherever they stand.
+
+    Raises
+    ------
+    ValueError
+        If it is not JSON, nested too deep, holds NaN or Infinity, a key twice in one object, or too many values.
+    """
+    marks = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
+    if marks > most_values:
+        raise ValueError(f"it holds more than {most_values} values")
+    try:
+        return json.loads(data, parse_constant=_refuse_constant, object_pairs_hook=_each_key_once)
+    except RecursionError:
+        raise ValueError("it is nested too deep") from None
+
+
+def _refuse_constant(name: str) -> Any:
+    """Refuse NaN and Infinity, which are no JSON, and which Python reads."""
+    raise ValueError(f"{name} is no JSON")
+
+
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object whose keys differ: of two alike, readers take one or the other."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]
+        raise ValueError(f"the key {shown(twice)} stands twice in one object")
+    return content

@@ -1,0 +1,139 @@
+"""Signature of a kit: Ed25519 (RFC 8032) over the bytes of its manifest, which holds the SHA-256 of every other file.
+
+The signature is 64 bytes in a file beside the manifest, as `openssl pkeyutl -rawin` makes and checks it. One key and one manifest
+have one signature: signed kits are the same bytes every time, too.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import Check, Problem, SpecError
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.libraries import library
+from tactape_fab.texture.manifest import MANIFEST_NAME, MOST_MANIFEST_BYTES, SIGNATURE_NAME, find_manifest
+from tactape_fab.texture.panel_manifest import KITS_FOLDER
+
+_NAME = "signature"
+_SIGNATURE_BYTES, _MOST_KEY_BYTES = 64, 10_000
+_OPENSSH = (b"-----BEGIN OPENSSH", b"ssh-ed25519 ")
+_PRIVATE = "give an Ed25519 key as `openssl genpkey -algorithm ed25519` or `ssh-keygen -t ed25519` writes it, without a password"
+_PUBLIC = "give an Ed25519 key as `openssl pkey -pubout` writes it, or the .pub file of ssh-keygen"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signer:
+    """The private key that kits are signed with, as its file holds it."""
+
+    key: bytes = field(repr=False)
+
+    def sign(self, folder: Path) -> None:
+        """Write the signatures of a finished kit, or of a panel and of each kit on it, beside their manifests.
+
+        Raises
+        ------
+        OSError
+        """
+        key = _private_key(self.key)
+        for manifest in (folder / MANIFEST_NAME, *sorted(folder.glob(f"{KITS_FOLDER}/*/{MANIFEST_NAME}"))):
+            manifest.with_name(SIGNATURE_NAME).write_bytes(key.sign(manifest.read_bytes()))
+
+
+def read_signer(path: str | Path) -> Signer:
+    """The private key of a file.
+
+    Raises
+    ------
+    SpecError
+        If it is no Ed25519 key in PEM, of openssl or ssh-keygen, or is locked by a password.
+    MissingLibraryError
+        If the extra ``sign`` is not installed.
+    """
+    signer = Signer(key=_read(path, "sign", _PRIVATE))
+    try:
+        _private_key(signer.key)
+    except (ValueError, TypeError) as error:  # TypeError: it needs a password, or has none
+        raise SpecError(Problem("sign", f"sign = {shown_path(path)} is no private key that can be used; {_PRIVATE}")) from error
+    return signer
+
+
+def check_signed(kit: str | Path, key: str | Path | None) -> list[Check]:
+    """Check who made a kit.
+
+    Parameters
+    ----------
+    kit : str or Path
+        Folder of a kit or panel, or its manifest.json.
+    key : str, Path or None
+        File of the public key of who is said to have made it: without their signature the line fails. Without a key an unsigned
+        kit has no line, a signed one a warning.
+
+    Raises
+    ------
+    SpecError
+        If there is no kit, or the key is no public Ed25519 key.
+    MissingLibraryError
+        If the extra ``sign`` is not installed and a key is given.
+    """
+    manifest = find_manifest(kit)
+    place = manifest.with_name(SIGNATURE_NAME)
+    if key is None:
+        there = place.exists() or place.is_symlink()
+        message = f"{SIGNATURE_NAME} is there, but whose it is was not checked; use --key with the maker's public key"
+        return [Check(name=_NAME, passed=False, warning=True, message=message)] if there else []
+    public = _public_key(key)
+    whose = f"{_fingerprint(public)} ({Path(key).name})"
+    try:
+        signature, data = read_regular(place, _SIGNATURE_BYTES), read_regular(manifest, MOST_MANIFEST_BYTES)
+        public.verify(signature, data)
+    except FileNotFoundError:
+        message = f"there is no {SIGNATURE_NAME}: nothing says who made it; it should be {whose}"
+    except OSError as error:
+        message = f"{SIGNATURE_NAME} cannot be read: {error.strerror or error}"
+    except library("cryptography.exceptions", "--key").InvalidSignature:
+        message = f"it is not that of {whose} for this manifest: another made it, or it was changed since"
+    else:
+        return [Check(name=_NAME, passed=True, message=f"made by the holder of {whose}")]
+    return [Check(name=_NAME, passed=False, message=message)]
+
+
+def _read(path: str | Path, option: str, remedy: str) -> bytes:
+    try:
+        return read_regular(Path(path), _MOST_KEY_BYTES)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(Problem(option, f"{option} = {shown_path(path)} cannot be read: {reason}; {remedy}")) from error
+
+
+def _private_key(data: bytes) -> Any:
+    keys = library("cryptography.hazmat.primitives.serialization", "--sign")
+    load = keys.load_ssh_private_key if data.startswith(_OPENSSH) else keys.load_pem_private_key
+    return _ed25519(load(data, password=None), "Ed25519PrivateKey")
+
+
+def _public_key(path: str | Path) -> Any:
+    data = _read(path, "key", _PUBLIC)
+    keys = library("cryptography.hazmat.primitives.serialization", "--key")
+    try:
+        load = keys.load_ssh_public_key if data.startswith(_OPENSSH) else keys.load_pem_public_key
+        return _ed25519(load(data), "Ed25519PublicKey")
+    except (ValueError, TypeError, library("cryptography.exceptions", "--key").UnsupportedAlgorithm) as error:
+        raise SpecError(Problem("key", f"key = {shown_path(path)} is no public key that can be used; {_PUBLIC}")) from error
+
+
+def _ed25519(key: Any, kind: str) -> Any:
+    if not isinstance(key, getattr(library("cryptography.hazmat.primitives.asymmetric.ed25519", "--key"), kind)):
+        raise ValueError("another kind of key")
+    return key
+
+
+def _fingerprint(public: Any) -> str:
+    """Fingerprint of a public key as `ssh-keygen -l` shows it (RFC 4253 section 6.6, RFC 8709)."""
+    name, raw = b"ssh-ed25519", public.public_bytes_raw()
+    digest = hashlib.sha256(len(name).to_bytes(4, "big") + name + len(raw).to_bytes(4, "big") + raw).digest()
+    return "SHA256:" + base64.b64encode(digest).decode("ascii").rstrip("=")
