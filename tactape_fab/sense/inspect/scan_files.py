@@ -26,6 +26,8 @@ LEAST_QUALITY = 30
 """Of a JPEG, in libjpeg's scale; its edges move by more than a part's own scatter below."""
 
 _MOST_BYTES = 1 << 30
+_BLANK_BYTES, _MOST_PACKED = 64 << 20, 100
+"""Unpacked bytes of three channels for a byte of the file, beyond the first: scans have grain, and pack to a fiftieth at most."""
 _MOST_ENTRIES = 200
 _MOST_MARKERS = 1000
 _MOST_CHUNKS = 100
@@ -70,6 +72,9 @@ def read_header(data: bytes) -> ScanHeader:
     if width > LONGEST_PX or height > LONGEST_PX or width * height > MOST_PX:
         limit = f"{MOST_PX // 1_000_000} million px, {LONGEST_PX} px a side"
         raise SpecError(f"it has {width} x {height} px, more than {limit}; scan at fewer dpi, or in several overlapping images")
+    if 3 * width * height > _BLANK_BYTES + _MOST_PACKED * len(data):
+        message = f"it has {width} x {height} px in {len(data)} bytes, so it shows next to nothing, and would fill the memory"
+        raise SpecError(f"{message}; scan the tape, not a blank")
     if header.bits not in (8, 16):
         raise SpecError(f"it has {header.bits} bits a channel; {_REMEDY}")
     if header.quality is not None and header.quality < LEAST_QUALITY:

@@ -66,7 +66,10 @@ def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
     furthest = float(np.abs(vertices).max())
     if furthest > _FURTHEST_MM:
         raise SpecError(f"SURFACE reaches {furthest:.3g} mm from its origin, more than {_FURTHEST_MM:g} mm; correct its unit")
-    return welded(vertices, faces)
+    mesh = welded(vertices, faces)
+    if len(mesh.faces) == 0:  # of corners so near each other, for its size, that they became one
+        raise SpecError("SURFACE has no triangle with an area; correct its scale and export it again")
+    return mesh
 
 
 def _read_trimesh(data: bytes, kind: str) -> tuple[FloatArray, IntArray]:

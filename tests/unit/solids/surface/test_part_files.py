@@ -204,3 +204,10 @@ def test_units_scale_the_part(kit: Path) -> None:
     made = emboss(kit, scaled(0.1), unit="cm")
     assert made.surface["unit"] == "cm"
     assert made.surface["source_volume_mm3"] == pytest.approx(4500, rel=1e-5)
+
+
+def test_triangles_that_vanish_beside_the_size_of_the_part_are_refused() -> None:
+    corners = [(0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1e9)]  # found by fuzzing: welding leaves no triangle
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\nf 2 1 4\n"
+    with pytest.raises(SpecError, match="no triangle with an area"):
+        read_surface_mesh(text.encode(), "obj")
