@@ -51,6 +51,8 @@ def answers(typed: Mapping[str, str] | None = None) -> Iterator[None]:
     except TactapeError as error:
         status, lines = answer(error)
         fail(status, [_as_typed(line, typed or {}) for line in lines])
+    except MemoryError:
+        fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
         if error.name is None or error.name.startswith("tactape_fab"):
             raise
