@@ -142,16 +142,18 @@ def make_kits(
     orders = [
         _Order(spec=tape.spec, path=folder / tape.spec.name, overwrite=overwrite, verify=verify, force=force) for tape in tapes
     ]
-    pool = ProcessPool(min(jobs, len(orders)))
     try:
-        futures = [pool.submit(_make, order, Path.cwd()) for order in orders]
-        for order, future in zip(orders, futures, strict=True):
-            try:
-                yield future.result()
-            except LostProcessError as lost:
-                yield _lost(order, lost)
+        pool = ProcessPool(min(jobs, len(orders)))
+        try:
+            futures = [pool.submit(_make, order, Path.cwd()) for order in orders]
+            for order, future in zip(orders, futures, strict=True):
+                try:
+                    yield future.result()
+                except LostProcessError as lost:
+                    yield _lost(order, lost)
+        finally:
+            pool.stop()
     finally:
-        pool.stop()
         for parent in missing:  # innermost first; a folder that holds a kit is kept
             with suppress(OSError):
                 parent.rmdir()

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, safe_path
 from tactape_fab.texture.tape import Tape
@@ -212,7 +213,7 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
 
     data = np.frombuffer(files["preview-png"].data, dtype=np.uint8)
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) and chunks_fit(files["preview-png"].data) else None
     except cv2.error:  # the header gives a size above OpenCV's limit
         image = None
     svg_whole = files["preview-svg"].data.startswith(b"<svg") and files["preview-svg"].data.rstrip().endswith(b"</svg>")

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
+from tactape_fab.base.png_chunks import chunks_fit
 
 Picture = npt.NDArray[np.uint8]
 """Shape (h, w, 3), blue first."""
@@ -121,7 +122,8 @@ def _unpacked(data: bytes, header: ScanHeader) -> Picture:
     level = logs.getLogLevel()
     logs.setLogLevel(_SILENT)
     try:
-        picture: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        picture: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how) if chunks_fit(data) else None
     except cv2.error:
         picture = None
     finally:
