@@ -69,7 +69,7 @@ CASES = {
     "make --panel": Case(
         prepare=nothing, run=command("make", "--sector", "7", "--panel", "auto", "--size", "60x30", *_SMALL[4:], "-o", "panel")
     ),
-    "emboss": Case(prepare=a_part, run=command("emboss", "kit", "part.stl", "--no-verify", "-o", "embossed")),
+    "emboss": Case(prepare=a_part, run=command("emboss", "kit", "part.stl", "--at", "0,0,2.5", "-o", "embossed")),
     "certify --picture": Case(prepare=a_kit, run=command("certify", "kit", "--picture", "windows.png")),
     "certify --overwrite": Case(
         prepare=a_kit_and_a_picture, run=command("certify", "kit", "--picture", "windows.png", "--overwrite")
