@@ -198,7 +198,14 @@ def _attack(name: str, door: Door, seconds: float, seed: int, folder: Path) -> N
             return bytes(atheris.Mutate(data, most))
         return mutated(data if chance.random() < 0.8 else chance.choice(others), chance, others)[:most]
 
-    options = [f"-max_len={MOST_BYTES}", "-len_control=0", "-timeout=0", "-rss_limit_mb=0", f"-seed={seed}"]
+    options = [
+        f"-artifact_prefix={folder}/",
+        f"-max_len={MOST_BYTES}",
+        "-len_control=0",
+        "-timeout=0",
+        "-rss_limit_mb=0",
+        f"-seed={seed}",
+    ]
     atheris.Setup([sys.argv[0], str(corpus), *options], one, custom_mutator=changed)
     atheris.Fuzz()
 
