@@ -51,6 +51,19 @@ def requirements(*extras: str) -> list[str]:
     return [*project["dependencies"], *(line for extra in extras for line in more[extra])]
 
 
+def interpreter(version: str) -> str | None:
+    """A Python of this version: one that the path names, or one of pyenv's."""
+    folders = [Path(folder) for folder in os.get_exec_path()]
+    folders += sorted((Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions").glob(f"{version}*/bin"))
+    for folder in folders:
+        program = folder / f"python{version}"
+        if program.exists():
+            run = subprocess.run([program, "-c", "import venv, ensurepip"], capture_output=True, check=False)
+            if run.returncode == 0:
+                return str(program)
+    return None
+
+
 def registry_answers() -> bool:
     """Whether pip reaches a registry here."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--no-deps", "--ignore-installed", "--quiet", "click"]

@@ -15,6 +15,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
+from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
 from tactape_fab.sense.geometry import Camera, Gel, Geometry, camera
 from tactape_fab.texture.frames import FloatArray
@@ -294,7 +295,7 @@ def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     if (height, width) != shape:
         message = f"mask = {shown_path(path)} is {width} x {height} px, a frame is {shape[1]} x {shape[0]}; make it as large"
         raise SpecError(Problem("mask", message))
-    grey = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    grey = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if chunks_fit(data) else None
     if grey is None or grey.shape != shape:
         raise SpecError(Problem("mask", f"mask = {shown_path(path)} is a PNG that cannot be unpacked; write it again"))
     return np.asarray(grey, dtype=np.uint8)

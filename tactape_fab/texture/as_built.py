@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.json_text import parse_json
+from tactape_fab.base.output_file import write_file
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.plane import MOST_POINTS
 
@@ -235,7 +235,7 @@ class AsBuilt:
         return cls.from_mapping(_content(Path(path)))
 
     def write(self, path: str | Path) -> Path:
-        """Write the file, the same bytes for the same places; a file of that name is replaced in one step.
+        """Write the file, the same bytes for the same places; a file of that name is replaced in one step, a link never.
 
         Parameters
         ----------
@@ -250,22 +250,12 @@ class AsBuilt:
         Raises
         ------
         SpecError
-            If it cannot be written there.
+            If there is no such folder, or a link or a folder of that name.
+        TactapeError
+            If it cannot be written; what stood there is as it was.
         """
         file = _file_of(Path(path))
-        text = _as_text(self.to_mapping()).encode("utf-8")
-        try:
-            with NamedTemporaryFile(dir=file.parent, prefix=f".{file.name}.", suffix=".partial", delete=False) as beside:
-                try:
-                    beside.write(text)
-                    beside.close()
-                    Path(beside.name).chmod(0o644)
-                    Path(beside.name).replace(file)
-                except BaseException:
-                    Path(beside.name).unlink()
-                    raise
-        except OSError as error:
-            raise SpecError(Problem("o", f"{shown_path(file)} cannot be written: {error.strerror or error}")) from error
+        write_file(file, _as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)
         return file
 
     def problems_for(self, name: str, digest: str, parts: int) -> list[Problem]:

@@ -14,6 +14,7 @@ from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
+from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.kit.render.preview import MOST_PX
 from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
@@ -222,7 +223,7 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     small = data.startswith(b"\x89PNG\r\n\x1a\n") and max(width, height) <= MOST_PX
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if small else None
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if small and chunks_fit(data) else None
     except cv2.error:
         image = None
     drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]

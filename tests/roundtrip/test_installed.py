@@ -25,6 +25,7 @@ from tests.installs import (
     clean_environment,
     fresh_environment,
     installable,
+    interpreter,
     registry_answers,
 )
 from tests.thorough import only_thorough
@@ -44,19 +45,6 @@ status = dict(line.split(":", 1) for line in open("/proc/self/status"))  # ru_ma
 resident_mb = int(status["VmHWM"].split()[0]) * 1024 / 1e6
 print(json.dumps({"located": fix.located, "ready_s": ready_s, "resident_mb": resident_mb}))
 """
-
-
-def interpreter(version: str) -> str | None:
-    """A Python of this version: one that the path names, or one of pyenv's."""
-    folders = [Path(folder) for folder in os.get_exec_path()]
-    folders += sorted((Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions").glob(f"{version}*/bin"))
-    for folder in folders:
-        program = folder / f"python{version}"
-        if program.exists():
-            run = subprocess.run([program, "-c", "import venv, ensurepip"], capture_output=True, check=False)
-            if run.returncode == 0:
-                return str(program)
-    return None
 
 
 def run(command: list[str | Path], cwd: Path, path: str = os.defpath) -> str:

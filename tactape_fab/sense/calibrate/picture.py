@@ -10,6 +10,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import TactapeError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
+from tactape_fab.base.output_file import write_file
 from tactape_fab.sense.calibrate.posedness import empty_corners
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.texture.frames import FloatArray
@@ -34,15 +35,14 @@ def write_pictures(folder: Path, found: Calibration) -> list[Path]:
     TactapeError
     """
     cv2 = library("cv2", "--picture")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TactapeError(f"{shown_path(folder)} cannot be written: {error.strerror or error}") from error
     paths = []
     for name, picture in (("coverage", draw_coverage(found)), ("residuals", draw_residuals(found))):
-        path = folder / f"{name}.png"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(bytes(cv2.imencode(".png", picture)[1]))
-        except OSError as error:
-            raise TactapeError(f"{shown_path(path)} cannot be written: {error.strerror or error}") from error
-        paths.append(path)
+        paths.append(folder / f"{name}.png")
+        write_file(paths[-1], bytes(cv2.imencode(".png", picture)[1]), "picture", overwrite=True)
     return paths
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.output_file import write_file
 from tactape_fab.sense.inspect.complaint import complaint_csv
 from tactape_fab.sense.inspect.result import Inspection
 
@@ -37,14 +38,11 @@ def write_outputs(paths: Sequence[Path], inspections: Sequence[Inspection]) -> l
 
     Raises
     ------
-    SpecError
-        If a file cannot be written.
+    TactapeError
+        If a file cannot be written; what stood there is as it was.
     """
     written = [inspection.as_built().write(path) for path, inspection in zip(paths, inspections, strict=True)]
     stem = paths[0].stem if len(paths) == 1 else paths[0].stem.removesuffix(f"-{inspections[0].tape.name}")
     table = paths[0].with_name(f"{stem}-deviations.csv")
-    try:
-        table.write_text(complaint_csv(inspections), encoding="utf-8")
-    except OSError as error:
-        raise SpecError(Problem("o", f"{shown_path(table)} cannot be written: {error.strerror or error}")) from error
+    write_file(table, complaint_csv(inspections).encode("utf-8"), "o", overwrite=True)
     return [*written, table]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
+from tactape_fab.base.png_chunks import chunks_fit
 
 Picture = npt.NDArray[np.uint8]
 """Shape (h, w, 3), blue first."""
@@ -26,6 +27,8 @@ LEAST_QUALITY = 30
 """Of a JPEG, in libjpeg's scale; its edges move by more than a part's own scatter below."""
 
 _MOST_BYTES = 1 << 30
+_BLANK_BYTES, _MOST_PACKED = 64 << 20, 100
+"""Unpacked bytes of three channels for a byte of the file, beyond the first: scans have grain, and pack to a fiftieth at most."""
 _MOST_ENTRIES = 200
 _MOST_MARKERS = 1000
 _MOST_CHUNKS = 100
@@ -70,6 +73,9 @@ def read_header(data: bytes) -> ScanHeader:
     if width > LONGEST_PX or height > LONGEST_PX or width * height > MOST_PX:
         limit = f"{MOST_PX // 1_000_000} million px, {LONGEST_PX} px a side"
         raise SpecError(f"it has {width} x {height} px, more than {limit}; scan at fewer dpi, or in several overlapping images")
+    if 3 * width * height > _BLANK_BYTES + _MOST_PACKED * len(data):
+        message = f"it has {width} x {height} px in {len(data)} bytes, so it shows next to nothing, and would fill the memory"
+        raise SpecError(f"{message}; scan the tape, not a blank")
     if header.bits not in (8, 16):
         raise SpecError(f"it has {header.bits} bits a channel; {_REMEDY}")
     if header.quality is not None and header.quality < LEAST_QUALITY:
@@ -116,7 +122,8 @@ def _unpacked(data: bytes, header: ScanHeader) -> Picture:
     level = logs.getLogLevel()
     logs.setLogLevel(_SILENT)
     try:
-        picture: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        picture: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how) if chunks_fit(data) else None
     except cv2.error:
         picture = None
     finally:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
+from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.sense.sensors import MOST_PX
 
 PICTURES = (".png", ".tif", ".tiff")
@@ -77,6 +78,8 @@ _SILENT = 0
 
 
 def _unpacked(data: bytes, how: int) -> npt.NDArray[Any] | None:
+    if not chunks_fit(data):
+        return None
     cv2 = library("cv2", "reading a picture")
 
     logs = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, which numpy 1.26 needs, and 5

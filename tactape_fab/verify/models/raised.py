@@ -40,7 +40,8 @@ class Raised:
 
 def cells_of(tape: Tape, xy_mm: FloatArray) -> tuple[IntArray, BoolArray]:
     """Index (row * columns + column) of the grid cell of each board point, and whether it lies in a cell."""
-    cell = np.rint(board_to_texture(xy_mm, tape.board.texture_origin_mm) / tape.pitch_mm).astype(np.int64)
+    with np.errstate(invalid="ignore"):  # what is too far for a number is in no cell, whatever becomes of it
+        cell = np.rint(board_to_texture(xy_mm, tape.board.texture_origin_mm) / tape.pitch_mm).astype(np.int64)
     inside: BoolArray = np.asarray(((cell >= 0) & (cell < (tape.columns, tape.rows))).all(axis=1))
     key: IntArray = cell[:, 1] * tape.columns + cell[:, 0]
     return key, inside

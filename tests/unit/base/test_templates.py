@@ -18,7 +18,7 @@ from tactape_fab.base.templates import profile_names, templates_folder
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
 FOLDERS = ("tactape_fab", "templates", "tests", "docs")
-SOURCES = (*FOLDERS, "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md")
+SOURCES = (*FOLDERS, "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 PROBE = """
 import json
 import tactape_fab
@@ -137,3 +137,20 @@ def test_sdist_holds_the_tests_and_what_they_read_and_gives_the_same_wheel(check
     }
     assert {p.name for p in unpacked.iterdir()} == {*SOURCES, "PKG-INFO"}
     assert built(unpacked, tmp_path / "a").read_bytes() == built(checkout, tmp_path / "b").read_bytes()
+
+
+def test_wheel_and_sdist_are_the_same_when_built_twice(checkout: Path, tmp_path: Path) -> None:
+    built_files = []
+    for number, seed in enumerate(("1", "2")):
+        sources = tmp_path / f"sources{number}"
+        shutil.copytree(checkout, sources)
+        for path in sources.rglob("*"):
+            if number:  # another umask, and another clock
+                path.chmod(0o775 if path.is_dir() else 0o660)
+                os.utime(path, (978_307_200, 978_307_200))
+        command = [sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path / f"dist{number}")]
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "TZ": f"UTC{number}"}
+        done = subprocess.run(command, cwd=sources, env=environment, capture_output=True, encoding="utf-8", check=False)
+        assert done.returncode == 0, done.stderr
+        built_files.append({path.name: path.read_bytes() for path in (tmp_path / f"dist{number}").iterdir()})
+    assert len(built_files[0]) == 2 and built_files[0] == built_files[1]

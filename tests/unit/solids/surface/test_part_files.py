@@ -249,3 +249,10 @@ def test_nested_shells_are_refused_before_all_their_pairs_are_looked_at() -> Non
     with pytest.raises(SpecError, match="pairs of triangles in one place"):
         self_intersections(mesh)
     assert time.process_time() - started < 5.0
+
+
+def test_triangles_that_vanish_beside_the_size_of_the_part_are_refused() -> None:
+    corners = [(0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1e9)]  # found by fuzzing: welding leaves no triangle
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\nf 2 1 4\n"
+    with pytest.raises(SpecError, match="no triangle with three corners apart"):
+        read_surface_mesh(text.encode(), "obj")

@@ -1,0 +1,52 @@
+"""Every failing call of every command that writes: `python -m tests.faults` prints the table; some minutes.
+
+A fault leaves what was there or what a whole run makes, nothing else of any name, and one line that says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.faults.injected import KINDS, attempt, calls, state
+from tests.faults.runs import CASES, prepared, small_kit
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", action="append", choices=list(CASES), default=[])
+    parser.add_argument("--kind", action="append", choices=KINDS, default=[])
+    parser.add_argument("--every", type=int, default=1, help="only each N-th call")
+    asked = parser.parse_args()
+    rows, wrong = [], 0
+    with tempfile.TemporaryDirectory(prefix="tactape-faults-") as scratch:
+        home = Path(scratch).resolve()
+        kit = small_kit(home)
+        for name in asked.run or CASES:
+            case, folder, cells = CASES[name], home / "here", []
+            for kind in asked.kind or KINDS:
+                before = state(prepared(case, kit, folder))
+                case.run(folder)  # what is imported at the first use
+                prepared(case, kit, folder)
+                count = calls(kind, case.run, folder)
+                after = state(folder)
+                numbers = range(1, count + 1, asked.every)
+                bad = 0
+                for number in numbers:
+                    found = attempt(kind, number, case.run, prepared(case, kit, folder), before, after)
+                    if found.wrong:
+                        bad += 1
+                        print(f"{name}, {kind} {number} of {count}: {found.wrong}", file=sys.stderr, flush=True)
+                cells.append(f"{len(numbers)}" + (f", **{bad} wrong**" if bad else ""))
+                wrong += bad
+            rows.append(f"| {name} | {' | '.join(cells)} |")
+            print(rows[-1], file=sys.stderr, flush=True)
+    kinds = asked.kind or KINDS
+    print(f"| run | {' | '.join(kinds)} |\n|---|{'--:|' * len(kinds)}\n" + "\n".join(rows))
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    main()
