@@ -17,7 +17,7 @@ from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
 from tactape_fab.sense.decode.rank import Reading, View
-from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.decode.result import Localization, status_of
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_of, least_agreeing, share_of_others
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
@@ -46,21 +46,18 @@ class _Doubt:
 
 
 def judge(
-    empty: Localization,
     dots: Dots,
     reading: Reading,
     view: View,
     world: Registry | CodePlane,
     limits: Limits,
     pixels: Pixels | None = None,
-    pressed: tuple[ContactView, Image] | None = None,
+    pressed: tuple[ContactView, Image, Image] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
     Parameters
     ----------
-    empty : Localization
-        Answer with everything known of the contact without the place.
     dots : Dots
         Places in px of square pixels.
     reading : Reading
@@ -70,8 +67,8 @@ def judge(
     limits : Limits
     pixels : Pixels or None
         The frame, where its pixels are to refine the pose of an answer that is accepted.
-    pressed : (ContactView, Image) or None
-        The canonical frame, where its depths are millimetres.
+    pressed : (ContactView, Image, Image) or None
+        The canonical frame, and as dots were detected in it, where its depths are millimetres.
 
     Returns
     -------
@@ -86,7 +83,7 @@ def judge(
     doubt = _doubt(place, world, limits, p_tape)
     # two ways to be wrong: an unregistered texture, or another place of a registered one; so at most the sum (union bound)
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
-    said |= {"status": empty.status, "n_dots": empty.n_dots}
+    said |= {"status": status_of(len(dots.weights)), "n_dots": len(dots.weights)}
     other = doubt.unregistered is not None
     if len(on.cells) < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
@@ -105,9 +102,9 @@ def judge(
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
     if pressed is not None and dots.seen_px is not None:
-        gel, image = pressed
-        seen_px = dots.seen_px[on.inside]
-        said["contact"] = contact = contact_surface(gel, image, seen_px, pose.agree, on.weights, view.pitch_mm)
+        gel, image, small = pressed
+        seen_px = dots.seen_px if len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
+        said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
         slope = contact.slope()
         if slope is not None:
             places = (on.offset_px, gel.on_gel(seen_px) * view.px_per_mm, on.nominal_mm)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from math import pi
 from numbers import Real
 from pathlib import Path
@@ -422,18 +423,20 @@ class Localizer:
         if small:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
         n = len(dots.weights)
-        empty = Localization(status=status_of(n), located=False, n_dots=n)
+        empty = partial(Localization, status=status_of(n), located=False, n_dots=n)
         if n < LEAST_DOTS:
-            return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
+            return empty(reason="no dots" if n == 0 else f"only {n} dots")
         if dots.trust.sum() < 1.0 or not small:
-            return replace(empty, reason="no dot stands out of the noise")
+            return empty(reason="no dot stands out of the noise")
         reading = read(dots, self._view, self._world, prior, self._limits.on_tape, self._limits.precision)
         explained = False
         if reading is None:
-            found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
+            found = empty(reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
-            pressed = None if image is None or self._contact_view is None else (self._contact_view, image)
-            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits, pixels, pressed)
+            pressed = None
+            if image is not None and raw.small is not None and self._contact_view is not None:
+                pressed = self._contact_view, image, raw.small
+            found, explained = judge(dots, reading, self._view, self._world, self._limits, pixels, pressed)
         if found.located or explained or n < SOLID_DOTS:
             return found
         negated = None if image is None else lambda: self._detected(-image)
