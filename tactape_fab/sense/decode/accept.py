@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
-from tactape_fab.sense.decode.contact.tilted import tilted_pose
+from tactape_fab.sense.decode.contact.tilted import PIXELS, tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
@@ -101,6 +101,7 @@ def judge(
     reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
+    strain = None
     if pressed is not None and dots.seen_px is not None:
         gel, image, small = pressed
         seen_px = dots.seen_px if len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
@@ -108,7 +109,7 @@ def judge(
         slope = contact.slope()
         if slope is not None:
             places = (on.offset_px, gel.on_gel(seen_px) * view.px_per_mm, on.nominal_mm)
-            pose, moved_px = tilted_pose(pose, slope, *places, on.weights, view)
+            pose, moved_px, strain = tilted_pose(pose, slope, *places, on.weights, view)
             on = replace(on, offset_px=moved_px)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
@@ -123,6 +124,8 @@ def judge(
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
         pose, said["refine_reason"] = refine(pixels, view, part, on.offset_px, on.nominal_mm, pose, placed_mm)
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
+        if strain is not None and said["refine_reason"] is None:
+            pose = replace(pose, covariance=pose.covariance + PIXELS**2 * strain)
     if built is not None:
         pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
     return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False

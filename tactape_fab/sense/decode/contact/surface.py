@@ -152,14 +152,14 @@ class ContactSurface:
         return fit_plane(*self._tops, self.view.gel.crown_mm)
 
     def slope(self) -> FloatArray | None:
-        """Slopes, shape (2,), of a flat tape that is tilted by more than a degree; None of any other, or one not known to be.
+        """Slopes, shape (2,), of a tape that is tilted by more than a degree; None of any other, or one not known to be.
 
-        A gel with a crown touches a flat tape in the image's centre, unless it is tilted: dots about it need no fit.
+        A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit.
         """
         least = self.view.off_mm
         if least is None or (abs(self.off_mm[0]) < least[0] and abs(self.off_mm[1]) < least[1]):
             return None
-        if self.plane is None or not self.plane.flat:
+        if self.plane is None:
             return None
         slope = self.plane.rise[1:]
         return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
