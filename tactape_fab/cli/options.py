@@ -75,7 +75,11 @@ _LOCATING_OPTIONS = (
     click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]"),
     click.option("--max-p-tape", metavar="P", help="Largest chance that it is no tape of ours.  [default: within --max-p-false]"),
     click.option("--fixed-scale", is_flag=True, help="Take px/mm as it is instead of refining it from the frame."),
-    click.option("--refine", metavar="dots|pixels", help="What poses are fitted to: dots, or the pixels too.  [default: dots]"),
+    click.option(
+        "--refine",
+        metavar="dots|pixels",
+        help="What poses are fitted to: dots, or the pixels too.  [default: pixels where the sensor's blur is known, else dots]",
+    ),
     click.option("--object", "object_file", metavar="FILE.toml", help="The tapes of an object; answers in its frame, too."),
 )
 _LOCATING_TEXTS: dict[str, Callable[[str], Any]] = {

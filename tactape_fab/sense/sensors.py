@@ -118,7 +118,8 @@ class SensorProfile:
             A view of the frame where `sign` is 1.
         """
         signed = frame if self.sign > 0 else -frame
-        return np.rot90(signed[:, ::-1] if self.mirror else signed, self.rotate90)
+        upright = signed[:, ::-1] if self.mirror else signed
+        return np.rot90(upright, self.rotate90) if self.rotate90 else upright
 
 
 def load_sensor(name: str | Path) -> SensorProfile:

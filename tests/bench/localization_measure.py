@@ -193,7 +193,7 @@ def ideal(localizer: Localizer, frame: Frame, tape: Tape, prior: Prior | None = 
     place = search(world.tapes, world.families, nodes, q, bodies, grid, centre - middle, prior)
     if place is None:
         return replace(empty, reason="no place")
-    return judge(empty, dots, Reading(place=place, grid_weight=0.0), localizer._view, world, localizer._limits)[0]
+    return judge(dots, Reading(place=place, grid_weight=0.0), localizer._view, world, localizer._limits)[0]
 
 
 # Chance

@@ -3,8 +3,9 @@
     python -m tests.bench.nees [--frames N] [--only ROW] [--noise sensor|slope] [--refine dots|pixels]
 
 e is the error of (x, y, theta), C the covariance that was said. NEES/3, the mean of e^T C^-1 e / 3, is 1 where C is true and
-errors are normal; of N frames it scatters by sqrt(2 / 3 N). The decoder has the stock profile in every row, whatever the truth
-is, but for the size of the gel's displacement.
+errors are normal; of N frames it scatters by sqrt(2 / 3 N). The last columns are errors of aspect and shear,
+`Localization.strain`, over their standard deviation: root mean squares, 1 where that is true. The decoder has the stock profile
+in every row, whatever the truth is, but for the size of the gel's displacement.
 """
 
 from __future__ import annotations
@@ -76,6 +77,8 @@ class Figures:
     theta_deg: float
     nees: float
     beyond: float
+    aspect: float
+    shear: float
 
 
 def figures_of(scene: Scene, count: int, refine: Refined) -> Figures:
@@ -83,7 +86,8 @@ def figures_of(scene: Scene, count: int, refine: Refined) -> Figures:
     sensor = replace(load_sensor("gelsight-mini"), gel=Gel(displacement_um=scene.gel_displacement_um or 0.0))
     localizer = Localizer([registered_tape()], sensor, refine=refine)
     wrong = 0
-    errors, squares = [np.zeros((0, 3))], [np.zeros(0)]
+    errors, squares, strains = [np.zeros((0, 3))], [np.zeros(0)], [np.full((1, 2), np.nan)]
+    sheared = np.array([scene.aspect_error, scene.shear_error])
     for frame in frames_of(Frames(name="", scenes=(scene,)), count):
         fix = localizer.locate(frame.depth)
         if not is_right(fix, frame):
@@ -93,8 +97,11 @@ def figures_of(scene: Scene, count: int, refine: Refined) -> Figures:
         error = error_of(fix, frame)
         errors.append(error[None])
         squares.append(np.array([error @ np.linalg.solve(fix.covariance, error)]))
+        seen, sigmas = (np.array(of[:2], dtype=np.float64) for of in (fix.strain, fix.strain_sigma) if of is not None)
+        strains.append(((seen - sheared) / sigmas)[None])
     error, square = np.concatenate(errors), np.concatenate(squares)
     rms = np.sqrt((error**2).mean(axis=0))
+    aspect, shear = np.sqrt(np.nanmean(np.concatenate(strains) ** 2, axis=0)).tolist()
     return Figures(
         frames=count,
         right=len(square),
@@ -103,6 +110,8 @@ def figures_of(scene: Scene, count: int, refine: Refined) -> Figures:
         theta_deg=float(np.degrees(rms[2])),
         nees=float(square.mean()) / 3.0,
         beyond=float((square > BEYOND).mean()),
+        aspect=aspect,
+        shear=shear,
     )
 
 
@@ -117,12 +126,13 @@ def main() -> None:
     rows = [row for row in ROWS if chosen.only is None or chosen.only in row.name]
     if not rows:
         parser.error(f"--only: no row holds {chosen.only!r}; rows are {', '.join(row.name for row in ROWS)}")
-    print("| row | frames | located | wrong | rms µm | rms deg | NEES/3 | beyond 95 % |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| row | frames | located | wrong | rms µm | rms deg | NEES/3 | beyond 95 % | aspect | shear |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
     for row in rows:
         f = figures_of(row.scene.changed(noise), chosen.frames, chosen.refine)
         shown = f"{f.position_um:.2f} | {f.theta_deg:.4f} | {f.nees:.2f} | {100 * f.beyond:.1f} %"
-        print(f"| {row.name} | {f.frames} | {f.right} | {f.wrong} | {shown} |", flush=True)
+        strain = f"{f.aspect:.2f} | {f.shear:.2f}"
+        print(f"| {row.name} | {f.frames} | {f.right} | {f.wrong} | {shown} | {strain} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     python -m tests.bench.stages [--frames 20] [--rounds 30] [--write]
 
-prints the table of docs/localization.md, or puts it there. Other threads can decode while a kernel runs: what is in Python, they
-wait for.
+prints the tables of docs/localization.md, or puts them there. Other threads can decode while a kernel runs: what is in Python,
+they wait for. The second table is of processor time without clocks, over that of its first row, taken in turn with it.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
-from time import perf_counter_ns
+from time import perf_counter_ns, process_time_ns
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from tactape_fab import Localizer
 from tactape_fab.base.jit import COMPILED
-from tactape_fab.sense import decode
+from tactape_fab.sense import decode, load_sensor
 from tests.bench.localization_rows import ROWS, frames_of, registered_tape
 from tests.bench.marks import write_between
 
@@ -144,6 +144,21 @@ def table(setups: dict[str, Stages]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def ratios(localizers: dict[str, Localizer], frames: list[Any], rounds: int) -> str:
+    """Median over frames of the least processor time of some rounds, over that of the first localizer, as a table in Markdown."""
+    spent = np.empty((len(localizers), len(frames), rounds + 1))
+    for at in range(rounds + 1):
+        for k, localizer in enumerate(localizers.values()):
+            for i, frame in enumerate(frames):
+                start = process_time_ns()
+                localizer.locate(frame)
+                spent[k, i, at] = process_time_ns() - start
+    p50 = np.median(spent[:, :, 1:].min(axis=2), axis=1)  # in the first round caches were cold
+    lines = ["| p50 of processor time | over the first |", "|---|---|"]
+    lines += [f"| {name} | {share:.2f} |" for name, share in zip(localizers, p50 / p50[0], strict=True)]
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.stages", description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=20)
@@ -159,6 +174,13 @@ def main() -> None:
     }
     frames = [frame.depth for frame in frames_of(ROWS[0], asked.frames)]
     found = table({name: measured(localizer, frames, asked.rounds) for name, localizer in localizers.items()})
+    bare = Localizer([registered_tape()], replace(load_sensor("gelsight-mini"), depth_unit_mm=None))
+    compared = {
+        "open world, without what tilt and force need": bare,
+        "open world": localizers["open world"],
+        "open world, to the pixels": localizers["open, to the pixels"],
+    }
+    found += "\n" + ratios(compared, frames, asked.rounds)
     print(found, end="")
     if asked.write:
         write_between(PAGE, "stages", found)

@@ -92,7 +92,7 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
     if not tapes:
         looks = tuple(FrameLook(frame=k, dots=n, located=None, reason=None) for k, n in enumerate(dots))
         return FirstFrames(frames=looks, wrong=tuple(wrong), next_step="name the kit that was pressed with --tape, to see more")
-    localizer = Localizer(tapes, sensor)
+    localizer = Localizer(tapes, sensor, refine="dots")
     answers = [localizer.locate(image) for image in images]
     looks = tuple(
         FrameLook(frame=k, dots=n, located=fix.located, reason=fix.reason)

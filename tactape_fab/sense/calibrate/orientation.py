@@ -84,7 +84,7 @@ def _located_by(
     """The profile of some scale by which a probe is located, with the scale found in it."""
     for mirror in (rough.mirror, not rough.mirror):
         seen = with_mask(replace(rough, mirror=mirror), valid)
-        localizer = Localizer(tapes, seen)
+        localizer = Localizer(tapes, seen, refine="dots")
         for sign in (rough.sign, -rough.sign):
             for frame in probes:
                 fix = localizer.locate(frame if sign == rough.sign else -frame)

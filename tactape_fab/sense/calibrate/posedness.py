@@ -100,7 +100,7 @@ def frame_fault(image: Frame) -> str | None:
 
 def unseen(images: Sequence[Frame], bad: Sequence[str], tapes: Sequence[Tape], like: SensorProfile) -> Problem:
     """Why no frame shows a tape, by any sign, mirror and scale."""
-    localizer = Localizer(tapes, like)
+    localizer = Localizer(tapes, like, refine="dots")
     answers = [localizer.locate(image) for image in images]
     reasons = Counter(fix.reason for fix in answers if fix.reason is not None)
     named = [reason for reason in reasons if "not registered" in reason]

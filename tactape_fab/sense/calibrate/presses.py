@@ -85,7 +85,7 @@ class Press:
 
 def located(frames: Iterable[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> tuple[list[Press], list[Localization]]:
     """Locate frames with a profile: the presses, and the answer of every frame."""
-    localizer = Localizer(tapes, sensor)
+    localizer = Localizer(tapes, sensor, refine="dots")
     by_name = {tape.name: tape for tape in localizer.tapes}
     presses, answers = [], []
     for k, frame in enumerate(frames):

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
-from tactape_fab.sense.decode.contact.tilted import tilted_pose
+from tactape_fab.sense.decode.contact.tilted import PIXELS, tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.located_dots import LazyDots, located_dots, strain_of
 from tactape_fab.sense.decode.pixels.refine import Pixels, refine
 from tactape_fab.sense.decode.rank import Reading, View
-from tactape_fab.sense.decode.result import Localization
+from tactape_fab.sense.decode.result import Localization, status_of
 from tactape_fab.sense.decode.rule import GOOD_TRUST, LEAST_DOTS, Limits, bound_of, least_agreeing, share_of_others
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
@@ -46,21 +46,18 @@ class _Doubt:
 
 
 def judge(
-    empty: Localization,
     dots: Dots,
     reading: Reading,
     view: View,
     world: Registry | CodePlane,
     limits: Limits,
     pixels: Pixels | None = None,
-    pressed: tuple[ContactView, Image] | None = None,
+    pressed: tuple[ContactView, Image, Image] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
     Parameters
     ----------
-    empty : Localization
-        Answer with everything known of the contact without the place.
     dots : Dots
         Places in px of square pixels.
     reading : Reading
@@ -70,8 +67,8 @@ def judge(
     limits : Limits
     pixels : Pixels or None
         The frame, where its pixels are to refine the pose of an answer that is accepted.
-    pressed : (ContactView, Image) or None
-        The canonical frame, where its depths are millimetres.
+    pressed : (ContactView, Image, Image) or None
+        The canonical frame, and as dots were detected in it, where its depths are millimetres.
 
     Returns
     -------
@@ -86,7 +83,7 @@ def judge(
     doubt = _doubt(place, world, limits, p_tape)
     # two ways to be wrong: an unregistered texture, or another place of a registered one; so at most the sum (union bound)
     said: dict[str, Any] = {"p_tape": p_tape, "p_place": doubt.p_place, "p_false": min(1.0, p_tape + doubt.p_place)}
-    said |= {"status": empty.status, "n_dots": empty.n_dots}
+    said |= {"status": status_of(len(dots.weights)), "n_dots": len(dots.weights)}
     other = doubt.unregistered is not None
     if len(on.cells) < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
@@ -104,14 +101,15 @@ def judge(
     reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
+    strain = None
     if pressed is not None and dots.seen_px is not None:
-        gel, image = pressed
-        seen_px = dots.seen_px[on.inside]
-        said["contact"] = contact = contact_surface(gel, image, seen_px, pose.agree, on.weights, view.pitch_mm)
+        gel, image, small = pressed
+        seen_px = dots.seen_px if len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
+        said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
         slope = contact.slope()
         if slope is not None:
             places = (on.offset_px, gel.on_gel(seen_px) * view.px_per_mm, on.nominal_mm)
-            pose, moved_px = tilted_pose(pose, slope, *places, on.weights, view)
+            pose, moved_px, strain = tilted_pose(pose, slope, *places, on.weights, view)
             on = replace(on, offset_px=moved_px)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
@@ -126,6 +124,8 @@ def judge(
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
         pose, said["refine_reason"] = refine(pixels, view, part, on.offset_px, on.nominal_mm, pose, placed_mm)
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
+        if strain is not None and said["refine_reason"] is None:
+            pose = replace(pose, covariance=pose.covariance + PIXELS**2 * strain)
     if built is not None:
         pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
     return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False

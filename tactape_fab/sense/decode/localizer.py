@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from math import pi
 from numbers import Real
 from pathlib import Path
@@ -92,9 +93,10 @@ class Localizer:
         Least lead, as a factor, over any single other place.
     fixed_scale : bool
         Use the profile's px/mm without correction; otherwise a scale measured in the frame replaces it.
-    refine : {"dots", "pixels"}
+    refine : {"dots", "pixels"} or None
         What the pose of a located answer is fitted to: the centres of the dots, or the pixels around them, which is
-        more exact where the parts are boxes that stand where they should. `Localization.refined` says what it was.
+        more exact where the parts are boxes that stand where they should. `Localization.refined` says what it was. None:
+        the pixels where the sensor's profile knows the gel's blur (``gel.blur_mm``, as `calibrate` writes it), else the dots.
 
     Raises
     ------
@@ -124,14 +126,14 @@ class Localizer:
         unregistered_share: float = UNREGISTERED_SHARE,
         kappa: float = KAPPA,
         fixed_scale: bool = False,
-        refine: Refined = "dots",
+        refine: Refined | None = None,
     ) -> None:
         problems: list[Problem] = []
         registered = tried(lambda: as_tapes(tapes), problems)
         tapes = registered or []
         if method not in ("ml", "paper"):
             problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
-        if refine not in ("dots", "pixels"):
+        if refine not in (None, "dots", "pixels"):
             problems.append(Problem("refine", f"refine = {shown(refine)} is neither 'dots' nor 'pixels'; give one of them"))
         elif refine == "pixels" and method == "paper":
             message = "refine = 'pixels' is not part of method 'paper'; leave it out, or use method 'ml'"
@@ -170,6 +172,8 @@ class Localizer:
         self._limits = Limits(max_p_false=max_p_false, max_p_tape=max_p_tape, kappa=kappa)
         part = registry.tapes[0].part if len(parts) == 1 else None
         self._prepare(registry, *sizes[0], part, sensor, fixed_scale, counts[0])
+        if refine is None and method == "ml" and self.sensor.gel.blur_mm is not None:
+            refine = "pixels"
         self._pixel_fit = pixel_fit(self.sensor) if refine == "pixels" else None
         tape = registry.tapes[0]
         cells = tape.cells()[tape.cells()[:, 0] < 8][:64]
@@ -422,18 +426,20 @@ class Localizer:
         if small:
             dots = settled(dots, self._view.pitch_px, self._view.shift)
         n = len(dots.weights)
-        empty = Localization(status=status_of(n), located=False, n_dots=n)
+        empty = partial(Localization, status=status_of(n), located=False, n_dots=n)
         if n < LEAST_DOTS:
-            return replace(empty, reason="no dots" if n == 0 else f"only {n} dots")
+            return empty(reason="no dots" if n == 0 else f"only {n} dots")
         if dots.trust.sum() < 1.0 or not small:
-            return replace(empty, reason="no dot stands out of the noise")
+            return empty(reason="no dot stands out of the noise")
         reading = read(dots, self._view, self._world, prior, self._limits.on_tape, self._limits.precision)
         explained = False
         if reading is None:
-            found = replace(empty, reason="the dots stand on no grid of this pitch, or reach farther than a contact")
+            found = empty(reason="the dots stand on no grid of this pitch, or reach farther than a contact")
         else:
-            pressed = None if image is None or self._contact_view is None else (self._contact_view, image)
-            found, explained = judge(empty, dots, reading, self._view, self._world, self._limits, pixels, pressed)
+            pressed = None
+            if image is not None and raw.small is not None and self._contact_view is not None:
+                pressed = self._contact_view, image, raw.small
+            found, explained = judge(dots, reading, self._view, self._world, self._limits, pixels, pressed)
         if found.located or explained or n < SOLID_DOTS:
             return found
         negated = None if image is None else lambda: self._detected(-image)

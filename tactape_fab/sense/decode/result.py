@@ -122,7 +122,7 @@ class Localization:
     refined : {"dots", "pixels"} or None
         What the pose was fitted to: the dots' centres, or the pixels around them. None where it is not located.
     refine_reason : str or None
-        Why the pose is that of the dots although the pixels were asked for.
+        Why the pose is that of the dots although it was to be fitted to the pixels.
     contact : ContactSurface or None
         Depths at the parts' tops, from which the properties below are computed when they are asked for; None where it is not
         located, by `locate_dots`, with method "paper", and where the sensor's profile has no `depth.unit_mm`.

@@ -182,15 +182,18 @@ def place_weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1
     ndarray, shape (4, 2)
         ln w; -inf where there is no place.
     """
-    out = np.full((4, 2), -inf)
+    out = []
     # E has the mean 1 at a place over the edge, too: a dot beyond it has the factor 1, as one at a grid point without a part
-    for turn, (inside, over) in enumerate(counts.tolist()):
-        both = inside > 0.0 and over > 0.0
-        if inside > 0.0:
-            out[turn, 0] = log(share * float(turn_weights[turn]) * (1.0 - OVERHANG_SHARE if both else 1.0) / inside)
-        if over > 0.0:
-            out[turn, 1] = log(share * float(turn_weights[turn]) * (OVERHANG_SHARE if both else 1.0) / over)
-    return out
+    for (inside, over), turn in zip(counts.tolist(), turn_weights.tolist(), strict=True):
+        beyond = OVERHANG_SHARE if inside > 0.0 else 1.0
+        within = 1.0 - OVERHANG_SHARE if over > 0.0 else 1.0
+        out.append(
+            (
+                log(share * turn * within / inside) if inside > 0.0 else -inf,
+                log(share * turn * beyond / over) if over > 0.0 else -inf,
+            )
+        )
+    return np.array(out)
 
 
 def turn_shares(ln_ratio: float) -> FloatArray:

@@ -59,7 +59,8 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
         return
     image = ripple.astype(np.float32)
     detect(image, view.px_per_mm)
-    taken(image, dots.xy_px, np.ones(len(dots.xy_px), dtype=bool), 1, np.empty((len(dots.xy_px), 9), dtype=np.float32))
+    n = len(dots.xy_px)
+    taken(image, image, dots.xy_px, np.ones(n, dtype=bool), 1, 1, np.empty(n), np.empty((0, 0)), np.empty(image.shape[1]))
     dots = settled(dots, view.pitch_px, view.shift)
     xy = dots.xy_px - dots.xy_px.mean(axis=0)
     angle, pitch, phase_a, phase_b, _ = find_lattices(xy, dots.weights, view.pitch_px, view.scale_tolerance, 1)[0].tolist()

@@ -152,8 +152,7 @@ def _decoded(seen: Seen, view: View, dots: Dots, bound: float) -> Localization |
     reading = read(dots, view, seen.world, None, bound, limits.precision)
     if reading is None or -reading.ln_bound > log(limits.on_tape):
         return None
-    empty = Localization(status="solid", located=False, n_dots=len(dots.weights))
-    found, _ = judge(empty, dots, reading, view, seen.world, limits)
+    found, _ = judge(dots, reading, view, seen.world, limits)
     return found if found.located else None
 
 

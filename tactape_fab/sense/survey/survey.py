@@ -215,7 +215,7 @@ def _located(
     progress: Progress,
 ) -> dict[int, Contact]:
     """Contacts by their frames: those that are done, and of the other frames those that are located."""
-    localizer = Localizer(tape, sensor)
+    localizer = Localizer(tape, sensor, refine="dots")
     found, frame, count = dict(done), 0, sum(file.count for file in files)
     for file in files:
         for depth in file.frames():

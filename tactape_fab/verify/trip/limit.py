@@ -218,4 +218,4 @@ def _verdict(rule: Rule, at: FloatArray, weights: FloatArray, trust: FloatArray,
     if place is None:
         return empty
     dots = Dots(xy_px=at * rule.view.pitch_px, weights=weights, trust=trust)
-    return judge(empty, dots, Reading(place=place, grid_weight=log(GRID_SHARES[0])), rule.view, rule.world, limits)[0]
+    return judge(dots, Reading(place=place, grid_weight=log(GRID_SHARES[0])), rule.view, rule.world, limits)[0]

@@ -1,13 +1,20 @@
-"""Both simulators side by side: the imprint that most of this page uses, and an elastic gel that knows nothing of it."""
+"""Both simulators side by side: the imprint that most of this page uses, and an elastic gel that knows nothing of it.
+
+    python -m tests.bench.evidence.simulators [--frames N] [--only SCENE] [--refine dots|pixels]
+
+prints the table by itself, with as many contacts in the one as in the other.
+"""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
 from dataclasses import asdict
 from math import radians, tan
 from typing import Any
 
 from tactape_fab.sense import ElasticContact, Scene
+from tactape_fab.sense.decode.result import Refined
 from tests.bench.evidence.job import Job, Result, Size
 from tests.bench.nees import figures_of
 
@@ -56,11 +63,11 @@ def jobs(size: Size) -> list[Job]:
     ]
 
 
-def measure(name: str, model: str, frames: int) -> Result:
+def measure(name: str, model: str, frames: int, refine: Refined = "dots") -> Result:
     """Figures of one scene in one simulator."""
     scene = SCENES[name][MODELS.index(model)]
     assert scene is not None
-    return asdict(figures_of(scene, frames, "dots"))
+    return asdict(figures_of(scene, frames, refine))
 
 
 def lines(results: Mapping[str, Result]) -> list[str]:
@@ -73,13 +80,19 @@ def lines(results: Mapping[str, Result]) -> list[str]:
         "Mini; the same decoder with the same profile. The second knows nothing of the first, nor of the decoder. In the first",
         "a tilt is a slope of the background alone.",
         "",
-        "| | imprint: located | wrong | µm | ° | nees | elastic: located | wrong | µm | ° | nees |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        *HEADER,
     ]
-    for name in SCENES:
-        cells = [_cells(results.get(f"{name}, {model}")) for model in MODELS]
-        out.append(f"| {name} | {' | '.join(cells)} |")
-    return [*out, ""]
+    return [*out, *(_row(name, results) for name in SCENES), ""]
+
+
+HEADER = (
+    "| | imprint: located | wrong | µm | ° | nees | elastic: located | wrong | µm | ° | nees |",
+    "|---|---|---|---|---|---|---|---|---|---|---|",
+)
+
+
+def _row(name: str, results: Mapping[str, Result]) -> str:
+    return f"| {name} | {' | '.join(_cells(results.get(f'{name}, {model}')) for model in MODELS)} |"
 
 
 def _cells(one: Result | None) -> str:
@@ -87,3 +100,23 @@ def _cells(one: Result | None) -> str:
         return " | | | | "
     errors = f"{one['position_um']:.1f} | {one['theta_deg']:.3f} | {one['nees']:.2f}" if one["right"] else " | | "
     return f"{one['right']} of {one['frames']} | {one['wrong']} | {errors}"
+
+
+def main() -> None:
+    """Print the table, row by row."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.evidence.simulators", description=__doc__)
+    parser.add_argument("--frames", type=int, default=400, metavar="N", help="contacts a row, in each simulator")
+    parser.add_argument("--only", metavar="SCENE", default="", help="scenes whose name holds this")
+    parser.add_argument("--refine", choices=("dots", "pixels"), default="dots", help="what poses are fitted to")
+    given = parser.parse_args()
+    print(*HEADER, sep="\n")
+    for name, scenes in SCENES.items():
+        if given.only not in name:
+            continue
+        there = [model for model, scene in zip(MODELS, scenes, strict=True) if scene is not None]
+        results = {f"{name}, {model}": measure(name, model, given.frames, given.refine) for model in there}
+        print(_row(name, results), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -11,7 +11,8 @@ import numpy as np
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.contact.layer import force_on
 from tactape_fab.sense.decode.contact.plane import Plane, fit_plane, terms
-from tactape_fab.sense.decode.dots.filters import Image, averaged, ordinary_value
+from tactape_fab.sense.decode.dots.detect import coarseness
+from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.geometry import Camera, Gel
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
@@ -48,8 +49,8 @@ class ContactView:
         How far from the image's centre the middle of the dots is at least where a flat tape is tilted; None without a crown.
     margin : int
         Pixels that a top reaches to.
-    factor : int
-        Pixels along a cell of the coarse frame.
+    factor, blocks : int
+        Pixels along a cell of the coarse frame, and blocks of the image that dots are detected in.
     valid : ndarray of bool, shape (h, w), or None
         Cells of it that the sensor's mask leaves whole; None: all.
     gel : Gel
@@ -63,6 +64,7 @@ class ContactView:
     off_mm: tuple[float, float] | None
     margin: int
     factor: int
+    blocks: int
     valid: BoolArray | None
     gel: Gel
 
@@ -82,7 +84,9 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
     straight = (geometry.aspect, geometry.shear, geometry.k1) == (0.0, 0.0, 0.0)
     margin = max(round(TOP_MM * scale), 1)
     least = sqrt(sensor.width_px * sensor.height_px / MOST_CELLS)
-    factor = max(round(CELL_MM * scale), ceil(least))
+    block = coarseness(sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
+    blocks = max(round(CELL_MM * scale / block), ceil(least / block))
+    factor = blocks * block
     return ContactView(
         unit_mm=sensor.depth_unit_mm,
         px_per_mm=sensor.px_per_mm,
@@ -92,6 +96,7 @@ def contact_view(sensor: SensorProfile) -> ContactView | None:
         off_mm=None if crown_mm is None else (LEAST_OFF * LEAST_SLOPE * crown_mm[0], LEAST_OFF * LEAST_SLOPE * crown_mm[1]),
         margin=margin,
         factor=factor,
+        blocks=blocks,
         valid=None if sensor.mask is None else _whole(sensor.mask, factor),
         gel=sensor.gel,
     )
@@ -118,9 +123,9 @@ class ContactSurface:
         From the image's centre to the mean of the dots that agree.
     heights : ndarray, shape (k,)
         Weights of the dots: about 1 inside the contact, and less at its rim.
-    around : ndarray of float32, shape (k, m)
-        Pixels about each dot, in the frame's unit.
-    coarse : ndarray of float32, shape (h, w)
+    tops : ndarray, shape (k,)
+        Means of the pixels about each dot, in the frame's unit.
+    coarse : ndarray, shape (h, w)
         Mean of each cell, in the frame's unit.
     """
 
@@ -130,15 +135,15 @@ class ContactSurface:
     agree: BoolArray
     off_mm: tuple[float, float]
     heights: FloatArray
-    around: Image
-    coarse: Image
+    tops: FloatArray
+    coarse: FloatArray
 
     @cached_property
     def _tops(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Agreeing dots with all the pixels about them: places on the gel (n, 2), depths (n,), both mm, and weights (n,)."""
         at, margin = np.rint(self.dots_px), self.view.margin
         whole = self.agree & ((at >= margin) & (at <= self.view.last_px - margin)).all(axis=1)
-        tops_mm = self.around[whole].mean(axis=1, dtype=np.float64) * self.view.unit_mm
+        tops_mm = self.tops[whole] * self.view.unit_mm
         return self.view.on_gel(self.dots_px[whole]), tops_mm, np.minimum(self.heights[whole], 1.0) ** 2
 
     @cached_property
@@ -147,14 +152,14 @@ class ContactSurface:
         return fit_plane(*self._tops, self.view.gel.crown_mm)
 
     def slope(self) -> FloatArray | None:
-        """Slopes, shape (2,), of a flat tape that is tilted by more than a degree; None of any other, or one not known to be.
+        """Slopes, shape (2,), of a tape that is tilted by more than a degree; None of any other, or one not known to be.
 
-        A gel with a crown touches a flat tape in the image's centre, unless it is tilted: dots about it need no fit.
+        A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit.
         """
         least = self.view.off_mm
         if least is None or (abs(self.off_mm[0]) < least[0] and abs(self.off_mm[1]) < least[1]):
             return None
-        if self.plane is None or not self.plane.flat:
+        if self.plane is None:
             return None
         slope = self.plane.rise[1:]
         return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
@@ -174,7 +179,7 @@ class ContactSurface:
         cell_mm = (self.view.factor / self.view.px_per_mm[0], self.view.factor / self.view.px_per_mm[1])
         try:
             zero_mm = ZERO_MM if has_zero else UNKNOWN_ZERO_MM
-            force, zero = force_on(depth.astype(np.float64), cell_mm, self._touched(), gel, zero_mm, self.view.valid)
+            force, zero = force_on(depth, cell_mm, self._touched(), gel, zero_mm, self.view.valid)
         except np.linalg.LinAlgError:
             return None, None
         return force, zero
@@ -229,7 +234,7 @@ forces are small it is all of it; at 10 N, where the image is full of dots, abou
 
 
 def contact_surface(
-    view: ContactView, image: Image, dots_px: FloatArray, agree: BoolArray, heights: FloatArray, pitch_mm: float
+    view: ContactView, image: Image, small: Image, dots_px: FloatArray, agree: BoolArray, heights: FloatArray, pitch_mm: float
 ) -> ContactSurface:
     """Take what `ContactSurface` needs out of a frame, and compute nothing.
 
@@ -238,12 +243,13 @@ def contact_surface(
     view : ContactView
     image : ndarray of float32, shape (h, w)
         Canonical.
+    small : ndarray of float32
+        The same as dots are detected in it, `Dots.small`.
     dots_px, agree, heights, pitch_mm
         As in `ContactSurface`.
     """
-    margin = view.margin
-    around = np.empty((len(dots_px), (2 * margin + 1) ** 2), dtype=np.float32)
-    u, v = taken(image, dots_px, agree, margin, around)
+    tops, coarse = np.empty(len(dots_px)), np.empty((image.shape[0] // view.factor, image.shape[1] // view.factor))
+    u, v = taken(image, small, dots_px, agree, view.margin, view.blocks, tops, coarse, np.empty(small.shape[1]))
     return ContactSurface(
         view=view,
         pitch_mm=pitch_mm,
@@ -251,23 +257,53 @@ def contact_surface(
         agree=agree,
         off_mm=((u - view.centre_px[0]) / view.px_per_mm[0], (v - view.centre_px[1]) / view.px_per_mm[1]),
         heights=heights,
-        around=around,
-        # `averaged` takes the image's ordinary value off, so that few digits are lost
-        coarse=averaged(image, view.factor) + np.float32(ordinary_value(image)),
+        tops=tops,
+        coarse=coarse,
     )
 
 
-@kernel()
-def taken(image: Image, dots_px: FloatArray, agree: BoolArray, margin: int, around: Image) -> tuple[float, float]:
-    """Copy the pixels about each dot, or the nearest that are whole, and return the mean of the dots that agree."""
+@kernel(fastmath={"reassoc", "contract"})
+def taken(
+    image: Image,
+    small: Image,
+    dots_px: FloatArray,
+    agree: BoolArray,
+    margin: int,
+    blocks: int,
+    tops: FloatArray,
+    coarse: FloatArray,
+    line: FloatArray,
+) -> tuple[float, float]:
+    """Fill in the mean of the pixels about each dot, or of the nearest that are whole, and the means of cells of `blocks` blocks.
+
+    Returns the mean of the dots that agree; `line` is a work buffer.
+    """
     h, w = image.shape
+    # `small` is less a value of the image, so that few digits are lost: by it the first block differs
+    factor, zero = h // small.shape[0], 0.0
+    for j in range(factor * factor):
+        zero += image[j // factor, j % factor]
+    zero = zero / (factor * factor) - small[0, 0]
+    for row in range(len(coarse)):
+        for u in range(len(line)):
+            line[u] = small[row * blocks, u]
+        for j in range(1, blocks):
+            for u in range(len(line)):
+                line[u] += small[row * blocks + j, u]
+        for column in range(coarse.shape[1]):
+            total = 0.0
+            for j in range(column * blocks, (column + 1) * blocks):
+                total += line[j]
+            coarse[row, column] = total / (blocks * blocks) + zero
     across = 2 * margin + 1
     u_sum = v_sum = count = 0.0
     for k in range(len(dots_px)):
         u = min(max(round(dots_px[k, 0]), margin), w - 1 - margin)
         v = min(max(round(dots_px[k, 1]), margin), h - 1 - margin)
+        total = 0.0
         for j in range(across * across):
-            around[k, j] = image[v - margin + j // across, u - margin + j % across]
+            total += image[v - margin + j // across, u - margin + j % across]
+        tops[k] = total / (across * across)
         if agree[k]:
             u_sum += dots_px[k, 0]
             v_sum += dots_px[k, 1]

@@ -18,10 +18,14 @@ RIM_SHARE = 0.5
 """Share of what `rim.settled` moves dots by that is believed under a tilt. There the pressure falls all across the contact and
 not at its rim alone: dots amid it are low as well, and are moved too far. With all of it positions are off by 9 and 42 um at 2
 and 5 degrees (0.5 and 2 N), without it by -15 and -57, with half of it by -4 and -13: seed 5 of the elastic simulator."""
-STRAIN = 2.5
+STRAIN, OWN = 3.0, 1.5
 """Standard deviation of a linear displacement of the dots about their middle, over that which independent errors of the dots make
-of it in the direction in which they reach least far: all are drawn to where the pressure is, and parts that are longer than wide
-are drawn along themselves. Contractions in the frames of seed 5 have 1 to 4 times that."""
+of it; and the variance of these over that in a flat contact. All dots are drawn to where the pressure is, and parts that are
+longer than wide along themselves: contractions in the frames of seed 5 have 1 to 5 times what independent errors make."""
+CHANGE = 0.6
+"""Standard deviation of the rim's correction, over the half of it that is left out."""
+PIXELS = 0.45
+"""Share of such a displacement that is left to centres that are fitted to pixels."""
 _STEP = 1e-3
 
 
@@ -33,12 +37,13 @@ def tilted_pose(
     texture_mm: FloatArray,
     weights: FloatArray,
     view: View,
-) -> tuple[Pose, FloatArray]:
-    """The pose with the tilt's bias taken off and its uncertainty in the covariance, and the places of dots that it is fitted to.
+) -> tuple[Pose, FloatArray, FloatArray]:
+    """The pose with the tilt's bias taken off and its uncertainty in the covariance; the places of dots that it is fitted to, and
+    what of the covariance a strain of the contact adds.
 
     A tilted tape is seen foreshortened along its slope, by the cosine of its tilt. The rim's correction of the dots is believed
-    by half; the pose's change by that half is a standard deviation. A strain of the contact looks as the camera's scale, aspect
-    and shear do, but about the contact's middle: it moves the image's centre, which is far from it under a tilt.
+    by half; a share of the pose's change by that half is a standard deviation. A strain of the contact looks as the camera's
+    scale, aspect and shear do, but about the contact's middle: it moves the image's centre, which is far from it under a tilt.
 
     Parameters
     ----------
@@ -57,21 +62,22 @@ def tilted_pose(
     moved = moved + ((sqrt(1.0 + square) - 1.0) / square) * (moved @ slope)[:, None] * slope
     found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs)
     if not (np.isfinite(found.position_mm).all() and np.isfinite(found.covariance).all() and np.isfinite(found.px_per_mm)):
-        return pose, offset_px
+        return pose, offset_px, np.zeros((3, 3))
     change = np.array([*(found.position_mm - pose.position_mm), remainder(found.theta_rad - pose.theta_rad, tau)])
-    spread = np.outer(change, change) + _by_strain(found, moved, texture_mm, weights, view)
-    return replace(found, covariance=found.covariance + spread, agree=pose.agree), moved
+    strain = _by_strain(found, moved, texture_mm, weights, view)
+    covariance = OWN * found.covariance + CHANGE**2 * np.outer(change, change) + strain
+    return replace(found, covariance=covariance, agree=pose.agree), moved, strain
 
 
 def _by_strain(pose: Pose, offset_px: FloatArray, texture_mm: FloatArray, weights: FloatArray, view: View) -> FloatArray:
     """Covariance of a pose by a strain of the contact that nobody knows; shape (3, 3)."""
     from_middle = offset_px - offset_px[pose.agree].mean(axis=0)
-    least = float(np.linalg.eigvalsh(from_middle[pose.agree].T @ from_middle[pose.agree])[0])
-    sigma = STRAIN * pose.sigma_mm * view.px_per_mm / sqrt(max(least, 1e-300))
+    reach, directions = np.linalg.eigh(from_middle[pose.agree].T @ from_middle[pose.agree])
+    sigmas = STRAIN * pose.sigma_mm * view.px_per_mm / np.sqrt(np.maximum(reach, 1e-300))
     out = np.zeros((3, 3))
-    for axis in range(2):
+    for sigma, direction in zip(sigmas.tolist(), directions.T, strict=True):
         for along in np.eye(2):
-            moved = offset_px + _STEP * from_middle[:, axis, None] * along
+            moved = offset_px + _STEP * (from_middle @ direction)[:, None] * along
             strained = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs)
             rate = np.array([*(strained.position_mm - pose.position_mm), remainder(strained.theta_rad - pose.theta_rad, tau)])
             rate *= sigma / _STEP

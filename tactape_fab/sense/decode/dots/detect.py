@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactape_fab.sense.decode.dots.filters import STEP_TROUGH, Image, banded, gaussian_taps, tops
+from tactape_fab.sense.decode.dots.filters import STEP_TROUGH, Image, averaged, banded, gaussian_taps, tops
 from tactape_fab.sense.decode.rule import BACKGROUND_MM, LEAST_HEIGHT, LEAST_NOISE, SMOOTHING_MM, trusted
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -43,6 +43,8 @@ class Dots:
         it is long along u, (0, -a) along u = v. Zero where it is no proper top; None where nobody looked.
     seen_px : ndarray, shape (n, 2), or None
         Where they were detected, canonical image, before any correction; None: at `xy_px`.
+    small : ndarray of float32, or None
+        The image they were detected in: `averaged` over `coarseness` pixels.
     """
 
     xy_px: FloatArray
@@ -50,12 +52,18 @@ class Dots:
     trust: FloatArray
     elongation: FloatArray | None = None
     seen_px: FloatArray | None = None
+    small: Image | None = None
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
     """Band-pass for the width of a part: a Gaussian less a mean over about the pitch (paper, Eq. 1, with a smoother kernel)."""
     band: Image = banded(depth, gaussian_taps(SMOOTHING_MM * px_per_mm), round(BACKGROUND_MM * px_per_mm / 2))
     return band
+
+
+def coarseness(px_per_mm: float) -> int:
+    """Pixels along a block that is averaged before dots are looked for: a part is still several blocks wide."""
+    return max(int(px_per_mm / COARSE_PX_PER_MM), 1)
 
 
 def detect(depth: Image, px_per_mm: float) -> Dots:
@@ -67,10 +75,10 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
         Finite, larger = pushed further in.
     px_per_mm : float
     """
-    coarse = max(int(px_per_mm / COARSE_PX_PER_MM), 1)  # a part is still several pixels wide there
-    coarse_px_per_mm = px_per_mm / coarse
+    coarse = coarseness(px_per_mm)
+    coarse_px_per_mm, small = px_per_mm / coarse, averaged(depth, coarse)
     xy, height, elongation, trough, deep = tops(
-        depth,
+        small,
         coarse,
         gaussian_taps(SMOOTHING_MM * coarse_px_per_mm),
         round(BACKGROUND_MM * coarse_px_per_mm / 2),
@@ -90,7 +98,8 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     weights = height[kept] / scale
     # most tops are bumps of noise: their median stands for the height of the noise
     noise = max(_middle(falling) / scale, LEAST_NOISE)
-    return Dots(xy_px=xy[kept], weights=weights, trust=trusted(weights, noise), elongation=elongation[kept])
+    trust = trusted(weights, noise)
+    return Dots(xy_px=xy.take(kept, 0), weights=weights, trust=trust, elongation=elongation.take(kept, 0), small=small)
 
 
 def _off_ridges(order: IntArray, height: FloatArray, trough: FloatArray) -> IntArray:

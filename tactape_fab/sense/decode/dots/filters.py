@@ -210,14 +210,13 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
 
 
 def tops(
-    depth: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
+    small: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
-    Means over coarse x coarse pixels are looked at; places are in pixels of the image. The last are the depths of the troughs
+    `small` are the means over coarse x coarse pixels, places in pixels of the image. The last are the depths of the troughs
     beside ridges, as `_trough` has them from what lies so many coarse pixels off, and how many are deeper than `STEP_TROUGH`.
     """
-    small = averaged(depth, coarse)
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
     n = len(pixels)

@@ -29,8 +29,11 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
         frame = np.asarray(depth)
         if frame.dtype.kind not in "fiub":
             raise ValueError(f"dtype {frame.dtype}")
-        with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes a hole
-            image = np.require(frame, np.float32, ("C", "A", "W"))
+        if frame.dtype == np.float32 and frame.flags.carray:
+            image = frame
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes a hole
+                image = np.require(frame, np.float32, ("C", "A", "W"))
     except (TypeError, ValueError, OverflowError) as error:
         raise FrameError(f"the frame is no array of numbers: {error}; give a depth map (h, w)") from error
     expected = sensor.frame_shape

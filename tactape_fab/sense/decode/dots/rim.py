@@ -70,12 +70,14 @@ def settled(dots: Dots, pitch_px: float, shift: float) -> Dots:
 
 def chosen(dots: Dots, kept: BoolArray) -> Dots:
     """Some of the dots."""
+    which = kept.nonzero()[0]
     return Dots(
-        xy_px=dots.xy_px[kept],
-        weights=dots.weights[kept],
-        trust=dots.trust[kept],
-        elongation=None if dots.elongation is None else dots.elongation[kept],
-        seen_px=None if dots.seen_px is None else dots.seen_px[kept],
+        xy_px=dots.xy_px.take(which, 0),
+        weights=dots.weights.take(which),
+        trust=dots.trust.take(which),
+        elongation=None if dots.elongation is None else dots.elongation.take(which, 0),
+        seen_px=None if dots.seen_px is None else dots.seen_px.take(which, 0),
+        small=dots.small,
     )
 
 

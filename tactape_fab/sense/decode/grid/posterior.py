@@ -136,12 +136,13 @@ def posterior(
     c, s = cos / length, sin / length
     room, (normal, spread) = np.zeros((14, 2, len(seen_mm))), np.empty((2, 10, 10))
     rates, drawn, target, shares = room[:10], room[10:12], room[12], room[13]
-    apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, target, drawn)
+    to_fill = drawn if smoothed else drawn[:0]
+    apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, target, to_fill)
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     rim_mm2 = RIM_MM**2
     if not smoothed:
-        drawn[:], weights, rim_mm2 = 0.0, weights**2, 0.0
+        weights, rim_mm2 = weights**2, 0.0
     # from x and y of the robust fit: the model is linear in them, but sums of large squares would lose digits
     scale_sigma = float(beliefs.sigmas[0])
     scale = -log(length * px_per_mm) / scale_sigma if scale_sigma > 0.0 else 0.0
@@ -226,8 +227,8 @@ def _drawn(
 ) -> tuple[float, float]:
     """Fill in texture points in the image's axes from their middle (2, n), and what the neighbours do to each dot (2, 2, n).
 
-    That is the sum of all pushes over that of a neighbour at 1 mm, and the pull over that of a unit. Returns the sums of the
-    squared distances of the dots seen from their own middle, and from the image centre.
+    That is the sum of all pushes over that of a neighbour at 1 mm, and the pull over that of a unit; without room for it nothing
+    is filled in. Returns the sums of the squared distances of the dots seen from their own middle, and from the image centre.
     """
     u = v = squares = 0.0
     for i in range(len(weights)):
@@ -236,7 +237,7 @@ def _drawn(
         u += seen_mm[i, 0]
         v += seen_mm[i, 1]
         squares += seen_mm[i, 0] ** 2 + seen_mm[i, 1] ** 2
-    for i in range(len(weights)):
+    for i in range(len(weights) if len(out) > 0 else 0):
         push_x = push_y = total = x = y = 0.0
         for k in range(len(weights)):
             dx, dy = target[0, i] - target[0, k], target[1, i] - target[1, k]

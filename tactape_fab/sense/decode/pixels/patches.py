@@ -31,7 +31,8 @@ HALF_MM = 0.5
 STEPS = 128
 """Entries of a table in a pixel: a nearest entry is off by 1/256 px, less than 0.1 um of a relief of 0.12 mm."""
 USUAL_BLUR_MM = 0.15
-BLURS_MM = tuple(USUAL_BLUR_MM * 1.2**k for k in range(-6, 7))
+BLUR_STEP, MOST_BLUR_STEPS = 1.2, 6
+BLURS_MM = tuple(USUAL_BLUR_MM * BLUR_STEP**k for k in range(-MOST_BLUR_STEPS, MOST_BLUR_STEPS + 1))
 """Standard deviations of the gel's blur that are told apart, mm, and the one that is tried first: at a blur that is wrong by 30 %
 the error is 4 to 10 % larger."""
 BLUR_NEAR, BLUR_PATCHES, BLUR_STEPS = 0.25, 8, 6
@@ -197,10 +198,12 @@ def _usable(sensor: SensorProfile, factor: int, half: int) -> BoolArray:
 
 def has_patch(fit: PixelFit, at_px: FloatArray) -> BoolArray:
     """Whether all pixels around places can be used."""
-    u, v = np.rint(np.minimum(np.maximum(at_px, -1.0), 1e6)).astype(np.int64).T
     h, w = fit.usable.shape
-    inside: BoolArray = (u >= 0) & (u < w) & (v >= 0) & (v < h)
-    return inside & fit.usable[np.where(inside, v, 0), np.where(inside, u, 0)]
+    at = np.rint(at_px)
+    nearest = np.minimum(np.maximum(at, 0.0), (w - 1.0, h - 1.0))
+    u, v = nearest.astype(np.int64).T
+    whole: BoolArray = (nearest == at).all(axis=1) & fit.usable[v, u]
+    return whole
 
 
 def median(values: FloatArray) -> float:
@@ -225,8 +228,10 @@ def settled_patches(
     (a, b), (c, d) = to_body.tolist()
     to_px = np.array([[d, -c], [-b, a]]) / (a * d - b * c)  # the inverse, for rows
     centres = at_px + found.moved_mm @ to_px
-    far = np.hypot(found.moved_mm[:, 0], found.moved_mm[:, 1]) > AGAIN_MM
-    which = np.flatnonzero(far & (found.height > AGAIN_HEIGHT * median(found.height)) & has_patch(fit, centres))
+    far = (np.hypot(found.moved_mm[:, 0], found.moved_mm[:, 1]) > AGAIN_MM) & (found.height > AGAIN_HEIGHT * median(found.height))
+    which = far.nonzero()[0]
+    if len(which):
+        which = which[has_patch(fit, centres[which])]
     if len(which):
         again = fitted(fit, image, centres[which], to_body, part, blur_mm)
         centres[which] += again.moved_mm @ to_px
@@ -243,7 +248,8 @@ def _wanted_blur_mm(blur_mm: float, found: Patches) -> float:
     else:  # what is much sharper looks like a negative height and a blur that makes up for it
         square = 0.0
     square = min(max(square, blur_mm**2 / 4.0), blur_mm**2 * 4.0)
-    return min(BLURS_MM, key=lambda blur: abs(2.0 * log(blur) - log(square)))
+    steps = round(log(max(square, 1e-300) / USUAL_BLUR_MM**2) / (2.0 * log(BLUR_STEP)))
+    return BLURS_MM[min(max(steps, -MOST_BLUR_STEPS), MOST_BLUR_STEPS) + MOST_BLUR_STEPS]
 
 
 def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, part: TapePart, blur_mm: float) -> Patches:

@@ -227,6 +227,24 @@ def test_a_tilt_changes_no_decision(tilt_deg: tuple[float, float]) -> None:
     assert same if tilt_deg == (0.0, 0.0) else not same
 
 
+def test_a_strain_of_a_tilted_contact_is_in_the_covariance_of_pixels_too() -> None:
+    frame = frame_of(1.0, tilt_deg=(2.0, 0.0))
+    known, blind = (
+        Localizer([TAPE], sensor, refine="pixels").locate(frame.depth) for sensor in (SENSOR, replace(SENSOR, depth_unit_mm=None))
+    )
+    assert known.refined == blind.refined == "pixels" and known.covariance is not None and blind.covariance is not None
+    assert known.covariance[0, 0] > 1.5 * blind.covariance[0, 0]
+    error = np.asarray(known.position_mm) - frame.position_mm
+    assert error @ np.linalg.solve(known.covariance[:2, :2], error) < 15.0
+
+
+def test_a_tilted_cylinder_is_less_sure_off_the_image_s_centre() -> None:
+    frame = frame_of(1.0, cylinder_radius_mm=30.0, tilt_deg=(2.0, 0.0))
+    fix, blind = located(frame), located(frame, replace(SENSOR, depth_unit_mm=None))
+    assert fix.covariance is not None and blind.covariance is not None
+    assert fix.covariance[0, 0] > 1.5 * blind.covariance[0, 0]
+
+
 def test_the_answer_keeps_nothing_of_the_caller_s_frame() -> None:
     frame = frame_of(2.0)
     depth = frame.depth.copy()

@@ -216,6 +216,16 @@ def test_dots_of_others_have_no_pixels() -> None:
     assert fix.located and fix.refined == "dots"
 
 
+def test_a_profile_that_knows_its_blur_is_refined_unless_the_dots_are_asked_for() -> None:
+    frame, knows = next(frames(1)), replace(SENSOR, gel=Gel(blur_mm=0.15))
+    told = [(SENSOR, {}), (knows, {}), (knows, {"refine": "dots"}), (knows, {"refine": "pixels"})]
+    fixes = [Localizer(TAPE, sensor, **how).locate(frame.depth) for sensor, how in told]  # type: ignore[arg-type]
+    assert [fix.refined for fix in fixes] == ["dots", "pixels", "dots", "pixels"]
+    assert fixes[0].position_mm == fixes[2].position_mm and fixes[1].position_mm == fixes[3].position_mm
+    assert Localizer(TAPE, knows, method="paper").locate(frame.depth).refined is None
+    assert Localizer.from_code("microdots-4x4", 1.5, 0.25, knows).locate(frame.depth).refined in (None, "dots")
+
+
 def test_what_is_not_located_is_not_refined() -> None:
     fix = Localizer(TAPE, SENSOR, refine="pixels").locate(np.zeros((240, 320)))
     assert (fix.located, fix.refined, fix.refine_reason) == (False, None, None)
