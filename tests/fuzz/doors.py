@@ -29,6 +29,7 @@ from tactape_fab.sense.live.stream import stream_source
 from tactape_fab.sense.objects.taped_object import read_object
 from tactape_fab.sense.raw.image_files import read_colour
 from tactape_fab.solids.forms import read_form
+from tactape_fab.solids.mesh.stl import MeshError, read_stl
 from tactape_fab.solids.surface.part_files import closed_mesh, read_surface_mesh
 from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.as_built import AsBuilt
@@ -189,6 +190,13 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         found = read_of("cpl", read_cpl, files, checks)
         return found and check_cpl(found, tape, film.assembly, film.lands.pads)
 
+    def models(files: Files) -> object:
+        try:
+            mesh = read_stl(files["stl"].data)
+        except MeshError as error:
+            return str(error)
+        return check_models(tape, form, files, mesh, cpl)
+
     checks: dict[str, Callable[[Files], object]] = {
         **dict.fromkeys(LAYERS, layers),
         "cpl": places,
@@ -202,7 +210,7 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         "preview-png": check_picture,
         "preview-svg": check_picture,
         "report": lambda files: check_listed(seeds.manifest, {"report": [files["report"]]}, []),
-        **dict.fromkeys(("stl", "3mf", "step-solid", "step-assembly"), lambda files: check_models(tape, form, files, cpl)),
+        **dict.fromkeys(("stl", "3mf", "step-solid", "step-assembly"), models),
     }
 
     def reading(role: str, check: Callable[[Files], object]) -> Read:
