@@ -10,6 +10,7 @@ The x bit of a symbol is X, the y bit is Y.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -47,8 +48,50 @@ class Plane(Protocol):
         """Place and sector of every window of a patch of at least one; see `locate_windows`."""
 
 
+class TapesOfPlane(ABC):
+    """What all codes with a plane have in common: a tape shows the patch at its origin, and needs no other proof of it."""
+
+    directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)
+    """Two bits, x and y, say four."""
+
+    @property
+    @abstractmethod
+    def plane(self) -> Plane:
+        """The code itself."""
+
+    @property
+    def vouched(self) -> str:
+        return f"as code '{self.plane.name}' has them"
+
+    def symbols(
+        self,
+        sector: int,
+        origin: tuple[int, int],
+        shape: tuple[int, int],
+        avoid: Sequence[SymbolArray],
+        directions: int,
+        *,
+        half_turns: bool = False,
+    ) -> SymbolArray:
+        """The patch of the plane at `origin`, see `encode`; `origin` alone separates it from other tapes."""
+        return encode(self.plane, sector, origin, shape)
+
+    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
+        return encode(self.plane, sector, origin, shape)
+
+    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
+        return self.plane.name, sector, origin
+
+    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
+        return {}
+
+    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
+        """Refuse symbols that the code does not have at a place."""
+        refuse_other_symbols(self.plane, symbols, sector, origin)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlaneCode:
+class PlaneCode(TapesOfPlane):
     """A `Plane` made of number sequences along its axes. `texture.code.Code` is the interface of every code.
 
     Attributes
@@ -69,7 +112,6 @@ class PlaneCode:
     secondary: tuple[NumberSequence, ...]
     least_difference: int
     origin_stride: int
-    directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)  # x and y bit only: a plane code has four directions
     most_points: ClassVar[int] = MOST_POINTS
     half_turns: ClassVar[bool] = False
     another: ClassVar[str] = "--origin best"
@@ -81,10 +123,6 @@ class PlaneCode:
     @property
     def sequences(self) -> PlaneCode:
         return self
-
-    @property
-    def vouched(self) -> str:
-        return f"as code '{self.name}' has them"
 
     @property
     def window(self) -> int:
@@ -107,32 +145,6 @@ class PlaneCode:
         overlap in the plane, so that sectors are not shifts of one another.
         """
         return self.origin_stride * sector, self.origin_stride * (17 * sector % self.sectors)
-
-    def symbols(
-        self,
-        sector: int,
-        origin: tuple[int, int],
-        shape: tuple[int, int],
-        avoid: Sequence[SymbolArray],
-        directions: int,
-        *,
-        half_turns: bool = False,
-    ) -> SymbolArray:
-        """The patch of the plane at `origin`, see `encode`; `origin` alone separates it from other tapes."""
-        return encode(self, sector, origin, shape)
-
-    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
-        return encode(self, sector, origin, shape)
-
-    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
-        return self.name, sector, origin
-
-    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
-        return {}
-
-    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
-        """Refuse symbols that the code does not have at a place."""
-        refuse_other_symbols(self, symbols, sector, origin)
 
     @cached_property
     def weights(self) -> tuple[int, ...]:

@@ -12,22 +12,19 @@ pieces of one plane, so that this holds for all tapes together.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from tactape_fab.base.fields import Fields
-from tactape_fab.texture.directions import USUAL_DIRECTIONS
 from tactape_fab.texture.frames import IntArray, SymbolArray
-from tactape_fab.texture.plane import Plane, WindowPlaces, encode, refuse_other_symbols
+from tactape_fab.texture.plane import Plane, TapesOfPlane, WindowPlaces
 from tactape_fab.texture.windows import bit_count, windows_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TraceCode:
+class TraceCode(TapesOfPlane):
     """A code plane in which patches of any place differ by a proven number of bits, the turn being known.
 
     `texture.code.Code` is the interface of every code.
@@ -58,7 +55,6 @@ class TraceCode:
     range: int
     sectors: int
     window: int = 4
-    directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)
     another: ClassVar[str] = "another --sector"
     sequences: ClassVar[None] = None
     half_turns: ClassVar[bool] = True
@@ -72,10 +68,6 @@ class TraceCode:
         return self.range**2
 
     @property
-    def vouched(self) -> str:
-        return f"as code '{self.name}' has them"
-
-    @property
     def order(self) -> int:
         """Number of nonzero elements: exponents repeat after so many."""
         return (1 << self.degree) - 1
@@ -83,32 +75,6 @@ class TraceCode:
     def default_origin(self, sector: int) -> tuple[int, int]:
         """(0, 0): no two sectors share a place, and any two places differ alike."""
         return 0, 0
-
-    def symbols(
-        self,
-        sector: int,
-        origin: tuple[int, int],
-        shape: tuple[int, int],
-        avoid: Sequence[SymbolArray],
-        directions: int,
-        *,
-        half_turns: bool = False,
-    ) -> SymbolArray:
-        """The patch of the sector at `origin`, see `plane.encode`."""
-        return encode(self, sector, origin, shape)
-
-    def extended(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
-        return encode(self, sector, origin, shape)
-
-    def texture_key(self, sector: int, origin: tuple[int, int], symbols: SymbolArray) -> tuple[Hashable, ...]:
-        return self.name, sector, origin
-
-    def digest_entry(self, symbols: SymbolArray) -> dict[str, str]:
-        return {}
-
-    def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
-        """Refuse symbols that the code does not have at a place."""
-        refuse_other_symbols(self, symbols, sector, origin)
 
     def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         rows, columns = shape
