@@ -11,7 +11,12 @@ from pathlib import Path
 
 SITE = Path(__file__).parent
 DOCS = SITE.parent
-PAGES = {"index.md": "README.md", "changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}
+PAGES = {
+    "index.md": "README.md",
+    "changelog.md": "CHANGELOG.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "security.md": "SECURITY.md",
+}
 """Pages that are files of the top folder."""
 
 

@@ -51,7 +51,7 @@ def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: in
     Raises
     ------
     ValueError
-        If it unpacks to more.
+        If it unpacks to more, or to other than the zip announces.
     zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError
         If it is damaged, encrypted, or packed in a way that Python does not know.
     """
@@ -59,4 +59,6 @@ def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: in
         data = member.read(most_bytes + 1)
     if len(data) > most_bytes:
         raise ValueError(f"{entry.filename[:100]!r} unpacks to more than {most_bytes} bytes")
+    if len(data) != entry.file_size:
+        raise ValueError(f"{entry.filename[:100]!r} unpacks to {len(data)} bytes, and the zip announces {entry.file_size}")
     return data

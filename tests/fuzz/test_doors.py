@@ -93,7 +93,7 @@ def _writes(_: bytes, __: Path) -> None:
 
 
 def _removes(_: bytes, __: Path) -> None:
-    os.remove(Path(__file__).with_name("no-such-file"))  # noqa: PTH107
+    os.remove("/no-such-file")  # noqa: PTH107
 
 
 def _runs(_: bytes, __: Path) -> None:

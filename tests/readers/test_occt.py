@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactape_fab.solids.elements import CHORD_ERROR_MM
 from tactape_fab.texture.tape import Tape
 from tests.readers.solids import ASSEMBLY_RGB, NAMES, Variant, read_with_occt, write_assembly
 from tests.solids import centre_mm, volume_mm3
@@ -100,7 +101,8 @@ def test_occt_finds_the_centre_of_mass_where_it_should_be(
     a, b, c = np.moveaxis(variant.mesh.corners_mm, 1, 0)
     shares = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
     of_mesh = shares @ (a + b + c) / 4 / shares.sum()
-    assert np.abs(np.array(readings[name]["centre_mm"]) - of_mesh).max() < 0.001
+    # a mesh cuts off what its chords do, which leaves 2 um with CHORD_ERROR_MM
+    assert np.abs(np.array(readings[name]["centre_mm"]) - of_mesh).max() < 0.3 * CHORD_ERROR_MM
     if exact is not None:
         assert np.abs(np.array(readings[name]["centre_mm"]) - exact).max() < 1e-7
 

@@ -155,7 +155,7 @@ def test_without_a_key_a_signature_is_only_mentioned(signed: Path, kit: Path) ->
 def test_a_key_that_cannot_sign_is_refused_before_anything_is_made(key: str, keys: Path, tmp_path: Path) -> None:
     said = run(*SMALL, "-o", tmp_path / "kit", "--sign", keys / key)
     assert said.exit_code == 2
-    assert said.stderr.startswith("error: sign = ") and len(said.stderr.splitlines()) == 1
+    assert said.stderr.startswith("error: --sign = ") and len(said.stderr.splitlines()) == 1
     assert not (tmp_path / "kit").exists()
 
 
@@ -163,7 +163,7 @@ def test_a_key_that_cannot_sign_is_refused_before_anything_is_made(key: str, key
 def test_a_key_that_cannot_check_is_refused(key: str, keys: Path, signed: Path) -> None:
     said = run("verify", signed, "--quick", "--key", keys / key)
     assert said.exit_code == 2
-    assert said.stderr.startswith("error: key = ") and len(said.stderr.splitlines()) == 1
+    assert said.stderr.startswith("error: --key = ") and len(said.stderr.splitlines()) == 1
 
 
 def test_each_kit_of_a_panel_and_of_a_list_is_signed(keys: Path, tmp_path: Path) -> None:

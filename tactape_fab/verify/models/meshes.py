@@ -41,6 +41,7 @@ _MOST_MODEL_BYTES = 2 << 30
 _TEXT_PER_TRIANGLE = 300
 _POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")
 _LONGEST_NAME = 13
+_FURTHEST = 1e9
 _VERTEX = re.compile(rb"=VERTEX_POINT\('',#(\d{1,12})\)")
 _AXES = re.compile(rb"#(\d{1,12})=AXIS2_PLACEMENT_3D\('',#(\d{1,12}),")
 _ROUND = re.compile(rb"=(?:SPHERICAL|CONICAL)_SURFACE\('',#(\d{1,12}),")
@@ -225,6 +226,8 @@ def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDA
             raise ValueError(str(warning)) from warning
     if len(numbers) != len(flat):
         raise ValueError(f"{len(numbers)} numbers where there are {len(flat)}")
+    if numbers.size and not np.abs(numbers).max() <= _FURTHEST:  # NaN included
+        raise ValueError("a number that is none, or far beyond any part")
     return numbers.reshape(-1, 3)
 
 
