@@ -23,7 +23,7 @@ EXTRAS = ("live", "measure", "raw")
 """What a wheel of the oldest numpy exists for; that of build123d asks for numpy 2."""
 RUNNERS = ("hatchling", "hypothesis", "pypdf", "pytest", "pytest-benchmark", "pytest-xdist")
 TESTS = ("tests/golden/test_golden.py", "tests/unit/base", "tests/unit/texture/test_tape.py", "tests/unit/kit/read")
-DRAWN = ("3mf", "fab-drawing", "fab-dxf", "preview-png", "report", "stl")
+DRAWN = ("3mf", "fab-drawing", "preview-png", "report", "stl")
 """Roles whose bytes depend on versions of libraries, which the manifest records: pictures, PDF, triangles of equal right."""
 _BOUND = re.compile(r"([A-Za-z0-9_.-]+)>=([0-9.]+)[^;]*(;.*)?")
 

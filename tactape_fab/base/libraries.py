@@ -28,7 +28,7 @@ _INSTALLED_BY = {
 }
 """Requirement that pip installs a module by; all other modules come with the package's own dependencies."""
 _OWN = "tactape-fab"
-_IN_KITS = ("numpy", "shapely", "gerbonara", "jinja2", "Hershey-Fonts", "ezdxf", "trimesh", "opencv-python-headless", "reportlab")
+_IN_KITS = ("numpy", "shapely", "gerbonara", "jinja2", "Hershey-Fonts", "trimesh", "opencv-python-headless", "reportlab")
 """Distributions whose version may decide a byte of a kit: figures, outlines, label, previews, notes, report, drawings."""
 
 

@@ -35,6 +35,7 @@ EXTRAS = {
     "rerun": "watch shows what it sees in the Rerun viewer",
     "zenoh": "watch publishes its messages over Zenoh",
     "slam": "located contacts as factors of GTSAM",
+    "sign": "make signs a kit, and verify asks for the signature",
     "verify": "verify reads the printed AprilTag with a second detector",
     "evidence": "python -m tests.bench draws the curves of the evidence",
     "docs": "zensical builds this documentation",

@@ -44,7 +44,7 @@ def test_text_files_are_the_golden_ones(
     written = {
         path.relative_to(kit.path).as_posix(): path.read_bytes()
         for path in sorted(kit.path.rglob("*"))
-        if path.suffix not in {".pdf", ".dxf", ".png", ".zip", ".json", ".stl", ".3mf", ".html", ""}
+        if path.suffix not in {".pdf", ".png", ".zip", ".json", ".stl", ".3mf", ".html", ""}
     }
     golden = FOLDER / name
     if request.config.getoption("--update-golden"):

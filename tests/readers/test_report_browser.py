@@ -316,7 +316,7 @@ def test_measured_places_are_drawn_and_said(open_report: Open, report: Path, def
     search(page, "R3")
     page.locator("#layer-built").press("Space")  # no mouse, which would point at a part when the page has moved
     drawn(page)
-    assert np.array_equal(picture(page), before)
+    assert (picture(page) != before).any(axis=2).mean() < 0.0005  # the map may have moved by a share of a pixel on the way
 
 
 @pytest.mark.parametrize(

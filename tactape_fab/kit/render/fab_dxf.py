@@ -1,14 +1,15 @@
-"""The fab drawing's outline, slots, holes, field, tag and label as DXF, to lay under a fab's or a robot's own CAD."""
+"""The fab drawing's outline, slots, holes, field, tag and label as DXF, to lay under a fab's or a robot's own CAD.
+
+ASCII DXF of release 12 (group codes and entities as in Autodesk's DXF reference), which every program reads; the unit is in
+$INSUNITS, which programs of today look for.
+"""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
-from tactape_fab.base.libraries import library
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.order_facts import Box, OrderFacts
@@ -16,46 +17,64 @@ from tactape_fab.texture.frames import FloatArray
 
 LAYERS = {"OUTLINE": 7, "SLOTS": 7, "HOLES": 1, "FIELD": 5, "NUMBER": 3, "TAG": 8, "LABEL": 8}
 """Layers and their colours of the AutoCAD colour index; NUMBER is where a fab may print its own."""
-_MILLIMETRES, _VERSION = 4, "R2010"  # $INSUNITS, and the oldest format with it that all programs of today write
+_MILLIMETRES = 4  # $INSUNITS
+
+Tags = Iterator[tuple[int, str | int]]
+"""Group codes and their values."""
 
 
 def render_fab_dxf(facts: OrderFacts, drawing: Drawing) -> tuple[Artifact]:
     """Layers of a tape or a panel in the board frame, mm; the same bytes every time."""
-    ezdxf = library("ezdxf", "the DXF drawing")
-    stream, fixed = io.StringIO(), ezdxf.options.write_fixed_meta_data_for_testing
-    ezdxf.options.write_fixed_meta_data_for_testing = True  # else it writes the time and random identifiers
-    try:
-        document = ezdxf.new(_VERSION, units=_MILLIMETRES)
-        _draw(document, facts, drawing)
-        for name in sorted(document.entitydb.dxf_types_in_use()):  # it would enter them in the order of a set
-            document.classes.add_class(name)
-        document.write(stream)
-    finally:
-        ezdxf.options.write_fixed_meta_data_for_testing = fixed
-    data = stream.getvalue().encode(document.output_encoding)
-    return (Artifact(role="fab-dxf", path=f"{drawing.name}-drawing.dxf", data=data),)
+    text = "".join(f"{code:3d}\n{value}\n" for code, value in _document(facts, drawing))
+    return (Artifact(role="fab-dxf", path=f"{drawing.name}-drawing.dxf", data=text.encode("ascii")),)
 
 
-def _draw(document: Any, facts: OrderFacts, drawing: Drawing) -> None:
+def _document(facts: OrderFacts, drawing: Drawing) -> Tags:
+    yield from (
+        (0, "SECTION"),
+        (2, "HEADER"),
+        (9, "$ACADVER"),
+        (1, "AC1009"),
+        (9, "$INSUNITS"),
+        (70, _MILLIMETRES),
+        (0, "ENDSEC"),
+    )
+    yield from ((0, "SECTION"), (2, "TABLES"), (0, "TABLE"), (2, "LAYER"), (70, len(LAYERS)))
     for layer, colour in LAYERS.items():
-        document.layers.add(layer, color=colour)
-    space = document.modelspace()
-
-    def draw(layer: str, lines_mm: Iterable[FloatArray], *, closed: bool = True) -> None:
-        for line in lines_mm:
-            points = np.asarray(line).round(6).tolist()
-            if closed and points[0] == points[-1]:
-                points.pop()
-            space.add_lwpolyline(points, close=closed, dxfattribs={"layer": layer})
-
-    draw("OUTLINE", [drawing.outline_mm])
-    draw("SLOTS", drawing.slots_mm)
+        yield from ((0, "LAYER"), (2, layer), (70, 0), (62, colour), (6, "CONTINUOUS"))
+    yield from ((0, "ENDTAB"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES"))
+    yield from _polyline("OUTLINE", drawing.outline_mm)
+    for slot in drawing.slots_mm:
+        yield from _polyline("SLOTS", slot)
     for x, y, diameter in drawing.holes:
-        space.add_circle((x, y), diameter / 2, dxfattribs={"layer": "HOLES"})
-    draw("FIELD", [_corners(field) for field, _ in facts.fields_mm])
-    draw("NUMBER", [_corners(area) for _, area in facts.fields_mm if area is not None])
-    draw("TAG", drawing.legend.areas_mm)
-    draw("LABEL", drawing.legend.strokes_mm, closed=False)
+        yield from ((0, "CIRCLE"), (8, "HOLES"), *_point(x, y), (40, _number(diameter / 2)))
+    for field, number in facts.fields_mm:
+        yield from _polyline("FIELD", _corners(field))
+        if number is not None:
+            yield from _polyline("NUMBER", _corners(number))
+    for area in drawing.legend.areas_mm:
+        yield from _polyline("TAG", area)
+    for stroke in drawing.legend.strokes_mm:
+        yield from _polyline("LABEL", stroke, closed=False)
+    yield from ((0, "ENDSEC"), (0, "EOF"))
+
+
+def _polyline(layer: str, line_mm: FloatArray, *, closed: bool = True) -> Tags:
+    points = np.asarray(line_mm).round(6).tolist()
+    if closed and points[0] == points[-1]:
+        points.pop()
+    yield from ((0, "POLYLINE"), (8, layer), (66, 1), *_point(0.0, 0.0), (70, int(closed)))
+    for x, y in points:
+        yield from ((0, "VERTEX"), (8, layer), *_point(x, y))
+    yield from ((0, "SEQEND"), (8, layer))
+
+
+def _point(x: float, y: float) -> Tags:
+    yield from ((10, _number(x)), (20, _number(y)), (30, "0.0"))
+
+
+def _number(value_mm: float) -> str:
+    return f"{value_mm + 0.0:.6f}"  # no negative zero
 
 
 def _corners(box: Box) -> FloatArray:

@@ -49,7 +49,7 @@ def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> 
     for part in shown:
         lines += _part(cpl.xy_mm[part], float(cpl.rotation_deg[part]), cpl.designators[part], body)
     first = shown[0]
-    lines += _angle(cpl.xy_mm[first], float(cpl.rotation_deg[first]), body)
+    lines += _angle(cpl.xy_mm[first], float(cpl.rotation_deg[first]) % 360.0, body)
     text = "\n".join([_head(low, side_mm, cpl.designators[first]), *lines, "</svg>", ""])
     name = next(a.path for a in artifacts if a.role == "kicad-pcb").rsplit("/", 1)[-1].removesuffix(".kicad_pcb")
     return (Artifact(role="placement-preview", path=f"preview/{name}-placements.svg", data=text.encode("utf-8")),)

@@ -226,7 +226,7 @@ def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDA
             raise ValueError(str(warning)) from warning
     if len(numbers) != len(flat):
         raise ValueError(f"{len(numbers)} numbers where there are {len(flat)}")
-    if numbers.size and not np.abs(numbers).max() <= _FURTHEST:  # NaN included
+    if kind is np.float64 and numbers.size and not np.abs(numbers).max() <= _FURTHEST:  # NaN included
         raise ValueError("a number that is none, or far beyond any part")
     return numbers.reshape(-1, 3)
 

@@ -59,7 +59,7 @@ def test_all_problems_are_said_together_and_nothing_is_written(tmp_path: Path) -
         "no file of frames is given",
         "no tape is given",
         "no-such",
-        'known_theta = "up" is not FRAME,DEG',
+        '--known-theta = "up" is not FRAME,DEG',
         "no.csv cannot be opened",
     ):
         assert words in result.stderr

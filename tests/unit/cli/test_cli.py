@@ -29,7 +29,7 @@ RULES = {
     "opening-expansion", "corner-radius", "paste-ratio", "chip-size", "part-count", "assembly-size",
 }  # fmt: skip
 FINDING_KEYS = {"rule", "level", "passed", "message", "value", "limit", "unit", "at_mm", "source", "confirmed"}
-CHECK_KEYS = {"name", "passed", "message", "figure", "unit", "warning"}
+CHECK_KEYS = {"name", "passed", "message", "figure", "unit", "warning", "skipped"}
 MAKE_KEYS = {"path", "name", "sector", "code", "origin", "columns", "rows", "parts", "files", "findings", "checks"}
 SMALL = "--sector 9 --size 20x20"
 

@@ -307,7 +307,7 @@ def test_a_link_in_the_kit_is_not_followed(flat_kit: Kit, copied: Copy, tmp_path
 
 def test_the_command_makes_again_and_nothing_else(flat_kit: Kit) -> None:
     run = CliRunner().invoke(main, ["verify", str(flat_kit.path), "--reproduce"])
-    assert run.exit_code == 0 and run.stdout.startswith("ok    reproduced  made again from its manifest:")
+    assert run.exit_code == 0 and run.stdout.split()[:5] == ["ok", "reproduced", "made", "again", "from"]
     refused = CliRunner().invoke(main, ["verify", str(flat_kit.path), "--reproduce", "--quick"])
     assert refused.exit_code == 2 and "leave out --reproduce, or --quick" in refused.stderr
 

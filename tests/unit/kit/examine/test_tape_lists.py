@@ -50,9 +50,9 @@ def refuse(folder: Path, args: str, status: int) -> list[str]:
         ("make --sectors 7 --jobs 0", USAGE, "jobs = 0 is outside 1 to 64; --jobs is the number of processes"),
         ("make --sectors 7 --jobs 1000000", USAGE, "jobs = 1000000 is outside 1 to 64"),
         ("make --sectors 7 --jobs two", USAGE, "jobs = 'two' is not a whole number"),
-        ("make --sectors 7,8 --size 300x300 --pack", USAGE, "size_mm = 300 x 300 mm does not fit into 236 x 236 mm"),
+        ("make --sectors 7,8 --size 300x300 --pack", USAGE, "--size = 300 x 300 mm does not fit into 236 x 236 mm"),
         ("make --sectors 7,8 --part dome --pack", USAGE, "part = 'dome' makes no film that could be packed"),
-        ("make --sectors 7,8 --w nan", USAGE, "pitch_mm = nan mm is not a finite number"),
+        ("make --sectors 7,8 --w nan", USAGE, "--w = nan mm is not a finite number"),
         ("make --sectors 7,8 --part r9999", USAGE, "part = 'r9999' is none of"),
         ("make --sectors 7,8 --delta 0.7", RULES, "pad-pad: gap between pads of two parts -0.329 mm is below the limit 0.100 mm"),
         ("make --sector 7 --pack", USAGE, "--pack is for lists of tapes; give --sectors or [[tapes]], or leave it out"),
@@ -67,7 +67,7 @@ def test_a_bad_list_is_refused_once(args: str, status: int, said: str, here: Pat
 def test_everything_wrong_comes_together(here: Path) -> None:
     (here / "file").write_text("")
     lines = refuse(here, "make --sectors 9-7,300 --jobs 0 -o file --w nan --delta 0.7 --name x", USAGE)
-    said = ["jobs = 0", "output = file exists and is not a folder", "holds 9-7", "holds 300", "name = 'x'", "pitch_mm = nan"]
+    said = ["jobs = 0", "-o = file exists and is not a folder", "holds 9-7", "holds 300", "name = 'x'", "--w = nan"]
     assert [any(part in line for line in lines) for part in said] == [True] * len(said), lines
 
 
@@ -127,7 +127,7 @@ def test_a_place_that_cannot_hold_kits_is_refused(here: Path) -> None:
     (here / "lab" / "tactape-s007").mkdir(parents=True)
     (here / "lab" / "tactape-s007" / "mine.txt").write_text("")
     assert refuse(here, "make --sectors 7 -o kit", USAGE) == [
-        "output = kit is a kit, which holds no other kits; use -o to name another folder"
+        "-o = kit is a kit, which holds no other kits; use -o to name another folder"
     ]
     (line,) = refuse(here, "make --sectors 7 -o lab --overwrite", USAGE)
     assert "lab/tactape-s007 is no kit of this tool" in line

@@ -184,7 +184,7 @@ CASES: list[tuple[str, int, str]] = [
         USAGE,
         "asks for sectors up to 256, but code 'microdots-4x4' has 256, .*; use --sector 254 or less",
     ),
-    ("--sector 7 --panel auto --tag-id 5", USAGE, "tag_id = 5 would be that of all 2 tapes; leave out --tag-id"),
+    ("--sector 7 --panel auto --tag-id 5", USAGE, "--tag-id = 5 would be that of all 2 tapes; leave out --tag-id"),
     ("--sector 7 --panel auto --tabs z", USAGE, "tabs = 'z' is none of: auto, x, y, xy"),
     (
         "--sector 7 --panel auto --part dome",
@@ -224,7 +224,7 @@ def test_everything_that_is_wrong_is_said_together(tmp_path: Path, monkeypatch: 
     code, lines = run("make --sector 7 --sectors 8,9 --panel 9x --tabs q --w -1 --fab nowhere")
     assert code == USAGE
     said = "\n".join(lines)
-    for key in ("panel = '9x'", "sector = 7", "tabs = 'q'", "pitch_mm = -1", "fab = 'nowhere'"):
+    for key in ("panel = '9x'", "sector = 7", "tabs = 'q'", "--w = -1", "fab = 'nowhere'"):
         assert said.count(key) == 1, said
 
 

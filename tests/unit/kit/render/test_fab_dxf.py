@@ -40,7 +40,7 @@ def read(data: bytes) -> Any:
 
 
 def points(entity: Any) -> np.ndarray:
-    return np.array([point[:2] for point in entity.get_points()])
+    return np.array([tuple(vertex.dxf.location)[:2] for vertex in entity.vertices])
 
 
 def test_layers_hold_outline_field_tag_and_holes() -> None:
@@ -57,7 +57,7 @@ def test_layers_hold_outline_field_tag_and_holes() -> None:
     assert (hole.dxf.center.x, hole.dxf.center.y, hole.dxf.radius) == pytest.approx((30.0, 20.0, 1.5))
     assert len(on["TAG"]) == len(drawing.legend.areas_mm) > 1
     assert len(on["LABEL"]) == len(drawing.legend.strokes_mm) > 10
-    assert all(entity.closed for layer in ("OUTLINE", "FIELD", "TAG") for entity in on[layer])
+    assert all(entity.is_closed for layer in ("OUTLINE", "FIELD", "TAG") for entity in on[layer])
     assert sum(map(len, on.values())) == len(document.modelspace())
 
 
