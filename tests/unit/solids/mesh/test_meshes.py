@@ -365,7 +365,7 @@ def test_only_the_date_differs_between_days() -> None:
         (package(b'<model unit="inch">'), "not the millimetre"),
         (package(model(b"")), "does not have"),
         (package(model(b'<vertex x="1" y="2" z="q"/><triangle v1="0" v2="0" v3="0"/>')), "an invalid number"),
-        (package(model(b'<vertex x="1" y="2" z="nan"/><triangle v1="0" v2="0" v3="0"/>')), "does not have"),
+        (package(model(b'<vertex x="1" y="2" z="nan"/><triangle v1="0" v2="0" v3="0"/>')), "an invalid number"),
         (package(model(b'<vertex x="1" y="2" z="3"/><triangle v1="0" v2="1" v3="0"/>')), "does not have"),
         (package(model(b'<vertex x="1" y="2" z="3"/><triangle v1="0" v2="9' + b"9" * 30 + b'" v3="0"/>')), "it"),
         (package(b'<model unit="millimeter"><vertex x="1" y="2" z="3"/>'), "does not build one object"),
