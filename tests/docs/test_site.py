@@ -71,7 +71,7 @@ def test_every_page_can_be_reached() -> None:
     readers = ["Start", "Order or print a tape", "Put it on a robot", "Study how it works", "Reference"]
     assert [kind for section in kinds for kind in section] == readers
     pages = [path for section in kinds for entries in section.values() for entry in entries for path in entry.values()]
-    assert sorted(pages) == sorted([*(page.name for page in DOCS.glob("*.md")), "changelog.md", "contributing.md"])
+    assert sorted(pages) == sorted([*(page.name for page in DOCS.glob("*.md")), "changelog.md", "contributing.md", "security.md"])
 
 
 @pytest.mark.skipif(find_spec("zensical") is None, reason="zensical is missing; pip install .[docs], with Python 3.11 or newer")
