@@ -63,7 +63,9 @@ def _polyline(layer: str, line_mm: FloatArray, *, closed: bool = True) -> Tags:
     points = np.asarray(line_mm).round(6).tolist()
     if closed and points[0] == points[-1]:
         points.pop()
-    yield from ((0, "POLYLINE"), (8, layer), (66, 1), *_point(0.0, 0.0), (70, int(closed)))
+    yield from ((0, "POLYLINE"), (8, layer), (66, 1))
+    yield from _point(0.0, 0.0)
+    yield 70, int(closed)
     for x, y in points:
         yield from ((0, "VERTEX"), (8, layer), *_point(x, y))
     yield from ((0, "SEQEND"), (8, layer))
