@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -69,8 +71,25 @@ def look_at(place: FloatArray, target: FloatArray, up: tuple[float, float, float
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def seen(mujoco: Any, file: Path, place: FloatArray, axes: FloatArray) -> tuple[Any, Any, np.ndarray]:
-    """Model, data and picture of a description with a camera."""
+def seen(mujoco: Any, file: Path, place: FloatArray, axes: FloatArray) -> tuple[Any, np.ndarray]:
+    """Data and picture of a description with a camera.
+
+    The picture is drawn by a process of its own: with OpenGL loaded, the tag detector ends the process now and then.
+    """
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        try:
+            return data, pool.submit(drawn, file, place, axes).result()
+        except (RuntimeError, ImportError, AttributeError) as error:  # each way to OpenGL has its own
+            _missing("OpenGL", f"install Debian's libegl1 and libgl1-mesa-dri ({error})")
+    raise AssertionError
+
+
+def drawn(file: Path, place: FloatArray, axes: FloatArray) -> np.ndarray:
+    """Picture of a description by MuJoCo."""
+    mujoco = import_module("mujoco")
     spec = mujoco.MjSpec.from_file(str(file))
     camera = spec.worldbody.add_camera()
     quaternion = np.zeros(4)
@@ -82,13 +101,10 @@ def seen(mujoco: Any, file: Path, place: FloatArray, axes: FloatArray) -> tuple[
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    try:
-        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
-    except Exception as error:  # each way to OpenGL has its own
-        _missing("OpenGL", f"install Debian's libegl1 and libgl1-mesa-dri ({error})")
-    with renderer:
+    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
         renderer.update_scene(data, "eye")
-        return model, data, renderer.render()
+        picture: np.ndarray = renderer.render()
+    return picture
 
 
 CAMERAS = [((0.004, 0.003, 0.022), (0, 1, 0)), ((0.012, -0.008, 0.02), (0.3, 1, 0)), ((-0.005, 0.012, 0.03), (1, 0.2, 0))]
@@ -101,7 +117,7 @@ def test_a_camera_in_mujoco_finds_the_tag_where_it_is(mujoco: Any, film: Kit, pl
     assert tag is not None
     at = np.array(place)
     axes = look_at(at, np.array([tag.center_mm[0] / 1000 + 0.002, tag.center_mm[1] / 1000 + 0.001, 0.0]), up)
-    _, data, picture = seen(mujoco, sim_file(film, ".xml"), at, axes)
+    data, picture = seen(mujoco, sim_file(film, ".xml"), at, axes)
     gray = np.ascontiguousarray(picture.mean(axis=2).astype(np.uint8))
     focal = HEIGHT / 2 / np.tan(np.radians(FOVY_DEG / 2))
     lens = (focal, focal, WIDTH / 2, HEIGHT / 2)
@@ -128,7 +144,7 @@ def test_the_tag_s_site_is_where_the_manifest_has_it(mujoco: Any, film: Kit) -> 
 
 def test_what_is_drawn_is_a_film_with_dark_parts(mujoco: Any, film: Kit) -> None:
     at = np.array([0.016, 0.010, 0.045])
-    _, _, picture = seen(mujoco, sim_file(film, ".xml"), at, look_at(at, at * (1, 1, 0), (0, 1, 0)))
+    _, picture = seen(mujoco, sim_file(film, ".xml"), at, look_at(at, at * (1, 1, 0), (0, 1, 0)))
     focal = HEIGHT / 2 / np.tan(np.radians(FOVY_DEG / 2))
     xy = film.tape.part_xy_mm() / 1000
     px = focal / (at[2] - 0.00023) * (xy - at[:2]) * (1, -1) + (WIDTH / 2, HEIGHT / 2)
