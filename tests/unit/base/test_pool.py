@@ -6,6 +6,7 @@ import operator
 import os
 import time
 from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,10 @@ def _leave_garbage(sleep_s: float) -> None:
 
 def children() -> list[str]:
     """Processes that this one has started and that have not ended."""
-    found = [pid for task in Path("/proc/self/task").iterdir() for pid in (task / "children").read_text().split()]
+    found: list[str] = []
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has ended meanwhile
+            found += (task / "children").read_text().split()
     return [pid for pid in found if Path(f"/proc/{pid}/cmdline").read_bytes().find(b"tactape_fab.base.pool") >= 0]
 
 
