@@ -37,7 +37,13 @@ def children() -> list[str]:
     for task in Path("/proc/self/task").iterdir():
         with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has ended meanwhile
             found += (task / "children").read_text().split()
-    return [pid for pid in found if Path(f"/proc/{pid}/cmdline").read_bytes().find(b"tactape_fab.base.pool") >= 0]
+    return [pid for pid in found if b"tactape_fab.base.pool" in command_line(pid)]
+
+
+def command_line(pid: str) -> bytes:
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
 
 
 def test_every_argument_is_answered_once() -> None:

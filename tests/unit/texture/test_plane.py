@@ -174,9 +174,9 @@ def test_a_plane_of_3375_squared_is_encoded_well_within_a_second(name: str) -> N
     code = sequences_of(name)
     encode(code, 0, (0, 0), (4, 4))
     tracemalloc.start()
-    begin = time.perf_counter()
+    begin = time.process_time()
     symbols = encode(code, 7, (0, 0), (3375, 3375))
-    elapsed_s = time.perf_counter() - begin
+    elapsed_s = time.process_time() - begin
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     print(f"{name}: 3375 x 3375 in {elapsed_s * 1e3:.0f} ms, peak {peak / 1e6:.0f} MB")
@@ -197,9 +197,9 @@ def test_far_origins_cost_no_time() -> None:
     def best_s(origin: int) -> float:
         times = []
         for _ in range(20):
-            begin = time.perf_counter()
+            begin = time.process_time()
             encode(sequences_of("anoto-6x6"), 5, (origin, origin), (40, 40))
-            times.append(time.perf_counter() - begin)
+            times.append(time.process_time() - begin)
         return min(times)
 
     best_s(0)
