@@ -19,7 +19,9 @@ from click.testing import CliRunner
 from gerbonara import GerberFile, LayerStack
 
 from tactape_fab.cli import main
+from tests.thorough import only_thorough
 
+pytestmark = only_thorough
 PAGE = Path(__file__).parents[2] / "docs" / "order-jlc.md"
 
 

@@ -11,6 +11,7 @@ import pytest
 from tactape_fab import Kit
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import OpenKit, failed
+from tests.thorough import thorough
 
 Copy = Callable[[Kit], Path]
 BOARD = "kicad-pcb"
@@ -90,7 +91,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("consistent", [False, True])
+@pytest.mark.parametrize("consistent", [thorough(False), True])
 @pytest.mark.parametrize(("change", "says"), CHANGES.values(), ids=CHANGES)
 def test_a_changed_board_is_caught(
     change: Callable[[str], str], says: str, consistent: bool, flat_kit: Kit, copied: Copy

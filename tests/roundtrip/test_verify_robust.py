@@ -68,7 +68,7 @@ def _insert(random: Random, data: bytes) -> bytes:
 DAMAGES = (_flip, _digit, _cut, _remove, _repeat, _insert)
 
 
-@pytest.mark.parametrize("seed", range(12 if THOROUGH else 6))
+@pytest.mark.parametrize("seed", range(some(12)))
 @pytest.mark.parametrize("role", ROLES)
 def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Kit, flat_kit: Kit, copied: Copy) -> None:
     kit = OpenKit(copied(small_kit if role in MODELS else flat_kit))
