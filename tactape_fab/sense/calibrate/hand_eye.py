@@ -232,6 +232,9 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
             found = least_squares(rows, at, max_nfev=40)
             if found.cost < least:
                 best, least = found.x, found.cost
+    # the search may end whole turns on, where a rotation vector's covariance says something else
+    for turn in (best[3:6], best[9:12]):
+        turn[:] = Rotation.from_rotvec(turn).as_rotvec()
     return best
 
 

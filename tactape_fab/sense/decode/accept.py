@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from math import degrees, exp, log
@@ -53,6 +54,7 @@ def judge(
     limits: Limits,
     pixels: Pixels | None = None,
     pressed: tuple[ContactView, Image, Image] | None = None,
+    sharper: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
@@ -69,6 +71,9 @@ def judge(
         The frame, where its pixels are to refine the pose of an answer that is accepted.
     pressed : (ContactView, Image, Image) or None
         The canonical frame, and as dots were detected in it, where its depths are millimetres.
+    sharper : callable or None
+        By what places of dots, as detected, are off; both (n, 2), in px of the frame and in square pixels. Only the pose is
+        fitted to better ones: what is searched and accepted, and the contact dot, are as without.
 
     Returns
     -------
@@ -88,13 +93,16 @@ def judge(
     if len(on.cells) < LEAST_DOTS:
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
         return Localization(located=False, reason=seen, **said), other
+    seen_px = dots.seen_px if dots.seen_px is None or len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
+    shift_px = np.zeros(2) if sharper is None or seen_px is None else sharper(seen_px)
+    offset_px = on.offset_px + shift_px
     placed_mm = None
     built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
     if built is not None:
         column, row = on.cells.T
         np.add(on.nominal_mm, built.shift_mm[row, column], out=on.nominal_mm)
         placed_mm = built.sigma_mm[row, column]
-    pose = fit_pose(on.offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
+    pose = fit_pose(offset_px, on.nominal_mm, on.weights, view.px_per_mm, view.beliefs, placed_mm=placed_mm)
     if not pose.finite:
         return Localization(located=False, reason="the dots give no pose", **said), other
     said["n_agree"] = agree = int(np.count_nonzero(pose.agree))
@@ -102,27 +110,25 @@ def judge(
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
     strain = None
-    if pressed is not None and dots.seen_px is not None:
+    if pressed is not None and seen_px is not None:
         gel, image, small = pressed
-        seen_px = dots.seen_px if len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
         said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
         slope = contact.slope()
         if slope is not None:
-            places = (on.offset_px, gel.on_gel(seen_px) * view.px_per_mm, on.nominal_mm)
-            pose, moved_px, strain = tilted_pose(pose, slope, *places, on.weights, view)
-            on = replace(on, offset_px=moved_px)
+            places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, on.nominal_mm)
+            pose, offset_px, strain = tilted_pose(pose, slope, *places, on.weights, view)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
-    u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
+    u, v = (offset_px - shift_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
     if reading.q is not None:
-        args = (dots, reading.q, place.turn, on.cells, on.inside, on.offset_px, on.nominal_mm, pose, view)
+        args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, on.nominal_mm, pose, view)
         said["dots"] = LazyDots(partial(located_dots, *args))
     said |= {**strain_of(pose, view), "refined": "dots"}
     if isinstance(place, Place):
         said["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
-        pose, said["refine_reason"] = refine(pixels, view, part, on.offset_px, on.nominal_mm, pose, placed_mm)
+        pose, said["refine_reason"] = refine(pixels, view, part, offset_px, on.nominal_mm, pose, placed_mm)
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
         if strain is not None and said["refine_reason"] is None:
             pose = replace(pose, covariance=pose.covariance + PIXELS**2 * strain)

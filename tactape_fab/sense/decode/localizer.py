@@ -26,6 +26,7 @@ from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
 from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.dots.subpixel import tops_shift_px
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels
@@ -255,6 +256,7 @@ class Localizer:
         self._aspect = float(self._camera.matrix[0, 0] / self._camera.matrix[1, 1])  # factor on v that makes pixels square
         bent = (self.sensor.geometry.shear, self.sensor.geometry.k1) != (0.0, 0.0)
         self._straight = not (bent or self.sensor.geometry.aspect != 0.0)
+        self._detection_px_per_mm = float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1]))
         self._contact_view = contact_view(self.sensor)
         self._view = View(
             pitch_mm=pitch_mm,
@@ -400,7 +402,7 @@ class Localizer:
 
     def _detected(self, image: npt.NDArray[np.float32]) -> Dots:
         """Dots of a canonical depth map within the mask, in square pixels."""
-        dots = detect(image, float(np.sqrt(self.sensor.px_per_mm[0] * self.sensor.px_per_mm[1])))
+        dots = detect(image, self._detection_px_per_mm)
         if self.sensor.mask is not None and len(dots.weights):
             u, v = np.rint(dots.xy_px).astype(np.int64).T
             h, w = self.sensor.mask.shape
@@ -418,6 +420,11 @@ class Localizer:
             on_gel = self._camera.from_px(xy_px) - self._camera.from_px(self.sensor.centre_px)
             out = on_gel * self._view.px_per_mm + self._view.centre_px
         return out
+
+    def _shift_px(self, high: Image, seen_px: FloatArray) -> FloatArray:
+        """How far tops are from where they were detected, square pixels."""
+        shift_px = tops_shift_px(high, self._detection_px_per_mm, seen_px)
+        return shift_px if self._aspect == 1.0 else shift_px * (1.0, self._aspect)
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)
@@ -439,7 +446,8 @@ class Localizer:
             pressed = None
             if image is not None and raw.small is not None and self._contact_view is not None:
                 pressed = self._contact_view, image, raw.small
-            found, explained = judge(dots, reading, self._view, self._world, self._limits, pixels, pressed)
+            sharper = None if raw.high is None else partial(self._shift_px, raw.high)
+            found, explained = judge(dots, reading, self._view, self._world, self._limits, pixels, pressed, sharper)
         if found.located or explained or n < SOLID_DOTS:
             return found
         negated = None if image is None else lambda: self._detected(-image)

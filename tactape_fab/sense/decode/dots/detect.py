@@ -45,6 +45,8 @@ class Dots:
         Where they were detected, canonical image, before any correction; None: at `xy_px`.
     small : ndarray of float32, or None
         The image they were detected in: `averaged` over `coarseness` pixels.
+    high : ndarray of float32, or None
+        Its band-pass, whose tops they are.
     """
 
     xy_px: FloatArray
@@ -53,6 +55,7 @@ class Dots:
     elongation: FloatArray | None = None
     seen_px: FloatArray | None = None
     small: Image | None = None
+    high: Image | None = None
 
 
 def band_pass(depth: Image, px_per_mm: float) -> Image:
@@ -77,7 +80,7 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     """
     coarse = coarseness(px_per_mm)
     coarse_px_per_mm, small = px_per_mm / coarse, averaged(depth, coarse)
-    xy, height, elongation, trough, deep = tops(
+    xy, height, elongation, trough, deep, high = tops(
         small,
         coarse,
         gaussian_taps(SMOOTHING_MM * coarse_px_per_mm),
@@ -99,7 +102,8 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
     # most tops are bumps of noise: their median stands for the height of the noise
     noise = max(_middle(falling) / scale, LEAST_NOISE)
     trust = trusted(weights, noise)
-    return Dots(xy_px=xy.take(kept, 0), weights=weights, trust=trust, elongation=elongation.take(kept, 0), small=small)
+    xy, elongation = xy.take(kept, 0), elongation.take(kept, 0)
+    return Dots(xy_px=xy, weights=weights, trust=trust, elongation=elongation, small=small, high=high)
 
 
 def _off_ridges(order: IntArray, height: FloatArray, trough: FloatArray) -> IntArray:

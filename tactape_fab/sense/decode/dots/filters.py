@@ -211,18 +211,19 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
 
 def tops(
     small: Image, coarse: int, taps: Image, half_box: int, reach: int, along: float, across: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int, Image]:
     """Positive local maxima of the band-pass: the top of the quadric through 3 x 3 pixels round each, and how it is drawn.
 
     `small` are the means over coarse x coarse pixels, places in pixels of the image. The last are the depths of the troughs
-    beside ridges, as `_trough` has them from what lies so many coarse pixels off, and how many are deeper than `STEP_TROUGH`.
+    beside ridges, as `_trough` has them from what lies so many coarse pixels off, how many are deeper than `STEP_TROUGH`, and the
+    band-pass.
     """
     high = banded(small, taps, half_box)
     pixels = local_tops(high, small, reach)
     n = len(pixels)
     xy, height, elongation, trough = np.empty((n, 2)), np.empty(n), np.empty((n, 2)), np.empty(n)
     deep = _centres(high, pixels, coarse, along, across, xy, height, elongation, trough)
-    return xy, height, elongation, trough, deep
+    return xy, height, elongation, trough, deep, high
 
 
 @kernel()

@@ -78,6 +78,7 @@ def chosen(dots: Dots, kept: BoolArray) -> Dots:
         elongation=None if dots.elongation is None else dots.elongation.take(which, 0),
         seen_px=None if dots.seen_px is None else dots.seen_px.take(which, 0),
         small=dots.small,
+        high=dots.high,
     )
 
 
