@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.output_file import write_file
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -326,7 +326,7 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None) -> A
 def manifest_digest(manifest: str | Path) -> str:
     """SHA-256 of the bytes of a kit's manifest.json, in 64 hexadecimal digits."""
     digest = sha256()
-    with Path(manifest).open("rb") as stream:
+    with open_regular(Path(manifest)) as stream:
         while block := stream.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
