@@ -198,7 +198,7 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
 def check_as_built(manifest: Path, tape: Tape) -> list[Check]:
     """Check the measured places beside a manifest, if they are there: no line otherwise."""
     try:
-        built = as_built_of(manifest, tape.name, tape.part_count)
+        built = as_built_of(manifest, tape.name, tape.part_count, most_mm=tape.displacement_mm)
     except SpecError as error:
         return [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {error}; or delete the file")]
     if built is None:
