@@ -13,6 +13,7 @@ else:
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.input_file import read_regular
 
 _PROFILE_BYTES = 1024 * 1024
 
@@ -51,20 +52,18 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         If it cannot be opened, is too large, or is not TOML.
     """
     try:
-        with path.open("rb") as stream:
-            data = stream.read(_PROFILE_BYTES + 1)
+        data = read_regular(path, _PROFILE_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path that is invalid on every system
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         message = f"{key} = {shown_path(path)} cannot be opened: {reason}; give the path of a TOML file that can be read"
         raise SpecError(Problem(key, message)) from error
     if len(data) > _PROFILE_BYTES:
-        raise SpecError(
-            Problem(key, f"{key} = {path} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile, give one")
-        )
+        message = f"{key} = {shown_path(path)} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile, give one"
+        raise SpecError(Problem(key, message))
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
-        raise SpecError(Problem(key, f"{key} = {path} is not TOML: {error}; correct it")) from error
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {error}; correct it")) from error
 
 
 def profile_table(kind: str, key: str, name: str) -> Fields:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.input_file import open_regular
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
@@ -69,7 +70,7 @@ def _as_written(place: Path, sha256: str | None) -> bool:
     if sha256 is None:
         return True
     try:
-        with place.open("rb") as stream:
+        with open_regular(place) as stream:
             digest = hashlib.sha256()
             while chunk := stream.read(_CHUNK_BYTES):
                 digest.update(chunk)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.output_file import write_file
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -258,7 +259,7 @@ class AsBuilt:
         write_file(file, _as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)
         return file
 
-    def problems_for(self, name: str, digest: str, parts: int) -> list[Problem]:
+    def problems_for(self, name: str, digest: str, parts: int, most_mm: float = inf) -> list[Problem]:
         """Why these places are not those of a tape: none if they are.
 
         Parameters
@@ -269,6 +270,8 @@ class AsBuilt:
             `manifest_digest` of its kit.
         parts : int
             Number of its parts.
+        most_mm : float
+            Furthest that all parts together may be off the design; every position would be wrong by as much.
 
         Returns
         -------
@@ -287,6 +290,13 @@ class AsBuilt:
         if len(self.number) and self.number[-1] > parts:
             message = f"designator R{self.number[-1]} exceeds R{parts}, the last part of {name}; leave it out"
             problems.append(Problem("as-built", message))
+        if self.present.any():
+            off_mm = float(np.hypot(self.dx_mm[self.present].mean(), self.dy_mm[self.present].mean()))
+            if off_mm > most_mm:
+                message = (
+                    f"its parts are off the design by {off_mm:.3f} mm on the mean, more than their displacement of {most_mm:g} mm"
+                )
+                problems.append(Problem("as-built", f"{message}; measure this tape again, or give --as-built none"))
         return problems
 
 
@@ -294,7 +304,7 @@ Given = AsBuilt | str | Path | None
 """Measured places of a kit: themselves, their file, "none", or None for the file beside the manifest."""
 
 
-def as_built_of(manifest: Path, name: str, parts: int, given: Given = None) -> AsBuilt | None:
+def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, most_mm: float = inf) -> AsBuilt | None:
     """Measured places of the kit of a manifest; None where there are none, or nobody asks for them.
 
     Parameters
@@ -306,18 +316,20 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None) -> A
         Number of its parts.
     given : AsBuilt, str, Path or None
         As `Tape.load` takes it.
+    most_mm : float
+        As `AsBuilt.problems_for` takes it.
 
     Raises
     ------
     SpecError
-        If the file cannot be read, or is that of another kit.
+        If the file cannot be read, is that of another kit, or has all parts together too far off.
     """
     if given is None and not (manifest.parent / AS_BUILT_NAME).is_file():
         return None
     if isinstance(given, str) and given == NOMINAL:
         return None
     built = given if isinstance(given, AsBuilt) else AsBuilt.load(manifest.parent / AS_BUILT_NAME if given is None else given)
-    problems = built.problems_for(name, manifest_digest(manifest), parts)
+    problems = built.problems_for(name, manifest_digest(manifest), parts, most_mm)
     if problems:
         raise SpecError(problems)
     return built
@@ -326,7 +338,7 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None) -> A
 def manifest_digest(manifest: str | Path) -> str:
     """SHA-256 of the bytes of a kit's manifest.json, in 64 hexadecimal digits."""
     digest = sha256()
-    with Path(manifest).open("rb") as stream:
+    with open_regular(Path(manifest)) as stream:
         while block := stream.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()

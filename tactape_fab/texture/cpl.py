@@ -25,6 +25,7 @@ MM_PER_MIL = 0.0254
 MOST_CPL_BYTES = 64 * 1024 * 1024
 MOST_PROBLEMS = 20
 _MOST_DEG = 360.0
+_OF_NUMBERS = frozenset("0123456789+-.eE")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -275,15 +276,20 @@ def _table_of(style: Style, header: Sequence[str]) -> PlacementTable:
 
 
 def _numbers(cells: Sequence[str]) -> FloatArray:
-    """Cells as numbers, with or without 'mm' after them; NaN for a cell that is not a number."""
-    try:
-        return np.array(cells, dtype=np.float64)
-    except ValueError:
-        return np.array([_number(cell) for cell in cells], dtype=np.float64)
+    """Cells as numbers, with or without 'mm' after them; NaN for a cell that is not a number.
+
+    Python reads '_' and the digits of every alphabet, too: '1_0' would be 10 here and 1 elsewhere.
+    """
+    if all(cells) and _OF_NUMBERS.issuperset("".join(cells)):
+        try:
+            return np.array(cells, dtype=np.float64)
+        except ValueError:
+            pass
+    return np.array([_number(cell) for cell in cells], dtype=np.float64)
 
 
 def _number(cell: str) -> float:
     try:
-        return float(cell.removesuffix("mm"))
+        return float(text) if _OF_NUMBERS.issuperset(text := cell.strip().removesuffix("mm")) else np.nan
     except ValueError:
         return np.nan

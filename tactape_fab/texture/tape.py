@@ -294,7 +294,7 @@ class Tape:
         SpecError
             As `load`.
         """
-        built = as_built_of(manifest, self.name, self.part_count, as_built)
+        built = as_built_of(manifest, self.name, self.part_count, as_built, most_mm=self.displacement_mm)
         return self if built is None else replace(self, as_built=built)
 
 

@@ -39,6 +39,14 @@ REPORT = "report"
 """Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
 _DATA, _DATA_END = b'<script type="application/json" id="data">', b"</script>"
 
+_TAG, _ATTRIBUTE = re.compile(rb"</?([^\s/>]*)"), re.compile(rb"([^\s\"'<>/]+)\s*=")
+_TAGS = {b"svg", b"title", b"defs", b"g", b"path", b"use", b"polygon", b"polyline", b"circle", b"text"}
+_ATTRIBUTES = {
+    *(b"xmlns", b"width", b"height", b"viewBox", b"id", b"d", b"x", b"y", b"cx", b"cy", b"r", b"points", b"href"),
+    *(b"fill", b"fill-opacity", b"fill-rule", b"stroke", b"stroke-width", b"stroke-linecap", b"stroke-linejoin"),
+    *(b"stroke-dasharray", b"font-family", b"font-size", b"text-anchor", b"dominant-baseline"),
+}
+
 Kind = Literal["film", "texture", "embossed"]
 
 
@@ -190,7 +198,7 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
 def check_as_built(manifest: Path, tape: Tape) -> list[Check]:
     """Check the measured places beside a manifest, if they are there: no line otherwise."""
     try:
-        built = as_built_of(manifest, tape.name, tape.part_count)
+        built = as_built_of(manifest, tape.name, tape.part_count, most_mm=tape.displacement_mm)
     except SpecError as error:
         return [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {error}; or delete the file")]
     if built is None:
@@ -214,6 +222,13 @@ def check_signature(role: str, data: bytes) -> str | None:
     return None
 
 
+def _is_drawing(data: bytes) -> bool:
+    """Whether an SVG is whole, and holds shapes and text alone: a browser runs scripts and fetches what it refers to."""
+    whole = data.startswith(b"<svg") and data.rstrip().endswith(b"</svg>")
+    inside = not re.search(rb"href=(?!\"#)|url\(", data)
+    return whole and inside and {*_TAG.findall(data)} <= _TAGS and {*_ATTRIBUTE.findall(data)} <= _ATTRIBUTES
+
+
 def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2)."""
     import cv2
@@ -227,7 +242,7 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     except cv2.error:
         image = None
     drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]
-    svg_whole = all(data.startswith(b"<svg") and data.rstrip().endswith(b"</svg>") for data in drawn)
+    svg_whole = all(map(_is_drawing, drawn))
     if image is None or not svg_whole:
         return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")
     return Check(name="previews", passed=True, message=f"PNG {image.shape[1]} x {image.shape[0]} px and SVG")

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from tactape_fab.base.errors import Check
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.film.anchors import build_anchors
 from tactape_fab.kit.read.gerber_file import GerberContent, ReadbackError, read_gerber
 from tactape_fab.kit.read.readback import read_drill
@@ -194,9 +194,14 @@ def _check_with_cpl(
     return checks
 
 
-def check_attributes(gerbers: Mapping[str, GerberContent], files: Mapping[str, WrittenFile], record: FilmManifest) -> Check:
-    """Check the Gerber attributes: present as ``spec.x2`` says, file function of the role, one origin, correct .MD5."""
+def check_attributes(
+    gerbers: Mapping[str, GerberContent], files: Mapping[str, WrittenFile], record: FilmManifest, part: str = "Single"
+) -> Check:
+    """Check the attributes: present as ``spec.x2`` says, file function of the role, `part` and origin of all, correct .MD5."""
     problems = [problem for role in gerbers if (problem := check_signature(role, files[role].data)) is not None]
+    for role in (*gerbers, *(role for role in ("drill-npth",) if role in files)):
+        parts = {found.decode("ascii", "replace") for found in re.findall(rb"TF\.Part,([^*\n]*)", files[role].data)}
+        problems += [f"{role} has .Part {shown(other)}, not {part}" for other in parts - {part}]
     backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
     functions, origins = {**FILE_FUNCTIONS, **backings}, set()
     for role, content in gerbers.items():

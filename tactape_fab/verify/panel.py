@@ -229,7 +229,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     layers = read_layers(files, cpl, film.film, checks)
     if "drill-npth" not in files:
         layers = replace(layers, holes=np.empty((0, 3)))
-    checks += [check_attributes(layers.gerbers, files, film), check_form(files, layers.gerbers)]
+    checks += [check_attributes(layers.gerbers, files, film, "Array"), check_form(files, layers.gerbers)]
     if "profile" in layers.gerbers:
         checks.append(_check_cut(layers.gerbers["profile"], panel))
     count = sum(on.tape.part_count for on in tapes)

@@ -42,6 +42,9 @@ _MOST_SEED_BYTES = 100_000
 _LATE_S = 120.0
 """A process that has told nothing for so long hangs where no signal reaches it."""
 _MOST_DEATHS = 20
+_NEVER_S = 100_000
+"""libFuzzer's own limit of one input: `run_case` has ours. With 0 Atheris 3.0 ends the process (status 77) where its alarm, once
+a second, finds an input that was begun in the second before."""
 
 
 def main() -> None:
@@ -202,7 +205,7 @@ def _attack(name: str, door: Door, seconds: float, seed: int, folder: Path) -> N
         f"-artifact_prefix={folder}/",
         f"-max_len={MOST_BYTES}",
         "-len_control=0",
-        "-timeout=0",
+        f"-timeout={_NEVER_S}",
         "-rss_limit_mb=0",
         f"-seed={seed}",
     ]

@@ -17,6 +17,8 @@ from tactape_fab.texture import cpl as texture_cpl
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 
+_DIGITS = frozenset("0123456789.-")
+
 
 def read_drill(data: bytes) -> FloatArray:
     """Holes of an Excellon file in file order, (x, y, diameter); shape (m, 3), mm.
@@ -65,6 +67,17 @@ def read_cpl(data: bytes) -> CplContent:
     if content is None or problems:
         raise ReadbackError("; ".join(problem.message for problem in problems))
     _refuse_header(content.headers, content.table.headers)
+    if content.table.style == "kicad":
+        rows = [line.split() for line in data.decode("ascii").splitlines() if not line.startswith("#")]
+    else:
+        rows = _plain_lines(_decoded(data).removeprefix("#"), "\t" if content.table.style == "tab" else ",")[1:]
+    low, high = (-180.0, 180.0) if content.table.half_turns else (0.0, 360.0)
+    turns = -content.rotation_deg if content.table.clockwise else content.rotation_deg
+    if not ((turns >= low) & (turns <= high)).all():
+        raise ReadbackError(f"a rotation is not from {low:g} to {high:g} deg, as this list has them")
+    for number in (place for place, (_, of) in enumerate(content.table.columns) if of in ("x", "y", "rotation")):
+        if not _DIGITS.issuperset("".join(row[number] for row in rows)):
+            raise ReadbackError(f"a number of column {content.headers[number]} is not written with digits, '-' and '.' alone")
     return content
 
 
@@ -76,14 +89,14 @@ def read_bom(data: bytes, table: BomTable) -> list[dict[str, str]]:
     ReadbackError
         If it is not CSV, its header is not the table's, or a row has another number of cells.
     """
-    lines = csv_lines(_decoded(data))
+    lines = _plain_lines(_decoded(data))
     _refuse_header(lines[0], table.headers)
     return [dict(zip((content for _, content in table.columns), line, strict=True)) for line in lines[1:]]
 
 
 def _decoded(data: bytes) -> str:
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("ascii")
     except UnicodeDecodeError as error:
         raise ReadbackError(f"it is no text: {one_line(error)}") from error
 
@@ -95,10 +108,10 @@ def _refuse_header(found: Sequence[str], known: tuple[str, ...]) -> None:
         raise ReadbackError(f"{what}its columns are {','.join(found)[:200]}, not {','.join(known)}")
 
 
-def csv_lines(text: str) -> list[list[str]]:
+def csv_lines(text: str, separator: str = ",") -> list[list[str]]:
     """Lines of a table as cells, the header first; ReadbackError if it is not a table, or a row has another number of cells."""
     try:
-        lines = list(csv.reader(io.StringIO(text, newline=""), strict=True))
+        lines = list(csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator))
     except csv.Error as error:
         raise ReadbackError(f"it is no CSV: {one_line(error)}") from error
     if not lines:
@@ -106,4 +119,13 @@ def csv_lines(text: str) -> list[list[str]]:
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(lines[0]):
             raise ReadbackError(f"row {number} has {len(line)} cells where the header has {len(lines[0])}")
+    return lines
+
+
+def _plain_lines(text: str, separator: str = ",") -> list[list[str]]:
+    """As `csv_lines`, of a table written as Python's csv module does: others read blank lines and needless quotes otherwise."""
+    lines, again = csv_lines(text, separator), io.StringIO(newline="")
+    csv.writer(again, delimiter=separator, lineterminator="\r\n").writerows(lines)
+    if again.getvalue() != text:
+        raise ReadbackError("it has blank lines, needless quotes, or lines that do not end with CR LF")
     return lines

@@ -12,6 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
@@ -35,7 +36,7 @@ def checked_output(output: str | Path) -> Path:
     try:
         if not path.parent.is_dir():
             raise SpecError(Problem("output", f"output = {shown_path(path)} is in a folder that does not exist; make it first"))
-        ours = not path.exists() or path.read_bytes()[: len(MARK)] == MARK.encode()
+        ours = not path.exists() or read_regular(path, len(MARK))[: len(MARK)] == MARK.encode()
     except (OSError, ValueError) as error:
         raise SpecError(Problem("output", f"output = {shown_path(path)} cannot be used: {error}; give another file")) from error
     if not ours:

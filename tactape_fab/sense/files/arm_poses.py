@@ -17,6 +17,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.texture.frames import FloatArray
 
 COLUMNS = ("frame", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
@@ -103,8 +104,7 @@ def _option(key: str) -> str:
 
 def _bytes_of(path: str | Path, key: str, remedy: str) -> bytes:
     try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
+        data = read_regular(Path(path), MOST_BYTES)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} cannot be opened: {reason}; {remedy}")) from error

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.base.png_chunks import chunks_fit
 
@@ -109,8 +110,7 @@ def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
 
 
 def _bytes_of(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        data = stream.read(_MOST_BYTES + 1)
+    data = read_regular(path, _MOST_BYTES)
     if len(data) > _MOST_BYTES:
         raise SpecError(f"it is larger than {_MOST_BYTES} bytes; scan at fewer dpi, or in several overlapping images")
     return data

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.cpl import MOST_CPL_BYTES, MOST_PROBLEMS, read_cpl
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -151,8 +152,7 @@ def _cpl_bytes(source: str | Path | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
     try:
-        with Path(source).open("rb") as stream:
-            return stream.read(MOST_CPL_BYTES + 1)
+        return read_regular(Path(source), MOST_CPL_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SpecError(Problem("cpl", f"cpl {shown_path(source)} cannot be opened: {reason}; give a CSV file")) from error

@@ -26,6 +26,21 @@ _NUMBER = r"-?\d{1,12}"
 _DECIMAL = r"-?\d{1,4}\.\d{6}"
 _CONTENT = r"T(?:[FAO]\.?[A-Za-z][^*%\x00-\x1f]{0,400}|D(?:\.[A-Z][A-Za-z]{0,20})?)"
 _ATTRIBUTE = re.compile(rf"%{_CONTENT}\*%|G04 #@! {_CONTENT}\*")
+_FILE_ATTRIBUTE = re.compile(r"(?:%|G04 #@! )TF([^,*]*)")
+_FILE_ATTRIBUTES = tuple(
+    f".{name}"
+    for name in ("GenerationSoftware", "CreationDate", "ProjectId", "SameCoordinates", "Part", "FileFunction", "FilePolarity")
+)
+"""Those of a header, in the writer's order; readers differ in which one of two they believe."""
+_FUNCTION = re.compile(rb"(?<=TA)[^*%]*")
+_FUNCTIONS = {
+    "copper-top": {b".AperFunction,SMDPad,CuDef", b".AperFunction,Conductor", b".AperFunction,FiducialPad,Global"},
+    "profile": {b".AperFunction,Profile"},
+    "components-top": {
+        *(b".AperFunction,ComponentMain", b".AperFunction,ComponentOutline,Body", b".AperFunction,ComponentPin"),
+    },
+}
+_OTHER_FUNCTIONS = {b".AperFunction,Material"}
 _POINT = re.compile(rf"X({_NUMBER})Y({_NUMBER})(I{_NUMBER}J{_NUMBER})?D0([123])\*")
 _SELECT = re.compile(r"D(\d{2,4})\*")
 _APERTURE = re.compile(r"%ADD(\d{2,4})(?:(C),(\d{1,4}\.\d{6})|(P),(\d{1,4}\.\d{6})X4X0\.000000|([A-Z]{1,20}))\*%")
@@ -34,7 +49,9 @@ _OUTLINE = re.compile(r"4,1,(\d{1,5}),")
 _VERTEX = re.compile(rf"({_DECIMAL}),({_DECIMAL}),")
 _DRILL = re.compile(
     r"M48\n"
-    r"(?:; #@! TF\.[A-Za-z]+,[^\x00-\x1f]{0,300}\n){1,10}"
+    r"(?:; #@! TF\.(?:GenerationSoftware|CreationDate|SameCoordinates),[^\x00-\x1f]{0,300}\n){3}"
+    r"; #@! TF\.Part,(?:Single|Array)\n"
+    r"; #@! TF\.FileFunction,NonPlated,1,1,NPTH\n"
     r"METRIC\n"
     r"(?:; #@! TA\.AperFunction,MechanicalDrill\nT\d{1,4}C\d{1,4}\.\d{4}\n){1,1000}"
     r"%\nG05\n"
@@ -80,9 +97,22 @@ def read_form(data: bytes) -> Drawn:
     start = next((i for i, line in enumerate(lines) if not _ATTRIBUTE.fullmatch(line)), 0)
     if tuple(lines[start : start + len(_SETTINGS)]) != _SETTINGS:
         raise FormError(f"line {start + 1} does not begin the writer's settings, {' '.join(_SETTINGS)}")
+    _refuse_attributes(lines, start)
     reader = _Reader(lines, start + len(_SETTINGS))
     reader.read()
     return reader.drawn
+
+
+def _refuse_attributes(lines: Sequence[str], start: int) -> None:
+    """Refuse file attributes that are not the writer's header in its order, with a signature at the end, or in two forms."""
+    found = [(i, match[1]) for i, line in enumerate(lines) if (match := _FILE_ATTRIBUTE.match(line)) is not None]
+    if found and found[-1] == (len(lines) - 3, ".MD5"):
+        found.pop()
+    header = [name for _, name in found]
+    if len(found) != start or header != [name for name in _FILE_ATTRIBUTES if name in set(header)]:
+        raise FormError("its file attributes are not those of the writer's header, each once and in order")
+    if len({line[0] for line in lines if _ATTRIBUTE.fullmatch(line)}) > 1:
+        raise FormError("its attributes are written in two ways, as statements and as comments")
 
 
 class _Reader:
@@ -184,6 +214,8 @@ def check_form(files: Mapping[str, WrittenFile], gerbers: Mapping[str, GerberCon
     for role, content in gerbers.items():
         try:
             problems += [f"{role}: {problem}" for problem in _differences(read_form(files[role].data), content)]
+            if others := set(_FUNCTION.findall(files[role].data)) - _FUNCTIONS.get(role, _OTHER_FUNCTIONS):
+                problems.append(f"{role}: an aperture of it is for {shown(others.pop().decode('ascii'))}")
         except FormError as error:
             problems.append(f"{role}: {error}")
     if "drill-npth" in files:

@@ -31,8 +31,9 @@ from tactape_fab.verify.models.expected import VOLUME_TOLERANCE, Expected, film_
 PLACE_TOLERANCE_MM = 0.001
 DIRECTION_TOLERANCE = 1e-6
 _TIMEOUT_S = 1800
-CPU_S, CPU_S_PER_BYTE = 60, 60e-6
-"""Processor time of a reader: some ten times what OCCT takes for a kit's solid, the slowest of them."""
+CPU_S, CPU_S_PER_BYTE = 15, 30e-6
+"""Processor time of a reader: ten times what the slowest took for tapes of 96 and 504 parts, its start included (OCCT 1.5 s for
+0.4 MB and 3.6 s for 2.1 MB, FreeCAD 0.7 and 2.9 s), and more for larger ones: round elements take longer than boxes."""
 MEMORY_BYTES, MEMORY_PER_BYTE = 3 << 30, 400
 _FILE_NAMES = {"step-solid": "solid.step", "step-assembly": "assembly.step", "stl": "a.stl", "3mf": "a.3mf"}
 _FREECAD = """

@@ -101,6 +101,45 @@ def test_emboss_refuses_it(kind: Callable[[Path], Path], flat_kit: Kit, tmp_path
 
 
 @pytest.mark.parametrize("kind", [fifo, zero])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("x.png", "inspect X --tape KIT -o new.json"),
+        ("x.json", "inspect here.png --tape KIT -o X"),
+        ("x-deviations.csv", "inspect here.png --tape KIT -o x.json"),
+        ("x.npz", "survey X --tape KIT -o new.json"),
+        ("x", "survey here.npz --tape X -o new.json"),
+        ("x.toml", "survey here.npz --tape KIT --sensor X -o new.json"),
+        ("x.csv", "survey here.npz --tape KIT --poses X -o new.json"),
+        ("x.json", "survey here.npz --tape KIT --from X -o new.json"),
+        ("x.json", "survey here.npz --tape KIT -o X"),
+        ("x.npz", "calibrate X --tape KIT -o new.toml"),
+        ("x.csv", "calibrate here.npz --tape KIT --hand-eye X -o new.toml"),
+        ("x.toml", "calibrate here.npz --tape KIT -o X"),
+        ("x.json", "decode here.npz --tape KIT --as-built X"),
+        ("x.toml", "decode here.npz --tape KIT --sensor X"),
+        ("x.npz", "simulate KIT -o X --count 1"),
+        ("x.png", "certify KIT --picture X --overwrite"),
+        ("x", "registry X"),
+        ("x.toml", "make X"),
+        ("x.toml", "make --sector 1 --fab X"),
+    ],
+)
+def test_every_other_file_that_a_command_names_is_refused(
+    name: str, words: str, kind: Callable[[Path], Path], flat_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    kind(tmp_path / name)
+    np.savez("here.npz", depth=np.zeros((1, 240, 320), dtype=np.float32))
+    Path("here.png").write_bytes(b"no picture")
+    there = sorted(path.name for path in tmp_path.iterdir())
+    run = CliRunner().invoke(main, [{"X": name, "KIT": str(flat_kit.path)}.get(word, word) for word in words.split()])
+    assert run.exit_code == 2 and run.stderr.startswith("error: "), run.output
+    assert name.partition(".")[0] in run.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == there
+
+
+@pytest.mark.parametrize("kind", [fifo, zero])
 def test_verify_refuses_it_in_a_kit(kind: Callable[[Path], Path], flat_kit: Kit, copied: Copy) -> None:
     folder = copied(flat_kit)
     notes = next(folder.glob("*-order-notes.txt"))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -83,3 +85,35 @@ def test_what_cannot_be_meant_is_status_2_and_writes_nothing(
     assert result.exit_code == 2
     assert all(text in result.stderr for text in said)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("taken", ["a.json", "a-deviations.csv"])
+def test_a_file_that_no_inspection_wrote_is_kept(taken: str, flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    (tmp_path / taken).write_bytes((flat_kit.path / "manifest.json").read_bytes())
+    result = run(scans["good"], "--tape", flat_kit.path, "-o", tmp_path / "a.json")
+    assert result.exit_code == 2 and f"{taken} is there and holds no" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [taken]
+    assert (tmp_path / taken).read_bytes() == (flat_kit.path / "manifest.json").read_bytes()
+
+
+def test_an_older_inspection_is_replaced(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    for name, status in (("bad", 4), ("good", 0)):
+        assert run(scans[name], "--tape", flat_kit.path, "-o", tmp_path / "a.json").exit_code == status
+    assert AsBuilt.load(tmp_path / "a.json").missing == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_an_answer_that_cannot_be_printed_is_said_in_one_line(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    words = ["inspect", str(scans["good"]), "--tape", str(flat_kit.path), "-o", "a.json"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "tactape_fab", *words],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            check=False,
+        )
+    lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert done.returncode == 1 and len(lines) == 1 and "standard output cannot be written" in lines[0]
+    assert AsBuilt.load(tmp_path / "a.json").missing == 0  # written before

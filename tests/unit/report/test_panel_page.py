@@ -109,7 +109,7 @@ def test_a_tape_that_is_turned_on_the_panel_keeps_its_grid_points(panel: Written
     text = panel.files["cpl"].decode().splitlines()[: tape.part_count + 1]
     rows = [f"{name},{x:.4f},{y:.4f},Top,135" for name, (x, y) in zip(cpl.designators, turned.tolist(), strict=False)]
     manifest = {**panel.manifest, "tapes": [{**first, "offset_mm": [50.0, 3.0], "rotation_deg": 90.0}]}
-    files = {**panel.files, "cpl": "\n".join([text[0], *rows, ""]).encode()}
+    files = {**panel.files, "cpl": "\r\n".join([text[0], *rows, ""]).encode()}
     data = Page(render_panel_report(replace(panel, manifest=manifest, tapes=[tape], files=files)).data).data
     assert np.array_equal(unpacked(data["places"]["cells"], "<i4", -1, 2), tape.cells())
 

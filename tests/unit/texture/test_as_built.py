@@ -152,6 +152,24 @@ def test_places_belong_to_one_kit(tmp_path: Path) -> None:
     assert "another kit" in built.problems_for("t", "1" * 64, 9)[0].message
 
 
+def test_places_that_are_all_off_by_more_than_the_displacement_are_refused(tmp_path: Path) -> None:
+    """A file beside a stranger's kit would move every position without a word."""
+    (tmp_path / "manifest.json").write_text(json.dumps({"name": "t"}))
+    digest = manifest_digest(tmp_path / "manifest.json")
+    present = np.array([True, True, False, True])
+    for mean_mm, refused in ((0.24, False), (0.26, True), (1.5, True), (-1.5, True)):
+        dx_mm, dy_mm = 0.6 * mean_mm + np.array([0.1, -0.1, 9.0, 0.0]), np.full(4, 0.8 * mean_mm)
+        sigma_mm, number = np.full(4, 0.005), np.arange(1, 5)
+        turned = {"rotation_deg": np.zeros(4), "present": present, "sigma_mm": sigma_mm, "manifest_sha256": digest}
+        built = places(4, number=number, dx_mm=dx_mm, dy_mm=dy_mm, **turned)
+        problems = built.problems_for("t", digest, 9, 0.25)
+        assert bool(problems) is refused
+        assert (
+            not refused or f"by {abs(mean_mm):.3f} mm on the mean, more than their displacement of 0.25 mm" in problems[0].message
+        )
+        assert built.problems_for("t", digest, 9) == []
+
+
 def test_a_file_of_another_kind_is_refused_in_one_line() -> None:
     with pytest.raises(SpecError) as caught:
         AsBuilt.from_mapping({"format": "tactape-manifest/1", "sector": 7, "code": "microdots-4x4"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from tactape_fab.texture.code import (
 )
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.plane import MOST_POINTS
+from tactape_fab.texture.touch.design import MOST_TOUCH_POINTS
 
 PACKAGE = Path(tactape_fab.__file__).parent
 SHAPE = (9, 11)
@@ -51,6 +53,33 @@ def test_a_code_says_what_its_tapes_may_be(code: Code) -> None:
     assert USUAL_DIRECTIONS in code.directions and set(code.directions) <= set(DIRECTIONS)
     assert "--" in code.another
     assert code.vouched
+
+
+def test_codes_are_those_that_kits_were_made_with() -> None:
+    """A code that changes makes other tapes under the same name; the figures are those of the pages on codes."""
+    expected = {
+        "microdots-4x4": (4, 27 * 125, 16**2, MOST_POINTS),
+        "debruijn-4x4": (4, 16**3, 16**2, MOST_POINTS),
+        "anoto-6x6": (6, 236 * 233 * 31 * 241, 63**2, MOST_POINTS),
+        "trace-22": (4, 127, 256, 127 * 127),
+        "touch-1": (4, 2000, 4096, MOST_TOUCH_POINTS),
+        "touch-2": (4, 2000, 4096, MOST_TOUCH_POINTS),
+    }
+    assert {n: (CODES[n].window, CODES[n].range, CODES[n].sectors, CODES[n].most_points) for n in expected} == expected
+    assert default_origin("microdots-4x4", 7) == (12 * 7, 12 * (17 * 7 % 256))
+    assert default_origin("debruijn-4x4", 7) == (12 * 7, 12 * (17 * 7 % 256))
+    assert default_origin("anoto-6x6", 300) == (1000 * 300, 1000 * (17 * 300 % 3969))
+
+
+@pytest.mark.parametrize(
+    ("name", "digest"),
+    [("debruijn-4x4", "3e20efb7f73bb96a"), ("trace-22", "f6786bed15b01f17")],
+)
+def test_symbols_without_a_published_table_stay_the_same(name: str, digest: str) -> None:
+    """Microdots' and Anoto's are held against tables of others (test_plane); a touch code's stand in the manifest."""
+    code = CODES[name]
+    symbols = code.symbols(7, default_origin(name, 7), (40, 50), (), 4)
+    assert sha256(symbols.tobytes()).hexdigest()[:16] == digest
 
 
 @every_code

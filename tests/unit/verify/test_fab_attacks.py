@@ -212,6 +212,51 @@ ATTACKS: dict[str, tuple[Edit, str]] = {
 }
 
 
+def first_x(change: Callable[[str], str]) -> Edit:
+    """The pick-and-place list with the first part's x written otherwise."""
+    return bytes_of(
+        "cpl", lambda data: re.sub(r"(?<=\nR1,)[\d.]+", lambda m: change(m[0]), data.decode(), count=1).encode("utf-8")
+    )
+
+
+def before(role: str, line: str) -> Edit:
+    return text_of(role, lambda text: line + "\n" + text)
+
+
+OF_NO_OTHER_READER: dict[str, tuple[Edit, str]] = {
+    "cpl: exponent": (first_x(lambda x: f"{float(x) / 10!r}e1"), "cpl"),
+    "cpl: sign": (first_x(lambda x: "+" + x), "cpl"),
+    "cpl: underscore": (first_x(lambda x: x[0] + "_" + x[1:]), "cpl"),
+    "cpl: blank": (first_x(lambda x: " " + x), "cpl"),
+    "cpl: Arabic digits": (first_x(lambda x: "".join(chr(0x660 + int(c)) if c.isdigit() else c for c in x)), "cpl"),
+    "cpl: needless quotes": (first_x(lambda x: f'"{x}"'), "cpl"),
+    "cpl: byte order mark": (bytes_of("cpl", lambda b: b"\xef\xbb\xbf" + b), "cpl"),
+    "cpl: other line ends": (bytes_of("cpl", lambda b: b.replace(b"\r\n", b"\r")), "cpl"),
+    "cpl: blank line": (bytes_of("cpl", lambda b: b.replace(b"\r\n", b"\r\n\r\n", 1)), "cpl"),
+    "cpl: a turn further": (bytes_of("cpl", lambda b: b.replace(b",45\r\n", b",-315\r\n", 1)), "cpl"),
+    "bom: other line ends": (bytes_of("bom", lambda b: b.replace(b"\r\n", b"\r")), "bom"),
+    "copper: another function before": (before("copper-top", "%TF.FileFunction,Paste,Top*%"), "written form"),
+    "copper: negative before": (before("copper-top", "%TF.FilePolarity,Negative*%"), "written form"),
+    "mask: positive in a comment before": (before("coverlay-top", "G04 #@! TF.FilePolarity,Positive*"), "written form"),
+    "copper: an attribute in a comment": (swap("copper-top", "G75*\nG01*\n", "G75*\nG01*\nG04 #@! TD*\n"), "written form"),
+    "copper: pads of another function": (swap("copper-top", "SMDPad,CuDef", "WasherPad"), "written form"),
+    "copper: an array": (swap("copper-top", "TF.Part,Single", "TF.Part,Array"), "attributes"),
+    "drill: plated, too": (
+        swap("drill-npth", "; #@! TF.Part", "; #@! TF.Filefunction,Plated\n; #@! TF.Part"),
+        "written form",
+    ),
+    "drill: an array": (swap("drill-npth", "TF.Part,Single", "TF.Part,Array"), "attributes"),
+    "preview: script": (swap("preview-svg", "</svg>", "<script>alert(1)</script></svg>"), "previews"),
+    "preview: event": (swap("preview-svg", "<svg", "<svg onload='alert(1)'"), "previews"),
+    "preview: from elsewhere": (swap("preview-svg", "</svg>", '<use href="http://example.org/a.svg"/></svg>'), "previews"),
+    "preview: image": (swap("preview-svg", "</svg>", "<image x='1'/></svg>"), "previews"),
+    "preview: style": (swap("preview-svg", 'fill="', 'style="fill:url(//example.org)" fill="'), "previews"),
+    "preview: entities": (swap("preview-svg", "<title>", "<!DOCTYPE a [<!ENTITY b 'c'>]><title>"), "previews"),
+}
+"""What our readers pass over and others may not."""
+ATTACKS |= OF_NO_OTHER_READER
+
+
 @pytest.mark.parametrize(("edit", "line"), ATTACKS.values(), ids=ATTACKS.keys())
 def test_a_change_of_what_the_fab_gets_is_caught(edit: Edit, line: str, flat_kit: Kit, copied: Copy) -> None:
     kit = OpenKit(copied(flat_kit))

@@ -52,7 +52,7 @@ def test_the_first_parts_are_named_with_their_rotation(house: str) -> None:
 
 def test_a_turned_list_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     files = artifacts(fab="generic-fpc")
-    wrong = changed(files, "cpl", r",45\r?$", ",135")
+    wrong = changed(files, "cpl", r",45(?=\r?$)", ",135")
     assert words(drawn(wrong))[-1] == "135°"
     right, other = ([p.get("points") for p in drawn(of).iter(f"{_SVG}polygon")] for of in (files, wrong))
     assert right != other

@@ -147,3 +147,46 @@ def test_limits_of_a_localizer_are_those_of_the_rule() -> None:
     assert (limits.max_p_false, limits.on_tape, limits.kappa) == (rule.MAX_P_FALSE, rule.MAX_P_FALSE, rule.KAPPA)
     assert rule.Limits(max_p_tape=0.01).on_tape == 0.01
     assert [rule.least_agreeing(good) for good in (3, 13, 40)] == [rule.LEAST_DOTS, rule.LEAST_DOTS, 20]
+
+
+def test_p_place_is_known_to_a_tenth_of_what_is_allowed() -> None:
+    assert rule.Limits(max_p_false=1e-3).precision == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "length_mm", "width_mm", "is_long"),
+    [("block", 0.5, 0.4, True), ("block", 0.4, 0.5, True), ("block", 0.49, 0.4, False), ("dome", 0.6, 0.3, False)],
+)
+def test_a_body_shows_its_direction_by_its_sides_alone(shape: str, length_mm: float, width_mm: float, is_long: bool) -> None:
+    assert rule.is_long(shape, (length_mm, width_mm, 2.0)) is is_long
+    assert rule.is_long(shape, (length_mm, width_mm, 0.01)) is is_long
+
+
+def test_trust_is_a_logistic_curve_over_height() -> None:
+    noise, steps = 0.1, np.array([-1e9, -30.0, -1.0, 0.0, 1.0, 30.0, 1e9])
+    heights = (rule.NOISE_MIDDLE + rule.NOISE_WIDTH * steps) * noise
+    expected = 1.0 / (1.0 + np.exp(-np.clip(steps, -30.0, 30.0)))
+    np.testing.assert_allclose(rule.trusted(heights, noise), expected, rtol=1e-6)
+    assert rule.trusted(np.array([rule.MOST_MIDDLE]), 10.0) == pytest.approx(0.5)
+    assert rule.trusted(heights) == pytest.approx(rule.trusted(heights, rule.USUAL_NOISE))
+
+
+def test_errors_of_dots_grow_as_they_are_lower() -> None:
+    heights = np.array([2.0, 1.0, 0.5, rule.LEAST_WEIGHT, 0.1])
+    noise, rim = 0.02 / np.array([1.0, 1.0, 0.5, rule.LEAST_WEIGHT, rule.LEAST_WEIGHT]), np.array([0.0, 0.0, 0.5, 0.75, 0.9])
+    np.testing.assert_allclose(rule.squared_errors(heights, 0.02), noise**2 + (rule.RIM_ERROR * rim) ** 2)
+
+
+def test_the_error_of_a_good_dot_is_a_mean_with_what_was_believed() -> None:
+    belief = rule.USUAL_COUNT * rule.USUAL_SIGMA**2
+    assert rule.sigma_of(belief, 0.0) == pytest.approx(min(np.sqrt(2.0) * rule.USUAL_SIGMA, rule.MOST_SIGMA))
+    assert rule.sigma_of(0.02, 20.0) == pytest.approx(np.sqrt((belief + 0.02) / (rule.USUAL_COUNT + 40.0)))
+
+
+def test_posteriors_are_bayes_rule() -> None:
+    squares, variance, trust = np.array([[0.0], [0.001], [0.003], [0.002]]), np.array([0.001]), np.array([0.6])
+    density = np.exp(-squares / (2 * variance)) / (2 * np.pi * variance)
+    part = 0.6 * (1.0 - rule.OUTLIER_SHARE)
+    q = (part * density / 4 + (1.0 - part) / 4) / (part * density.sum(axis=0) / 4 + 1.0 - part)
+    expected = (1.0 - rule.WRONG_SHARE) * q + rule.WRONG_SHARE / 4
+    np.testing.assert_allclose(rule.posteriors(squares, variance, trust), expected, rtol=1e-12)
