@@ -20,10 +20,13 @@ _INSTALLED_BY = {
     "cv2": "opencv-python-headless",
     "gtsam": '"tactape-fab[slam]"',
     "manifold3d": '"tactape-fab[cad]"',
+    "lz4": '"tactape-fab[live]"',
     "mcap": '"tactape-fab[live]"',
+    "pyarrow": "pyarrow",
     "rerun": '"tactape-fab[rerun]"',
     "scipy": '"tactape-fab[measure]"',
     "tomli": "tomli",
+    "zstandard": '"tactape-fab[live]"',
     "zenoh": '"tactape-fab[zenoh]"',
 }
 """Requirement that pip installs a module by; all other modules come with the package's own dependencies."""

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 @click.option("--raw", multiple=True, metavar="IMAGES", help="Colour images of the gel, or a folder of them, instead of FRAMES.")
 @click.option("--background", metavar="IMAGE", help="With --raw: the gel while it touches nothing.")
 @click.option("--weights", metavar="FILE.pth", help="With --raw: the network that turns the sensor's colours into slopes.")
+@click.option("--topic", metavar="NAME", help="Topic of an .mcap, feature of a LeRobot dataset.  [default: the only one]")
 @click.option("--overlay", metavar="DIR", help="Write a picture of every frame: dots, grid, axes.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame.")
 @click.option("--dots", is_flag=True, help="With --json: what each dot of a located frame says, too.")
@@ -39,6 +40,7 @@ def decode(
     raw: Sequence[str],
     background: str | None,
     weights: str | None,
+    topic: str | None,
     overlay: str | None,
     as_json: bool,
     dots: bool,
@@ -47,7 +49,8 @@ def decode(
 ) -> None:
     """Locate contacts: which tape each frame touches, where and at what angle, or why that cannot be said.
 
-    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; after --raw, further PNG and JPEG images.
+    FRAMES are .npz (array depth), .npy, or 16-bit .png and .tif; after --raw, further PNG and JPEG images; or recordings: an
+    .mcap, a folder of rosbag2, a LeRobot dataset.
 
     \b
     Example: tactape-fab decode frames.npz --tape tactape-s007
@@ -70,7 +73,7 @@ def decode(
             colour = Raw(images=[*raw, *frames] if raw else [], background=background, weights=weights)
         if thing is not None:
             kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
-        job = prepare(frames, kits, sensor, colour, **options)
+        job = prepare(frames, kits, sensor, colour, topic, **options)
         if thing is not None:
             refuse_ambiguous(thing, job.tapes)
         _print_answers(localize(job, make_locator), job, thing, as_json=as_json, dots=dots, overlay=overlay)

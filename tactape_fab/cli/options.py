@@ -69,7 +69,6 @@ _LOCATING_OPTIONS = (
     click.option("--code", metavar="CODE", help="Without --tape: the code alone; it asks for many more dots."),
     click.option("--w", metavar="MM", help="Grid pitch W of --code.  [default: 1.5]"),
     click.option("--delta", metavar="MM", help="Displacement Δ of --code.  [default: W/6]"),
-    click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP),
     click.option("--method", metavar="ml|paper", default="ml", help="How frames are located.  [default: ml]"),
     click.option("--world", metavar="open|closed", help="Whether tapes that are not named may be touched, too.  [default: open]"),
     click.option("--max-p-false", metavar="P", help="Largest chance of a wrong answer.  [default: 1e-4]"),
@@ -90,11 +89,28 @@ _LOCATING_TEXTS: dict[str, Callable[[str], Any]] = {
 }
 
 
-def locating_options(command: F) -> F:
+_SENSOR = click.option("--sensor", metavar="NAME|FILE.toml", default="gelsight-mini", help=SENSOR_HELP)
+SENSORS = click.option(
+    "--sensor",
+    "sensors",
+    multiple=True,
+    metavar="NAME|FILE.toml",
+    help="Sensor profile, or a .toml file; NAME=SENSOR:SOURCE for several sensors.  [default: gelsight-mini]",
+)
+_AFTER = 5
+"""Where among the others the option of the sensor stands."""
+
+
+def locating_options(command: F, sensor: Callable[[Any], Any] = _SENSOR) -> F:
     """Add the options of a command that locates: registry, sensor, method and limits."""
-    for option in reversed(_LOCATING_OPTIONS):
+    for option in reversed((*_LOCATING_OPTIONS[:_AFTER], sensor, *_LOCATING_OPTIONS[_AFTER:])):
         command = option(command)
     return command
+
+
+def locating_options_of_several(command: F) -> F:
+    """The same, with several sensors."""
+    return locating_options(command, SENSORS)
 
 
 def locating_values(given: Mapping[str, Any]) -> dict[str, Any]:

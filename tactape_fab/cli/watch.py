@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,31 +16,46 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.cli.exits import FAILED, answers
-from tactape_fab.cli.options import locating_options, locating_values, named_object, number, pair
+from tactape_fab.cli.options import locating_options_of_several, locating_values, named_object, number, pair
 from tactape_fab.cli.printing import clear_step, echo_lines_err
 
 if TYPE_CHECKING:
     from tactape_fab.sense.files.jobs import Located
     from tactape_fab.sense.live.counts import Tally
+    from tactape_fab.sense.live.opening import Wanted, Wishes
     from tactape_fab.sense.live.watch import Watch
     from tactape_fab.sense.objects.taped_object import TapedObject
 
 _TERMINAL_S, _LOG_S = 0.1, 10.0
 """Time between two status lines, s: on a terminal, where they are overwritten, and in a file."""
+_NAMED = re.compile(r"([A-Za-z]\w{0,31})=([^:]+):(.+)", re.ASCII)
+"""NAME=SENSOR:SOURCE; the name becomes part of topics, which ROS wants so."""
+
+Output = Callable[["Located", str], bool]
 
 
 @click.command()
-@click.argument("source")
+@click.argument("source", required=False)
 @click.argument("more", nargs=-1, metavar="")
-@locating_options
-@click.option("--rate", metavar="HZ|max", help="Rate of a file of frames.  [default: its timestamps', or 25]")
+@locating_options_of_several
+@click.option("--rate", multiple=True, metavar="HZ|max", help="Rate of a file of frames.  [default: its timestamps', or 25]")
 @click.option("--idle", metavar="S", help="End when a folder has had no new file for so long.  [default: never]")
 @click.option("--count", metavar="N", help="End after so many answers.  [default: never]")
 @click.option("--no-drop", is_flag=True, help="Let frames wait instead of dropping all but the latest.")
 @click.option("--raw", is_flag=True, help="SOURCE has colour images of the gel: a camera, a film, or a folder.")
-@click.option("--background", metavar="IMAGE", help="With --raw: the gel while it touches nothing.")
-@click.option("--weights", metavar="FILE.pth", help="With --raw: the network that turns the sensor's colours into slopes.")
-@click.option("--crop", metavar="U,V,W,H", help="With --raw: part of a camera's image that is scaled to the sensor's frame, px.")
+@click.option("--background", multiple=True, metavar="IMAGE", help="With --raw: the gel while it touches nothing.")
+@click.option(
+    "--weights",
+    multiple=True,
+    metavar="FILE.pth",
+    help="With --raw: the network that turns the sensor's colours into slopes.",
+)
+@click.option(
+    "--crop",
+    multiple=True,
+    metavar="U,V,W,H",
+    help="With --raw: part of a camera's image that is scaled to the sensor's frame, px.",
+)
 @click.option("--mcap", metavar="FILE.mcap", help="Write poses, depth images and answers as ROS 2 messages.")
 @click.option("--zenoh", metavar="local|ENDPOINT", help="Publish them over Zenoh, such as tcp/localhost:7447.")
 @click.option("--frame-id", metavar="NAME", help="Frame that poses are given in.  [default: the tape's name]")
@@ -47,126 +63,186 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0
 @click.option("--rerun", is_flag=True, help="Show it in the Rerun viewer.")
 @click.option("--save", metavar="FILE.rrd", help="Write what the Rerun viewer shows.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per frame, as decode does.")
-def watch(source: str, more: Sequence[str], kits: Sequence[str], sensor: str, as_json: bool, **given: Any) -> None:
+def watch(
+    source: str | None, more: Sequence[str], kits: Sequence[str], sensors: Sequence[str], as_json: bool, **given: Any
+) -> None:
     """Locate frames as they come, and never be late: while one is located, only the latest of those that come is kept.
 
     SOURCE is a folder that files of frames are written into, a file of frames to replay, - for .npy arrays on standard input, or
-    with --raw a camera such as /dev/video0. Ctrl-C ends it.
+    with --raw a camera: /dev/video0, or "usb:GelSight Mini" by its name. Ctrl-C ends it.
+
+    Several sensors have --sensor NAME=SENSOR:SOURCE each, and no SOURCE; --rate, --background, --weights and --crop take
+    NAME=VALUE for one of them.
 
     \b
     Example: tactape-fab watch frames --tape tactape-s007 --json
     Example: tactape-fab watch frames.npz --rate 100 --tape tactape-s007 --mcap touch.mcap
+    Example: tactape-fab watch --sensor left=digit:frames-l --sensor right=gelsight-mini:frames-r --tape tactape-s007
     """
-    tally = None
+    tallies: dict[str, Tally] = {}
     with answers():
         from tactape_fab.sense.live.counts import Tally
         from tactape_fab.sense.objects.taped_object import refuse_ambiguous
 
         thing = named_object(given["object_file"], given)
         own = [] if thing is None else [str(entry.kit) for entry in thing.tapes]
-        count, watched = _opened(source, [*own, *kits, *more], sensor, given)
+        wanted, others = _wanted(source, sensors, given)
+        count, watches = _opened(wanted, [*own, *kits, *others, *more], given)
         if thing is not None:
-            refuse_ambiguous(thing, watched.job.tapes)
-        tally = Tally()
+            refuse_ambiguous(thing, watches[0].job.tapes)
+        tallies.update((one.name, Tally()) for one in wanted)
         stop = Event()
         with ExitStack() as stack:
             stack.enter_context(_ended_by_signals(stop))
-            outputs = _outputs(stack, watched, thing, given)
-            stack.callback(_end, tally)
+            outputs = _outputs(stack, [one.name for one in wanted], watches[0], thing, given)
+            stack.callback(_end, tallies)
             if as_json:
                 outputs.insert(0, partial(_print, thing))
-            _run(watched, tally, stop, outputs, count=count)
-    if tally.troubles and not tally.answered:  # something came, but not one frame that could be used
-        sys.exit(FAILED)
+            _run(watches, tallies, stop, outputs, count=count)
+    if any(tally.troubles for tally in tallies.values()) and not any(tally.answered for tally in tallies.values()):
+        sys.exit(FAILED)  # something came, but not one frame that could be used
 
 
-def _print(thing: TapedObject | None, located: Located) -> bool:
+def _print(thing: TapedObject | None, located: Located, name: str) -> bool:
     from tactape_fab.sense.live.messages import text_message
 
-    click.echo(text_message(located.frame, located.fix, thing)["data"])
+    text = text_message(located.frame, located.fix, thing)["data"]
+    click.echo(f'{{"sensor": "{name}", {text[1:]}' if name else text)
     return True
 
 
-def _opened(source: str, kits: Sequence[str], sensor: str, given: Mapping[str, Any]) -> tuple[int | None, Watch]:
-    """Number of answers after which to end (None: no end), and the opened source with its job."""
+def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]) -> tuple[list[Wanted], list[str]]:
+    """The sensors that are to be watched, and what stands in the place of SOURCE and is none, so that it is a kit."""
+    from tactape_fab.base.errors import Problem, SpecError
+    from tactape_fab.base.fields import shown
+    from tactape_fab.sense.live.opening import Wanted
+
+    named = [found for text in sensors if (found := _NAMED.fullmatch(text))]
+    if not named:
+        if source is None:
+            message = (
+                "no source is given; give SOURCE, such as a folder, or --sensor NAME=SENSOR:SOURCE for each of several sensors"
+            )
+            raise SpecError(Problem("source", message))
+        return [Wanted(sensor=sensors[-1] if sensors else "gelsight-mini", source=source, wishes=_wishes("", (), given))], []
+    plain = [text for text in sensors if not _NAMED.fullmatch(text)]
+    if plain:
+        message = f"sensor = {shown(plain[0])} has no name and others have; give NAME=SENSOR:SOURCE for each"
+        raise SpecError(Problem("sensor", message))
+    names = [found[1] for found in named]
+    wanted = [Wanted(name=found[1], sensor=found[2], source=found[3], wishes=_wishes(found[1], names, given)) for found in named]
+    return wanted, [] if source is None else [source]
+
+
+def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes:
+    """How a sensor's source is read: values that are given for its name, else those given for none."""
+    from tactape_fab.sense.live.opening import Wishes
+
+    def value(option: str, read: Callable[[str], Any] = str) -> Any:
+        own = [text.removeprefix(f"{name}=") for text in given[option] if names and text.startswith(f"{name}=")]
+        common = [text for text in given[option] if not any(text.startswith(f"{other}=") for other in names)]
+        return read((own or common)[-1]) if own or common else None
+
+    background, weights = value("background"), value("weights")
+    some_raw = bool(names) and any(given[option] for option in ("background", "weights"))
+    return Wishes(
+        rate=value("rate", number),
+        idle=None if given["idle"] is None else number(given["idle"].removesuffix("s")),
+        crop=value("crop", pair),
+        no_drop=given["no_drop"],
+        raw=given["raw"] and not (some_raw and background is None and weights is None),
+        background=background,
+        weights=weights,
+    )
+
+
+def _opened(wanted: Sequence[Wanted], kits: Sequence[str], given: Mapping[str, Any]) -> tuple[int | None, list[Watch]]:
+    """Number of answers after which to end (None: no end), and the opened sources with their jobs."""
     from tactape_fab.base.errors import SpecError
     from tactape_fab.base.fields import Fields
     from tactape_fab.sense.live.extras import missing_extra
-    from tactape_fab.sense.live.opening import Wishes, open_watch
+    from tactape_fab.sense.live.opening import open_watches
 
-    wishes = Wishes(
-        rate=None if given["rate"] is None else number(given["rate"]),
-        idle=None if given["idle"] is None else number(given["idle"].removesuffix("s")),
-        crop=None if given["crop"] is None else pair(given["crop"]),
-        **{name: given[name] for name in ("no_drop", "raw", "background", "weights")},
-    )
     table = Fields({} if given["count"] is None else {"count": number(given["count"])})
     count = table.integer("count", low=1, high=10**12) if "count" in table.values else None
     unsent = given["mcap"] is None and given["zenoh"] is None
     if unsent and (given["frame_id"] is not None or given["sensor_frame"] is not None):
         table.problem("mcap", "--frame-id and --sensor-frame are for messages; give --mcap FILE.mcap with them, or --zenoh local")
+    if wanted[0].name and given["sensor_frame"] is not None:
+        table.problem("sensor-frame", "--sensor-frame is for one sensor; of several, each has its name as frame; leave it out")
+    if wanted[0].name and (given["rerun"] or given["save"] is not None):
+        table.problem("rerun", "--rerun and --save show one sensor; leave them out, or watch that one by itself")
     problems = [*table.problems, *missing_extra([name for name in ("mcap", "rerun", "save", "zenoh") if given[name]])]
     written = (("mcap", ".mcap", given["mcap"]), ("save", ".rrd", given["save"]))
     try:
-        watched = open_watch(source, kits, sensor, wishes, written, **locating_values(given))
+        watches = open_watches(wanted, kits, written, **locating_values(given))
     except SpecError as error:
         raise SpecError([*problems, *error.problems]) from None
     if problems:
         raise SpecError(problems)
-    return count, watched
+    return count, watches
 
 
 def _outputs(
-    stack: ExitStack, watched: Watch, thing: TapedObject | None, given: dict[str, Any]
-) -> list[Callable[[Located], bool]]:
-    """Functions that write or show an answer; each returns False where an answer has no timestamp that it needs."""
+    stack: ExitStack, names: Sequence[str], watched: Watch, thing: TapedObject | None, given: dict[str, Any]
+) -> list[Output]:
+    """Functions that write or show an answer of a sensor; each returns False where an answer has no timestamp that it needs."""
     from tactape_fab.sense.live.topics import Naming
 
-    outputs: list[Callable[[Located], bool]] = []
+    outputs: list[Output] = []
     naming = Naming(frame_id=given["frame_id"], sensor_frame=given["sensor_frame"], thing=thing)
     if given["zenoh"] is not None:
         from tactape_fab.sense.live.zenoh_bus import ZenohBus
 
-        outputs.append(stack.enter_context(ZenohBus(given["zenoh"], naming)).write)
+        outputs.append(stack.enter_context(ZenohBus(given["zenoh"], naming, names)).write)
     if given["mcap"] is not None:
         from tactape_fab.sense.live.mcap_log import McapLog
 
-        outputs.append(stack.enter_context(McapLog(Path(given["mcap"]), naming)).write)
+        outputs.append(stack.enter_context(McapLog(Path(given["mcap"]), naming, names)).write)
     if given["rerun"] or given["save"] is not None:
         from tactape_fab.sense.live.rerun_log import RerunLog
 
         path = None if given["save"] is None else Path(given["save"])
-        outputs.append(stack.enter_context(RerunLog(watched.job.tapes, watched.job.sensor, save=path, show=given["rerun"])).write)
+        shown = stack.enter_context(RerunLog(watched.job.tapes, watched.job.sensor, save=path, show=given["rerun"]))
+        outputs.append(lambda located, _: shown.write(located))
     return outputs
 
 
 def _run(
-    watched: Watch,
-    tally: Tally,
-    stop: Event,
-    outputs: Sequence[Callable[[Located], bool]],
-    *,
-    count: int | None,
+    watches: Sequence[Watch], tallies: Mapping[str, Tally], stop: Event, outputs: Sequence[Output], *, count: int | None
 ) -> None:
     from tactape_fab.sense.live.sources import Trouble
-    from tactape_fab.sense.live.status_lines import status_line
-    from tactape_fab.sense.live.watch import watch as watch_frames
+    from tactape_fab.sense.live.watch import watch_all
 
     terminal = sys.stderr is not None and sys.stderr.isatty()
     period_s = _TERMINAL_S if terminal else _LOG_S
     due_s = perf_counter() + period_s
-    for located in watch_frames(watched, tally, stop):
-        if located is not None:
+    names = list(tallies)
+    for found in watch_all(watches, list(tallies.values()), stop):
+        if found is not None:
+            name, located = names[found[0]], found[1]
             for write in outputs:
-                if not write(located):
+                if not write(located, name):
                     message = f"frame {located.frame} has no timestamp that a message can have; it is not written"
-                    tally.trouble(Trouble(kind="no timestamp", message=message))
-            if count is not None and tally.answered + 1 >= count:
+                    tallies[name].trouble(Trouble(kind="no timestamp", message=message))
+            if count is not None and sum(tally.answered for tally in tallies.values()) + 1 >= count:
                 stop.set()
-        _warn(tally)
+        _warn(tallies)
         if perf_counter() >= due_s:
-            click.echo(f"\r{_cut(status_line(tally))}\033[K" if terminal else status_line(tally), err=True, nl=not terminal)
+            line = _status(tallies)
+            click.echo(f"\r{_cut(line)}\033[K" if terminal else line, err=True, nl=not terminal)
             due_s = perf_counter() + period_s
+
+
+def _status(tallies: Mapping[str, Tally]) -> str:
+    from tactape_fab.sense.live.status_lines import status_line
+
+    return " | ".join(_of(name, status_line(tally)) for name, tally in tallies.items())
+
+
+def _of(name: str, line: str) -> str:
+    """A line about one of several sensors."""
+    return f"{name}: {line}" if name else line
 
 
 def _cut(line: str) -> str:
@@ -176,19 +252,19 @@ def _cut(line: str) -> str:
     return line[: shutil.get_terminal_size().columns - 1]
 
 
-def _warn(tally: Tally) -> None:
-    messages = tally.unsaid()
+def _warn(tallies: Mapping[str, Tally]) -> None:
+    messages = [_of(name, message) for name, tally in tallies.items() for message in tally.unsaid()]
     if messages:
         clear_step()
         echo_lines_err(f"warning: {message}" for message in messages)
 
 
-def _end(tally: Tally) -> None:
+def _end(tallies: Mapping[str, Tally]) -> None:
     from tactape_fab.sense.live.status_lines import end_lines
 
-    _warn(tally)
+    _warn(tallies)
     clear_step()
-    echo_lines_err(end_lines(tally))
+    echo_lines_err(_of(name, line) for name, tally in tallies.items() for line in end_lines(tally))
 
 
 @contextmanager

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
-from tactape_fab.sense.raw.colour_images import RawImage, open_raw
+from tactape_fab.sense.files.recordings import Recording, is_recording, open_recording, upright
+from tactape_fab.sense.raw.colour_images import RawImage, open_raw, open_reconstruction
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.code import CODE_NAMES, get_plane, has_plane
 from tactape_fab.texture.registry import read_tapes
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
 
 METHODS = ("ml", "paper")
+Frames = FrameFile | RawImage | Recording
 DEFAULT_PITCH_MM = 1.5
 
 
@@ -56,7 +58,7 @@ class Located:
 def is_kit(path: str) -> bool:
     """Whether a user's path denotes a kit: a folder, or a manifest."""
     try:
-        return path.lower().endswith(".json") or Path(path).is_dir()
+        return path.lower().endswith(".json") or (Path(path).is_dir() and not is_recording(path))
     except (OSError, ValueError):
         return False
 
@@ -83,14 +85,16 @@ class Raw:
 class Job:
     """A job of `decode`: files of frames, sensor, registry or code alone, and settings of `Localizer`."""
 
-    files: Sequence[FrameFile | RawImage]
+    files: Sequence[Frames]
     sensor: SensorProfile
     tapes: Sequence[Tape]
     code: BareCode | None
     settings: Mapping[str, Any]
 
 
-def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | None = None, **options: Any) -> Job:
+def prepare(
+    frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | None = None, topic: str | None = None, **options: Any
+) -> Job:
     """Read and check all settings and files before the first frame.
 
     Parameters
@@ -101,6 +105,8 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
         Profile name or the path of its TOML file.
     raw : Raw, optional
         Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
+    topic : str, optional
+        Topic or feature of recordings; see `open_recording`.
     **options
         as_built: files of measured places, as `read_tapes` takes them; code, w, delta: the code and its grid (mm) instead of
         kits; method, world, max_p_false, max_p_tape, fixed_scale, refine: as `Localizer` takes them. None is what is not given.
@@ -117,7 +123,7 @@ def prepare(frames: Sequence[str], kits: Sequence[str], sensor: str, raw: Raw | 
     elif raw is None and not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
     job = prepare_without_frames(kits, sensor, problems, colour=raw is not None, **options)
-    files = None if job is None else tried(partial(_open, frames, raw, job.sensor), problems)
+    files = None if job is None else tried(partial(_open, frames, raw, job.sensor, topic), problems)
     if problems:
         raise SpecError(problems)
     assert job is not None and files is not None
@@ -145,15 +151,43 @@ def prepare_without_frames(
     profile = tried(lambda: load_sensor(sensor), problems)
     if profile is None:
         return None
-    if colour:
-        profile = replace(profile, sign=1, depth_unit_mm=1.0)
-    return Job(files=(), sensor=profile, tapes=tapes or (), code=code, settings=given)
+    return Job(files=(), sensor=of_colour_images(profile) if colour else profile, tapes=tapes or (), code=code, settings=given)
 
 
-def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile) -> Sequence[FrameFile | RawImage]:
+def of_colour_images(profile: SensorProfile) -> SensorProfile:
+    """The profile of depth maps made of a sensor's colour images."""
+    return replace(profile, sign=1, depth_unit_mm=1.0)
+
+
+def _open(frames: Sequence[str], raw: Raw | None, profile: SensorProfile, topic: str | None) -> Sequence[Frames]:
+    """The files in their order, recordings behind them."""
+    given = frames if raw is None else raw.images
+    recorded = [path for path in given if is_recording(path)]
+    files, problems = [path for path in given if path not in recorded], list[Problem]()
+    if topic is not None and not recorded:
+        problems.append(Problem("topic", "--topic is for recordings, .mcap, rosbag2 and LeRobot; leave it out"))
+    opened: list[Frames] = []
     if raw is None:
-        return open_frames(frames, profile)
-    return open_raw(raw.images, raw.background, raw.weights, profile) if raw.images else []
+        opened += tried(partial(open_frames, files, profile), problems) or []
+    elif files:
+        opened += tried(partial(open_raw, files, raw.background, raw.weights, profile), problems) or []
+    if recorded:
+        opened += _recorded(recorded, raw, profile, topic, problems)
+    if problems:
+        raise SpecError(problems)
+    return opened
+
+
+def _recorded(
+    paths: Sequence[str], raw: Raw | None, profile: SensorProfile, topic: str | None, problems: list[Problem]
+) -> list[Recording]:
+    """Recordings, with what makes depth maps of their colour images."""
+    found = [tried(partial(open_recording, path, profile, topic, colour=raw is not None), problems) for path in paths]
+    recordings = [one for one in found if one is not None]
+    if raw is None:
+        return recordings
+    colours = open_reconstruction(raw.background, raw.weights, profile, problems, make=not problems)
+    return [replace(one, reconstruction=colours) for one in recordings]
 
 
 def _read_code(bare: Mapping[str, Any], kits: bool, problems: list[Problem]) -> BareCode | None:
@@ -226,14 +260,16 @@ def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_lo
     SpecError, FrameError
         If a file ends early, or a frame is invalid.
     """
-    locators: dict[tuple[float, float], Locate] = {}
+    locators: dict[tuple[tuple[float, float], bool], Locate] = {}
     frame = 0
     for file in job.files:
         scale = file.px_per_mm or job.sensor.px_per_mm
         own = job.sensor if scale == job.sensor.px_per_mm else replace(job.sensor, px_per_mm=scale)
-        if scale not in locators:
-            locators[scale] = locator(job, own)
+        ours = isinstance(file, Recording) and file.ours
+        own = upright(own) if ours else own
+        if (scale, ours) not in locators:
+            locators[scale, ours] = locator(job, own)
         for k, depth in enumerate(file.frames()):
-            fix = locators[scale](depth, timestamp=file.time_of(k))
+            fix = locators[scale, ours](depth, timestamp=file.time_of(k))
             yield Located(frame=frame, depth=depth, sensor=own, fix=fix)
             frame += 1

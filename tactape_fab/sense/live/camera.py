@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from threading import Event
-from time import perf_counter, time
+from time import monotonic, perf_counter, time
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import TactapeError
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.live.sources import Frame, Source, Trouble
 
@@ -21,6 +23,10 @@ FILMS = (".avi", ".mkv", ".mov", ".mp4")
 Crop = tuple[int, int, int, int]
 """u, v of the upper left corner, width, height, px."""
 
+USB = "usb:"
+"""Before the name of a camera, or a part of it, instead of its path."""
+_DEVICES, _MOST_DEVICES, _MOST_NAME_BYTES = Path("/sys/class/video4linux"), 256, 1000
+_OLDEST_S = 10.0
 _MOST_MISSES = 50
 _MISS_S = 0.02
 
@@ -34,7 +40,7 @@ def camera_source(
     opened: Callable[[Path], Any] | None = None,
     clock: Callable[[], float] = time,
 ) -> Source:
-    """Source of a camera's images; they were taken when they were grabbed.
+    """Source of a camera's images; they were taken when the driver says so, or where it does not, when they were grabbed.
 
     Parameters
     ----------
@@ -50,6 +56,33 @@ def camera_source(
         Time of a grab, s.
     """
     return partial(_shot, path, size, crop, keep, opened or _camera, clock)
+
+
+def camera_named(name: str, devices: Path = _DEVICES) -> Path:
+    """The path of the camera whose USB name holds a text, in any case: a GelSight Mini says "GelSight Mini" and its number.
+
+    A camera has several devices (V4L2): that of its images is the one with index 0.
+
+    Raises
+    ------
+    SpecError
+        When there is none, or more than one; those that are there are named.
+    """
+    found: dict[str, str] = {}
+    with suppress(OSError):
+        for device in sorted(devices.iterdir())[:_MOST_DEVICES]:
+            with suppress(OSError, ValueError):
+                said = read_regular(device / "name", _MOST_NAME_BYTES).decode(errors="replace").strip()
+                index = device / "index"
+                if not index.exists() or int(read_regular(index, _MOST_NAME_BYTES)) == 0:
+                    found[device.name] = said
+    fitting = [device for device, said in found.items() if name.strip() and name.strip().lower() in said.lower()]
+    if len(fitting) == 1:
+        return Path("/dev") / fitting[0]
+    there = ", ".join(f"{shown(said)} (/dev/{device})" for device, said in found.items()) or "none at all"
+    how_many = "no camera has" if not fitting else f"{len(fitting)} cameras have"
+    message = f"source {USB}{name}: {how_many} that in its name; there is: {there}; plug it in, or give more of the name"
+    raise SpecError(Problem("source", message))
 
 
 def film_source(
@@ -94,7 +127,7 @@ def _shot(
                     raise TactapeError(f"camera {shown_path(path)} gives no more images; is it still plugged in?")
                 stop.wait(_MISS_S)
                 continue
-            stamp, misses = clock(), 0
+            stamp, misses = _taken_s(capture, clock), 0
             whole, image = capture.retrieve()
             if whole:
                 yield Frame(number=number, image=_cut(image, size, crop), timestamp=stamp, keep=keep)
@@ -103,6 +136,17 @@ def _shot(
             number += 1
     finally:
         capture.release()
+
+
+def _taken_s(capture: Any, clock: Callable[[], float]) -> float:
+    """When the driver got the image that was grabbed; now, where it does not say so by the clock that V4L2 has.
+
+    OpenCV hands the time of the buffer on as its position; uvcvideo takes it of the monotonic clock.
+    """
+    cv2 = library("cv2", "reading a camera")
+
+    now_s, age_s = clock(), monotonic() - capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+    return now_s - age_s if 0.0 <= age_s < _OLDEST_S else now_s
 
 
 def _shown(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +13,7 @@ from tactape_fab.base.fields import shown_path
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.files.jobs import Located
 from tactape_fab.sense.live.cdr import MessageType
-from tactape_fab.sense.live.topics import TOPICS, Naming, encoded
+from tactape_fab.sense.live.topics import TOPICS, Naming, encoded, topic_of
 
 _CHUNK_BYTES = 1 << 20
 """Bytes a killed process may lose: three frames of a GelSight Mini."""
@@ -26,6 +27,8 @@ class McapLog:
     path : Path
         Must not be there.
     naming : Naming
+    sensors : sequence of str
+        Names of several sensors, which have topics of their own.
 
     Raises
     ------
@@ -33,7 +36,7 @@ class McapLog:
         When it cannot be written.
     """
 
-    def __init__(self, path: Path, naming: Naming = Naming()) -> None:  # noqa: B008 (frozen)
+    def __init__(self, path: Path, naming: Naming = Naming(), sensors: Sequence[str] = ("",)) -> None:  # noqa: B008 (frozen)
         from mcap.writer import CompressionType, Writer
 
         self.path, self._naming = path, naming
@@ -42,7 +45,8 @@ class McapLog:
             self._stream = path.open("xb")
             writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
             writer.start(profile="ros2", library=f"tactape-fab {__version__}")
-            self._channels = {topic: _channel(writer, topic, kind) for topic, kind in TOPICS.items()}
+            named = [(topic_of(topic, sensor), kind) for sensor in sensors for topic, kind in TOPICS.items()]
+            self._channels = {topic: _channel(writer, topic, kind) for topic, kind in named}
             self._writer = writer
         except OSError as error:
             raise self._failed(error) from error
@@ -53,7 +57,7 @@ class McapLog:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def write(self, located: Located) -> bool:
+    def write(self, located: Located, sensor: str = "") -> bool:
         """Write a frame and its answer; no pose where there is none. False, and nothing written, where it has no capture time.
 
         Raises
@@ -61,7 +65,7 @@ class McapLog:
         TactapeError
             When it cannot be written.
         """
-        found = encoded(located, self._naming)
+        found = encoded(located, self._naming, sensor)
         if found is None:
             return False
         stamp, messages = found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import stat
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ from typing import Any
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
-from tactape_fab.sense.files.jobs import prepare_without_frames
-from tactape_fab.sense.live.camera import FILMS, Crop, camera_source, film_source
+from tactape_fab.sense.files.jobs import Job, of_colour_images, prepare_without_frames
+from tactape_fab.sense.live.camera import FILMS, USB, Crop, camera_named, camera_source, film_source
 from tactape_fab.sense.live.folder import folder_source
 from tactape_fab.sense.live.replay import has_stamps, replay
 from tactape_fab.sense.live.sources import Source
@@ -21,11 +21,11 @@ from tactape_fab.sense.live.stream import stream_source
 from tactape_fab.sense.live.watch import Watch
 from tactape_fab.sense.raw.colour_images import open_reconstruction
 from tactape_fab.sense.raw.image_files import COLOUR_PICTURES
-from tactape_fab.sense.sensors import SensorProfile
+from tactape_fab.sense.sensors import SensorProfile, load_sensor
 
 STANDARD_INPUT = "-"
 MOST_HZ = 100_000.0
-_SOURCES = "give a folder, a file of frames, - for standard input, or with --raw a camera such as /dev/video0"
+_SOURCES = "give a folder, a file of frames, - for standard input, or with --raw a camera such as /dev/video0 or usb:NAME"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,16 +56,32 @@ class Wishes:
     crop: Any = None
 
 
-def open_watch(
-    source: str, kits: Sequence[str], sensor: str, wishes: Wishes, outputs: Sequence[tuple[str, str, str | None]], **options: Any
-) -> Watch:
-    """Open a source, and read the tapes and the sensor.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """A sensor that is to be watched: its name ("" where there is only one), its profile, its source, and how that is read."""
+
+    name: str = ""
+    sensor: str
+    source: str
+    wishes: Wishes
+
+
+Outputs = Sequence[tuple[str, str, str | None]]
+
+
+def open_watch(source: str, kits: Sequence[str], sensor: str, wishes: Wishes, outputs: Outputs, **options: Any) -> Watch:
+    """Open a source, and read the tapes and the sensor: `open_watches` of one."""
+    return open_watches([Wanted(sensor=sensor, source=source, wishes=wishes)], kits, outputs, **options)[0]
+
+
+def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs, **options: Any) -> list[Watch]:
+    """Open the sources of sensors, and read the tapes, once for all of them, and the sensors.
 
     Parameters
     ----------
-    source : str
-        Folder, file of frames, camera, film, or "-".
-    kits, sensor, **options
+    wanted : sequence of Wanted
+        Sources are a folder, a file of frames, a camera, a film, or "-".
+    kits, **options
         As `sense.files.jobs.prepare` takes them.
     outputs : sequence of (str, str, path or None)
         Files to be written that must not be there: name of the option, ending, and the path or None.
@@ -76,29 +92,49 @@ def open_watch(
         With every invalid value and file.
     """
     problems: list[Problem] = []
-    if not wishes.raw and (wishes.background is not None or wishes.weights is not None or wishes.crop is not None):
-        problems.append(Problem("raw", "--background, --weights and --crop are for colour images; give --raw with them"))
-    rate_hz, idle_s, crop = _read_wishes(wishes, problems)
-    job = prepare_without_frames(kits, sensor, problems, colour=wishes.raw, **options)
+    for k, one in enumerate(wanted):
+        if one.name in [other.name for other in wanted[:k]]:
+            problems.append(Problem("sensor", f"sensor {one.name} is named twice; give each a name of its own"))
+    first = wanted[0]
+    job = prepare_without_frames(kits, first.sensor, problems, colour=first.wishes.raw, **options)
     for key, ending, path in outputs:
         if path is not None:
             problems += refused_output(key, Path(path), ending)
-    found = None
-    if job is not None:
-        found = tried(partial(_source, source, wishes, rate_hz, idle_s, crop, job.sensor), problems)
-        stamped = found is None or found[1]
-        if not stamped and any(key == "mcap" and path is not None for key, _, path in outputs):
-            message = (
-                f"{shown_path(source)} holds no timestamps, and messages need some; give the --rate HZ at which it was taken"
-            )
-            problems.append(Problem("mcap", message))
-    colours = None
-    if wishes.raw and job is not None:
-        colours = open_reconstruction(wishes.background, wishes.weights, job.sensor, problems, make=not problems)
+    messages = any(key == "mcap" and path is not None for key, _, path in outputs)
+    jobs: dict[tuple[str, bool], Job] = {} if job is None else {(first.sensor, first.wishes.raw): job}
+    watches = []
+    for one in wanted:
+        own: list[Problem] = []
+        watches.append(_opened(one, job, jobs, messages, own))
+        problems += [Problem(p.key, f"sensor {one.name}: {p.message}") for p in own] if one.name else own
     if problems:
         raise SpecError(problems)
-    assert job is not None and found is not None
-    return Watch(job=job, source=found[0], reconstruction=colours)
+    return [watched for watched in watches if watched is not None]
+
+
+def _opened(
+    one: Wanted, job: Job | None, jobs: dict[tuple[str, bool], Job], messages: bool, problems: list[Problem]
+) -> Watch | None:
+    """One sensor with its source; None where there are problems. Sensors of one profile share it, and all share the tapes."""
+    wishes, key = one.wishes, (one.sensor, one.wishes.raw)
+    if not wishes.raw and (wishes.background is not None or wishes.weights is not None or wishes.crop is not None):
+        problems.append(Problem("raw", "--background, --weights and --crop are for colour images; give --raw with them"))
+    rate_hz, idle_s, crop = _read_wishes(wishes, problems)
+    if job is not None and key not in jobs:
+        profile = tried(lambda: load_sensor(one.sensor), problems)
+        if profile is not None:
+            jobs[key] = replace(job, sensor=of_colour_images(profile) if wishes.raw else profile)
+    own = jobs.get(key)
+    if own is None:
+        return None
+    found = tried(partial(_source, one.source, wishes, rate_hz, idle_s, crop, own.sensor), problems)
+    if messages and not (found is None or found[1]):
+        said = f"{shown_path(one.source)} holds no timestamps, and messages need some; give the --rate HZ at which it was taken"
+        problems.append(Problem("mcap", said))
+    colours = None
+    if wishes.raw:
+        colours = open_reconstruction(wishes.background, wishes.weights, own.sensor, problems, make=not problems)
+    return None if found is None else Watch(job=own, source=found[0], reconstruction=colours)
 
 
 def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None, float | None, Crop | None]:
@@ -143,7 +179,7 @@ def _source(
     ------
     SpecError
     """
-    path, keep = Path(given), wishes.no_drop
+    path, keep = camera_named(given.removeprefix(USB)) if given.startswith(USB) else Path(given), wishes.no_drop
     problems: list[Problem] = []
     try:
         mode = 0 if given == STANDARD_INPUT else path.stat().st_mode

@@ -10,11 +10,9 @@ from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
 from tactape_fab.base.errors import FrameError, Problem, SpecError, TactapeError
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields
+from tactape_fab.sense.files.image_message import depth_of
 from tactape_fab.sense.files.jobs import prepare_without_frames
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.messages import pose_message, text_message, transform_message
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
 _NS = 1_000_000_000
 _DIAGNOSED_S, _PATIENCE_S, _SAID_EACH_S = 1.0, 0.1, 10.0
 _OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
-PIXELS = {"32FC1": "f4", "16UC1": "u2", "mono16": "u2", "8UC1": "u1", "mono8": "u1"}
 """Encodings of depth images, and what a pixel is; any unit, as the sensor delivers it."""
 PARAMETERS: Mapping[str, Any] = {
     "kits": ["tactape-s007"],
@@ -222,26 +219,6 @@ class _Served:
             "values": [{"key": key, "value": str(value)} for key, value in values.items()],
         }
         return {"header": {"stamp": {"sec": seconds[0], "nanosec": seconds[1]}}, "status": [status]}
-
-
-def depth_of(image: Any) -> npt.NDArray[Any]:
-    """The depth map in a sensor_msgs/Image, shape (height, width).
-
-    Raises
-    ------
-    FrameError
-        For another encoding, and for data that is not as long as its size says.
-    """
-    kind = PIXELS.get(image.encoding)
-    if kind is None:
-        raise FrameError(f"its encoding is {shown(image.encoding)}; depth images are one of: {', '.join(PIXELS)}")
-    pixel = np.dtype((">" if image.is_bigendian else "<") + kind)
-    data = np.frombuffer(image.data, dtype=np.uint8)
-    row = image.width * pixel.itemsize
-    if image.step < row or data.size < image.height * image.step or image.height * row == 0:
-        raise FrameError(f"{data.size} bytes are no {image.width} x {image.height} image of rows of {image.step} bytes")
-    rows = data[: image.height * image.step].reshape(image.height, image.step)[:, :row]
-    return np.ascontiguousarray(rows).view(pixel).astype(pixel.newbyteorder("="), copy=False)
 
 
 def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from threading import Condition, Event
 from time import perf_counter
@@ -50,12 +50,15 @@ Source = Callable[[Event], Iterator[Frame | Trouble]]
 
 
 class Slot:
-    """Room for one frame. A later one takes its place: who locates is never behind by more than that frame."""
+    """Room for one frame. A later one takes its place: who locates is never behind by more than that frame.
 
-    def __init__(self) -> None:
+    Slots that are waited for together share a condition.
+    """
+
+    def __init__(self, changed: Condition | None = None) -> None:
         self.dropped = 0
         self._frame: Frame | None = None
-        self._changed = Condition()
+        self._changed = changed or Condition()
         self._ended = False
         self._error: BaseException | None = None
 
@@ -91,3 +94,30 @@ class Slot:
             elif self._ended:
                 raise self._error or EOFError
             return frame
+
+
+def take_next(slots: Sequence[Slot], changed: Condition, first: int, timeout_s: float) -> tuple[int, Frame] | None:
+    """The frame of the first slot from `first` on, round and round, that has one, and its index; None when none came in time.
+
+    Raises
+    ------
+    EOFError
+        When nothing more will come in any of them; of sources that failed the error of the first instead.
+    """
+    order = [*range(first, len(slots)), *range(first)]
+    with changed:
+        for timeout in (timeout_s, None):
+            errors: list[BaseException] = []
+            for k in order:
+                try:
+                    frame = slots[k].take(0.0)
+                except BaseException as error:
+                    errors.append(error)
+                    continue
+                if frame is not None:
+                    return k, frame
+            if len(errors) == len(slots):
+                raise next((error for error in errors if not isinstance(error, EOFError)), errors[0])
+            if timeout is not None:
+                changed.wait(timeout)
+    return None

@@ -14,6 +14,11 @@ POSE_TOPIC, DEPTH_TOPIC, TEXT_TOPIC = "/tactape/pose", "/tactape/depth", "/tacta
 TOPICS: Mapping[str, MessageType] = {POSE_TOPIC: POSE, DEPTH_TOPIC: IMAGE, TEXT_TOPIC: TEXT}
 
 
+def topic_of(topic: str, sensor: str = "") -> str:
+    """A topic of one of several sensors: `/tactape/NAME/pose`."""
+    return topic.replace("/tactape/", f"/tactape/{sensor}/") if sensor else topic
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Naming:
     """Frames of poses and of depth images, None for the usual ones (see `messages`); object in whose frame answers come, too."""
@@ -23,18 +28,20 @@ class Naming:
     thing: TapedObject | None = None
 
 
-def encoded(located: Located, naming: Naming) -> tuple[int, list[tuple[str, bytes]]] | None:
+def encoded(located: Located, naming: Naming, sensor: str = "") -> tuple[int, list[tuple[str, bytes]]] | None:
     """Capture time (ns), and topic and CDR bytes of each message of an answer; no pose where it is not located.
 
-    None where the frame has no capture time that a message can have.
+    None where the frame has no capture time that a message can have. One of several sensors has its name in the topics,
+    and for its frame.
     """
     stamp = stamp_ns(located.fix.timestamp)
     if stamp is None:
         return None
     pose = pose_message(located.fix, stamp, naming.frame_id)
-    image = image_message(located.depth, located.sensor, stamp, naming.sensor_frame)
-    return stamp, [
+    image = image_message(located.depth, located.sensor, stamp, sensor or naming.sensor_frame)
+    messages = [
         (TEXT_TOPIC, TEXT.encode(text_message(located.frame, located.fix, naming.thing))),
         *([] if pose is None else [(POSE_TOPIC, POSE.encode(pose))]),
         (DEPTH_TOPIC, IMAGE.encode(image)),
     ]
+    return stamp, [(topic_of(topic, sensor), data) for topic, data in messages]

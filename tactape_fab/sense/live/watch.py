@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from threading import Event, Thread
+from threading import Condition, Event, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError
+from tactape_fab.base.errors import FrameError, TactapeError
 from tactape_fab.sense.files.jobs import Job, Locate, Located, make_locator
 from tactape_fab.sense.live.counts import Tally
-from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble
+from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble, take_next
 from tactape_fab.sense.sensors import SensorProfile
 
 if TYPE_CHECKING:
     from tactape_fab.sense.raw.reconstruct import Reconstruction
+
+_Locators = dict[tuple[float, float], tuple[SensorProfile, Locate]]
 
 WAIT_S = 0.05
 """Longest time without a frame after which `watch` gives None."""
@@ -47,40 +49,59 @@ class Watch:
 def watch(
     watched: Watch, tally: Tally, stop: Event, locator: Callable[[Job, SensorProfile], Locate] = make_locator
 ) -> Iterator[Located | None]:
-    """Answers as frames come, until there are no more or `stop` is set.
+    """Answers as frames come, until there are no more or `stop` is set: `watch_all` of one sensor."""
+    for found in watch_all([watched], [tally], stop, locator):
+        yield None if found is None else found[1]
 
+
+def watch_all(
+    watches: Sequence[Watch],
+    tallies: Sequence[Tally],
+    stop: Event,
+    locator: Callable[[Job, SensorProfile], Locate] = make_locator,
+) -> Iterator[tuple[int, Located] | None]:
+    """Answers of several sensors as their frames come, until there are no more or `stop` is set.
+
+    Each is read by a thread of its own, at its own rate; this one locates, and takes them in turn where several have a frame.
     What the caller does with an answer counts as its latency, which begins when the frame is there or, for one that may wait,
-    when it is taken. What is no frame, or no frame of the sensor, is counted in the tally, and the next one looked at.
+    when it is taken. What is no frame, or no frame of the sensor, is counted in its tally, and the next one looked at. A
+    source that fails is counted among several, and the others go on.
 
     Yields
     ------
-    Located or None
-        None now and then while no frame comes, so that the caller can look at the tally.
+    (int, Located) or None
+        The sensor's index and the answer; None now and then while no frame comes, so that the caller can look at the tallies.
 
     Raises
     ------
     TactapeError
-        When the source fails.
+        When a source failed, after the last frame of all.
     """
-    locators: dict[tuple[float, float], tuple[SensorProfile, Locate]] = {}
-    _locator(watched.job, None, locators, locator)  # compiled before the first frame
-    slot = Slot()
-    Thread(target=_read, args=(watched.source, slot, tally, stop), daemon=True, name="frames").start()
+    locators: dict[int, _Locators] = {}  # sensors of one profile share them, and all share the tapes
+    for watched in watches:
+        _locator(watched.job, None, locators.setdefault(id(watched.job.sensor), {}), locator)  # compiled before the first frame
+    changed, last = Condition(), -1
+    slots = [Slot(changed) for _ in watches]
+    for watched, tally, slot in zip(watches, tallies, slots, strict=True):
+        alone = len(watches) == 1
+        Thread(target=_read, args=(watched.source, slot, tally, stop, alone), daemon=True, name="frames").start()
     try:
         while not stop.is_set():
-            frame = slot.take(WAIT_S)
-            tally.dropped = slot.dropped
-            if frame is None:
+            found = take_next(slots, changed, last + 1, WAIT_S)
+            for tally, slot in zip(tallies, slots, strict=True):
+                tally.dropped = slot.dropped
+            if found is None:
                 yield None
                 continue
-            taken_s = perf_counter()
+            last, frame = found
+            watched, tally, taken_s = watches[last], tallies[last], perf_counter()
             try:
-                located = _located(watched, frame, tally, locators, locator)
+                located = _located(watched, frame, tally, locators[id(watched.job.sensor)], locator)
             except FrameError as error:
                 tally.unusable += 1
                 tally.trouble(Trouble(kind="frame unusable", message=f"frame {frame.number}: {error}"))
                 continue
-            yield located
+            yield last, located
             tally.answer(located.fix, taken_s if frame.keep else frame.arrived_s)
     except EOFError:
         return
@@ -88,7 +109,7 @@ def watch(
         stop.set()
 
 
-def _read(source: Source, slot: Slot, tally: Tally, stop: Event) -> None:
+def _read(source: Source, slot: Slot, tally: Tally, stop: Event, alone: bool) -> None:
     error = None
     try:
         for found in source(stop):
@@ -98,6 +119,8 @@ def _read(source: Source, slot: Slot, tally: Tally, stop: Event) -> None:
                 slot.put(found, stop)
     except BaseException as caught:
         error = caught
+        if not alone and isinstance(caught, TactapeError):
+            tally.trouble(Trouble(kind="source failed", message=str(caught)))
     slot.end(error)
 
 
@@ -105,7 +128,7 @@ def _located(
     watched: Watch,
     frame: Frame,
     tally: Tally,
-    locators: dict[tuple[float, float], tuple[SensorProfile, Locate]],
+    locators: _Locators,
     locator: Callable[[Job, SensorProfile], Locate],
 ) -> Located:
     """A frame and its answer.
@@ -146,7 +169,7 @@ def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor:
 def _locator(
     job: Job,
     px_per_mm: tuple[float, float] | None,
-    locators: dict[tuple[float, float], tuple[SensorProfile, Locate]],
+    locators: _Locators,
     locator: Callable[[Job, SensorProfile], Locate],
 ) -> tuple[SensorProfile, Locate]:
     """The profile with a frame's scale, and what locates its frames."""

@@ -9,6 +9,7 @@ import json
 import re
 import struct
 from collections import Counter
+from collections.abc import Sequence
 from time import time_ns
 from types import TracebackType
 from typing import Any
@@ -18,7 +19,7 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.jobs import Located
-from tactape_fab.sense.live.topics import TOPICS, Naming, encoded
+from tactape_fab.sense.live.topics import TOPICS, Naming, encoded, topic_of
 
 LOCAL, LOCAL_ENDPOINT = "local", "tcp/127.0.0.1:7447"
 """Word for listening on this machine alone, and the endpoint that this is: Zenoh's own port."""
@@ -36,6 +37,8 @@ class ZenohBus:
     endpoint : str
         "local" to listen on this machine, or the endpoint of a router or peer to connect to.
     naming : Naming
+    sensors : sequence of str
+        Names of several sensors, which have topics of their own.
 
     Raises
     ------
@@ -44,7 +47,7 @@ class ZenohBus:
     MissingLibraryError
     """
 
-    def __init__(self, endpoint: str, naming: Naming = Naming()) -> None:  # noqa: B008 (frozen)
+    def __init__(self, endpoint: str, naming: Naming = Naming(), sensors: Sequence[str] = ("",)) -> None:  # noqa: B008 (frozen)
         if endpoint != LOCAL and not _ENDPOINT.fullmatch(endpoint):
             message = f"zenoh = {shown(endpoint)} is no endpoint; give local, or one to connect to, such as {LOCAL_ENDPOINT}"
             raise SpecError(Problem("zenoh", message))
@@ -63,11 +66,12 @@ class ZenohBus:
             )
             raise SpecError(Problem("zenoh", f"zenoh = {endpoint}: {what}")) from error
         self._publishers = {
-            topic: self._session.declare_publisher(
-                key_of(topic),
+            topic_of(topic, sensor): self._session.declare_publisher(
+                key_of(topic, sensor),
                 encoding=self._zenoh.Encoding.APPLICATION_CDR,
                 congestion_control=self._zenoh.CongestionControl.DROP,
             )
+            for sensor in sensors
             for topic in TOPICS
         }
 
@@ -77,7 +81,7 @@ class ZenohBus:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._session.close()
 
-    def write(self, located: Located) -> bool:
+    def write(self, located: Located, sensor: str = "") -> bool:
         """Publish a frame and its answer. False, and nothing sent, where it has no capture time.
 
         Raises
@@ -85,7 +89,7 @@ class ZenohBus:
         TactapeError
             When the session has ended.
         """
-        found = encoded(located, self._naming)
+        found = encoded(located, self._naming, sensor)
         if found is None:
             return False
         for topic, data in found[1]:
@@ -104,11 +108,11 @@ def _settings(endpoint: str) -> dict[str, Any]:
     return {"mode": "peer", "connect": connect, "listen": listen, "scouting/multicast/enabled": False}
 
 
-def key_of(topic: str) -> str:
+def key_of(topic: str, sensor: str = "") -> str:
     """Key of a topic: domain, name, type as DDS has it, hash of the type (REP 2016)."""
     kind = TOPICS[topic]
     package, _, name = kind.name.split("/")
-    return f"{DOMAIN}{topic}/{package}::msg::dds_::{name}_/{kind.digest}"
+    return f"{DOMAIN}{topic_of(topic, sensor)}/{package}::msg::dds_::{name}_/{kind.digest}"
 
 
 def attachment(number: int, time_ns_: int, gid: bytes) -> bytes:

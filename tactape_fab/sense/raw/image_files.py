@@ -63,14 +63,34 @@ def read_colour_header(path: Path) -> tuple[int, int]:
 
 def read_colour(path: Path) -> npt.NDArray[np.uint8]:
     """A colour image, shape (height, width, 3), blue first, as it lies in the file; raises as `read_picture_header`."""
+    return unpacked_colour(_bytes_of(path))
+
+
+def unpacked_colour(data: bytes) -> npt.NDArray[np.uint8]:
+    """The same of a file's bytes; raises as `read_picture_header`."""
     cv2 = library("cv2", "reading a picture")
 
-    data = _bytes_of(path)
     shape = _checked_colour_size(data)
     picture = _unpacked(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if picture is None or picture.shape != (*shape, 3) or picture.dtype != np.uint8:
         raise SpecError(f"it is damaged and cannot be unpacked; {_COLOUR_REMEDY}")
     return picture
+
+
+def unpacked_grey(data: bytes) -> npt.NDArray[Any]:
+    """A depth map of the bytes of a PNG: one channel of 8 or 16 bits, or three equal ones; raises as `read_picture_header`."""
+    cv2 = library("cv2", "reading a picture")
+
+    height, width, bits, channels = _png_header(data)
+    if (channels, bits) not in ((1, 8), (1, 16), (3, 8)):
+        raise SpecError(f"it has {channels} channel{'s' * (channels != 1)} of {bits} bits; {_REMEDY}")
+    shape = _not_too_large(height, width)
+    picture = _unpacked(data, cv2.IMREAD_UNCHANGED)
+    if picture is None or picture.shape[:2] != shape:
+        raise SpecError(f"it is damaged and cannot be unpacked; {_REMEDY}")
+    if picture.ndim == 3 and (picture != picture[:, :, :1]).any():
+        raise SpecError("it is a colour image; give --raw with --background and --weights")
+    return picture if picture.ndim == 2 else np.ascontiguousarray(picture[:, :, 0])
 
 
 _SILENT = 0

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from math import ceil, degrees, sqrt
 from time import process_time
 from typing import Any
@@ -18,6 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab import Tape
 from tactape_fab.sense import Frame, Scene, SensorProfile, draw_poses, iterate_frames, load_sensor, simulate
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.evidence.job import Job, Result, Size
@@ -28,6 +28,7 @@ from tests.bench.localization_rows import SEED, registered_tape
 SECTION = "table II"
 TITLE = "Table II: against tactile mapping, and against markers"
 Grey = npt.NDArray[np.uint8]
+Found = tuple[FloatArray, float, int]
 PX_PER_MM = 16.0
 AREA_MM = (20.0 * sqrt(5.0), 15.0 * sqrt(5.0))
 """Five times the sensor's area, as in the paper."""
@@ -100,10 +101,8 @@ def jobs(size: Size) -> list[Job]:
 # The baseline
 
 
-@cache
-def _texture_map(whole: bool) -> tuple[Grey, FloatArray]:
+def _texture_map(tape: Tape, whole: bool) -> tuple[Grey, FloatArray]:
     """The texture without noise as an 8-bit image, and the texture point at its middle."""
-    tape = registered_tape()
     middle = np.array([tape.columns - 1, tape.rows - 1]) * tape.pitch_mm / 2
     size_mm = tuple(2 * m + 2 * tape.pitch_mm for m in middle) if whole else AREA_MM
     width, height = (ceil(side * PX_PER_MM) for side in size_mm)
@@ -147,11 +146,11 @@ def create_brisk() -> Callable[..., Any]:
 class Baseline:
     """BRISK and RANSAC in one setting."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Setting, tape: Tape | None = None) -> None:
         self._setting = setting
         self._brisk = create_brisk()(setting.threshold, setting.octaves, setting.scale)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
-        self._map, self._middle_mm = _texture_map(setting.whole)
+        self._map, self._middle_mm = _texture_map(tape or registered_tape(), setting.whole)
         self._known = self._features(self._map, None) if setting.cached else None
 
     def _features(self, grey: Grey, mask: Grey | None) -> tuple[FloatArray, Any]:
@@ -159,8 +158,8 @@ class Baseline:
         points, words = self._brisk.detectAndCompute(image, mask)
         return np.array([point.pt for point in points]).reshape(-1, 2), words
 
-    def locate(self, depth: npt.NDArray[np.float32]) -> tuple[FloatArray, float] | None:
-        """Texture point under the image centre (mm), and theta (deg); None without an answer."""
+    def locate(self, depth: npt.NDArray[np.float32]) -> Found | None:
+        """Texture point under the image centre (mm), theta (deg) and inliers; None without an answer."""
         grey = _grey(depth)
         xy, words = self._features(grey, _contact(grey) if self._setting.masked else None)
         map_xy, map_words = self._known or self._features(self._map, None)
@@ -179,7 +178,7 @@ class Baseline:
         centre = np.array([(depth.shape[1] - 1) / 2, (depth.shape[0] - 1) / 2])
         map_centre = np.array([(self._map.shape[1] - 1) / 2, (self._map.shape[0] - 1) / 2])
         position = (move[:, :2] @ centre + move[:, 2] - map_centre) / PX_PER_MM + self._middle_mm
-        return position, degrees(-np.arctan2(move[1, 0], move[0, 0]))
+        return position, degrees(-np.arctan2(move[1, 0], move[0, 0])), int(inliers.sum())
 
     def _pairs(self, words: Any, map_words: Any) -> npt.NDArray[np.int64]:
         count = self._setting.neighbours if self._setting.ratio is None else 2
@@ -205,7 +204,7 @@ def measure_setting(name: str, frames: int) -> Result:
     """The baseline and our method on the same frames, one after the other in one process."""
     cv2.setNumThreads(1)
     baseline, localizer = Baseline(SETTINGS[name]), localizer_of(1, "open")
-    ours: Callable[[Frame], tuple[FloatArray, float] | None] = lambda frame: _ours(localizer.locate(frame.depth))  # noqa: E731
+    ours: Callable[[Frame], Found | None] = lambda frame: _ours(localizer.locate(frame.depth))  # noqa: E731
     touched = _frames(frames)
     baseline.locate(touched[0].depth)
     return {
@@ -215,11 +214,11 @@ def measure_setting(name: str, frames: int) -> Result:
     }
 
 
-def _ours(fix: Any) -> tuple[FloatArray, float] | None:
-    return (np.asarray(fix.position_mm), fix.theta_deg) if fix.located else None
+def _ours(fix: Any) -> Found | None:
+    return (np.asarray(fix.position_mm), fix.theta_deg, fix.n_agree) if fix.located else None
 
 
-def _figures(frames: list[Frame], locate: Callable[[Frame], tuple[FloatArray, float] | None]) -> Result:
+def _figures(frames: list[Frame], locate: Callable[[Frame], Found | None]) -> Result:
     errors, wrong, elapsed_ms = [], 0, []
     for frame in frames:
         start = process_time()  # one thread: what else the machine does hardly counts

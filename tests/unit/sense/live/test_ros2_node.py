@@ -25,8 +25,9 @@ from rosbags.typesys import Stores, get_typestore
 from tactape_fab import FrameError, Kit, SpecError, TactapeError
 from tactape_fab.cli import main
 from tactape_fab.sense import image_message, simulate_frames
+from tactape_fab.sense.files.image_message import PIXELS, depth_of
 from tactape_fab.sense.live.messages import UNMEASURED
-from tactape_fab.sense.live.ros2_node import PARAMETERS, PIXELS, depth_of, run_ros2_node
+from tactape_fab.sense.live.ros2_node import PARAMETERS, run_ros2_node
 from tactape_fab.sense.live.ros2_package import DEPENDENCIES, MEANINGS, package_files
 from tests.live import SENSOR
 

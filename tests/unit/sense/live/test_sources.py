@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frame_file
 from tactape_fab.sense.live import folder as folder_module
-from tactape_fab.sense.live.camera import camera_source, film_source
+from tactape_fab.sense.live.camera import camera_named, camera_source, film_source
 from tactape_fab.sense.live.folder import folder_source
 from tactape_fab.sense.live.replay import has_stamps, replay
 from tactape_fab.sense.live.sources import Frame, Trouble
@@ -340,6 +340,12 @@ class Shots:
         image = self.images.pop(0)
         return image is not None, image
 
+    def get(self, key: int) -> float:
+        assert key == cv2.CAP_PROP_POS_MSEC
+        return self.driver_ms
+
+    driver_ms = 0.0
+
     def release(self) -> None:
         self.released = True
 
@@ -360,6 +366,42 @@ def test_a_camera_s_images_are_stamped_when_grabbed(monkeypatch: pytest.MonkeyPa
     assert [t.kind for t in found if isinstance(t, Trouble)] == ["image damaged"]
     assert shots.released
     assert (shots.asked[cv2.CAP_PROP_FRAME_WIDTH], shots.asked[cv2.CAP_PROP_FRAME_HEIGHT]) == (320, 240)
+
+
+def test_a_camera_s_images_have_the_driver_s_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the monotonic clock, as V4L2 says it; a fake device, for none with a driver is here. A time of no sense is not taken."""
+    monkeypatch.setattr("tactape_fab.sense.live.camera.monotonic", lambda: 500.0)
+    for driver_ms, expected in ((499_970.0, 999.97), (0.0, 1000.0), (500_001.0, 1000.0), (480_000.0, 1000.0)):
+        monkeypatch.setattr(Shots, "driver_ms", driver_ms)
+        frame = next(
+            camera_source(Path("/dev/video7"), (240, 320), opened=lambda _: Shots([coloured(1)]), clock=lambda: 1000.0)(Event())
+        )
+        assert isinstance(frame, Frame) and frame.timestamp == pytest.approx(expected, abs=1e-6)
+
+
+def devices(folder: Path, *names: tuple[str, int]) -> Path:
+    """Names and indices of cameras as Linux has them in /sys/class/video4linux."""
+    for k, (name, index) in enumerate(names):
+        (folder / f"video{k}").mkdir(parents=True)
+        (folder / f"video{k}" / "name").write_text(f"{name}\n", encoding="utf-8")
+        (folder / f"video{k}" / "index").write_text(f"{index}\n", encoding="ascii")
+    return folder
+
+
+def test_a_camera_is_found_by_its_usb_name(tmp_path: Path) -> None:
+    mini = "GelSight Mini R0B 2D19-HHKU: Gel"
+    there = devices(tmp_path / "one", ("Integrated Camera", 0), (mini, 0), (mini, 1))
+    assert camera_named("gelsight mini", there) == Path("/dev/video1") == camera_named("2D19", there)
+    with pytest.raises(SpecError, match=r"no camera has that .*'Integrated Camera' \(/dev/video0\), 'GelSight Mini"):
+        camera_named("digit", there)
+    two = devices(tmp_path / "two", (mini, 0), ("GelSight Mini R0B 28VG-9AZ4: Gel", 0))
+    with pytest.raises(SpecError, match=r"2 cameras have that .* give more of the name"):
+        camera_named("GelSight Mini", two)
+    assert camera_named("28VG", two) == Path("/dev/video1")
+    with pytest.raises(SpecError, match="there is: none at all"):
+        camera_named("GelSight", tmp_path / "none")
+    with pytest.raises(SpecError, match=r"no camera has|cameras have"):
+        camera_named(" ", there)
 
 
 def test_a_camera_s_image_is_cut_and_scaled() -> None:

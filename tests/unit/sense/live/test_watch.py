@@ -73,7 +73,7 @@ def test_the_latest_frame_is_located_and_those_before_it_are_counted() -> None:
     found = answers(source, tally, slow)
     numbers = [located.frame for located in found]
     assert numbers == sorted(set(numbers)) and numbers[-1] == 59
-    assert tally.dropped == 60 - len(found) > 20
+    assert tally.dropped == 60 - len(found) > 0
     assert [located.fix.timestamp for located in found] == [float(k) for k in numbers]
     assert tally.latencies.percentile_ms(99) < 200.0
 

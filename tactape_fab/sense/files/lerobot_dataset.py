@@ -1,0 +1,145 @@
+"""Images of a LeRobot dataset (formats 2 and 3): in its parquet files by pyarrow, in its films by OpenCV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.input_file import open_regular, read_regular
+from tactape_fab.base.json_text import parse_json
+from tactape_fab.base.libraries import library
+from tactape_fab.sense.files.recordings import DATASET, Opened, Stamped
+from tactape_fab.sense.raw.colour_images import by_number
+from tactape_fab.sense.raw.image_files import unpacked_colour, unpacked_grey
+from tactape_fab.sense.sensors import MOST_PX
+
+_MOST_INFO_BYTES, _MOST_IMAGE_BYTES, _MOST_COLUMN_BYTES, _MOST_FILES = 1 << 24, 1 << 28, 1 << 32, 100_000
+_THRIFT = {"thrift_string_size_limit": 1 << 27, "thrift_container_size_limit": 1 << 22}
+_ROWS = 8
+_FLOATS = ("float32", "float64", "uint16", "int16")
+
+
+def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
+    """Feature, False, and what reads it.
+
+    Raises
+    ------
+    SpecError
+        When it is no dataset, and when no feature, or more than one, has images.
+    Exception
+        Whatever pyarrow raises for a damaged file.
+    """
+    data = read_regular(folder / DATASET, _MOST_INFO_BYTES)
+    content = parse_json(data)
+    if not isinstance(content, dict):
+        raise SpecError(f"its {DATASET} is no JSON object")
+    table = Fields(content)
+    features = {name: value for name, value in table.table("features").values.items() if isinstance(value, dict)}
+    if table.problems:
+        raise SpecError(f"its {DATASET} names no features")
+    usable = {name: value for name, value in features.items() if _shows(value, colour)}
+    if topic is None and len(usable) == 1:
+        topic = next(iter(usable))
+    if topic not in usable:
+        said = (
+            f"--topic {shown(topic)} is no feature of it with such images"
+            if topic
+            else "of which feature its images are has to be said"
+        )
+        kinds = "images or films" if colour else "images (films lose depth) or arrays"
+        raise SpecError(f"{said}; give --topic NAME, one of {kinds}: {', '.join(usable) or 'none'}")
+    if features[topic]["dtype"] == "video":
+        return topic, False, partial(_filmed, folder, topic)
+    return topic, False, partial(_rows, folder, topic, features[topic], colour)
+
+
+def _shows(feature: dict[str, Any], colour: bool) -> bool:
+    """Whether a feature is of images of this kind."""
+    kind, shape = feature.get("dtype"), feature.get("shape")
+    plane = isinstance(shape, list) and len(shape) == 2 and all(isinstance(n, int) and 2 <= n <= MOST_PX for n in shape)
+    return kind == "image" or (kind == "video" and colour) or (kind in _FLOATS and plane and not colour)
+
+
+def _files(folder: Path, pattern: str) -> list[Path]:
+    found = sorted(folder.glob(pattern), key=lambda path: by_number(path.as_posix()))
+    if not 0 < len(found) <= _MOST_FILES:
+        raise SpecError(f"it holds {len(found)} files {pattern}, not 1 to {_MOST_FILES}")
+    return found
+
+
+def _batches(folder: Path, columns: list[str]) -> Iterator[Any]:
+    """Rows of the dataset's tables, some at a time."""
+    parquet = library("pyarrow.parquet", "reading a LeRobot dataset")
+    for path in _files(folder, "data/**/*.parquet"):
+        with open_regular(path) as stream:
+            file = parquet.ParquetFile(stream, **_THRIFT)
+            for group in range(file.metadata.num_row_groups):
+                about = file.metadata.row_group(group)
+                if max(about.column(k).total_uncompressed_size for k in range(about.num_columns)) > _MOST_COLUMN_BYTES:
+                    raise SpecError(f"a column of {path.name} unpacks to more than {_MOST_COLUMN_BYTES} bytes")
+            yield from file.iter_batches(batch_size=_ROWS, columns=columns)
+
+
+def _rows(folder: Path, topic: str, feature: dict[str, Any], colour: bool) -> Iterator[Stamped]:
+    for batch in _batches(folder, [topic, "timestamp"]):
+        stamps = [float(value.as_py()) for value in batch.column("timestamp")]
+        images = batch.column(topic)
+        if feature["dtype"] == "image":
+            found = (_picture(value.as_py(), folder, colour) for value in images)
+        else:
+            found = iter(_arrays(images, len(stamps), feature["shape"]))
+        yield from zip(stamps, found, strict=True)
+
+
+def _picture(value: Any, folder: Path, colour: bool) -> Any:
+    """An image of a row: its file's bytes, or the name of a file in the dataset."""
+    data = value.get("bytes") if isinstance(value, dict) else None
+    if data is None:
+        raise SpecError("an image is not in the table, but beside it; write the dataset with its images in it, as LeRobot does")
+    if len(data) > _MOST_IMAGE_BYTES:
+        raise SpecError(f"an image has {len(data)} bytes, more than {_MOST_IMAGE_BYTES}")
+    return unpacked_colour(data) if colour else unpacked_grey(data)
+
+
+def _arrays(column: Any, count: int, shape: list[int]) -> Any:
+    """Arrays of a column, whose lists may be nested, and whose type may be an extension of datasets."""
+    values = getattr(column, "storage", column)
+    while hasattr(values, "flatten") and str(values.type).startswith(("list", "large_list", "fixed_size_list")):
+        values = values.flatten()
+    flat = values.to_numpy(zero_copy_only=False)
+    if flat.size != count * shape[0] * shape[1]:
+        raise SpecError(f"{flat.size} values are no {count} arrays of {shape[0]} x {shape[1]}")
+    return np.asarray(flat).reshape(count, *shape)
+
+
+def _filmed(folder: Path, topic: str) -> Iterator[Stamped]:
+    """Images of a feature's films, with the timestamps of the tables."""
+    cv2 = library("cv2", "reading a film")
+    stamps = (float(value.as_py()) for batch in _batches(folder, ["timestamp"]) for value in batch.column("timestamp"))
+    for path in _films(folder, topic):
+        capture = cv2.VideoCapture(str(path))
+        try:
+            if not capture.isOpened():
+                raise SpecError(f"{path.name} cannot be unpacked by this OpenCV; write the dataset with use_videos=False")
+            while True:
+                there, image = capture.read()
+                if not there:
+                    break
+                yield next(stamps, None), image
+        finally:
+            capture.release()
+
+
+def _films(folder: Path, topic: str) -> list[Path]:
+    """Format 3 has videos/FEATURE/chunk/file, format 2 videos/chunk/FEATURE/episode."""
+    every = _files(folder, "videos/*/*/*.mp4")
+    found = [path for path in every if topic in (path.parts[-2], path.parts[-3])]
+    if not found:
+        raise SpecError(f"it has no film of {shown(topic)}")
+    return found

@@ -1,0 +1,101 @@
+"""Images of MCAP files and of rosbag2 folders of them, read by mcap; chunks are unpacked within a bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.libraries import library
+from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
+from tactape_fab.sense.files.recordings import BAG, MCAP, Opened, Stamped
+from tactape_fab.sense.raw.colour_images import by_number
+
+MOST_CHUNK_BYTES = 1 << 28
+_MOST_CHANNELS = 10_000
+_OURS = "tactape-fab "
+
+
+def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
+    """Topic, whether `watch` wrote it, and what reads it.
+
+    Raises
+    ------
+    SpecError
+        When no topic, or more than one, has images.
+    Exception
+        Whatever mcap raises for a damaged file.
+    """
+    files = [path]
+    if path.suffix.lower() != MCAP:
+        files = sorted(path.glob(f"*{MCAP}"), key=lambda file: by_number(file.name))
+        if not files:
+            raise SpecError(f"its {BAG} names no {MCAP} file; convert it: ros2 bag convert, with storage_id: mcap")
+    topics, ours = dict[str, None](), True
+    for file in files:
+        for kind, record in _records(file):
+            if kind == "Header":
+                ours = ours and record.library.startswith(_OURS)
+            elif kind == IMAGE_TYPE:
+                topics[record[0]] = None
+    if topic is None and len(topics) == 1:
+        topic = next(iter(topics))
+    if topic not in topics:
+        there = ", ".join(topics) or "none"
+        said = f"--topic {shown(topic)} is no topic of images in it" if topic else "of which topic its images are has to be said"
+        raise SpecError(f"{said}; give --topic NAME, one of: {there}")
+    return topic, ours, partial(_images, files, topic, colour)
+
+
+def _images(files: Sequence[Path], topic: str, colour: bool) -> Iterator[Stamped]:
+    """Capture times and images of a topic, in the order of the files."""
+    for file in files:
+        for kind, record in _records(file):
+            if kind == IMAGE_TYPE and record[0] == topic:
+                image = image_of(record[1])
+                yield image.stamp_ns / 1e9, colour_of(image) if colour else depth_of(image)
+
+
+def _records(file: Path) -> Iterator[tuple[str, Any]]:
+    """The header, and each message as its type with (topic, bytes)."""
+    reading = library("mcap.stream_reader", "reading an MCAP file")
+    schemas, channels = dict[int, str](), dict[int, tuple[str, str]]()
+    with open_regular(file) as stream:
+        reader = reading.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_CHUNK_BYTES)
+        for outer in reader.records:
+            for record in reading.breakup_chunk(_unpacked(outer)) if type(outer).__name__ == "Chunk" else [outer]:
+                kind = type(record).__name__
+                if kind == "Header":
+                    yield kind, record
+                elif kind == "Schema":
+                    schemas[record.id] = record.name
+                elif kind == "Channel":
+                    channels[record.id] = (schemas.get(record.schema_id, ""), record.topic)
+                elif kind == "Message" and record.channel_id in channels:
+                    of_type, topic = channels[record.channel_id]
+                    yield of_type, (topic, record.data)
+                if len(schemas) + len(channels) > _MOST_CHANNELS:
+                    raise SpecError(f"{shown_path(file)} has more than {_MOST_CHANNELS} topics")
+
+
+def _unpacked(chunk: Any) -> Any:
+    """A chunk whose data are not packed any more: mcap unpacks to whatever size the packed data say."""
+    if chunk.compression == "zstd":
+        unpacker = library("zstandard", "reading a compressed MCAP file").ZstdDecompressor().stream_reader(chunk.data)
+        chunk.data = unpacker.read(MOST_CHUNK_BYTES + 1)
+    elif chunk.compression == "lz4":
+        chunk.data = (
+            library("lz4.frame", "reading a compressed MCAP file")
+            .LZ4FrameDecompressor()
+            .decompress(chunk.data, max_length=MOST_CHUNK_BYTES + 1)
+        )
+    elif chunk.compression:
+        raise SpecError(f"its chunks are packed by {shown(chunk.compression)}; mcap compress makes them zstd")
+    if len(chunk.data) > MOST_CHUNK_BYTES:
+        raise SpecError(f"a chunk in it unpacks to more than {MOST_CHUNK_BYTES} bytes")
+    chunk.compression = ""
+    return chunk

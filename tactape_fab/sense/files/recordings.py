@@ -1,0 +1,178 @@
+"""Recordings of other programs as files of frames: MCAP and rosbag2, and datasets of LeRobot; their content is untrusted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError
+from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.sense.sensors import SensorProfile
+
+if TYPE_CHECKING:
+    from tactape_fab.sense.raw.reconstruct import Reconstruction
+
+MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
+"""What tells a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
+MOST_FRAMES = 1_000_000
+_OF_OURS = 1000.0
+"""Millimetres in one unit of the depth images that `watch --mcap` writes (REP 118)."""
+
+Image = npt.NDArray[Any]
+Stamped = tuple[float | None, Image]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """A recording whose images were looked at once; they are read one by one.
+
+    Attributes
+    ----------
+    path : Path
+    topic : str
+        Topic of ROS, or feature of LeRobot.
+    timestamp : ndarray, shape (count,)
+        s; NaN where an image has none.
+    frame_shape : (int, int)
+        Height and width of the first image.
+    read : callable
+        Timestamps and images, in order.
+    ours : bool
+        Whether `watch` wrote it: upright depth images in metres.
+    reconstruction : Reconstruction or None
+        Makes depth maps of colour images.
+    """
+
+    path: Path
+    topic: str
+    timestamp: npt.NDArray[np.float64]
+    frame_shape: tuple[int, int]
+    read: Callable[[], Iterator[Stamped]]
+    ours: bool = False
+    reconstruction: Reconstruction | None = None
+    px_per_mm: None = None
+
+    @property
+    def count(self) -> int:
+        """Number of its images."""
+        return len(self.timestamp)
+
+    def frames(self) -> Iterator[Image]:
+        """The depth maps in order.
+
+        Raises
+        ------
+        SpecError
+            When one of them is invalid, or of another size.
+        """
+        for k, (_, image) in enumerate(_refused(self.path, self.read)):
+            if image.shape[:2] != self.frame_shape or k == self.count:
+                message = f"image {k} of {self.topic} has {image.shape[0]} x {image.shape[1]} px, the first not, or came later"
+                raise SpecError(Problem("frames", f"{shown_path(self.path)}: {message}; record images of one size"))
+            yield image if self.reconstruction is None else self.reconstruction.depth(image)
+
+    def time_of(self, frame: int) -> float | None:
+        """Timestamp of an image, s; None without one."""
+        stamp = float(self.timestamp[frame])
+        return stamp if isfinite(stamp) else None
+
+    def seen_by(self, sensor: SensorProfile) -> SensorProfile:
+        """The profile of its depth maps."""
+        return upright(sensor) if self.ours else sensor
+
+
+def upright(sensor: SensorProfile) -> SensorProfile:
+    """The profile of canonical depth maps in metres."""
+    return replace(sensor, sign=1, mirror=False, rotate90=0, depth_unit_mm=_OF_OURS)
+
+
+def is_recording(path: str | Path) -> bool:
+    """Whether a path is that of a recording: an .mcap, or a folder of rosbag2 or of a LeRobot dataset."""
+    path = Path(path)
+    try:
+        return path.suffix.lower() == MCAP or (path / BAG).is_file() or (path / DATASET).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = None, *, colour: bool = False) -> Recording:
+    """Open a recording of a sensor's frames.
+
+    Parameters
+    ----------
+    path : path
+        An .mcap, a folder of rosbag2 with such files, or a dataset of LeRobot (2 and 3).
+    sensor : SensorProfile
+    topic : str, optional
+        Topic of sensor_msgs/Image, or feature; not needed where there is one alone.
+    colour : bool
+        Its images are colour images of the gel.
+
+    Raises
+    ------
+    SpecError
+    MissingLibraryError
+        When the library that reads it is not installed.
+    """
+    from tactape_fab.sense.files.lerobot_dataset import open_dataset
+    from tactape_fab.sense.files.mcap_images import open_bag
+
+    path = Path(path)
+    opened = open_dataset if path.suffix.lower() != MCAP and not (path / BAG).is_file() else open_bag
+    topic, ours, read = _named(path, partial(opened, path, topic, colour))
+    stamps, shape = list[float](), (0, 0)
+    for stamp, image in _refused(path, read):
+        shape = shape if stamps else image.shape[:2]
+        stamps.append(float("nan") if stamp is None else stamp)
+        if len(stamps) > MOST_FRAMES:
+            raise SpecError(Problem("frames", f"{shown_path(path)} holds more than {MOST_FRAMES} images; cut it"))
+    if not stamps:
+        raise SpecError(Problem("frames", f"{shown_path(path)} holds no image of {shown(topic)}; give another --topic"))
+    found = Recording(path=path, topic=topic, timestamp=np.array(stamps), frame_shape=shape, read=read, ours=ours and not colour)
+    expected = found.seen_by(sensor).frame_shape
+    if shape != expected:
+        message = (
+            f"{shown_path(path)} holds frames of {shape[0]} x {shape[1]} px (height x width), those of sensor '{sensor.name}' are"
+        )
+        raise SpecError(Problem("frames", f"{message} {expected[0]} x {expected[1]}; give the --sensor that took them"))
+    return found
+
+
+Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
+"""Topic, whether it is ours, and what reads it."""
+
+
+def _named(path: Path, opened: Callable[[], Opened]) -> Opened:
+    """What a function returns; any failure becomes a SpecError that names the file."""
+    try:
+        return opened()
+    except MissingLibraryError:
+        raise
+    except Exception as error:  # damaged files make the readers of others raise what they like
+        raise _damaged(path, error) from error
+
+
+def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stamped]:
+    """What is read; any failure becomes a SpecError that names the file."""
+    try:
+        yield from read()
+    except (MissingLibraryError, GeneratorExit):
+        raise
+    except Exception as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> SpecError:
+    if isinstance(error, SpecError):
+        return SpecError([Problem("frames", f"{shown_path(path)}: {p.message}") for p in error.problems])
+    said = str(error).split("\n", maxsplit=1)[0][:200] or type(error).__name__
+    if isinstance(error, FrameError | ValueError | OSError):
+        return SpecError(Problem("frames", f"{shown_path(path)} cannot be read: {said}; record it again, or give another"))
+    return SpecError(Problem("frames", f"{shown_path(path)} is damaged ({type(error).__name__}: {said}); record it again"))

@@ -1,0 +1,298 @@
+"""Recordings as frames: our own MCAP, rosbag2 by rosbags, LeRobot's tables; and what is wrong with them, said in one line."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from click.testing import CliRunner, Result
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.typesys import Stores, get_typestore
+
+from tactape_fab import Kit
+from tactape_fab.base.errors import FrameError, SpecError
+from tactape_fab.base.libraries import library
+from tactape_fab.cli import main
+from tactape_fab.sense import load_sensor, simulate_frames
+from tactape_fab.sense.files import mcap_images
+from tactape_fab.sense.files.image_message import colour_of, image_of
+from tactape_fab.sense.files.recordings import is_recording, open_recording
+from tactape_fab.sense.live.cdr import IMAGE
+from tests.live import SHAPE, ramp
+
+SENSOR = load_sensor("gelsight-mini")
+COUNT = 4
+pq = pytest.importorskip("pyarrow.parquet")
+pa = pytest.importorskip("pyarrow")
+
+
+def message(image: npt.NDArray[Any], encoding: str, k: int = 0) -> dict[str, Any]:
+    stamp = {"sec": 100 + k, "nanosec": 500_000_000}
+    height, width = image.shape[:2]
+    header = {"stamp": stamp, "frame_id": "gel"}
+    size = {"height": height, "width": width, "encoding": encoding, "is_bigendian": 0, "step": image.nbytes // height}
+    return {"header": header, **size, "data": image.tobytes()}
+
+
+def mcap(path: Path, images: dict[str, list[bytes]], library: str = "other", **options: Any) -> Path:
+    """An MCAP file of CDR messages by topic."""
+    with path.open("wb") as stream:
+        writer: Any = Writer(stream, **options)
+        writer.start(profile="ros2", library=library)
+        schema = writer.register_schema(name=IMAGE.name, encoding="ros2msg", data=IMAGE.definition.encode())
+        for topic, messages in images.items():
+            channel = writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+            for k, data in enumerate(messages):
+                writer.add_message(channel, log_time=k, publish_time=k, data=data)
+        writer.finish()
+    return path
+
+
+def ramps(encoding: str = "32FC1", kind: str = "<f4") -> list[bytes]:
+    return [IMAGE.encode(message((1000 * ramp(k)).astype(kind), encoding, k)) for k in range(COUNT)]
+
+
+def dataset(folder: Path, feature: dict[str, Any], column: Any, count: int = COUNT) -> Path:
+    """A dataset as LeRobot 3 lays it out."""
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    info = {"codebase_version": "v3.0", "fps": 25, "features": {"touch": feature, "action": {"dtype": "float32", "shape": [2]}}}
+    (folder / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
+    half = count // 2
+    for k, rows in enumerate((slice(0, half), slice(half, count))):
+        stamps = pa.array((np.arange(count) / 25.0)[rows].astype(np.float32))
+        table = {"timestamp": stamps} if column is None else {"touch": column[rows], "timestamp": stamps}
+        pq.write_table(pa.table(table), folder / "data" / "chunk-000" / f"file-00{k}.parquet")
+    return folder
+
+
+def pictures(images: list[npt.NDArray[Any]]) -> Any:
+    found = [{"bytes": cv2.imencode(".png", image)[1].tobytes(), "path": f"frame-{k}.png"} for k, image in enumerate(images)]
+    return pa.array(found, type=pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
+
+
+def run(words: str) -> Result:
+    return CliRunner().invoke(main, shlex.split(words), prog_name="tactape-fab")
+
+
+def answers(result: Result) -> list[dict[str, Any]]:
+    assert result.exit_code == 0, result.output
+    left_out = ("elapsed_ms", "timestamp", "force_n", "force_sigma_n")
+    return [{k: v for k, v in json.loads(line).items() if k not in left_out} for line in result.stdout.splitlines()]
+
+
+# MCAP and rosbag2
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize(("encoding", "kind"), [("32FC1", "<f4"), ("16UC1", "<u2")])
+def test_images_of_an_mcap_file_are_frames(compression: CompressionType, encoding: str, kind: str, tmp_path: Path) -> None:
+    path = mcap(tmp_path / "a.mcap", {"/gel": ramps(encoding, kind)}, compression=compression, chunk_size=400_000)
+    file = open_recording(path, SENSOR)
+    assert (file.topic, file.count, file.frame_shape, file.ours) == ("/gel", COUNT, SHAPE, False)
+    assert [file.time_of(k) for k in range(COUNT)] == [100.5, 101.5, 102.5, 103.5]
+    for k, frame in enumerate(file.frames()):
+        np.testing.assert_array_equal(frame, (1000 * ramp(k)).astype(kind))
+
+
+@pytest.mark.parametrize("sensor", ["digit", "gelsight-mini"])
+def test_our_own_log_is_decoded_as_its_frames_are(sensor: str, default_kit: Kit, tmp_path: Path) -> None:
+    """DIGIT's frames are turned; the log's are upright and in metres."""
+    kit, frames, log = default_kit.path, tmp_path / "f.npz", tmp_path / "f.mcap"
+    assert run(f"simulate {kit} -o {frames} --count 3 --seed 3 --sensor {sensor}").exit_code == 0
+    assert run(f"watch {frames} --rate 20 --no-drop --tape {kit} --sensor {sensor} --mcap {log}").exit_code == 0
+    direct = answers(run(f"decode {frames} --tape {kit} --sensor {sensor} --json"))
+    for one, other in zip(answers(run(f"decode {log} --tape {kit} --sensor {sensor} --json")), direct, strict=True):
+        assert one["located"] and one["tape"] == other["tape"] and one["cell"] == other["cell"]
+        assert one["position_mm"] == pytest.approx(other["position_mm"], abs=1e-5)
+        assert one["theta_deg"] == pytest.approx(other["theta_deg"], abs=1e-4)
+        if sensor == "gelsight-mini":  # DIGIT's profile knows no gel
+            assert one["indentation_mm"] == pytest.approx(other["indentation_mm"], rel=1e-3)
+
+
+@pytest.mark.parametrize("mode", [None, CompressionMode.STORAGE])
+def test_a_folder_of_rosbag2_is_read(mode: CompressionMode | None, tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    writer = BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        depth = writer.add_connection("/gel/depth", "sensor_msgs/msg/Image", typestore=store)
+        text = writer.add_connection("/said", "std_msgs/msg/String", typestore=store)
+        for k in range(COUNT):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](7 + k, 0), "gel")
+            data = ramp(k).reshape(-1).view(np.uint8)
+            image = types["sensor_msgs/msg/Image"](header, *SHAPE, "32FC1", 0, 4 * SHAPE[1], data)
+            writer.write(depth, k, store.serialize_cdr(image, "sensor_msgs/msg/Image"))
+            writer.write(text, k, store.serialize_cdr(types["std_msgs/msg/String"]("x"), "std_msgs/msg/String"))
+    assert is_recording(tmp_path / "bag")
+    file = open_recording(tmp_path / "bag", SENSOR)
+    assert (file.topic, [file.time_of(k) for k in range(COUNT)]) == ("/gel/depth", [7.0, 8.0, 9.0, 10.0])
+    for k, frame in enumerate(file.frames()):
+        np.testing.assert_array_equal(frame, ramp(k))
+
+
+def test_colour_images_have_blue_first() -> None:
+    image = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    np.testing.assert_array_equal(colour_of(image_of(IMAGE.encode(message(image, "bgr8")))), image)
+    np.testing.assert_array_equal(colour_of(image_of(IMAGE.encode(message(image, "rgb8")))), image[:, :, ::-1])
+    with pytest.raises(FrameError, match="encoding is 'mono8'"):
+        colour_of(image_of(IMAGE.encode(message(image[:, :, 0].copy(), "mono8"))))
+
+
+def test_a_message_that_breaks_off_is_refused() -> None:
+    whole = ramps()[0]
+    for cut in (0, 3, 4, 11, 20, 30, 45, len(whole) - 1):
+        with pytest.raises(FrameError, match="no image message"):
+            image_of(whole[:cut])
+
+
+# LeRobot
+
+
+def test_images_of_a_dataset_are_frames(tmp_path: Path) -> None:
+    deep = [(100 * ramp(k)).astype(np.uint16) for k in range(COUNT)]
+    of_image = {"dtype": "image", "shape": [*SHAPE, 1]}
+    grey: list[npt.NDArray[Any]] = [np.repeat((d // 4).astype(np.uint8)[..., None], 3, axis=2) for d in deep]
+    images: list[npt.NDArray[Any]]
+    for name, images in (("16", [*deep]), ("8", grey)):
+        file = open_recording(dataset(tmp_path / name, of_image, pictures(images)), SENSOR)
+        assert (file.topic, file.count) == ("touch", COUNT)
+        assert [file.time_of(k) for k in range(COUNT)] == pytest.approx([0.0, 0.04, 0.08, 0.12])
+        for image, frame in zip(images, file.frames(), strict=True):
+            np.testing.assert_array_equal(frame, image if image.ndim == 2 else image[:, :, 0])
+
+
+def test_arrays_of_a_dataset_are_decoded(default_kit: Kit, tmp_path: Path) -> None:
+    depth = simulate_frames(default_kit.tape, COUNT, seed=4).depth
+    np.savez(tmp_path / "f.npz", depth=depth)
+    column = pa.array(depth.tolist(), type=pa.list_(pa.list_(pa.float32())))
+    folder = dataset(tmp_path / "set", {"dtype": "float32", "shape": list(SHAPE)}, column)
+    expected = answers(run(f"decode {tmp_path}/f.npz --tape {default_kit.path} --json"))
+    assert answers(run(f"decode {folder} --tape {default_kit.path} --json")) == expected
+    assert answers(run(f"decode --tape {default_kit.path} {folder} --topic touch --json")) == expected  # no kit, though a folder
+    assert sum(one["located"] for one in expected) == COUNT
+
+
+def test_films_of_a_dataset_are_colour_images(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
+    place = folder / "videos" / "touch" / "chunk-000"
+    place.mkdir(parents=True)
+    writer = cv2.VideoWriter(str(place / "file-000.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, SHAPE[::-1])
+    for k in range(COUNT):
+        writer.write(np.full((*SHAPE, 3), 50 * k, dtype=np.uint8))
+    writer.release()
+    file = open_recording(folder, SENSOR, colour=True)
+    assert file.count == COUNT and file.time_of(1) == pytest.approx(0.04)
+    assert [round(float(image.mean()) / 50) for image in file.frames()] == list(range(COUNT))
+    with pytest.raises(SpecError, match=r"films lose depth"):
+        open_recording(folder, SENSOR)
+
+
+# What is wrong
+
+
+def _several(folder: Path) -> Path:
+    return mcap(folder / "a.mcap", {"/left": ramps(), "/right": ramps()})
+
+
+def _cut(folder: Path) -> Path:
+    path = mcap(folder / "a.mcap", {"/gel": ramps()})
+    path.write_bytes(path.read_bytes()[:-2000])
+    return path
+
+
+def _no_file(folder: Path) -> Path:
+    (folder / "metadata.yaml").write_text("x", encoding="utf-8")
+    return folder
+
+
+def _bomb(folder: Path) -> Path:
+    return mcap(folder / "a.mcap", {"/gel": [bytes(1 << 22)]}, compression=CompressionType.LZ4)
+
+
+def _noise(folder: Path) -> Path:
+    (folder / "a.mcap").write_bytes(np.random.default_rng(1).bytes(5000))
+    return folder / "a.mcap"
+
+
+def _other_size(folder: Path) -> Path:
+    return mcap(folder / "a.mcap", {"/gel": [*ramps(), IMAGE.encode(message(ramp(0)[:100].copy(), "32FC1"))]})
+
+
+def _table(folder: Path) -> Path:
+    path = dataset(folder / "set", {"dtype": "image", "shape": [*SHAPE, 3]}, pictures([ramp(0).astype(np.uint16)] * COUNT))
+    (path / "data" / "chunk-000" / "file-001.parquet").write_bytes(b"PAR1" + bytes(100) + b"PAR1")
+    return path
+
+
+def _colour(folder: Path) -> Path:
+    image = np.random.default_rng(2).integers(0, 255, (*SHAPE, 3), dtype=np.uint8)
+    return dataset(folder / "set", {"dtype": "image", "shape": [*SHAPE, 3]}, pictures([image] * COUNT))
+
+
+def _beside(folder: Path) -> Path:
+    column = pa.array(
+        [{"bytes": None, "path": "../../etc/passwd"}] * COUNT, type=pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    )
+    return dataset(folder / "set", {"dtype": "image", "shape": [*SHAPE, 3]}, column)
+
+
+def _no_features(folder: Path) -> Path:
+    (folder / "meta").mkdir()
+    (folder / "meta" / "info.json").write_text('{"features": []}', encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (_several, "give --topic NAME, one of: /left, /right"),
+        (_cut, "is damaged"),
+        (_no_file, "ros2 bag convert"),
+        (_bomb, "unpacks to more than"),
+        (_noise, "is damaged"),
+        (_other_size, "image 4 of /gel has 100 x 320 px"),
+        (_table, "cannot be read: .*; record it again"),
+        (_colour, "give --raw"),
+        (_beside, "not in the table, but beside it"),
+        (_no_features, "names no features"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(
+    made: Callable[[Path], Path], said: str, small_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_images, "MOST_CHUNK_BYTES", 1 << 21)
+    path = made(tmp_path)
+    with pytest.raises(SpecError, match=said):
+        list(open_recording(path, SENSOR).frames())
+    result = run(f"decode {path} --tape {small_kit.path}")
+    lines = [line for line in result.stderr.splitlines() if line.startswith("error")]
+    assert result.exit_code == 2 and len(lines) == 1, result.output
+
+
+def test_a_topic_is_for_recordings(small_kit: Kit, tmp_path: Path) -> None:
+    np.save(tmp_path / "f.npy", ramp(0))
+    result = run(f"decode {tmp_path}/f.npy --topic /gel --tape {small_kit.path}")
+    assert result.exit_code == 2 and "--topic is for recordings" in result.stderr
+
+
+def test_chunks_that_unpack_to_anything_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bounds hold whatever the packed data say of their size."""
+    lz4, zstandard = library("lz4.frame", "this test"), library("zstandard", "this test")
+    monkeypatch.setattr(mcap_images, "MOST_CHUNK_BYTES", 1 << 20)
+    zeros = bytes(1 << 24)
+    for name, data in (("zstd", zstandard.compress(zeros)), ("lz4", lz4.compress(zeros))):
+        chunk: Any = type("Chunk", (), {"compression": name, "data": data})()
+        with pytest.raises(SpecError, match="unpacks to more"):
+            mcap_images._unpacked(chunk)
