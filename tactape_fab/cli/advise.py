@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import SENSOR_HELP, length, number, size
+from tactape_fab.cli.options import SENSOR_HELP, length, number, size, workers_of, workers_option
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_told, table_lines
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "erro
 @click.option("--tapes", metavar="N", help="How many tapes will be registered.  [default: 1]")
 @click.option("--size", "size_mm", metavar="WxH", help="Outline of one tape, mm.  [default: 100x50]")
 @click.option("--simulate", "simulate_too", is_flag=True, help="Hold the first lines against simulated contacts.")
+@workers_option("simulate contacts", "one per processor")
 @click.option("--explain", is_flag=True, help="Say what the columns are, and what the figures rest on.")
 @click.option("--json", "as_json", is_flag=True, help="Print the lines as JSON.")
 def advise(
@@ -40,6 +41,7 @@ def advise(
     tapes: str | None,
     size_mm: str | None,
     simulate_too: bool,
+    workers: str | None,
     explain: bool,
     as_json: bool,
 ) -> None:
@@ -59,7 +61,7 @@ def advise(
 
         advice = ask(read_question(given))
         if simulate_too:
-            advice = checked(advice, step_told("simulating, "))
+            advice = checked(advice, step_told("simulating, "), workers_of(workers))
         if as_json:
             echo_json({**advice.to_mapping(), **({"explained": list(_explained(advice))} if explain else {})})
         else:
