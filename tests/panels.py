@@ -52,7 +52,7 @@ PACKED: dict[str, Any] = {
 def packed_panel(folder: Path) -> PanelKit:
     """The one panel that `make --pack` makes of `PACKED`."""
     (film,) = pack_tapes(list_tapes(PACKED, {}, folder, packed=True).tapes)
-    (made,) = make_packed([film], folder, jobs=1)
+    (made,) = make_packed([film], folder, workers=1)
     assert isinstance(made, PanelKit), made
     return made
 

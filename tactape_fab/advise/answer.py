@@ -13,6 +13,7 @@ from tactape_fab.advise.designs import Design, film_designs, judged, rules_of, s
 from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, accuracy, least_contact_mm, signal_of
 from tactape_fab.advise.question import DEFAULT_FAB, Question
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.tape import examine, profiles_of
 from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile
@@ -23,6 +24,8 @@ LOCATED = 0.9
 """Fraction of contacts that a design is predicted to locate."""
 MOST_LINES, MOST_REACHING = 8, 5
 SIMULATED_LINES, FRAMES = 3, 60
+_BLOCK = 15
+"""Simulated contacts that one worker does at a time: its registry costs about as much as they do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -261,48 +264,37 @@ def tape_of(line: Line, question: Question, sector: int) -> Tape:
     return examine(replace(spec, sector=sector)).tape
 
 
-def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None) -> Advice:
+def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None, workers: Workers = 1) -> Advice:
     """The advice with its first lines tested by simulated contacts of each one's predicted size."""
     lines = list(advice.lines)
     asked = [k for k, line in enumerate(lines[:SIMULATED_LINES]) if line.least_mm is not None]
     for done, k in enumerate(asked):
         shown = partial(progress, f"line {done + 1} of {len(asked)}: contact")
-        lines[k] = replace(lines[k], simulated=simulated(lines[k], advice.question, FRAMES, progress=shown))
+        lines[k] = replace(lines[k], simulated=simulated(lines[k], advice.question, FRAMES, progress=shown, workers=workers))
     return replace(advice, lines=tuple(lines))
 
 
 def simulated(
-    line: Line, question: Question, frames: int, seed: int = 3, progress: Callable[[int, int], None] = lambda *_: None
+    line: Line,
+    question: Question,
+    frames: int,
+    seed: int = 3,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    workers: Workers = 1,
 ) -> Simulated:
     """Locate contacts of the predicted size on a tape of the line, as depth maps, among the requested number of tapes.
 
     ``progress`` is called with the number of contacts that were located or refused so far, 0 at first, and their number.
     """
-    from tactape_fab.sense.decode.localizer import Localizer
-    from tactape_fab.sense.simulation.draw import simulate_frames
-    from tactape_fab.sense.simulation.scene import Scene
-
-    assert line.least_mm is not None
     progress(0, frames)
-    tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
-    scene = Scene(
-        contact_mm=(line.least_mm, line.least_mm),
-        texture_mm=IMPRINT_SHARE * line.design.body_mm[2],
-        elastomer_mm=question.blur_mm,
-        placement_mm=question.placement_mm,
-    )
-    drawn = simulate_frames(tapes[0], frames, seed, question.sensor, scene)
-    localizer = Localizer(tapes, sensor=question.sensor)
-    fixes = []
-    for depth in drawn.depth:
-        fixes.append(localizer.locate(depth))
-        progress(len(fixes), frames)
-    found = [
-        (np.hypot(*np.subtract(fix.position_mm, at_mm)), abs((fix.theta_deg - theta_deg + 180.0) % 360.0 - 180.0))
-        for fix, at_mm, theta_deg in zip(fixes, drawn.position_mm, drawn.theta_deg, strict=True)
-        if fix.position_mm is not None and fix.theta_deg is not None
-    ]
+    blocks = [range(first, min(first + _BLOCK, frames)) for first in range(0, frames, _BLOCK)]
+    errors: list[tuple[float, float] | None] = []
+    for of_block in mapped(partial(_located, line, question, frames, seed), blocks, workers):
+        errors += of_block
+        progress(len(errors), frames)
+    found = [error for error in errors if error is not None]
     error_mm, angle_deg = np.median(found, axis=0).tolist() if found else (None, None)
+    assert line.least_mm is not None
     return Simulated(
         contact_mm=line.least_mm,
         frames=frames,
@@ -310,6 +302,34 @@ def simulated(
         error_um=None if error_mm is None else round(1000.0 * error_mm, 1),
         angle_deg=None if angle_deg is None else round(angle_deg, 3),
     )
+
+
+def _located(line: Line, question: Question, frames: int, seed: int, block: Sequence[int]) -> list[tuple[float, float] | None]:
+    """Errors, mm and degrees, of some contacts; None for those that are refused. A contact's lots depend on its number alone."""
+    from tactape_fab.sense.decode.localizer import Localizer
+    from tactape_fab.sense.simulation.draw import draw_poses, frame_at
+    from tactape_fab.sense.simulation.scene import Scene
+
+    assert line.least_mm is not None
+    tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
+    scene = Scene(
+        contact_mm=(line.least_mm, line.least_mm),
+        texture_mm=IMPRINT_SHARE * line.design.body_mm[2],
+        elastomer_mm=question.blur_mm,
+        placement_mm=question.placement_mm,
+    )
+    poses = draw_poses(tapes[0], frames, seed, question.sensor, scene)
+    localizer = Localizer(tapes, sensor=question.sensor)
+    found: list[tuple[float, float] | None] = []
+    for k in block:
+        truth = frame_at(tapes[0], k, poses[k], seed, question.sensor, scene)
+        fix = localizer.locate(truth.depth)
+        if fix.position_mm is None or fix.theta_deg is None:
+            found.append(None)
+        else:
+            off_mm = float(np.hypot(*np.subtract(fix.position_mm, truth.position_mm)))
+            found.append((off_mm, abs((fix.theta_deg - truth.theta_deg + 180.0) % 360.0 - 180.0)))
+    return found
 
 
 def _sectors(count: int) -> list[int]:

@@ -321,6 +321,7 @@ _BITS_AROUND = np.array([DIRECTIONS[8].gray_codes[DIRECTIONS[8].clockwise] >> bi
 """Bits of the symbols in the order of `_around`: E, SE, S, ...; shape (3, 8)."""
 
 
+@lru_cache(maxsize=64)
 def _lost_to_noise(noise: float, sigma: float, shift: float, directions: int) -> float:
     """Mean loss by a top of the noise, nats: it lies anywhere in its cell, and its trust depends on its height."""
     e, f, height, symbol = _drawn(directions)[4].T

@@ -18,6 +18,7 @@ _INSTALLED_BY = {
     "build123d": '"tactape-fab[cad]"',
     "cryptography": '"tactape-fab[sign]"',
     "cv2": "opencv-python-headless",
+    "distributed": '"tactape-fab[cluster]"',
     "gtsam": '"tactape-fab[slam]"',
     "manifold3d": '"tactape-fab[cad]"',
     "lz4": '"tactape-fab[live]"',

@@ -1,26 +1,47 @@
-"""Executor of isolated processes: a process that dies fails only its own call, and none outlives the pool."""
+"""Functions mapped over many things: in this process, in isolated processes here, or by the workers of a Dask cluster.
+
+A process that dies costs its call a second try; none outlives the pool. What is drawn at random is seeded by its item, never by
+its worker or its turn: the results are the same bytes whoever works.
+"""
 
 from __future__ import annotations
 
 import gc
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, Generic, NoReturn, TypeVar
 
+from tactape_fab.base.errors import Problem, TactapeError
+from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.launch import python_command, start
 
+if TYPE_CHECKING:
+    from tactape_fab.base.cluster import ClusterPool
+
 R = TypeVar("R")
+Item = TypeVar("Item")
+Workers = int | str
+"""A number of processes, or the address of a Dask scheduler."""
+MOST_WORKERS = 64
+TRIES = 2
+"""How often an item is given to a process that dies of it: a second time, as memory may have been short, or somebody ended it."""
+_AHEAD = 4
+"""Items that wait or are done and not yet taken, for each worker: what bounds the memory here."""
+_CLUSTER = re.compile(r"(tcp|tls)://[^\s/]+:\d{1,5}")
 _PATIENCE_S = 20.0
 """Time that a process may take to clean up when asked to stop, s."""
 
@@ -30,11 +51,29 @@ def core_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def usual_workers() -> int:
+    """One for each processor that this process may use."""
+    return min(core_count(), MOST_WORKERS)
+
+
+def checked_workers(value: object, problems: list[Problem], *, usual: Workers | None = None) -> Workers:
+    """The workers that a user asks for; `usual`, or one for each processor, if none are."""
+    if value is None:
+        return usual_workers() if usual is None else usual
+    if isinstance(value, str) and _CLUSTER.fullmatch(value):
+        return value
+    remedy = f"give a number of processes, 1 to {MOST_WORKERS}, or the address of a Dask scheduler, such as tcp://localhost:8786"
+    if isinstance(value, str):
+        problems.append(Problem("workers", f"workers = {shown(value)} is no number of processes and no address; {remedy}"))
+        return 1
+    return Fields({"workers": value}, problems=problems).integer("workers", low=1, high=MOST_WORKERS, remedy=remedy)
+
+
 class LostProcessError(Exception):
-    """A process died before it answered, with this exit status (negative: number of a signal)."""
+    """A process died before it answered, with this exit status (negative: number of a signal); the text says so of it."""
 
     def __init__(self, exit_status: int) -> None:
-        super().__init__(f"a process ended with status {exit_status}")
+        super().__init__(f"was ended by signal {-exit_status}" if exit_status < 0 else f"ended with status {exit_status}")
         self.exit_status = exit_status
 
 
@@ -48,9 +87,10 @@ class ProcessPool(Executor):
     """
 
     def __init__(self, count: int, told: Callable[..., object] = lambda *_: None) -> None:
+        self.width = max(1, count)
         self._told = told
         self._scratch = tempfile.TemporaryDirectory(prefix="tactape-pool-", ignore_cleanup_errors=True)
-        self._threads = ThreadPoolExecutor(max(1, count))
+        self._threads = ThreadPoolExecutor(self.width)
         self._own = threading.local()
         self._lock = threading.Lock()
         self._children: list[subprocess.Popen[bytes]] = []
@@ -142,6 +182,112 @@ class ProcessPool(Executor):
                 child.wait(max(0.0, end - time.monotonic()))
             self._ended(child)
         self._scratch.cleanup()
+
+
+# Mapping
+
+
+def mapped(
+    function: Callable[[Item], R],
+    items: Iterable[Item],
+    workers: Workers,
+    *,
+    lost: Callable[[Item, LostProcessError], R] | None = None,
+    isolated: bool = False,
+) -> Generator[R]:
+    """Results in the order of their items, each as soon as it and those before it are known.
+
+    Items are drawn as workers become free, and results are not kept. Close the generator to stop: what is at work is ended, on a
+    cluster what has not begun.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module's top level: it is pickled, as items and results are.
+    items : iterable
+    workers : int or str
+        One works in this process, unless `isolated`.
+    lost : callable, optional
+        Result of an item of which a process died `TRIES` times; an error of the package if left out.
+
+    Raises
+    ------
+    TactapeError
+        For a lost process, and for a cluster that is lost or has other versions; and whatever the function raises.
+    """
+    for _, result in _mapped(function, items, workers, lost or _refuse_lost, isolated=isolated, ordered=True):
+        yield result
+
+
+def mapped_as_done(function: Callable[[Item], R], items: Iterable[Item], workers: Workers) -> Generator[tuple[Item, R]]:
+    """Items with their results as `mapped` finds them, each as soon as it is known."""
+    return _mapped(function, items, workers, _refuse_lost, isolated=False, ordered=False)
+
+
+@dataclass(slots=True, eq=False)
+class _Turn(Generic[Item, R]):
+    """One item at work, the number of its tries, and its result once it is known."""
+
+    item: Item
+    tries: int = 1
+    result: tuple[R] | None = None
+
+
+def _mapped(
+    function: Callable[[Item], R],
+    items: Iterable[Item],
+    workers: Workers,
+    lost: Callable[[Item, LostProcessError], R],
+    *,
+    isolated: bool,
+    ordered: bool,
+) -> Generator[tuple[Item, R]]:
+    if workers == 1 and not isolated:
+        yield from ((item, function(item)) for item in items)
+        return
+    todo = iter(items)
+    pool = _pool(workers)
+    at_work: dict[Future[R], _Turn[Item, R]] = {}
+    turns: deque[_Turn[Item, R]] = deque()
+    try:
+        while True:
+            while len(turns) < _AHEAD * pool.width and (more := next(((item,) for item in todo), None)) is not None:
+                turns.append(_Turn(more[0]))
+                at_work[pool.submit(function, more[0])] = turns[-1]
+            if not turns:
+                return
+            ready = turns[0] if ordered else next((turn for turn in turns if turn.result), turns[0])
+            if ready.result:
+                turns.remove(ready)
+                yield ready.item, ready.result[0]
+                continue
+            for future in wait(at_work, return_when=FIRST_COMPLETED).done:
+                turn = at_work.pop(future)
+                try:
+                    turn.result = (future.result(),)
+                except LostProcessError as error:
+                    if turn.tries < TRIES:
+                        turn.tries += 1
+                        at_work[pool.submit(function, turn.item)] = turn
+                    else:
+                        turn.result = (lost(turn.item, error),)
+    finally:
+        pool.stop()
+
+
+def _pool(workers: Workers) -> ProcessPool | ClusterPool:
+    if isinstance(workers, int):
+        return ProcessPool(workers)
+    from tactape_fab.base.cluster import ClusterPool
+
+    return ClusterPool(workers)
+
+
+def _refuse_lost(item: object, error: LostProcessError) -> NoReturn:
+    raise TactapeError(f"a process {error}, and so did another one that tried again; where memory is short, use fewer --workers")
+
+
+# In a process of the pool
 
 
 def _send(pipe: BinaryIO | Any, value: object) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -15,6 +17,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 
+T = TypeVar("T")
 _PROFILE_BYTES = 1024 * 1024
 
 
@@ -74,6 +77,16 @@ def profile_table(kind: str, key: str, name: str) -> Fields:
     else:
         raise SpecError(Problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file"))
     return Fields(read_toml(path, key), f"{key} {path.stem}: ")
+
+
+def read_once(kind: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
+    """Decorator of a reader of profiles: one that comes with the package is read once, as a user's file may change each time."""
+
+    def decorated(read: Callable[[str], T]) -> Callable[[str], T]:
+        known = lru_cache(maxsize=64)(lambda name, folder: read(name))
+        return wraps(read)(lambda name: known(name, templates_folder()) if name in profile_names(kind) else read(name))
+
+    return decorated
 
 
 def refuse_problems(table: Fields) -> None:

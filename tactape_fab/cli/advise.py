@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import SENSOR_HELP, length, number, size
-from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_told, table_lines
+from tactape_fab.cli.options import SENSOR_HELP, length, number, size, workers_of, workers_option
+from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, step_shown, step_told, table_lines
 
 if TYPE_CHECKING:
     from tactape_fab.advise.answer import Advice, Line
+    from tactape_fab.advise.map import MapPoint
     from tactape_fab.sense import SensorProfile
 
 _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "error", "angle", "parts", "cost", "warnings")
@@ -28,6 +33,14 @@ _HEADER = ("W", "Δ", "part", "code", "directions", "coverlay", "contact", "erro
 @click.option("--tapes", metavar="N", help="How many tapes will be registered.  [default: 1]")
 @click.option("--size", "size_mm", metavar="WxH", help="Outline of one tape, mm.  [default: 100x50]")
 @click.option("--simulate", "simulate_too", is_flag=True, help="Hold the first lines against simulated contacts.")
+@click.option(
+    "--map",
+    "map_file",
+    metavar="FILE.svg",
+    help="Draw the smallest contact over W for every part and code, with parts and cost of a tape.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a file of the map's name.")
+@workers_option("simulate contacts and draw the map", "one per processor")
 @click.option("--explain", is_flag=True, help="Say what the columns are, and what the figures rest on.")
 @click.option("--json", "as_json", is_flag=True, help="Print the lines as JSON.")
 def advise(
@@ -40,6 +53,9 @@ def advise(
     tapes: str | None,
     size_mm: str | None,
     simulate_too: bool,
+    map_file: str | None,
+    overwrite: bool,
+    workers: str | None,
     explain: bool,
     as_json: bool,
 ) -> None:
@@ -57,15 +73,36 @@ def advise(
         from tactape_fab.advise import advise as ask
         from tactape_fab.advise import checked, read_question
 
-        advice = ask(read_question(given))
+        problems: list[Problem] = []
+        question, count = tried(lambda: read_question(given), problems), tried(lambda: workers_of(workers), problems)
+        if map_file is not None:
+            tried(lambda: refuse_map(Path(map_file), overwrite=overwrite), problems)
+        if problems or question is None or count is None:
+            raise SpecError(problems)
+        advice = ask(question)
+        points: Sequence[MapPoint] = ()
         if simulate_too:
-            advice = checked(advice, step_told("simulating, "))
+            advice = checked(advice, step_told("simulating, "), count)
+        if map_file is not None:
+            from tactape_fab.advise.map import map_of
+            from tactape_fab.advise.map_picture import draw_map
+
+            points = map_of(question, count, step_shown())
+            write_file(Path(map_file), draw_map(advice, points), "map_file", overwrite=overwrite)
         if as_json:
-            echo_json({**advice.to_mapping(), **({"explained": list(_explained(advice))} if explain else {})})
+            drawn = {"map": [point.to_mapping() for point in points]} if points else {}
+            echo_json({**advice.to_mapping(), **drawn, **({"explained": list(_explained(advice))} if explain else {})})
         else:
             echo_lines(_advice_lines(advice))
             echo_lines([f"  {line}" for line in _explained(advice)] if explain else [])
         echo_lines_err([_verdict(advice)])
+
+
+def refuse_map(path: Path, *, overwrite: bool) -> None:
+    """Refuse a place that is taken, and a name that is no SVG's."""
+    if path.suffix.lower() != ".svg":
+        raise SpecError(Problem("map_file", f"map_file = {shown_path(path)} is drawn as SVG; give a name that ends in .svg"))
+    refuse_taken_place(path, "map_file", overwrite=overwrite)
 
 
 def _advice_lines(advice: Advice) -> list[str]:

@@ -11,7 +11,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import size
+from tactape_fab.cli.options import size, workers_of, workers_option
 from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ MOST_SHOWN = 6
 @click.option("--as-built", multiple=True, metavar="FILE|none", help="Which parts are missing.  [default: KIT/as-built.json]")
 @click.option("--picture", metavar="FILE.png", help="Write a map of the tape, or of several the distances of every two.")
 @click.option("--overwrite", is_flag=True, help="Replace a file of the picture's name.")
+@workers_option("compare tapes and windows", "1")
 @click.option("--json", "as_json", is_flag=True, help="Print the certificates as JSON.")
 def certify(
     kits: Sequence[str],
@@ -39,6 +40,7 @@ def certify(
     as_built: Sequence[str],
     picture: str | None,
     overwrite: bool,
+    workers: str | None,
     as_json: bool,
 ) -> None:
     """Say what every 4x4, 5x5 and 6x6 window of these tapes can tell apart: kits, manifests, or folders of kits.
@@ -53,7 +55,7 @@ def certify(
             refuse_taken_place(Path(picture), "picture", overwrite=overwrite)
         given = {"code": code, "size_mm": None if size_mm is None else size(size_mm)}
         options = {key: value for key, value in given.items() if value is not None}
-        result = certified(*tapes_to_certify(kits, options, as_built), step_shown())
+        result = certified(*tapes_to_certify(kits, options, as_built), step_shown(), workers=workers_of(workers, 1))
         echo_json(result.to_mapping()) if as_json else echo_lines(certified_lines(result))
         if picture is not None:
             from tactape_fab.report.certify_picture import draw_certified, write_picture

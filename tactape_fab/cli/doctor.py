@@ -37,6 +37,7 @@ EXTRAS = {
     "slam": "located contacts as factors of GTSAM",
     "sign": "make signs a kit, and verify asks for the signature",
     "verify": "verify reads the printed AprilTag with a second detector",
+    "cluster": "--workers tcp://HOST:PORT gives the work to a Dask cluster",
     "evidence": "python -m tests.bench draws the curves of the evidence",
     "docs": "zensical builds this documentation",
     "dev": "the tests and everything that checks the sources",

@@ -16,7 +16,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.check import avoid_option, examined_order, given_values, is_list, spec_values, tape_options
 from tactape_fab.cli.exits import answer, answers
-from tactape_fab.cli.options import number, size
+from tactape_fab.cli.options import number, size, workers_option
 from tactape_fab.cli.printing import (
     clear_step,
     counted,
@@ -69,7 +69,7 @@ class _Make(click.Command):
 )
 @click.option("--contact", metavar="WxH", help="With --order: the smallest contact that is to be located, mm.  [default: 11x9]")
 @click.option("--pack", is_flag=True, help="Make panels of the tapes of a list, of any sizes, packed into as few as can be.")
-@click.option("--jobs", metavar="N", help="Processes that make the kits of a list.  [default: one per processor]")
+@workers_option("make the kits of a list", "one per processor", "--jobs")
 @click.option(
     "-o",
     "--output",
@@ -88,7 +88,7 @@ def make(
     house: str | None,
     contact: str | None,
     pack: bool,
-    jobs: str | None,
+    workers: str | None,
     output: str | None,
     overwrite: bool,
     discard_edits: bool,
@@ -120,11 +120,11 @@ def make(
         given = _ordered(values, given, house, contact)
         replace: Overwrite = "edits" if discard_edits else overwrite
         signer = _signer(sign)
-        if is_list(values, given, avoid, alone=pack or jobs is not None):
+        if is_list(values, given, avoid, alone=pack or workers is not None):
             settings: dict[str, Any] = {"overwrite": replace, "verify": not no_verify, "force": force, "signer": signer}
-            _make_list(values, given, output, settings, pack=pack, jobs=jobs, as_json=as_json)
+            _make_list(values, given, output, settings, pack=pack, workers=workers, as_json=as_json)
             return
-        examined = examined_order(values, given, avoid, {"pack": pack, "jobs": jobs}, output=output, overwrite=replace)
+        examined = examined_order(values, given, avoid, {"pack": pack, "workers": workers}, output=output, overwrite=replace)
         say_rules(examined.findings, force=force)
         how: dict[str, Any] = {
             "overwrite": replace,
@@ -176,7 +176,7 @@ def _make_list(
     settings: dict[str, Any],
     *,
     pack: bool,
-    jobs: str | None,
+    workers: str | None,
     as_json: bool,
 ) -> None:
     """Make the kits of a list and print a row for each, with its errors; the exit status is the highest of all."""
@@ -185,13 +185,13 @@ def _make_list(
     from tactape_fab.make.panel import PanelKit
 
     folder = Path(DEFAULT_FOLDER if output is None else output)
-    count = None if jobs is None else number(jobs)
+    count = None if workers is None else number(workers)
     overwrite, force = settings["overwrite"], settings["force"]
-    listed = list_tapes(values, given, folder, jobs=count, overwrite=overwrite, force=force, packed=pack)
+    listed = list_tapes(values, given, folder, workers=count, overwrite=overwrite, force=force, packed=pack)
     say_rules(listed.findings, force=force)
     packed = pack_tapes(listed.tapes) if pack else []
     names = [name for film in packed for name in film.names] if pack else [tape.spec.name for tape in listed.tapes]
-    make = make_packed(packed, folder, jobs=listed.jobs, **settings) if pack else None
+    make = make_packed(packed, folder, workers=listed.workers, **settings) if pack else None
     table, begin = _KitTable(listed.tapes), time.monotonic()
     rows_shown = not as_json and sys.stdout is not None and sys.stdout.isatty()
     show = (lambda *_: None) if rows_shown else step_shown()  # rows already show the progress
@@ -199,7 +199,7 @@ def _make_list(
     noun = "panel" if pack else "kit"
     echo_lines([] if as_json else _packed_lines(packed) if pack else [table.header()])
     try:
-        with closing(make or make_kits(listed.tapes, folder, jobs=listed.jobs, **settings)) as results:
+        with closing(make or make_kits(listed.tapes, folder, workers=listed.workers, **settings)) as results:
             for done, (result, name) in enumerate(zip(results, names, strict=True), start=1):
                 if isinstance(result, FailedKit):
                     status, lines = answer(result.error)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.cli.printing import echo_lines_err
 
 if TYPE_CHECKING:
@@ -53,6 +54,27 @@ def contact_size(text: str) -> Any:
 
 def pair(text: str) -> Any:
     return [number(item) for item in text.split(",")]
+
+
+def workers_option(what: str, usual: str, *others: str) -> Callable[[F], F]:
+    """Option --workers: processes here, or those of a Dask cluster."""
+    said = f"Processes that {what}, or a Dask scheduler to give them to.  [default: {usual}]"
+    return click.option("--workers", *others, "workers", metavar="N|tcp://HOST:PORT", help=said)
+
+
+def workers_of(text: str | None, usual: Workers | None = None) -> Workers:
+    """The workers of --workers; `usual`, or one for each processor, if it is left out.
+
+    Raises
+    ------
+    SpecError
+        For what is neither a number of processes nor an address.
+    """
+    problems: list[Problem] = []
+    chosen = checked_workers(None if text is None else number(text), problems, usual=usual)
+    if problems:
+        raise SpecError(problems)
+    return chosen
 
 
 # Options of commands that locate

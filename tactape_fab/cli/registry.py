@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactape_fab.cli.exits import answers
+from tactape_fab.cli.options import workers_of, workers_option
 from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
 
 if TYPE_CHECKING:
@@ -23,8 +24,9 @@ _NEAREST_TAPES = 20
 
 @click.command()
 @click.argument("kits", nargs=-1, required=True, metavar="KITS...")
+@workers_option("compare windows of tapes", "1")
 @click.option("--json", "as_json", is_flag=True, help="Print the registry as JSON.")
-def registry(kits: Sequence[str], as_json: bool) -> None:
+def registry(kits: Sequence[str], workers: str | None, as_json: bool) -> None:
     """List tapes, their conflicts, and how far every two of them are apart: kits, manifests, or folders of kits.
 
     \b
@@ -33,7 +35,7 @@ def registry(kits: Sequence[str], as_json: bool) -> None:
     with answers():
         from tactape_fab.texture.certify.kits import registry as read_registry
 
-        result = read_registry(kits, step_shown())
+        result = read_registry(kits, step_shown(), workers=workers_of(workers, 1))
         echo_json(result.to_mapping()) if as_json else echo_lines(registry_lines(result))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import SENSOR_HELP
+from tactape_fab.cli.options import SENSOR_HELP, workers_of, workers_option
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, step_shown
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 @click.option("--hand-eye", metavar="FILE.json", help="With --poses: where the sensor is on the flange, as calibrate wrote it.")
 @click.option("--from", "inspected", metavar="AS-BUILT.json", help="Measured places to start from: an inspection, or a survey.")
 @click.option("-o", "--output", metavar="AS-BUILT.json", required=True, help="File of the measured places, or the kit's folder.")
+@workers_option("locate frames", "1")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def survey(
     frames: Sequence[str],
@@ -32,6 +33,7 @@ def survey(
     hand_eye: str | None,
     inspected: str | None,
     output: str,
+    workers: str | None,
     as_json: bool,
 ) -> None:
     """Measure where the parts of a tape stand, from many frames of its use.
@@ -51,6 +53,7 @@ def survey(
             inspected=inspected,
             output=output,
             progress=step_shown(),
+            workers=workers_of(workers, 1),
         )
         path = found.as_built.write(output)
         echo_json(found.to_mapping()) if as_json else echo_lines([*survey_lines(found), f"written: {path}"])

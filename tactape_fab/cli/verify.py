@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import SENSOR_HELP, contact_size
+from tactape_fab.cli.options import SENSOR_HELP, contact_size, workers_of, workers_option
 from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_told, verified_line
 
 _STAND_IN = (
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 @click.option("--overwrite", is_flag=True, help="Replace a file of the map's name.")
 @click.option("--reproduce", is_flag=True, help="Only make the kit again from its manifest, and compare every byte.")
 @click.option("--key", metavar="PUB", help="Public key of who should have made it; nothing else is read where they did not sign.")
+@workers_option("read the kits of a panel", "1")
 @click.option("--json", "as_json", is_flag=True, help="Print the checks as JSON.")
 def verify(
     kit: str,
@@ -45,6 +46,7 @@ def verify(
     overwrite: bool,
     reproduce: bool,
     key: str | None,
+    workers: str | None,
     as_json: bool,
 ) -> None:
     """Read a written kit back with software that is not ours, decode contacts of the parts that it places, and make it again.
@@ -57,7 +59,8 @@ def verify(
         verification = None if key is None else _signed(kit, key, said)
         if verification is None or verification.passed:
             before = () if verification is None else verification.checks
-            verification = _verified(kit, contact, sensor, map_file, said, overwrite=overwrite, quick=quick, reproduce=reproduce)
+            how: dict[str, Any] = {"overwrite": overwrite, "quick": quick, "reproduce": reproduce}
+            verification = _verified(kit, contact, sensor, map_file, said, workers, **how)
             verification = replace(verification, checks=(*verification.checks, *(before or _signed(kit, None, said).checks)))
         clear_step()
         if as_json:
@@ -79,6 +82,7 @@ def _verified(
     sensor: str | None,
     map_file: str | None,
     said: Said,
+    workers: str | None,
     *,
     overwrite: bool,
     quick: bool,
@@ -98,6 +102,7 @@ def _verified(
         problems.append(Problem("reproduce", message))
     size = None if contact is None else contact_size(contact)
     touched = tried(lambda: read_contact(sensor or "gelsight-mini", size), problems)
+    count = tried(lambda: workers_of(workers, 1), problems)
     path = None
     if map_file is not None:
         from tactape_fab.verify.trip.map import refuse_map
@@ -115,7 +120,7 @@ def _verified(
         step("made again: kit", 0, 1)
         return _reproduced(kit, lambda _: None, required=False).checks
 
-    verification = verify_kit(kit, quick=quick, contact=touched, progress=step, said=said, beside=again)
+    verification = verify_kit(kit, quick=quick, contact=touched, progress=step, said=said, beside=again, workers=count or 1)
     if path is not None and touched is not None and verification.checks[0].passed:  # only if its manifest can be read
         from tactape_fab.verify.trip.map import map_kit
 

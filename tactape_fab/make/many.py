@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
-from tactape_fab.base.pool import LostProcessError, ProcessPool
+from tactape_fab.base.pool import LostProcessError, Workers, mapped
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.examine.tape_lists import Planned
@@ -22,11 +24,13 @@ from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.make.kit import make_examined
 from tactape_fab.make.panel import PanelKit, make_panel
+from tactape_fab.texture.manifest import MANIFEST_NAME
 
 if TYPE_CHECKING:
     from tactape_fab.verify.signature import Signer
 
 DEFAULT_FOLDER = "tactape-kits"
+_SHARED = "work in a folder that all machines of the cluster share under one path"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +137,7 @@ def make_kits(
     verify: bool = True,
     force: bool = False,
     signer: Signer | None = None,
-    jobs: int,
+    workers: Workers,
 ) -> Generator[MadeKit | FailedKit]:
     """Make the kits of a list, each in the folder under its tape's name.
 
@@ -148,8 +152,8 @@ def make_kits(
     verify, force : bool
     signer : Signer, optional
         As for `make_kit`.
-    jobs : int
-        Number of processes.
+    workers : int or str
+        Number of processes, or the address of a Dask scheduler whose workers see the same folders.
 
     Yields
     ------
@@ -171,7 +175,7 @@ def make_kits(
         for tape in tapes
     ]
     with _made_folder(folder):
-        yield from _in_processes(_make_kit, orders, jobs)
+        yield from _in_processes(_make_kit, orders, workers)
 
 
 @contextmanager
@@ -190,36 +194,44 @@ def _made_folder(folder: Path) -> Generator[None]:
                 parent.rmdir()
 
 
-def _in_processes(make: Callable[[Wanted], Result], orders: Sequence[Wanted], jobs: int) -> Generator[Result | FailedKit]:
+def _in_processes(
+    make: Callable[[Wanted, bool], Result], orders: Sequence[Wanted], workers: Workers
+) -> Generator[Result | FailedKit]:
     """Result of each order in turn, as soon as it is known."""
-    pool = ProcessPool(min(jobs, len(orders)))
-    try:
-        futures = [pool.submit(_answered, make, order, Path.cwd()) for order in orders]
-        for order, future in zip(orders, futures, strict=True):
-            try:
-                yield future.result()
-            except LostProcessError as lost:
-                yield _lost(order, lost)
-    finally:
-        pool.stop()
+    results = mapped(partial(_answered, make, Path.cwd(), time.time()), orders, workers, lost=_lost, isolated=True)
+    with closing(results):
+        for order, result in zip(orders, results, strict=True):
+            there = isinstance(result, FailedKit) or order.path.is_dir()
+            yield result if there else _failed(order, TactapeError(f"{order.path} was made on another disk; {_SHARED}"))
 
 
-def _answered(make: Callable[[Wanted], Result], order: Wanted, folder: Path) -> Result | FailedKit:
+def _answered(make: Callable[[Wanted, bool], Result], folder: Path, since: float, order: Wanted) -> Result | FailedKit:
     """Do one order in its own process, in the user's current folder so that relative paths are resolved there."""
     import cv2
 
-    os.chdir(folder)
     cv2.setNumThreads(1)
     try:
-        return make(order)
+        os.chdir(folder)
+    except OSError:
+        return _failed(order, TactapeError(f"a worker does not see {folder}; {_SHARED}"))
+    try:
+        return make(order, _stands(order.path, since))
     except TactapeError as error:
         return _failed(order, error)
     except Exception as error:  # the others continue
         return _failed(order, TactapeError(f"{type(error).__name__}: {error}; this should not happen, please report it"))
 
 
-def _make_kit(order: _Order) -> MadeKit:
-    kit = make_examined(examine(order.spec), order.path, **order.how)
+def _stands(path: Path, since: float) -> bool:
+    """Whether a process of this run made it and died before it could say so; what stood there before was refused."""
+    try:
+        return (path / MANIFEST_NAME).stat().st_mtime >= since
+    except OSError:
+        return False
+
+
+def _make_kit(order: _Order, again: bool) -> MadeKit:
+    kit = make_examined(examine(order.spec), order.path, **_how(order.how, again))
     tape = kit.tape
     width_mm, height_mm = tape.board.size_mm
     return MadeKit(
@@ -237,14 +249,16 @@ def _make_kit(order: _Order) -> MadeKit:
     )
 
 
+def _how(how: Mapping[str, Any], again: bool) -> dict[str, Any]:
+    return {**how, "overwrite": how["overwrite"] or again}
+
+
 def _failed(order: Ordered, error: TactapeError) -> FailedKit:
     return FailedKit(path=order.path, name=order.name, sector=order.sector, error=error)
 
 
 def _lost(order: Ordered, lost: LostProcessError) -> FailedKit:
-    status = lost.exit_status
-    how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
-    return _failed(order, TactapeError(f"its process {how}; where memory is short, use fewer --jobs"))
+    return _failed(order, TactapeError(f"its process {lost}, twice; where memory is short, use fewer --workers"))
 
 
 # Packing
@@ -276,7 +290,7 @@ def make_packed(
     verify: bool = True,
     force: bool = False,
     signer: Signer | None = None,
-    jobs: int,
+    workers: Workers,
 ) -> Generator[PanelKit | FailedKit]:
     """Make packed panels with all their kits, each in the folder under its name; as `make_kits` does kits.
 
@@ -303,7 +317,7 @@ def make_packed(
     if problems:
         raise SpecError(problems)
     with _made_folder(folder):
-        yield from _in_processes(_make_panel, orders, jobs)
+        yield from _in_processes(_make_panel, orders, workers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -321,7 +335,7 @@ class _PanelOrder:
         return self.specs[0].sector
 
 
-def _make_panel(order: _PanelOrder) -> PanelKit:
+def _make_panel(order: _PanelOrder, again: bool) -> PanelKit:
     tapes = tuple(examine(spec) for spec in order.specs)
     examined = ExaminedPanel(name=order.name, tapes=tapes, panel=order.panel, remarks=())
-    return make_panel(examined, order.path, **order.how)
+    return make_panel(examined, order.path, **_how(order.how, again))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.pool import Workers
 from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel
 from tactape_fab.verify.kit import verify_folder
@@ -22,6 +23,7 @@ def verify_kit(
     progress: Progress = lambda *_: None,
     said: Said = lambda _: None,
     beside: Beside = tuple,
+    workers: Workers = 1,
 ) -> Verification:
     """Verify a kit, or a panel with every kit on it, by its folder or its manifest.json.
 
@@ -39,6 +41,8 @@ def verify_kit(
         Called with every line as soon as it is known.
     beside : callable
         Further checks of the same files, made while other programs read the models. Not called if the manifest is unreadable.
+    workers : int or str
+        Number of processes for the kits of a panel, or the address of a Dask scheduler.
 
     Returns
     -------
@@ -54,7 +58,9 @@ def verify_kit(
     if file.name != MANIFEST_NAME:
         raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")
     if is_panel(_format_of(file)):
-        return verify_panel_folder(file, quick=quick, contact=contact, progress=progress, said=said, beside=beside)
+        return verify_panel_folder(
+            file, quick=quick, contact=contact, progress=progress, said=said, beside=beside, workers=workers
+        )
     return verify_folder(file, quick=quick, contact=contact, progress=progress, said=said, beside=beside)
 
 

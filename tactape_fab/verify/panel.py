@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -13,6 +14,7 @@ import shapely
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields
+from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.read.gerber_file import GerberContent
@@ -87,8 +89,9 @@ def verify_panel_folder(
     progress: Progress = lambda *_: None,
     said: Said = lambda _: None,
     beside: Beside = tuple,
+    workers: Workers = 1,
 ) -> Verification:
-    """Verify the panel of `manifest_file`; with `kits` also every kit on it, one line each.
+    """Verify the panel of `manifest_file`; with `kits` also every kit on it, one line each, by so many workers.
 
     Returns
     -------
@@ -108,8 +111,12 @@ def verify_panel_folder(
     def lines() -> Iterator[Check]:
         yield from _checks(folder, manifest, record, tapes, quick=quick)
         if kits:
-            for place in _kit_folders(record):
-                yield from _check_kit(folder / place, quick=quick, contact=contact, progress=progress)
+            check = partial(_check_kit, quick=quick, contact=contact, progress=progress if workers == 1 else None)
+            folders = [(folder / place).absolute() for place in _kit_folders(record)]
+            for done, of_kit in enumerate(mapped(check, folders, workers), 1):
+                yield from of_kit
+                if workers != 1:
+                    progress("kits", done, len(folders))
         yield from beside()
 
     return collected(record.name, lines(), said)
@@ -256,8 +263,9 @@ def _folded(name: str, lines: Sequence[Check], where: str) -> list[Check]:
     return [*wrong, Check(name=name, passed=True, message=f"{len(lines) - len(wrong)} checks {where}", figure=float(len(lines)))]
 
 
-def _check_kit(folder: Path, *, quick: bool, contact: Contact | None, progress: Progress) -> list[Check]:
-    verification = verify_folder(folder / "manifest.json", quick=quick, contact=contact, progress=progress)
+def _check_kit(folder: Path, *, quick: bool, contact: Contact | None, progress: Progress | None) -> list[Check]:
+    told = progress or (lambda *_: None)  # a process of its own cannot tell
+    verification = verify_folder(folder / "manifest.json", quick=quick, contact=contact, progress=told)
     return _folded(f"kit {verification.name}", verification.checks, "of its own files")
 
 

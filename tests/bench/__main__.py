@@ -9,15 +9,17 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from contextlib import closing
+from operator import methodcaller
 from pathlib import Path
 from time import perf_counter
 
+from tactape_fab.base.pool import Workers, mapped_as_done
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.job import FULL, QUICK, Job, Result
 from tests.bench.evidence.page import FIGURES_JSON, jobs, page_of, write_page
 from tests.bench.evidence.record import Record
+from tests.bench.workers import workers
 
 
 def say(words: str) -> None:
@@ -25,7 +27,7 @@ def say(words: str) -> None:
     print(words, file=sys.stderr, flush=True)
 
 
-def measure(wanted: Iterable[Job], record: Record, processes: int) -> None:
+def measure(wanted: Iterable[Job], record: Record, processes: Workers) -> None:
     """Run all jobs that have no result yet, those that measure times first and one by one."""
     todo = [job for job in wanted if job.key not in record.results]
     start, done = perf_counter(), 0
@@ -40,17 +42,10 @@ def measure(wanted: Iterable[Job], record: Record, processes: int) -> None:
     for job in todo:
         if job.alone or processes == 1:
             keep(job, *job.timed())
-    rest = [job for job in todo if not job.alone and processes > 1]
-    if not rest:
-        return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(job.timed): job for job in rest}
-        try:
-            for future in as_completed(waiting):
-                keep(waiting[future], *future.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    rest = [job for job in todo if not job.alone and processes != 1]
+    with closing(mapped_as_done(methodcaller("timed"), rest, processes)) as results:
+        for job, (result, seconds) in results:
+            keep(job, result, seconds)
 
 
 def main() -> None:
@@ -62,7 +57,7 @@ def main() -> None:
         "those of docs/evidence.json unless said"
     )
     parser.add_argument("--counts", type=Path, nargs="+", default=[], metavar="FILE", help=about_counts)
-    parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument("--workers", type=workers, default=2, metavar="N|tcp://HOST:PORT")
     about_page = "where evidence.json, the page and its plots go; docs/ unless said, and then the README's numbers, too"
     parser.add_argument("--page", type=Path, metavar="FOLDER", help=about_page)
     chosen = parser.parse_args()
@@ -73,7 +68,7 @@ def main() -> None:
     size = QUICK if chosen.quick else FULL
     record = Record.opened(chosen.json or Path(f"evidence-{size.name}.jsonl"))
     wanted = jobs(size)
-    measure(wanted, record, chosen.processes)
+    measure(wanted, record, chosen.workers)
     folder = chosen.page or FIGURES_JSON.parent
     if not counted and FIGURES_JSON.exists():  # counting takes a day: each row names the sources it was counted with
         earlier = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))["results"]

@@ -11,18 +11,18 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from tactape_fab.base.pool import Workers, mapped_as_done
 from tests.bench.false_tally import Bound, Tally, total
 from tests.bench.impostors import SURFACES
 from tests.bench.localization_false import BESIDE_BUMPS, IMPOSTORS, MIRRORED, PART, Job, count
 from tests.bench.localization_measure import WORLDS
 from tests.bench.localization_rows import SECTOR, SEED
+from tests.bench.workers import workers
 
 OTHERS = tuple(sector for sector in range(256) if sector != SECTOR)
 NEIGHBOURS = tuple(SECTOR + step for step in (-1, 1, -7, 16, 17, 32, 34))
@@ -108,19 +108,9 @@ def bound_of(kind: str) -> Bound:
 # Doing it
 
 
-def run(jobs: Iterable[Job], processes: int) -> Iterator[tuple[Job, Tally]]:
+def run(jobs: Iterable[Job], processes: Workers) -> Iterator[tuple[Job, Tally]]:
     """Count jobs, in whatever order they come to an end."""
-    if processes == 1:
-        yield from ((job, count(job)) for job in jobs)
-        return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(count, job): job for job in jobs}
-        try:
-            for future in as_completed(waiting):
-                yield waiting.pop(future), future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    return mapped_as_done(count, jobs, processes)
 
 
 @dataclass(slots=True)
@@ -181,7 +171,7 @@ def about() -> Mapping[str, Any]:
     return {"seed": SEED, "sources": digest.hexdigest()[:16]}
 
 
-def complete(jobs: list[Job], record: Record, processes: int, say: Callable[[str], None]) -> None:
+def complete(jobs: list[Job], record: Record, processes: Workers, say: Callable[[str], None]) -> None:
     """Count what is not in the record yet."""
     todo = [job for job in jobs if job not in record.done]
     say(f"{len(jobs) - len(todo)} of {len(jobs)} jobs are done, {sum(job.frames for job in todo)} frames to go")
@@ -223,7 +213,7 @@ def main() -> None:
     parser.add_argument("--frames-per-sector", type=int, default=10000, metavar="N")
     parser.add_argument("--frames-per-kind", type=int, metavar="N", help="as many as for a sector unless said")
     parser.add_argument("--json", type=Path, metavar="FILE", help="JSON lines; taken up again where it exists")
-    parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument("--workers", type=workers, default=2, metavar="N|tcp://HOST:PORT")
     parser.add_argument("--only", metavar="WORDS", help="kinds whose name holds these words")
     chosen = parser.parse_args()
     per_kind = chosen.frames_per_sector if chosen.frames_per_kind is None else chosen.frames_per_kind
@@ -235,7 +225,7 @@ def main() -> None:
         return [job for job in jobs if chosen.only is None or chosen.only in job.kind]
 
     def done(jobs: list[Job]) -> Done:
-        complete(jobs, record, chosen.processes, say)
+        complete(jobs, record, chosen.workers, say)
         return {job: record.done[job] for job in jobs}
 
     record = Record.opened(chosen.json)

@@ -15,11 +15,10 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
 from math import floor, log10
-from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 from zlib import crc32
@@ -27,10 +26,12 @@ from zlib import crc32
 import numpy as np
 
 from tactape_fab import Localizer
+from tactape_fab.base.pool import mapped_as_done
 from tactape_fab.sense import ElasticContact, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.rule import Limits
 from tests.bench.localization_measure import is_right
 from tests.bench.localization_rows import SEED, Row, tapes_of
+from tests.bench.workers import workers
 
 FRAME_PX = 160
 """Side of the frames: 10 mm, more than any contact here."""
@@ -206,7 +207,7 @@ def rows(decades: Sequence[Decade]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.place_chance", description=__doc__)
     parser.add_argument("--contacts", type=int, default=100_000, metavar="N", help="100,000 take half an hour on two cores")
-    parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument("--workers", type=workers, default=2, metavar="N|tcp://HOST:PORT")
     parser.add_argument("--elastic", action="store_true", help="press an elastic gel, 40 times as slow")
     parser.add_argument(
         "--scene", nargs="*", default=[], metavar="NAME=VALUE", help="attributes of Scene, such as placement_mm=0.05"
@@ -222,10 +223,9 @@ def main() -> None:
         if chosen.only is None or chosen.only in batch.name
     ]
     found: list[Said] = []
-    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(measure, batch): batch for batch in todo}
-        for done, future in enumerate(as_completed(waiting), 1):
-            found += future.result()
+    with closing(mapped_as_done(measure, todo, chosen.workers)) as results:
+        for done, (_, said) in enumerate(results, 1):
+            found += said
             print(f"{done} of {len(todo)} batches", end="\r", file=sys.stderr, flush=True)
     if chosen.json is not None:
         chosen.json.write_text(json.dumps([{n: getattr(one, n) for n in one.__slots__} for one in found]))
@@ -241,4 +241,6 @@ def _number(value: str) -> float | str:
 
 
 if __name__ == "__main__":
-    main()
+    from tests.bench.place_chance import main as of_module  # processes know its functions by this name
+
+    of_module()

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
-from tactape_fab.base.fields import Fields, shown_path
-from tactape_fab.base.pool import core_count
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
 from tactape_fab.kit.examine.together import apart, of_sector, other_sectors, sector_words, together_findings, too_many
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
@@ -25,7 +25,6 @@ from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.manifest import MANIFEST_NAME
 from tactape_fab.texture.tape import Tape
 
-MOST_JOBS = 64
 _NAMED = 5
 """Most tapes that a message names as refused for one reason; the others are counted."""
 _MOST_SEARCHED = 24
@@ -55,12 +54,7 @@ class Listed:
 
     tapes: tuple[Planned, ...]
     findings: tuple[Finding, ...]
-    jobs: int
-
-
-def usual_jobs() -> int:
-    """Number of processors available to this process."""
-    return min(core_count(), MOST_JOBS)
+    workers: Workers
 
 
 def list_tapes(
@@ -68,7 +62,7 @@ def list_tapes(
     options: Mapping[str, Any],
     folder: Path,
     *,
-    jobs: object = None,
+    workers: object = None,
     overwrite: Overwrite = False,
     force: bool = False,
     packed: bool = False,
@@ -83,8 +77,8 @@ def list_tapes(
         Values of the spec file, and options, which override them; untrusted.
     folder : Path
         Folder for the kits.
-    jobs : object
-        Number of processes, untrusted; None for the number of processors.
+    workers : object
+        Number of processes or address of a Dask scheduler, untrusted; None for the number of processors.
     overwrite : bool or "edits"
     force : bool
         As for `make_kit`.
@@ -94,7 +88,7 @@ def list_tapes(
     Returns
     -------
     Listed
-        ``tapes``, ``findings`` and ``jobs``, as `make_kits` takes them.
+        ``tapes``, ``findings`` and ``workers``, as `make_kits` takes them.
 
     Raises
     ------
@@ -103,14 +97,14 @@ def list_tapes(
     DesignRuleError
         If there are only broken rules, and not `force`.
     """
-    table = Fields({"jobs": usual_jobs() if jobs is None else jobs})
-    count = table.integer("jobs", low=1, high=MOST_JOBS, remedy=f"--jobs is the number of processes, 1 to {MOST_JOBS}")
+    of_workers: list[Problem] = []
+    chosen = checked_workers(workers, of_workers)
     entries, of_list = read_list(values, options)
     tally = _Tally(packed=packed)
     for entry in entries:
         tally.take(entry)
     of_folder = _folder_problems(folder)
-    problems = [*table.problems, *of_folder, *of_list, *tally.problems()]
+    problems = [*of_workers, *of_folder, *of_list, *tally.problems()]
     if not of_list:  # otherwise some of the tapes are substitutes
         problems += _shared_names(tally.tapes)
         problems += [] if of_folder or packed else _taken(tally.tapes, folder, overwrite=overwrite)
@@ -121,7 +115,7 @@ def list_tapes(
         raise DesignRuleError(broken)
     together = () if len(tally.drawn) < len(tally.tapes) else _together(tally, by_table="tapes" in values)
     of_tapes = [finding for finding in tally.findings if not (packed and finding.rule == "assembly-size")]  # the panel is larger
-    return Listed(tapes=tuple(tally.tapes), findings=(*of_tapes, *_copies(tally.tapes), *together), jobs=count)
+    return Listed(tapes=tuple(tally.tapes), findings=(*of_tapes, *_copies(tally.tapes), *together), workers=chosen)
 
 
 def _together(tally: _Tally, *, by_table: bool) -> tuple[Finding, ...]:

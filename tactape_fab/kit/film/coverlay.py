@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil
 
 import numpy as np
@@ -60,6 +61,7 @@ def worst_box_gap_mm(
     return float((outside + np.minimum(beyond.max(axis=1), 0.0)).min())
 
 
+@lru_cache(maxsize=4096)
 def least_pitch_mm(
     half_mm: tuple[float, float],
     radius_mm: float,

@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Level, Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.templates import profile_names, refuse_problems
+from tactape_fab.base.templates import profile_names, read_once, refuse_problems
 from tactape_fab.kit.profiles.fab_tables import (
     ORIGIN_KEYS,
     AnchorRules,
@@ -185,6 +185,7 @@ class FabProfile:
         }
 
 
+@read_once("fabs")
 def load_fab(name: str) -> FabProfile:
     """A fab profile by name, or by the path of a TOML file, with what it inherits by ``extends``.
 

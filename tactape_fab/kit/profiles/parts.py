@@ -8,7 +8,7 @@ from math import isfinite, pi
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.base.templates import profile_table, read_once, refuse_problems
 from tactape_fab.kit.profiles.assembly import read_part_numbers
 from tactape_fab.kit.profiles.chips import chip_code_problem
 from tactape_fab.texture.tape import PART_SHAPES
@@ -72,6 +72,7 @@ class ElementProfile:
     top_mm: float | None = None
 
 
+@read_once("parts")
 def read_part(name: str) -> PartProfile | ElementProfile:
     """A part profile by name, or by the path of a TOML file; one without ``[pads]`` is a solid element.
 

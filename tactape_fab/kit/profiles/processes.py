@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tactape_fab.base.templates import profile_table, refuse_problems
+from tactape_fab.base.templates import profile_table, read_once, refuse_problems
 from tactape_fab.kit.profiles.limits import SOURCE_KEYS, Limit, read_limit
 
 PROCESS_LIMIT_IDS = (
@@ -39,6 +39,7 @@ class ProcessProfile:
         return {"limits_mm": {name: limit.value_mm for name, limit in self.limits.items()}}
 
 
+@read_once("processes")
 def load_process(name: str) -> ProcessProfile:
     """A process profile by name, or by the path of a TOML file.
 

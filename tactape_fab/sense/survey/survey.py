@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
@@ -32,6 +35,9 @@ LEAST_EXPECTED = 2
 DRIFT_ERROR = 2.2
 """By how much drift is more than the adjustment says, as errors of dots are not as independent as it takes them. In simulated
 surveys of 300 contacts the means of neighbouring parts are off by 1.8 to 2.4 times as much: alone, and with a robot or a scan."""
+
+_BLOCK = 32
+"""Frames that one worker locates at a time."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -85,6 +91,7 @@ def survey_files(
     inspected: str | Path | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda *_: None,
+    workers: Workers = 1,
 ) -> Survey:
     """Survey a kit's tape from files of frames.
 
@@ -107,6 +114,8 @@ def survey_files(
         Where the measured places will be written: refused if something else is there. Nothing is written yet.
     progress : callable
         Called with a text, the number of frames done and their total.
+    workers : int or str
+        Number of processes that locate frames, or the address of a Dask scheduler.
 
     Raises
     ------
@@ -136,7 +145,7 @@ def survey_files(
     if problems:
         raise SpecError(problems)
     assert tape is not None and profile is not None and files is not None and robot is not None
-    return _surveyed(tape, find_manifest(kit), profile, files, robot, progress)
+    return _surveyed(tape, find_manifest(kit), profile, files, robot, progress, workers)
 
 
 def _robot(poses: str | Path, hand_eye: str | Path | None, tape: Tape | None) -> list[RobotPose]:
@@ -165,7 +174,13 @@ def _refuse_taken(path: Path) -> None:
 
 
 def _surveyed(
-    tape: Tape, manifest: Path, sensor: SensorProfile, files: Sequence[FrameFile], robot: Sequence[RobotPose], progress: Progress
+    tape: Tape,
+    manifest: Path,
+    sensor: SensorProfile,
+    files: Sequence[FrameFile],
+    robot: Sequence[RobotPose],
+    progress: Progress,
+    workers: Workers = 1,
 ) -> Survey:
     ground, before = ground_of(tape), tape.as_built
     built = tape.built_parts()
@@ -173,13 +188,13 @@ def _surveyed(
     shift = built.shift_mm * (1.0, -1.0)
     prior = Prior(shift_mm=shift, sigma_mm=None if before is None else np.maximum(built.sigma_mm, 1e-4))
     count = sum(file.count for file in files)
-    contacts = _located({}, tape, ground, sensor, files, shift, progress)
+    contacts = _located({}, tape, ground, sensor, files, shift, progress, workers)
     _refuse_number(len(contacts), count)
     adjusted = adjust(list(contacts.values()), ground.nominal_mm, sensor, prior, robot)
     if len(contacts) < count:  # the places found locate more of them
         known = _as_built(tape, manifest, adjusted, contacts.values(), before, count)
         shift[adjusted.part] = adjusted.shift_mm
-        more = _located(contacts, replace(tape, as_built=known), ground, sensor, files, shift, progress)
+        more = _located(contacts, replace(tape, as_built=known), ground, sensor, files, shift, progress, workers)
         if len(more) > len(contacts):
             contacts = more
             _refuse_number(len(contacts), count)
@@ -213,20 +228,29 @@ def _located(
     files: Sequence[FrameFile],
     shift: FloatArray,
     progress: Progress,
+    workers: Workers,
 ) -> dict[int, Contact]:
     """Contacts by their frames: those that are done, and of the other frames those that are located."""
-    localizer = Localizer(tape, sensor, refine="dots")
-    found, frame, count = dict(done), 0, sum(file.count for file in files)
-    for file in files:
-        for depth in file.frames():
-            if frame not in found:
-                fix = localizer.locate(depth)
-                contact = contact_of(frame, depth, fix, ground, sensor, ground.nominal_mm + shift) if fix.located else None
-                if contact is not None:
-                    found[frame] = contact
-            frame += 1
-            progress("frames", frame, count)
+    count, seen = sum(file.count for file in files), 0
+    frames = enumerate(depth for file in files for depth in file.frames())
+    blocks = iter(lambda: [(k, None if k in done else depth) for k, depth in islice(frames, _BLOCK)], [])
+    found = dict(done)
+    with closing(mapped(partial(_contacts, tape, ground, sensor, ground.nominal_mm + shift), blocks, workers)) as results:
+        for size, contacts in results:
+            found.update((contact.frame, contact) for contact in contacts)
+            seen += size
+            progress("frames", seen, count)
     return dict(sorted(found.items()))
+
+
+def _contacts(
+    tape: Tape, ground: Ground, sensor: SensorProfile, built_mm: FloatArray, frames: Sequence[tuple[int, Any]]
+) -> tuple[int, list[Contact]]:
+    """Number of some frames, and the contacts of those that are given and located."""
+    localizer = Localizer(tape, sensor, refine="dots")
+    fixes = [(k, depth, localizer.locate(depth)) for k, depth in frames if depth is not None]
+    contacts = [contact_of(k, depth, fix, ground, sensor, built_mm) for k, depth, fix in fixes if fix.located]
+    return len(frames), [contact for contact in contacts if contact is not None]
 
 
 def _as_built(

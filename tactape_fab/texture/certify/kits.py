@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.texture.certify.certificate import SIDES, Certificate, certify
 from tactape_fab.texture.certify.pairs import BEYOND, Across, Conflict, across, conflicts
 from tactape_fab.texture.registry import Registered, labels, read_registered
@@ -99,7 +101,13 @@ def across_mapping(windows: Across, names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def certified(tapes: Sequence[Tape], names: Sequence[str] | None = None, progress: Progress = lambda *_: None) -> Certified:
+def certified(
+    tapes: Sequence[Tape],
+    names: Sequence[str] | None = None,
+    progress: Progress = lambda *_: None,
+    *,
+    workers: Workers = 1,
+) -> Certified:
     """Certify each tape exactly, and all of them across each other.
 
     Parameters
@@ -109,21 +117,23 @@ def certified(tapes: Sequence[Tape], names: Sequence[str] | None = None, progres
         Names of the tapes in the result; None for the tapes' own names.
     progress : callable
         Called with a text, the number done and the total.
+    workers : int or str
+        Number of processes, or the address of a Dask scheduler.
     """
     certificates = []
-    for i, tape in enumerate(tapes):
-        certificates.append(certify(tape))
+    for i, certificate in enumerate(mapped(certify, tapes, workers)):
+        certificates.append(certificate)
         if len(tapes) > 1:
             progress("tapes", i + 1, len(tapes))
     return Certified(
         names=tuple(t.name for t in tapes) if names is None else tuple(names),
         certificates=tuple(certificates),
-        across=_across_all(tapes, progress) if len(tapes) > 1 else (),
+        across=_across_all(tapes, progress, workers) if len(tapes) > 1 else (),
     )
 
 
-def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None) -> Registry:
-    """Read the kits at some paths, and compare every two of them.
+def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None, *, workers: Workers = 1) -> Registry:
+    """Read the kits at some paths, and compare every two of them; `workers` as for `certified`.
 
     Raises
     ------
@@ -132,15 +142,15 @@ def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None) 
     """
     entries = read_registered(paths)
     tapes, names = [e.tape for e in entries], labels(entries)
-    windows = _across_all(tapes, progress)
+    windows = _across_all(tapes, progress, workers)
     found = conflicts(tapes, names, windows[0])
     return Registry(entries=tuple(entries), names=names, across=windows, conflicts=tuple(found))
 
 
-def _across_all(tapes: Sequence[Tape], progress: Progress) -> tuple[Across, ...]:
+def _across_all(tapes: Sequence[Tape], progress: Progress, workers: Workers) -> tuple[Across, ...]:
     found = []
-    for i, side in enumerate(SIDES):
-        found.append(across(tapes, side))
+    for i, windows in enumerate(mapped(partial(across, tapes), SIDES, workers)):
+        found.append(windows)
         if len(tapes) > 1:
             progress("window sizes", i + 1, len(SIDES))
     return tuple(found)

@@ -47,16 +47,16 @@ def refuse(folder: Path, args: str, status: int) -> list[str]:
         ("make --sectors 7,7", USAGE, "names sector 7 more than once; name each once"),
         ("make --sectors 7 --sector 8", USAGE, "sector = 8 contradicts sectors = '7'; give one of them"),
         ("make --sectors 7,8 --name lab", USAGE, "name = 'lab' cannot be that of all tapes"),
-        ("make --sectors 7 --jobs 0", USAGE, "jobs = 0 is outside 1 to 64; --jobs is the number of processes"),
-        ("make --sectors 7 --jobs 1000000", USAGE, "jobs = 1000000 is outside 1 to 64"),
-        ("make --sectors 7 --jobs two", USAGE, "jobs = 'two' is not a whole number"),
+        ("make --sectors 7 --workers 0", USAGE, "workers = 0 is outside 1 to 64; give a number of processes"),
+        ("make --sectors 7 --jobs 1000000", USAGE, "workers = 1000000 is outside 1 to 64"),
+        ("make --sectors 7 --workers two", USAGE, "workers = 'two' is no number of processes and no address"),
         ("make --sectors 7,8 --size 300x300 --pack", USAGE, "--size = 300 x 300 mm does not fit into 236 x 236 mm"),
         ("make --sectors 7,8 --part dome --pack", USAGE, "part = 'dome' makes no film that could be packed"),
         ("make --sectors 7,8 --w nan", USAGE, "--w = nan mm is not a finite number"),
         ("make --sectors 7,8 --part r9999", USAGE, "part = 'r9999' is none of"),
         ("make --sectors 7,8 --delta 0.7", RULES, "pad-pad: gap between pads of two parts -0.329 mm is below the limit 0.100 mm"),
         ("make --sector 7 --pack", USAGE, "--pack is for lists of tapes; give --sectors or [[tapes]], or leave it out"),
-        ("make --sector 7 --jobs 2", USAGE, "--jobs is for lists of tapes; give --sectors or [[tapes]], or leave it out"),
+        ("make --sector 7 --jobs 2", USAGE, "--workers is for lists of tapes; give --sectors or [[tapes]], or leave it out"),
     ],
 )
 def test_a_bad_list_is_refused_once(args: str, status: int, said: str, here: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_bad_list_is_refused_once(args: str, status: int, said: str, here: Pat
 def test_everything_wrong_comes_together(here: Path) -> None:
     (here / "file").write_text("")
     lines = refuse(here, "make --sectors 9-7,300 --jobs 0 -o file --w nan --delta 0.7 --name x", USAGE)
-    said = ["jobs = 0", "-o = file exists and is not a folder", "holds 9-7", "holds 300", "name = 'x'", "--w = nan"]
+    said = ["workers = 0", "-o = file exists and is not a folder", "holds 9-7", "holds 300", "name = 'x'", "--w = nan"]
     assert [any(part in line for line in lines) for part in said] == [True] * len(said), lines
 
 

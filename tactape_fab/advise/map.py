@@ -1,0 +1,139 @@
+"""advise --map: the smallest contact that each code locates, for each part and pitch that the rules leave, and its cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.advise.answer import LOCATED, seen_of
+from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, SHARES, Design, film_pitch_mm, rules_of
+from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
+from tactape_fab.advise.question import Question
+from tactape_fab.base.pool import Workers, mapped
+from tactape_fab.kit.examine.tape import profiles_of
+from tactape_fab.kit.order_facts import estimate
+from tactape_fab.kit.profiles import FabProfile, PartProfile, read_part
+from tactape_fab.texture.code import get_code
+
+PITCHES_MM = tuple(round(0.7 + 0.1 * k, 1) for k in range(18))
+"""Pitches W of the map, mm."""
+_SIDE_MM, _SIDE_PITCHES = 15.0, 8.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapPoint:
+    """A part at a pitch.
+
+    Attributes
+    ----------
+    part : str
+    body_mm : (float, float, float)
+    pitch_mm : float
+    least_mm : dict of str to float or None
+        By code, the smallest contact of which 9 in 10 are located, mm, with the best Δ; None where none in the sensor's field is.
+        Empty where the rules refuse every Δ, or no tape of that size can be planned.
+    parts : int
+        Of one tape; 0 where there is none.
+    once, each : float or None
+        Estimated assembly cost, for an order and for each tape; None where it is not known.
+    """
+
+    part: str
+    body_mm: tuple[float, float, float]
+    pitch_mm: float
+    least_mm: Mapping[str, float | None]
+    parts: int = 0
+    once: float | None = None
+    each: float | None = None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """As an entry of ``map`` in the JSON of advise."""
+        return {
+            "part": self.part,
+            "body_mm": list(self.body_mm),
+            "pitch_mm": self.pitch_mm,
+            "least_contact_mm": dict(self.least_mm),
+            "parts": self.parts,
+            "cost_once": self.once,
+            "cost_each": self.each,
+        }
+
+
+def map_of(
+    question: Question, workers: Workers = 1, progress: Callable[[str, int, int], None] = lambda *_: None
+) -> tuple[MapPoint, ...]:
+    """Every part that is tried, at every pitch; parts in turn, pitches ascending.
+
+    Parameters
+    ----------
+    question : Question
+    workers : int or str
+        Number of processes, or the address of a Dask scheduler.
+    progress : callable
+        Called with a text, the number of points done and their total.
+    """
+    if isinstance(question.making, FabProfile):
+        parts = [(name, read_part(name).body_mm) for name in FILM_PARTS]
+    else:
+        parts = list(ELEMENTS)
+    asked = list(product(parts, PITCHES_MM))
+    found: list[MapPoint] = []
+    for point in mapped(partial(_point, question), asked, workers):
+        found.append(point)
+        progress("map: pitch", len(found), len(asked))
+    return tuple(found)
+
+
+def _point(question: Question, at: tuple[tuple[str, tuple[float, float, float]], float]) -> MapPoint:
+    (part, body_mm), pitch_mm = at
+    empty = MapPoint(part=part, body_mm=body_mm, pitch_mm=pitch_mm, least_mm={})
+    legal = [design for share in SHARES if (design := _legal(question, part, body_mm, pitch_mm, share)) is not None]
+    if not legal:
+        return empty
+    spec = legal[0].spec(question.size_mm)
+    count = profiles_of(spec).plan(spec).part_count
+    sensor = question.sensor
+    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
+    least: dict[str, float | None] = {}
+    for code in CODES:
+        if legal[0].directions not in get_code(code.name).directions or count > code.most_points:
+            continue
+        sizes = [least_contact_mm(seen_of(design, question, count), code, LOSS, LOCATED, field_mm) for design in legal]
+        least[code.name] = min((size for size in sizes if size is not None), default=None)
+    point = replace(empty, least_mm=least, parts=count)
+    if not isinstance(question.making, FabProfile):
+        return point
+    costs = estimate(count, question.making)
+    return replace(point, once=costs.once, each=costs.each)
+
+
+def _legal(question: Question, part: str, body_mm: tuple[float, float, float], pitch_mm: float, share: float) -> Design | None:
+    """The design with that Δ, in the first way to open the coverlay that no rule refuses; None if there is none."""
+    making, profile = question.making, read_part(part)
+    design = Design(
+        part=part,
+        shape=profile.shape,
+        body_mm=body_mm,
+        pitch_mm=pitch_mm,
+        displacement_mm=round(float(np.floor(100.0 * share * pitch_mm + 0.5)) / 100.0, 2),
+    )
+    if isinstance(making, FabProfile):
+        assert isinstance(profile, PartProfile)
+        ways = [
+            replace(design, coverlay=mode, fab=question.profile)
+            for mode in making.coverlay_modes
+            if film_pitch_mm(making.in_mode(mode), profile, False, design.displacement_mm) <= pitch_mm + 1e-9
+        ]
+    else:
+        ways = [replace(design, process=making.name)]
+    side_mm = max(_SIDE_MM, _SIDE_PITCHES * pitch_mm)
+    for way in ways:
+        broken = rules_of(way, (side_mm, side_mm))
+        if broken is not None and not any(finding.blocks for finding in broken):
+            return way
+    return None

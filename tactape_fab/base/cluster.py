@@ -1,0 +1,132 @@
+"""Executor of a Dask cluster that the user names: calls go to its scheduler, which gives them to workers on any machine.
+
+Dask sends calls and answers as pickles: scheduler, workers and this process run each other's code. Nothing connects to a
+scheduler but the one that the user names, and nothing listens.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from contextlib import suppress
+from functools import partial
+from types import TracebackType
+from typing import Any, TypeVar
+
+from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.libraries import library, versions_in_kits
+from tactape_fab.base.version import __version__
+
+R = TypeVar("R")
+_PATIENCE_S = 10.0
+"""Time for a scheduler to answer, and for its first worker to be there, s."""
+_ALONE = threading.Lock()
+"""Held by the call that a worker runs: functions here may change the current folder, which all threads share."""
+
+
+class LostClusterError(TactapeError):
+    """The scheduler of a cluster cannot be reached, has no worker, or is gone."""
+
+
+class OtherWorkerError(TactapeError):
+    """A worker has other versions than this process, so that its answers may differ."""
+
+
+class ClusterPool(Executor):
+    """Calls functions in the workers of a Dask scheduler; a call whose worker dies is given to another one.
+
+    Raises
+    ------
+    MissingLibraryError
+        Without the extra ``cluster``.
+    LostClusterError
+        If nothing answers at the address, or there is no worker; by a call, once the scheduler is gone.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._asked: set[Any] = set()
+        distributed = library("distributed", f"--workers {address}")
+        for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters of their logs is raised
+        try:
+            self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            started = f"start one with: dask scheduler --port {address.rpartition(':')[2]}"
+            raise LostClusterError(f"no scheduler answers at {address} within {_PATIENCE_S:g} s; {started}") from error
+        try:
+            self._client.wait_for_workers(1, timeout=_PATIENCE_S)
+        except TimeoutError as error:
+            self.stop()
+            started = f"start some with: dask worker {address} --nworkers auto --nthreads 1"
+            raise LostClusterError(f"the scheduler {address} has no workers; {started}") from error
+        self.width: int = len(self._client.nthreads())
+
+    def submit(self, function: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
+        """Call a function of a module that the workers have, too; arguments and result are pickled."""
+        answer: Future[R] = Future()
+        if self._client.status == "closed":
+            answer.set_exception(self._lost())
+            return answer
+        asked = self._client.submit(_called, _own(), function, args, kwargs, pure=False)
+        self._asked.add(asked)
+        asked.add_done_callback(partial(self._answered, answer))
+        return answer
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster; its workers go on for others."""
+        self.stop()
+
+    def stop(self) -> None:
+        """Withdraw what no worker has begun, and leave the cluster."""
+        with suppress(Exception):
+            self._client.cancel(list(self._asked), force=True)
+        self._asked.clear()
+        with suppress(Exception):
+            self._client.close(timeout=2)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.stop()
+
+    def _answered(self, answer: Future[R], asked: Any) -> None:
+        """Hand on the answer of the cluster; in a thread of the client."""
+        try:
+            answer.set_result(asked.result(timeout=None))
+        except BaseException as error:  # CancelledError is none of Exception
+            answer.set_exception(self._said(asked, error))
+        finally:
+            self._asked.discard(asked)
+
+    def _said(self, asked: Any, error: BaseException) -> BaseException:
+        if asked.status != "error":
+            return self._lost()
+        if type(error).__name__ == "KilledWorker":
+            from tactape_fab.base.pool import LostProcessError
+
+            return LostProcessError(-9)
+        if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] == __name__.partition(".")[0]:
+            return OtherWorkerError(
+                f"a worker of {self.address} has no tactape-fab; pip install tactape-fab=={__version__} there"
+            )
+        return error
+
+    def _lost(self) -> LostClusterError:
+        return LostClusterError(f"the scheduler {self.address} was lost; what is done stays, so start it and ask for the rest")
+
+
+def _own() -> dict[str, str]:
+    """Versions that may decide a byte of an answer."""
+    return {"tactape-fab": __version__, **versions_in_kits()}
+
+
+def _called(theirs: dict[str, str], function: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
+    """The call in a worker: refused where its versions are not those of who asks."""
+    own = _own()
+    other = [f"{k} {own.get(k, 'none')} instead of {v}" for k, v in theirs.items() if own.get(k) != v]
+    if other:
+        raise OtherWorkerError(f"the worker on {os.uname().nodename} has {', '.join(other)}; install the same versions there")
+    with _ALONE:
+        return function(*args, **kwargs)
