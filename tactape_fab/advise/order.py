@@ -79,7 +79,7 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
     """
     fab_name = house_fab(house)
     if values.get("fab", fab_name) != fab_name:
-        message = f"order = '{house}' is fab = '{fab_name}', but fab = '{values['fab']}' is given; leave out --fab"
+        message = f"order = '{house}' takes the profile {fab_name}, which contradicts fab = '{values['fab']}'; leave out --fab"
         raise SpecError(Problem("order", message))
     given = {"sector": 0, **{key: value for key, value in values.items() if key not in (*PANEL_KEYS, "fab")}}
     fab, (spec, problems) = load_fab(fab_name), read_spec(given)

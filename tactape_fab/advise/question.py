@@ -63,7 +63,11 @@ def read_question(values: Mapping[str, Any]) -> Question:
     table = Fields({**_DEFAULTS, **values})
     problems = table.problems
     problems += [unknown_key(key, KEYS) for key in values if key not in KEYS]
-    contact_mm = table.number("contact_mm", low=1.0, high=MOST_CONTACT_MM, remedy="give --contact MM, such as 6")
+    if "contact_mm" not in values:
+        table.problem("contact_mm", "contact is missing; give --contact MM, such as 6")
+    contact_mm = Fields({"contact_mm": 1.0, **values}, "", problems).number(
+        "contact_mm", low=1.0, high=MOST_CONTACT_MM, remedy="give --contact MM, such as 6"
+    )
     blur_mm = table.number("blur_mm", low=0.0, high=MOST_BLUR_MM)
     placement_mm = table.number("placement_mm", low=0.0, high=MOST_PLACEMENT_MM)
     tapes = table.integer("tapes", low=1, high=MOST_TAPES)

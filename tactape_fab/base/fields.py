@@ -39,11 +39,15 @@ def _range_text(low: float, high: float, above: float, below: float, of_unit: st
 
 
 def nearest(value: str, known: Sequence[str]) -> str | None:
-    """The known name that was probably meant: one that differs in case or a letter, or that begins or ends with the value."""
+    """The known name that was probably meant: one that differs in case or a letter, or with a word that begins with the value."""
     folded = {name.casefold(): name for name in known}
     if value.casefold() in folded:
         return folded[value.casefold()]
-    parts = [name for name in known if len(value) > 1 and value.casefold() in re.split(r"[^a-z0-9]+", name.casefold())]
+    parts = [
+        name
+        for name in known
+        if len(value) > 1 and re.search(rf"(?<![a-z0-9]){re.escape(value.casefold())}(?![0-9])", name.casefold())
+    ]
     near = difflib.get_close_matches(value.casefold(), folded, n=1)
     return min(parts, default=folded[near[0]] if near else None)
 

@@ -14,7 +14,7 @@ else:
     import tomli as tomllib
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 
 T = TypeVar("T")
@@ -75,7 +75,10 @@ def profile_table(kind: str, key: str, name: str) -> Fields:
     elif name in (known := profile_names(kind)):
         path = templates_folder() / kind / f"{name}.toml"
     else:
-        raise SpecError(Problem(key, f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file"))
+        near = nearest(name, known)
+        hint = "give one of them" if near is None else f"did you mean '{near}'?"
+        message = f"{key} = {shown(name)} is none of: {', '.join(known)}, nor the path of a .toml file; {hint}"
+        raise SpecError(Problem(key, message))
     return Fields(read_toml(path, key), f"{key} {path.stem}: ")
 
 

@@ -142,6 +142,9 @@ TAPE_OPTIONS = (
         help="Base of a cylinder: the tape's, or closed.  [default: segment]",
     ),
     _TapeOption(["--no-3d"], "models", _off, is_flag=True, help="Leave the 3D models out."),
+    _TapeOption(
+        ["--no-mark"], "mark", _off, is_flag=True, help="Leave sector and arrow out of the back of block, dome and cone."
+    ),
     _TapeOption(["--sim"], "sim", bool, is_flag=True, help="Add assets for simulators: MJCF, URDF, USD, glTF, a heightfield."),
 )
 
@@ -206,7 +209,9 @@ def is_list(values: dict[str, Any], given: dict[str, Any], avoid: Sequence[str] 
     if {**values, **given}.get("panel", "none") != "none" or not lists_tapes(values, given):
         return False
     if avoid:
-        raise SpecError(Problem("avoid", "avoid cannot be used with a list of tapes; make them one by one, or leave --avoid out"))
+        raise SpecError(
+            Problem("avoid", "--avoid cannot be used with a list of tapes; make them one by one, or leave --avoid out")
+        )
     if not alone and "tapes" not in values:
         together, remark = takes_panel({**values, **given})
         if together:
@@ -278,7 +283,7 @@ def check(spec_file: str | None, avoid: Sequence[str], as_json: bool, **options:
     with answers():
         values, given = spec_values(spec_file), given_values(options)
         if is_list(values, given):
-            what = "sectors names" if spec_file is None else f"{spec_file} is"
+            what = "--sectors names" if spec_file is None else f"{spec_file} is"
             raise SpecError(f"{what} a list of tapes; check takes one, make checks them all before it writes any")
         findings = examined_order(values, given, avoid).findings
         if as_json:

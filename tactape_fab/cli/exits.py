@@ -6,7 +6,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 from click.core import ParameterSource
@@ -15,7 +15,11 @@ from tactape_fab.base.errors import DesignRuleError, FrameError, SpecError, Tact
 from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import echo_line, rule_lines
 
-_KEY = re.compile(r"(?:scene\.)?(\w+)(?:\[\d+\])*(?= = | contradicts )")
+_KEY = re.compile(
+    r"(?<![\w.'-])(?:scene\.)?(\w+?)(?:\[(\d+)\])*"
+    r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]*\]))|(?= = | contradicts | is of ))"
+)
+"""A key of the package in a message, with the value of a flag or a list."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
@@ -27,20 +31,33 @@ def fail(status: int, lines: Sequence[str]) -> NoReturn:
     sys.exit(status)
 
 
-def _options() -> dict[str, str]:
-    """The options that the user typed, by the names of their values."""
+def _options() -> dict[str, tuple[str, Any]]:
+    """The options and arguments that the user typed, with their texts, by the names of their values and their own."""
     context = click.get_current_context(silent=True)
     if context is None:
         return {}
-    typed = (p for p in context.command.params if context.get_parameter_source(p.name or "") is ParameterSource.COMMANDLINE)
-    return {p.name: p.opts[0] for p in typed if isinstance(p, click.Option) and p.name is not None}
+    typed = {}
+    for given in context.command.params:
+        if given.name is not None and context.get_parameter_source(given.name) is ParameterSource.COMMANDLINE:
+            option = given.opts[0] if isinstance(given, click.Option) else given.make_metavar(context).strip("[]")
+            for name in (given.name, given.opts[0].lstrip("-").replace("-", "_")):
+                typed[name] = (option, context.params.get(given.name))
+    return typed
 
 
-def _as_typed(line: str, typed: Mapping[str, str]) -> str:
-    """A message that begins with a key: with the option in its place, if the value was given by one; a file's key stays."""
-    found = _KEY.match(line)
-    option = None if found is None else typed.get(found[1]) or typed.get(_UNIT.sub("", found[1]))
-    return line if found is None or option is None else option + line[found.end() :]
+def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
+    """A message with options in place of keys whose values were given by one, and lists as typed; a file's keys stay."""
+
+    def option(found: re.Match[str]) -> str:
+        key, index, flag, listed = found.groups()
+        name, text = typed.get(key) or typed.get(_UNIT.sub("", key)) or ("", None)
+        if isinstance(text, tuple):
+            text = text[int(index or 0)] if int(index or 0) < len(text) else None
+        if not name or (flag and isinstance(text, str)):
+            return found[0]
+        return f"{name} = {text!r}" if listed and isinstance(text, str) else name + (f" = {listed}" if listed else "")
+
+    return _KEY.sub(option, line)
 
 
 def answer(error: TactapeError) -> tuple[int, list[str]]:

@@ -147,11 +147,13 @@ def _ordered(values: dict[str, Any], given: dict[str, Any], house: str | None, c
     """The options with what --order decides; what it chose is printed."""
     if house is None:
         if contact is not None:
-            raise SpecError(Problem("contact", "contact is what --order chooses a tape for; give --order HOUSE, or leave it out"))
+            raise SpecError(
+                Problem("contact", "--contact is what --order chooses a tape for; give --order HOUSE, or leave it out")
+            )
         return given
     if "tapes" in values:
         raise SpecError(
-            Problem("order", "order chooses one W and Δ for all tapes; give --sectors, or a SPEC.toml without [[tapes]]")
+            Problem("order", "--order chooses one W and Δ for all tapes; give --sectors, or a SPEC.toml without [[tapes]]")
         )
     from tactape_fab.advise.order import choose_order
 

@@ -43,7 +43,8 @@ def lengths(text: str, separator: str) -> Any:
 
 
 def size(text: str) -> Any:
-    return lengths(text.replace("×", "x").replace("X", "x"), "x")
+    parts = text.replace("×", "x").replace("X", "x")
+    return text if "" in parts.split("x") else lengths(parts, "x")
 
 
 def contact_size(text: str) -> Any:

@@ -26,7 +26,7 @@ PURPOSES = (
 """Purposes of files and their roles, in the order in which make prints them."""
 
 _CHECK_WIDTH, _MOST_NAMED = 24, 4
-_OF_ORDERS = ("part-count", "assembly-size", "together")
+_OF_ORDERS = ("part-count", "assembly-size", "together", "mark")
 """Rules about an order: make prints their remarks, too."""
 
 
@@ -47,7 +47,9 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
 
 def remark_lines(findings: Sequence[Finding]) -> list[str]:
     """Remarks of rules of level info: the coverlay, anchor and bend in use, and limits that are not met."""
-    said = [f for f in findings if f.level == "info" and (not f.passed or f.rule.startswith(("coverlay", "anchor", "bend")))]
+    said = [
+        f for f in findings if f.level == "info" and (not f.passed or f.rule.startswith(("coverlay", "anchor", "bend", "mark")))
+    ]
     return [f"{f.rule}: {f.message}" for f in said]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.printing import echo_json, echo_lines, table_lines
 
@@ -21,14 +21,14 @@ MOST_SECTORS = 1_000_000
 
 
 @click.command()
-@click.argument("name", required=False, metavar="[NAME]")
+@click.argument("fab", required=False, metavar="[NAME]")
 @click.argument("coupon", required=False, metavar="[COUPON]")
 @click.option("--held", metavar="SECTORS", help="With confirm: sectors of the coupon's tapes that came back whole.")
 @click.option("--failed", metavar="SECTORS", help="With confirm: sectors of those that did not.")
 @click.option("--date", metavar="YYYY-MM-DD", help="With confirm: when they were looked at.  [default: today]")
 @click.option("-o", "--output", metavar="FILE.toml", help="With confirm: the profile to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def profiles(name: str | None, coupon: str | None, as_json: bool, **judged: str | None) -> None:
+def profiles(fab: str | None, coupon: str | None, as_json: bool, **judged: str | None) -> None:
     """List the fab profiles, or explain one: its thresholds, and where each comes from. NAME may be a .toml file of yours.
 
     confirm COUPON writes a profile of what came back of a coupon: limits that its tapes confirmed or moved, with the date.
@@ -38,7 +38,7 @@ def profiles(name: str | None, coupon: str | None, as_json: bool, **judged: str 
               tactape-fab profiles confirm jlcpcb-fpc-coupon --held 0,1,5-8 --failed 2-4 -o my-jlc.toml
     """
     with answers():
-        if name == "confirm":
+        if fab == "confirm":
             _confirm(coupon, judged, as_json=as_json)
             return
         if strange := [f"--{key}" for key, value in judged.items() if value is not None] or ([coupon] if coupon else []):
@@ -46,15 +46,16 @@ def profiles(name: str | None, coupon: str | None, as_json: bool, **judged: str 
         from tactape_fab.base.templates import profile_names
         from tactape_fab.kit.profiles import explain_fab, load_fab
 
-        fabs = [load_fab(known) for known in (profile_names("fabs") if name is None else [name])]
+        fabs = [load_fab(known) for known in (profile_names("fabs") if fab is None else [fab])]
         if as_json:
-            echo_json([explain_fab(fab) for fab in fabs] if name is None else explain_fab(fabs[0]))
+            echo_json([explain_fab(fab) for fab in fabs] if fab is None else explain_fab(fabs[0]))
         else:
-            echo_lines(profiles_lines(fabs) if name is None else profile_lines(explain_fab(fabs[0])))
+            echo_lines(profiles_lines(fabs) if fab is None else profile_lines(explain_fab(fabs[0])))
 
 
 def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: bool) -> None:
     """Write the profile of a coupon that came back."""
+    from tactape_fab.base.output_file import refuse_taken_place, write_file
     from tactape_fab.kit.profiles import load_fab
     from tactape_fab.kit.profiles.confirm import confirm, read_trials
     from tactape_fab.kit.spec.sectors import read_sectors
@@ -66,8 +67,8 @@ def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: b
         problems.append(Problem("coupon", "profiles confirm needs the coupon's folder; give profiles confirm COUPON"))
     if output is None or not output.endswith(".toml"):
         problems.append(Problem("output", "profiles confirm writes a profile; give -o NAME.toml"))
-    elif Path(output).exists():
-        problems.append(Problem("output", f"output = {output} exists; use -o to name another file"))
+    else:
+        tried(lambda: refuse_taken_place(Path(output), "output", overwrite=False), problems)
     if judged["held"] is None and judged["failed"] is None:
         problems.append(Problem("held", "profiles confirm needs what came back; give --held SECTORS, --failed SECTORS, or both"))
     date = _date(judged["date"], problems)
@@ -75,11 +76,11 @@ def _confirm(coupon: str | None, judged: Mapping[str, str | None], *, as_json: b
         raise SpecError(problems)
     content = read_any_manifest(find_manifest(Path(coupon)))
     fab, trials = read_trials(content)
-    held, failed = (read_sectors(judged[key], MOST_SECTORS) if judged[key] is not None else () for key in ("held", "failed"))
+    held, failed = (read_sectors(judged[key], MOST_SECTORS, key) if judged[key] is not None else () for key in ("held", "failed"))
     source = f"coupon {content.get('name')}: sectors {judged['held'] or 'none'} held, {judged['failed'] or 'none'} failed"
     found = confirm(fab, trials, held, failed, date=date, source=source, place=Path(output))
     place = Path(output)
-    place.write_text(found.text, encoding="utf-8")
+    write_file(place, found.text.encode("utf-8"), "output", overwrite=False)
     load_fab(output)
     if as_json:
         echo_json({"profile": output, "said": list(found.lines)})

@@ -11,7 +11,7 @@ import click
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, contact_size, workers_of, workers_option
-from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_told, verified_line
+from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_shown, verified_line
 
 _STAND_IN = (
     "for what the fab gets written form, fab-zip, job, bom, cpl rows and the places of parts stand in for it, for previews, "
@@ -112,7 +112,7 @@ def _verified(
         raise SpecError(problems)
     if reproduce:
         return _reproduced(kit, said, required=True)
-    step = step_told()
+    step = step_shown()
 
     def again() -> tuple[Check, ...]:
         if quick:

@@ -56,12 +56,15 @@ class SolidForm:
     top : {"tiles", "single"}
         Whether the top face of the STEP solid is cut into coplanar tiles (opens much faster) or is one face.
     cylinder : Cylinder or None
+    mark : bool
+        Whether the sector's number and an arrow to board +y are sunk into the back; see `mark`.
     """
 
     base_mm: float = DEFAULT_BASE_MM
     negative: bool = False
     top: Top = "tiles"
     cylinder: Cylinder | None = None
+    mark: bool = False
 
     def to_mapping(self) -> dict[str, Any]:
         """The form as the manifest records it."""
@@ -73,6 +76,7 @@ class SolidForm:
             "cylinder": None
             if cylinder is None
             else {"radius_mm": cylinder.radius_mm, "around": cylinder.around, "shell": cylinder.shell},
+            **({"mark": True} if self.mark else {}),
         }
 
 
@@ -91,4 +95,5 @@ def read_form(table: Fields) -> SolidForm:
         negative=table.flag("negative"),
         top="single" if table.text("top", choices=TOPS) == "single" else "tiles",
         cylinder=cylinder,
+        mark="mark" in table.values and table.flag("mark"),
     )

@@ -7,10 +7,9 @@ from math import pi
 
 import numpy as np
 
-from tactape_fab.solids.elements import element_volume_mm3, sphere_radius_mm
-from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.elements import sphere_radius_mm
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.tape import TapePart
 
 _BISECTIONS = 60
 _GAUSS_POINTS = 40
@@ -93,21 +92,3 @@ def wrapped_volume_mm3(part: TapePart, radius_mm: float, rotation_deg: float) ->
         rise = _dome_mm(part, r) - _surface_mm(r * np.cos(angle)[:, None], radius_mm)
         total += float(((rise * r) @ weight * (high - low) / 2).sum()) * 2 * pi / _TURN_POINTS
     return total
-
-
-def solid_volume_mm3(tape: Tape, form: SolidForm) -> float:
-    """Volume of a tape's solid, from formulas: no part of any file is looked at."""
-    (w, h), r = tape.board.size_mm, tape.board.corner_radius_mm
-    cylinder, height_mm = form.cylinder, tape.part.body_mm[2]
-    if cylinder is None:
-        area_mm2 = w * h - (4 - pi) * r**2 - sum(pi / 4 * d**2 for _, _, d in tape.board.holes)
-        elements = tape.part_count * element_volume_mm3(tape.part)
-        return area_mm2 * (height_mm + form.base_mm) - elements if form.negative else area_mm2 * form.base_mm + elements
-    around_x = cylinder.around == "x"
-    length_mm, across_mm = (w, h) if around_x else (h, w)
-    angle_rad = 2 * pi if cylinder.shell == "whole" else length_mm / cylinder.radius_mm
-    back_mm = cylinder.radius_mm + (height_mm + form.base_mm if form.negative else -form.base_mm)
-    shell = abs(cylinder.radius_mm**2 - back_mm**2) / 2 * angle_rad * across_mm
-    rotation_deg = tape.part.rotation_deg - (0.0 if around_x else 90.0)
-    elements = tape.part_count * wrapped_volume_mm3(tape.part, cylinder.radius_mm, rotation_deg)
-    return shell - elements if form.negative else shell + elements

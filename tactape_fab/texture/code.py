@@ -236,6 +236,6 @@ def read_directions(table: Fields, code: Code | None) -> int:
         return USUAL_DIRECTIONS
     if code is not None and directions not in code.directions:
         others = [other.name for other in _CODES if directions in other.directions]
-        message = f"directions = {directions} of code '{code.name}': only '{others[0]}' has {directions}"
-        table.problem("directions", f"{message}; use --code {others[0]}, or {USUAL_DIRECTIONS} directions")
+        message = f"directions = {directions} of code '{code.name}': only {' and '.join(others)} have {directions}"
+        table.problem("directions", f"{message}; use --code {others[0]}, or --directions {USUAL_DIRECTIONS}")
     return directions

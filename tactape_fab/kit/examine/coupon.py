@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import ceil
 
 from tactape_fab.base.errors import Finding, Problem, SpecError
+from tactape_fab.base.fields import Fields
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import Placing
@@ -17,6 +18,7 @@ from tactape_fab.kit.panel.packing import pack_panels
 from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.kit.profiles.confirm import CONFIRMABLE, Trial
 from tactape_fab.kit.rules.remedies import film_pitch_mm
+from tactape_fab.kit.spec.options import NAME_PATTERN, NAMES
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE, get_code
 
@@ -62,7 +64,10 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
     if not 0 <= first_sector <= last:
         message = f"first_sector = {first_sector}: its {len(wanted)} tapes need sectors up to {first_sector + len(wanted) - 1}; "
         raise SpecError(Problem("first_sector", message + f"use --first-sector 0 to {last}"))
-    name = name or f"{fab.name}-coupon"
+    table = Fields({"name": f"{fab.name}-coupon" if name is None else name})
+    name = table.text("name", pattern=NAME_PATTERN, remedy=NAMES)
+    if table.problems:
+        raise SpecError(table.problems)
     tapes = tuple(
         examine(
             TapeSpec(

@@ -42,7 +42,7 @@ def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
         If it is no coupon, or cannot be read.
     """
     if not isinstance(content.get("coupon"), Mapping):
-        raise SpecError(Problem("coupon", "it is no coupon; give the folder that tactape-fab coupon wrote"))
+        raise SpecError(Problem("coupon", "COUPON is no coupon; give the folder that tactape-fab coupon wrote"))
     table = Fields(content).table("coupon", ("fab", "trials"))
     fab, trials = table.text("fab", longest=1000), []
     for i, row in enumerate(table.rows("trials", longest=100)):
@@ -99,12 +99,12 @@ def confirm(
             )
             problems.append(Problem(key, said))
     if both := sorted(set(held) & set(failed)):
-        problems.append(Problem("held", f"held and failed both name sector {', '.join(map(str, both))}; leave it out of one"))
+        problems.append(Problem("held", f"--held and --failed both name sector {', '.join(map(str, both))}; leave it out of one"))
     whole, broken = ([trial for trial in trials if trial.sector in of] for of in (held, failed))
     problems += _contradictions(whole, broken)
     modes = _modes(load_fab(fab_name), whole, broken)
     if not modes or not whole:
-        problems.append(Problem("held", "held: no way to open the coverlay came back whole; ask another fab"))
+        problems.append(Problem("held", "--held: no way to open the coverlay came back whole; ask another fab"))
     if problems:
         raise SpecError(problems)
     origin = f"source = {json.dumps(source)}\ndate = {json.dumps(date)}\nconfirmed = true\n"
@@ -136,7 +136,7 @@ def _contradictions(whole: Sequence[Trial], broken: Sequence[Trial]) -> Iterator
         for bad in bridges[1]:
             if (bad.value_mm or 0.0) > (good.value_mm or 0.0) + _MET_MM:
                 message = (
-                    f"held: sector {good.sector} with bridges of {good.value_mm:g} mm held, but sector {bad.sector} with "
+                    f"--held: sector {good.sector} with bridges of {good.value_mm:g} mm held, but sector {bad.sector} with "
                     f"{bad.value_mm:g} mm failed; look again, or leave both out"
                 )
                 yield Problem("held", message)

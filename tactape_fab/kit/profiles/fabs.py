@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Level, Problem, SpecError
-from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.fields import Fields, nearest, shown
 from tactape_fab.base.templates import profile_names, read_once, refuse_problems
 from tactape_fab.kit.profiles.fab_tables import (
     ORIGIN_KEYS,
@@ -276,6 +275,6 @@ def house_fab(house: str) -> str:
     if own:
         return f"{house}-fpc" if f"{house}-fpc" in own else own[0]
     houses = sorted({name.partition("-")[0] for name in known})
-    near = difflib.get_close_matches(house, [*houses, *known], n=1)
-    hint = f"did you mean '{near[0]}'?" if near else "give one of them, a profile's name, or a .toml file"
+    near = nearest(house, [*houses, *known])
+    hint = f"did you mean '{near}'?" if near else "give one of them, a profile's name, or a .toml file"
     raise SpecError(Problem("order", f"order = {shown(house)} is none of: {', '.join(houses)}; {hint}"))

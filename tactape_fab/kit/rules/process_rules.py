@@ -28,6 +28,7 @@ from tactape_fab.kit.rules.spacing import (
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.elements import narrowest_mm
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mark import LEAST_CELL_MM, mark_of
 from tactape_fab.texture.shapes import reach_mm
 from tactape_fab.texture.tape import Tape
 
@@ -52,10 +53,24 @@ def check_texture(tape: Tape, form: SolidForm, process: ProcessProfile, spec: Ta
     findings = check_models(tape, form, process, spec, part)
     measured = to_outline(parts_xy_mm, foot, board, limit_mm)
     findings.append(finding(process, "body-edge", measured, "element to outline", "use a larger --size"))
+    if form.mark:
+        findings.append(_mark_rule(tape, form))
     if board.holes:
         findings += hole_rules(board, process, "base")
         findings += hole_to_parts(board, process, "hole-part", parts_xy_mm, foot[None], "hole to element")
     return findings
+
+
+def _mark_rule(tape: Tape, form: SolidForm) -> Finding:
+    """What the back says, or why it says nothing."""
+    mark = mark_of(tape, form)
+    if mark is None:
+        message = f"the back has no place for figures of {LEAST_CELL_MM:g} mm strokes: write the sector on it by hand"
+    else:
+        message = (
+            f"sector {tape.sector} and an arrow to board +y, strokes {mark.cell_mm:g} mm, {mark.depth_mm:g} mm into the back"
+        )
+    return Finding(rule="mark", level="info", passed=mark is not None, message=message)
 
 
 def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies: _Remedies) -> Iterator[Finding]:

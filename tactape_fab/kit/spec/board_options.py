@@ -50,12 +50,12 @@ def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
 
 
 def _corner_radius(table: Fields, size_mm: tuple[float, float], *, square: bool) -> float:
-    usual_mm = 0.0 if square else DEFAULT_CORNER_RADIUS_MM
+    usual_mm = 0.0 if square or min(size_mm) < 2 * DEFAULT_CORNER_RADIUS_MM else DEFAULT_CORNER_RADIUS_MM
     radius_mm = Fields({"corner_radius_mm": usual_mm, **table.values}, "", table.problems).number(
         "corner_radius_mm",
         low=0.0,
         high=LONGEST_MM if table.refused("size_mm") else min(size_mm) / 2,
-        remedy="half the shorter side at most",
+        remedy="give at most half the shorter side",
         default=0.0,
     )
     if 0.0 < radius_mm < LEAST_ROUND_MM:

@@ -51,7 +51,7 @@ def _backing(table: Fields, key: str) -> str | None:
     """Material and thickness as profiles have them: ``FR4 0.2``."""
     if key not in table.values:
         return None
-    remedy = "give MATERIAL:MM, such as FR4:0.2"
+    remedy = f"give MATERIAL:MM, such as {'FR4:0.2' if key == 'stiffener' else '3M468:0.13'}"
     text = table.text(key, pattern=_BACKING, remedy=remedy)
     if not text:
         return None

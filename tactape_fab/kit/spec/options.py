@@ -25,7 +25,8 @@ DEFAULT_PART = "r0201"
 DEFAULT_TAG_CELL_MM = 0.5
 DEFAULT_ROTATION_DEG = 45.0
 _CHIP_SIZE = re.compile(r"[rRcC]?(\d{4,5})")
-_NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+NAMES = "use 1 to 64 letters, digits, '.', '_', '-'"
 
 
 def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
@@ -61,7 +62,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
         values[key] = table.text(key, choices=choices) or None if key in table.values else None
     values["part_number"] = _text(table, "part_number", PART_NUMBER_PATTERN, PART_NUMBER_REMEDY, None)
     usual = f"tactape-s{values['sector']:03d}"
-    values["name"] = _text(table, "name", _NAME_PATTERN, "use 1 to 64 letters, digits, '.', '_', '-'", usual)
+    values["name"] = _text(table, "name", NAME_PATTERN, NAMES, usual)
     return values, table.problems
 
 
@@ -86,7 +87,7 @@ def _meant(name: str, known: Sequence[str]) -> str:
     size = _CHIP_SIZE.fullmatch(name)
     if size is None:
         near = nearest(name, known)
-        return "" if near is None else f"; did you mean '{near}'?"
+        return "; give one of them" if near is None else f"; did you mean '{near}'?"
     chips = [other for other in known if _CHIP_SIZE.fullmatch(other)]
     near = next((chip for chip in chips if chip[1:] == size[1]), None)
     return f"; did you mean '{near}'?" if near else f"; chips that come with it are {', '.join(chips)}" if chips else ""

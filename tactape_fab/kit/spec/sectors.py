@@ -14,7 +14,7 @@ _SECTORS_REMEDY = "give sectors and ranges of them, such as 0-9,20"
 _RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
 
-def read_sectors(value: object, sectors: int) -> tuple[int, ...]:
+def read_sectors(value: object, sectors: int, key: str = "sectors") -> tuple[int, ...]:
     """The sectors of ``"0-9,20"``, or of a list of whole numbers, in the order given.
 
     Parameters
@@ -23,6 +23,8 @@ def read_sectors(value: object, sectors: int) -> tuple[int, ...]:
         Untrusted.
     sectors : int
         How many sectors the code has.
+    key : str
+        What the list is called in messages.
 
     Raises
     ------
@@ -32,7 +34,7 @@ def read_sectors(value: object, sectors: int) -> tuple[int, ...]:
     problems: list[Problem] = []
 
     def problem(message: str) -> None:
-        problems.append(Problem("sectors", f"sectors = {shown(value)} {message}"))
+        problems.append(Problem(key, f"{key} = {shown(value)} {message}"))
 
     found: dict[int, int] = {}
     for first, last, text in _ranges(value, problem):

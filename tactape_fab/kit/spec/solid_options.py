@@ -11,7 +11,7 @@ from tactape_fab.texture.frames import snap_mm
 
 LEAST_BASE_MM, MOST_BASE_MM = 0.2, 50.0
 MOST_CYLINDER_MM = 100_000.0
-DEFAULT_PROCESS = "sla"
+DEFAULT_PROCESS, MILLED = "sla", "cnc"
 OPTIONS = {
     "fab": "--fab",
     "assembly": "--assembly",
@@ -57,6 +57,8 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
             _contradiction(table, key, "models = false (--no-3d)", "give one of them")
         if negative:
             _contradiction(table, "negative", "models = false (--no-3d)", "give one of them")
+    if element is None and part is not None and "mark" in table.values:
+        _contradiction(table, "mark", f"part = '{part.name}', whose film prints its sector", "leave out --no-mark")
     with_models = models or element is not None
     body_mm, top_mm = _body(table, part)
     return {
@@ -66,9 +68,15 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
         "base_mm": _base(table) if with_models else None,
         "negative": negative,
         "sim": sim,
+        "mark": None if part is None or element is None else _mark(table),
         "top": _choice(table, "top", TOPS) if with_models else None,
         **_cylinder(table),
     }
+
+
+def _mark(table: Fields) -> bool:
+    """Whether the back has a mark: not by default where it is milled, which leaves no square corners."""
+    return table.flag("mark") if "mark" in table.values else table.values.get("process") != MILLED
 
 
 def _given(table: Fields, keys: tuple[str, ...]) -> list[str]:
@@ -150,7 +158,7 @@ def _choice(table: Fields, key: str, choices: tuple[str, ...]) -> str:
 def _cylinder(table: Fields) -> dict[str, Any]:
     if "cylinder_mm" not in table.values:
         for key in _given(table, _OF_A_CYLINDER):
-            said = f"{key} = {shown(table.values[key])} says nothing without cylinder_mm"
+            said = f"{key} = {shown(table.values[key])} says nothing without a cylinder"
             table.problem(key, f"{said}; give --cylinder RADIUS too, or leave out {OPTIONS[key]}")
         return {"cylinder_mm": None, "around": None, "shell": None}
     remedy = "--cylinder is the radius of the surface under the texture, in millimetres"

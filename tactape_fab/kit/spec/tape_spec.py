@@ -91,6 +91,9 @@ class TapeSpec:
     bend_radius_mm : float or None
     sim : bool
         Whether the kit has assets for simulators.
+    mark : bool or None
+        Whether the sector's number and an arrow are sunk into the back of solid elements' base; None for a film, which prints
+        them, and by default not where it is milled.
 
     Raises
     ------
@@ -134,6 +137,7 @@ class TapeSpec:
     bend_axis: str | None = None
     bend_radius_mm: float | None = None
     sim: bool = False
+    mark: bool | None = None
 
     def __post_init__(self) -> None:
         values, problems = read_options(asdict(self))
@@ -202,10 +206,12 @@ class TapeSpec:
         cylinder = None
         if self.cylinder_mm is not None:
             cylinder = Cylinder(radius_mm=self.cylinder_mm, around=cast(Axis, self.around), shell=cast(Shell, self.shell))
-        return SolidForm(base_mm=self.base_mm, negative=self.negative, top=cast(Top, self.top), cylinder=cylinder)
+        return SolidForm(
+            base_mm=self.base_mm, negative=self.negative, top=cast(Top, self.top), cylinder=cylinder, mark=bool(self.mark)
+        )
 
 
-_LEFT_OUT = (("directions", USUAL_DIRECTIONS), ("sim", False))
+_LEFT_OUT = (("directions", USUAL_DIRECTIONS), ("sim", False), ("mark", None))
 """Options that a manifest has only where they are not usual, as those of older versions have not."""
 PROFILE_KEYS = ("fab", "part", "process")
 KEYS = tuple(f.name for f in fields(TapeSpec))
@@ -239,7 +245,7 @@ def read_spec_file(path: Path) -> dict[str, Any]:
     SpecError
         If the file cannot be read as TOML.
     """
-    values = read_toml(path, "spec file")
+    values = read_toml(path, "SPEC.toml")
     for key in PROFILE_KEYS:
         name = values.get(key)
         if isinstance(name, str) and name.endswith(".toml"):

@@ -7,6 +7,7 @@ import shapely
 
 from tactape_fab.base.errors import RenderError
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mark import back_mm, floor_mm, mark_of
 from tactape_fab.solids.mesh.element_lattice import (
     Numbers,
     build_lattice,
@@ -51,6 +52,7 @@ class _Builder:
     def __init__(self, tape: Tape, form: SolidForm) -> None:
         self._tape, self._form = tape, form
         self._wrap = None if form.cylinder is None else wrap_of(tape, form, form.cylinder)
+        self._mark = mark_of(tape, form)
         self._part = tape.part if self._wrap is None else self._wrap.part
         self._lattice = build_lattice(tape, form, self._wrap)
         self._rims = build_rims(tape, self._lattice, self._wrap)
@@ -168,21 +170,54 @@ class _Builder:
         known_top = [self._top_ids(rim) for rim in (rims.outline, *rims.holes)]
         back = Numbers()
         known_back = [back(self._joined(rim)) for rim in (rims.outline, *rims.holes)]
-        count_top, count_back = len(self._others.points), len(back.points)
+        count_top = len(self._others.points)
         top_faces = [self._top_ids(corners) for corners in triangulated(rest, cuts)]
-        whole = shapely.Polygon(rims.outline, list(rims.holes))
-        back_faces = [back(self._joined(corners))[:, ::-1] for corners in triangulated(whole, cuts)]
-        if (len(self._others.points), len(back.points)) != (count_top, count_back):
+        pockets = self._pockets()
+        sunk = Numbers()
+        loops = [loop[::-1] for outer, islands in pockets for loop in (outer, *islands)]  # the base on the left
+        known_back += [back(loop) for loop in loops]
+        known_sunk = [sunk(loop) for loop in loops]
+        count_back, count_sunk = len(back.points), len(sunk.points)
+        bare = [
+            shapely.Polygon(rims.outline, [*rims.holes, *(outer for outer, _ in pockets)]),
+            *(shapely.Polygon(island) for _, islands in pockets for island in islands),
+        ]
+        back_faces = [back(self._joined(corners))[:, ::-1] for area in bare for corners in triangulated(area, cuts)]
+        floors = [sunk(corners)[:, ::-1] for pocket in pockets for corners in triangulated(shapely.Polygon(*pocket), cuts)]
+        if (len(self._others.points), len(back.points), len(sunk.points)) != (count_top, count_back, count_sunk):
             raise RenderError("the mesh of the board does not close; use a slightly different --size")
         self._faces += top_faces
-        for rim, top, low in zip((rims.outline, *rims.holes), known_top, known_back, strict=True):
+        sunk_first = self._back_first + count_back
+        known_top += [ids + sunk_first for ids in known_sunk]
+        for rim, top, low in zip((rims.outline, *rims.holes, *loops), known_top, known_back, strict=True):
             steps = np.roll(rim, -1, axis=0) - rim
-            used = np.abs(steps[:, 0]) > _SAME_MM if rims.closed else np.ones(len(rim), dtype=bool)
+            seam = (np.abs(steps[:, 0]) <= _SAME_MM) & (rims.closed and rim is rims.outline)
+            used = ~seam
             p, q = top[used], np.roll(top, -1)[used]
             p_low, q_low = low[used] + self._back_first, np.roll(low, -1)[used] + self._back_first
             self._faces += [np.stack([p_low, q_low, q], axis=1), np.stack([p_low, q, p], axis=1)]
         self._faces += [faces + self._back_first for faces in back_faces]
+        self._faces += [faces + sunk_first for faces in floors]
         self._back = np.array(back.points)
+        self._sunk = np.array(sunk.points).reshape(-1, 2)
+
+    def _pockets(self) -> list[tuple[FloatArray, list[FloatArray]]]:
+        """Figures of the mark as outline and islands (a, b), with a vertex wherever a cut crosses them."""
+        if self._mark is None:
+            return []
+        turn = np.eye(2) if self._wrap is None else self._wrap.from_board
+        cuts = np.empty(0) if self._wrap is None else self._lattice.a_all_mm
+
+        def cut(loop: FloatArray) -> FloatArray:
+            loop = loop @ turn.T
+            points = []
+            for start, end in zip(loop, np.roll(loop, -1, axis=0), strict=True):
+                low, high = min(start[0], end[0]), max(start[0], end[0])
+                inside = cuts[(cuts > low + _SAME_MM) & (cuts < high - _SAME_MM)]
+                points += [start, *((x, start[1]) for x in (inside if end[0] > start[0] else inside[::-1]))]
+            return np.array(points)
+
+        return [(cut(outer), [cut(island) for island in islands]) for outer, islands in self._mark.polygons()]
 
     @property
     def _back_first(self) -> int:
@@ -223,19 +258,19 @@ class _Builder:
     def mesh(self) -> Mesh:
         """All vertices that a triangle uses, and all triangles, turned over for a mould."""
         form, lattice = self._form, self._lattice
-        back_mm = self._tape.part.body_mm[2] + form.base_mm if form.negative else -form.base_mm
         a, b = np.meshgrid(self._a, lattice.b_mm, indexing="ij")
         others = np.array(self._others.points).reshape(-1, 2)
         vertices = np.concatenate(
             [
                 self._placed(np.stack([a.ravel(), b.ravel()], axis=1), 0.0),
                 self._placed(others, 0.0),
-                self._placed(self._back, back_mm),
+                self._placed(self._back, back_mm(self._tape, form)),
+                self._placed(self._sunk, floor_mm(self._tape, form, self._mark)),
                 *self._elements,
             ]
         )
         faces = np.concatenate(self._faces)
-        own = self._back_first + len(self._back)
+        own = self._back_first + len(self._back) + len(self._sunk)
         faces = np.where(faces < 0, own - 1 - faces, faces)
         used = np.zeros(len(vertices), dtype=bool)
         used[faces.ravel()] = True

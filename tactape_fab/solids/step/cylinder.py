@@ -8,6 +8,8 @@ from math import ceil, floor, pi
 import numpy as np
 
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mark import Mark, back_mm, floor_mm, mark_of
+from tactape_fab.solids.step.mark_faces import Back, entities_of_mark, mark_faces
 from tactape_fab.solids.step.part21 import Writer, real, wrapped_names
 from tactape_fab.solids.step.tiles import CELLS_PER_TILE
 from tactape_fab.solids.wrap import Wrap
@@ -16,6 +18,7 @@ from tactape_fab.texture.tape import Tape
 
 MOST_STRIP_RAD = 2 * pi / 3
 _LEAST_GAP_MM = 0.01
+_LEAST_CUT_RAD = 0.02
 
 Step = tuple[str, bool]
 
@@ -54,22 +57,36 @@ class CylinderBase:
         self._angles = strip_angles(tape, form, wrap)
         lines = _lines_mm(tape, wrap, 1, CELLS_PER_TILE) if form.top == "tiles" else []
         self._b = [wrap.b_mm[0], *lines, wrap.b_mm[1]]
-        self._back_mm = wrap.radius_mm + (tape.part.body_mm[2] + form.base_mm if form.negative else -form.base_mm)
+        self._mark = mark_of(tape, form)
+        self._back_mm = wrap.radius_mm + back_mm(tape, form)
+        self._floor_mm = wrap.radius_mm + floor_mm(tape, form, self._mark)
         self._strips, self._tiles_along = len(self._angles) - 1, len(self._b) - 1
         self._up = w.direction(wrap.turn[:, 1])
-        self._top = self._grid(wrap.radius_mm, self._b)
-        self._back = self._grid(self._back_mm, [self._b[0], self._b[-1]])
+        self._top = self._grid(wrap.radius_mm, self._b, self._angles)
+        self._back_angles, self._marked = (self._angles, 0) if self._mark is None else self._round_mark(self._mark)
+        self._back = self._grid(self._back_mm, [self._b[0], self._b[-1]], self._back_angles)
         ab = tape.part_xy_mm() @ wrap.from_board.T
         angle = wrap.angle_rad(ab[:, 0])
         angle = np.where(angle < self._angles[0], angle + 2 * pi, angle)
         strip = np.searchsorted(self._angles, angle) - 1
         self.tile_of_part = (strip * self._tiles_along + np.searchsorted(self._b, ab[:, 1]) - 1).astype(np.int64)
-        self.entities_to_come = 12 * self._strips * (self._tiles_along + 6) + 200
+        self.entities_to_come = 12 * self._strips * (self._tiles_along + 6) + 300 + entities_of_mark(self._mark)
 
-    def _grid(self, radius_mm: float, b_mm: Sequence[float]) -> tuple[list[list[str]], list[list[str]], list[list[str]]]:
+    def _round_mark(self, mark: Mark) -> tuple[list[float], int]:
+        """Angles between which the inner cylinder is one strip each, and the strip that holds the whole mark."""
+        start, end = self._angles[0], self._angles[-1]
+        first = float(self._wrap.angle_rad((np.array(mark.middle_mm) @ self._wrap.from_board.T)[0])) - MOST_STRIP_RAD / 2
+        if self._closed:
+            return [first + k * MOST_STRIP_RAD for k in range(4)], 0
+        cuts = [angle for angle in (first, first + MOST_STRIP_RAD) if start + _LEAST_CUT_RAD < angle < end - _LEAST_CUT_RAD]
+        return [start, *cuts, end], int(first in cuts)
+
+    def _grid(
+        self, radius_mm: float, b_mm: Sequence[float], angles: Sequence[float]
+    ) -> tuple[list[list[str]], list[list[str]], list[list[str]]]:
         """Vertices [strip][along], arcs [strip][along] and lines [strip][along] of a cylinder cut along angles and b."""
         w, wrap = self._w, self._wrap
-        own = self._angles[:-1] if self._closed else self._angles
+        own = angles[:-1] if self._closed else angles
         points = wrap.point(np.array(own)[:, None], np.array(b_mm), radius_mm)
         vertices = [[w.vertex(p) for p in row] for row in points]
         lines = [
@@ -78,8 +95,8 @@ class CylinderBase:
         ]
         centres = [w.point(p) for p in wrap.point(0.0, np.array(b_mm), 0.0)]
         arcs = []
-        for i in range(self._strips):
-            ref = w.direction(wrap.frames(self._angles[i])[2])
+        for i in range(len(angles) - 1):
+            ref = w.direction(wrap.frames(angles[i])[2])
             ends = vertices[i], vertices[(i + 1) % len(own)]
             circles = [w.add(f"CIRCLE('',{w.axes(centre, self._up, ref)},{real(radius_mm)})") for centre in centres]
             arcs.append([w.edge(a, b, circle) for a, b, circle in zip(*ends, circles, strict=True)])
@@ -90,22 +107,22 @@ class CylinderBase:
     def _loop(self, steps: Sequence[Step]) -> str:
         return self._w.loop([(edge, not forward) for edge, forward in reversed(steps)] if self._flip else steps)
 
-    def _surface(self, strip: int, radius_mm: float) -> str:
-        """The cylinder, its seam opposite to the strip."""
-        middle = (self._angles[strip] + self._angles[strip + 1]) / 2
-        ref = -self._wrap.frames(middle)[2]
+    def _surface(self, ends_rad: Sequence[float], radius_mm: float) -> str:
+        """The cylinder, its seam opposite to a strip."""
+        ref = -self._wrap.frames((ends_rad[0] + ends_rad[1]) / 2)[2]
         axes = self._w.placement(self._wrap.point(0.0, 0.0, 0.0), self._wrap.turn[:, 1], ref)
         return self._w.add(f"CYLINDRICAL_SURFACE('',{axes},{real(radius_mm)})")
 
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
         """All faces of the base, each listed after a neighbour: inner cylinder, walls, tiles strip by strip."""
-        back = [self._back_face(strip) for strip in range(self._strips)]
+        bounds, sunk = mark_faces(self._w, self._mark, self._geometry_of_back)
+        back = [self._back_face(strip, bounds if strip == self._marked else []) for strip in range(len(self._back_angles) - 1)]
         walls = self._end_walls() if self._closed else [*self._end_walls(), *self._cut_walls()]
         tiles = []
         for strip in range(self._strips):
-            surface = self._surface(strip, self._wrap.radius_mm)
+            surface = self._surface(self._angles[strip : strip + 2], self._wrap.radius_mm)
             tiles += [self._tile(strip, j, surface, bounds_of_tile) for j in range(self._tiles_along)]
-        return [*back, *walls, *tiles]
+        return [*back, *sunk, *walls, *tiles]
 
     def _tile(self, i: int, j: int, surface: str, bounds_of_tile: Sequence[str]) -> str:
         _, arcs, lines = self._top
@@ -114,10 +131,40 @@ class CylinderBase:
         bounds = bounds_of_tile[tile] if tile < len(bounds_of_tile) else ""
         return self._w.face([loop], surface, bounds=[wrapped_names([bounds])] if bounds else [], same_sense=not self._flip)
 
-    def _back_face(self, i: int) -> str:
+    def _back_face(self, i: int, bounds: list[str]) -> str:
         _, arcs, lines = self._back
         loop = self._loop([(lines[i][0], True), (arcs[i][1], True), (lines[i + 1][0], False), (arcs[i][0], False)])
-        return self._w.face([loop], self._surface(i, self._back_mm), same_sense=self._flip)
+        surface = self._surface(self._back_angles[i : i + 2], self._back_mm)
+        return self._w.face([loop, *bounds], surface, same_sense=self._flip)
+
+    def _geometry_of_back(self) -> Back:
+        """The inner cylinder, for the faces of a mark."""
+        w, wrap = self._w, self._wrap
+        along = wrap.turn[:, 1]
+
+        def point(ab: FloatArray, radius_mm: float) -> FloatArray:
+            return wrap.point(wrap.angle_rad(ab[0]), ab[1], radius_mm)
+
+        def edge(start: str, end: str, p: FloatArray, q: FloatArray, radius_mm: float) -> str:
+            if abs(q[0] - p[0]) < abs(q[1] - p[1]):
+                return w.line_edge(start, end, point(p, radius_mm), point(q, radius_mm))
+            axes = w.placement(wrap.point(0.0, p[1], 0.0), np.sign(q[0] - p[0]) * along, wrap.frames(wrap.angle_rad(p[0]))[2])
+            return w.edge(start, end, w.add(f"CIRCLE('',{axes},{real(radius_mm)})"))
+
+        def wall(p: FloatArray, q: FloatArray) -> str:
+            frame, (da, db) = wrap.frames(wrap.angle_rad(p[0])), np.sign(np.round(q - p, 6))
+            return self._plane(point(p, self._back_mm), da * along - db * frame[0], frame[2])
+
+        return Back(
+            from_board=wrap.from_board,
+            levels_mm=(self._back_mm, self._floor_mm),
+            point=point,
+            edge=edge,
+            wall=wall,
+            surface=lambda radius_mm: self._surface(self._back_angles[self._marked : self._marked + 2], radius_mm),
+            loop=self._loop,
+            same_sense=self._flip,
+        )
 
     def _plane(self, point: FloatArray, normal: FloatArray, ref: FloatArray) -> str:
         return self._w.add(f"PLANE('',{self._w.placement(point, normal, ref)})")
@@ -126,13 +173,13 @@ class CylinderBase:
         """Edge from the outer cylinder to the inner one at a cut's corner."""
         angle, b = self._angles[i], self._b[end]
         points = self._wrap.point(angle, b, np.array([self._wrap.radius_mm, self._back_mm]))
-        return self._w.line_edge(self._top[0][i][end], self._back[0][i][end], points[0], points[1])
+        return self._w.line_edge(self._top[0][i][end], self._back[0][0 if i == 0 else -1][end], points[0], points[1])
 
     def _end_walls(self) -> list[str]:
         """The two walls square to the cylinder; of a whole shell they are rings."""
         top, back = self._top[1], self._back[1]
-        first = [(top[i][0], False) for i in reversed(range(self._strips))], [(back[i][0], True) for i in range(self._strips)]
-        last = [(top[i][-1], True) for i in range(self._strips)], [(back[i][-1], False) for i in reversed(range(self._strips))]
+        first = [(arcs[0], False) for arcs in reversed(top)], [(arcs[0], True) for arcs in back]
+        last = [(arcs[-1], True) for arcs in top], [(arcs[-1], False) for arcs in reversed(back)]
         walls = []
         if not self._closed:
             self._corners = [[self._radial(i, end) for i in (0, self._strips)] for end in (0, -1)]
@@ -155,7 +202,7 @@ class CylinderBase:
         for i, sign in ((0, -1.0), (self._strips, 1.0)):
             low, high = self._corners[0][0 if i == 0 else 1], self._corners[1][0 if i == 0 else 1]
             along = [(edge, True) for edge in lines[i]]
-            steps = [*along, (high, True), (back[i][0], False), (low, False)]
+            steps = [*along, (high, True), (back[0 if i == 0 else -1][0], False), (low, False)]
             if sign > 0:
                 steps = [(edge, not forward) for edge, forward in reversed(steps)]
             angle = self._angles[i]

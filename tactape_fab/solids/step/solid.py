@@ -15,8 +15,10 @@ from math import cos, sin
 import numpy as np
 
 from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mark import back_mm, floor_mm, mark_of
 from tactape_fab.solids.step.cylinder import CylinderBase
 from tactape_fab.solids.step.element_faces import ElementText, flat_element
+from tactape_fab.solids.step.mark_faces import Back, entities_of_mark, mark_faces
 from tactape_fab.solids.step.part21 import (
     TRAILER,
     Rgb,
@@ -112,12 +114,14 @@ class FlatBase:
 
     def __init__(self, w: Writer, tape: Tape, form: SolidForm) -> None:
         self._w, self._map, self._turn, self._flip = w, top_map(tape, tiled=form.top == "tiles"), world(form), form.negative
-        self._back_mm = tape.part.body_mm[2] + form.base_mm if form.negative else -form.base_mm
+        self._back_mm, self._mark = back_mm(tape, form), mark_of(tape, form)
+        self._floor_mm = floor_mm(tape, form, self._mark)
         self._vertices = {i: w.vertex(self._point(xy, 0.0)) for i, xy in enumerate(self._map.vertices_mm)}
         self._edges = [self._edge(edge, self._vertices, 0.0) for edge in self._map.edges]
         self.tile_of_part = self._map.tile_of_part
         steps = sum(len(loop) for tile in self._map.tiles for loop in tile) + 8 * sum(map(len, self._map.rims))
         self.entities_to_come = steps + 4 * len(self._map.tiles) + 20 * sum(map(len, self._map.rims)) + 50
+        self.entities_to_come += entities_of_mark(self._mark)
 
     def _point(self, xy: tuple[float, float], z: float) -> FloatArray:
         point: FloatArray = self._turn @ (*xy, z)
@@ -143,7 +147,8 @@ class FlatBase:
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
         """All faces of the base, each listed after a neighbour: back, walls, tiles."""
         walls, back_loops = self._walls()
-        back = self._w.face(back_loops, self._plane(self._back_mm, upward=False), same_sense=not self._flip)
+        sunk_loops, sunk = mark_faces(self._w, self._mark, self._back)
+        back = self._w.face([*back_loops, *sunk_loops], self._plane(self._back_mm, upward=False), same_sense=not self._flip)
         top = self._plane(0.0, upward=True)
         tiles = []
         for tile, loops in enumerate(self._map.tiles):
@@ -151,7 +156,29 @@ class FlatBase:
             bounds = bounds_of_tile[tile] if tile < len(bounds_of_tile) else ""
             listed = [wrapped_names([bounds])] if bounds else []
             tiles.append(self._w.face([outer, *inner], top, bounds=listed, same_sense=not self._flip))
-        return [back, *walls, *tiles]
+        return [back, *sunk, *walls, *tiles]
+
+    def _back(self) -> Back:
+        """The back, for the faces of a mark."""
+
+        def point(xy: FloatArray, z: float) -> FloatArray:
+            return self._point((float(xy[0]), float(xy[1])), z)
+
+        def wall(p: FloatArray, q: FloatArray) -> str:
+            along = (q - p) / np.linalg.norm(q - p)
+            normal = self._turn @ (-along[1], along[0], 0.0)
+            return self._w.add(f"PLANE('',{self._w.placement(point(p, self._back_mm), normal, self._turn[:, 2])})")
+
+        return Back(
+            from_board=np.eye(2),
+            levels_mm=(self._back_mm, self._floor_mm),
+            point=point,
+            edge=lambda a, b, p, q, z: self._w.line_edge(a, b, point(p, z), point(q, z)),
+            wall=wall,
+            surface=lambda z: self._plane(z, upward=False),
+            loop=self._loop,
+            same_sense=not self._flip,
+        )
 
     def _plane(self, z: float, *, upward: bool) -> str:
         normal = self._turn[:, 2] if upward else -self._turn[:, 2]

@@ -21,7 +21,7 @@ from tactape_fab.base.fields import shown_path
 from tactape_fab.base.pool import core_count
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactape_fab.solids.elements import element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
@@ -94,8 +94,10 @@ def film_centre_mm(tape: Tape) -> tuple[float, float, float]:
 
 
 def solid_centre_mm(tape: Tape, form: SolidForm) -> FloatArray | None:
-    """Centre of mass of a flat solid of blocks, mm; None if no short formula gives it."""
+    """Centre of mass of a flat solid of blocks without a mark, mm; None if no short formula gives it."""
     if form.cylinder is not None or tape.part.shape != "block":
+        return None
+    if form.mark:
         return None
     x, y, _ = film_centre_mm(tape)
     element, height = element_volume_mm3(tape.part), tape.part.body_mm[2]

@@ -22,12 +22,13 @@ from tactape_fab.solids.elements import closed_element, element_volume_mm3
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.stl import MeshError, mesh_problems
 from tactape_fab.solids.mesh.triangles import Mesh
-from tactape_fab.solids.rise import solid_volume_mm3
+from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.models.back_mark import check_mark
 from tactape_fab.verify.models.raised import cells_of, find_raised
 from tactape_fab.verify.symbols import check_symbols
 
@@ -57,6 +58,8 @@ def check_models(
 ) -> list[Check]:
     """Check every model of a kit that numpy alone can read; `mesh` is that of its STL."""
     checks = [_check_mesh(tape, form, mesh), *_check_elements(tape, form, mesh)]
+    if form.mark:
+        checks.append(check_mark(tape, form, mesh))
     checks.append(check_threemf(files["3mf"].data, mesh))
     checks.append(_check_solid_text(tape, form, files["step-solid"].data))
     if "step-assembly" in files:

@@ -19,7 +19,8 @@ from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
 from tactape_fab.solids.mesh.stl import MeshError, body_count, mesh_problems, read_stl
 from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
-from tactape_fab.solids.rise import foot_loop_mm, foot_radius_mm, solid_volume_mm3, wrapped_volume_mm3
+from tactape_fab.solids.rise import foot_loop_mm, foot_radius_mm, wrapped_volume_mm3
+from tactape_fab.solids.volume import solid_volume_mm3
 from tactape_fab.solids.wrap import unwrapped, world, wrap_of
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3, read_threemf
