@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -26,17 +27,36 @@ _NEAREST_TAPES = 20
 @click.argument("kits", nargs=-1, required=True, metavar="KITS...")
 @workers_option("compare windows of tapes", "1")
 @click.option("--json", "as_json", is_flag=True, help="Print the registry as JSON.")
-def registry(kits: Sequence[str], workers: str | None, as_json: bool) -> None:
+@click.option("--pack", metavar="FILE", help="Write their designs to one file instead, which --tape takes.")
+@click.option("--overwrite", is_flag=True, help="Replace the file of --pack.")
+def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str | None, overwrite: bool) -> None:
     """List tapes, their conflicts, and how far every two of them are apart: kits, manifests, or folders of kits.
 
     \b
     Example: tactape-fab registry tapes
+    Example: tactape-fab registry tapes --pack tapes.registry
     """
     with answers():
+        if pack is not None:
+            echo_lines(_packed(kits, Path(pack), overwrite))
+            return
         from tactape_fab.texture.certify.kits import registry as read_registry
 
         result = read_registry(kits, step_shown(), workers=workers_of(workers, 1))
         echo_json(result.to_mapping()) if as_json else echo_lines(registry_lines(result))
+
+
+def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
+    """Pack the tapes of some kits, and say so."""
+    from tactape_fab.base.output_file import refuse_taken_place, write_file
+    from tactape_fab.texture.packed import pack
+    from tactape_fab.texture.registry import read_registered
+
+    refuse_taken_place(path, "--pack", overwrite=overwrite)
+    entries = read_registered(kits)
+    data = pack([entry.tape for entry in entries], [entry.fab for entry in entries])
+    write_file(path, data, "--pack", overwrite=overwrite)
+    return [f"{len(entries)} {'tape' if len(entries) == 1 else 'tapes'} in {path}, {len(data)} bytes; give it as --tape {path}"]
 
 
 def registry_lines(result: Registry) -> list[str]:

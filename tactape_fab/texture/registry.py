@@ -13,10 +13,9 @@ from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
+from tactape_fab.texture.packed import MOST_TAPES, is_packed, read_packed
 from tactape_fab.texture.panel_manifest import kits_of
 from tactape_fab.texture.tape import Tape
-
-MOST_TAPES = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,7 +28,7 @@ class Registered:
 
 
 TapeLike = Tape | str | PathLike[str]
-"""A tape, or the path of a kit, a panel, a manifest, or a folder of these."""
+"""A tape, or the path of a kit, a panel, a manifest, a folder of these, or a packed registry."""
 
 
 def read_tapes(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Tape]:
@@ -38,7 +37,8 @@ def read_tapes(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ())
     Parameters
     ----------
     paths : sequence of path
-        Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
+        Folders of kits, panels or embossed parts, their manifests, folders of such folders (in the order of their names), or
+        packed registries.
     as_built : sequence of path
         Files of measured places, each of one of the kits: in place of the as-built.json beside it. ``["none"]``: none at all.
 
@@ -85,7 +85,7 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
     Parameters
     ----------
     paths : sequence of path
-        Folders of kits, panels or embossed parts, their manifests, or folders of such folders (in the order of their names).
+        As for `read_tapes`.
     as_built : sequence of path
         As for `read_tapes`.
 
@@ -97,15 +97,18 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
     entries: list[Registered] = []
     problems: list[Problem] = []
     given = tried(lambda: _Measured(as_built), problems) or _Measured(())
-    for path in paths:
+    for path in map(Path, paths):
         try:
-            places = _kits_at(Path(path))
+            packed = is_packed(path)
+            if packed:
+                entries += [Registered(path=path, tape=tape, fab=fab) for tape, fab in read_packed(path)]
+            places = [] if packed else _kits_at(path)
         except SpecError as error:
             problems.extend(error.problems)
             continue
+        if len(entries) + len(places) > MOST_TAPES:
+            raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
         for place in places:
-            if len(entries) >= MOST_TAPES:
-                raise SpecError(Problem("tape", f"more than {MOST_TAPES} tapes are given; register those that can be touched"))
             try:
                 file = find_manifest(place)
                 manifest = read_manifest(file)

@@ -32,6 +32,7 @@ TAG_FAMILY = "tag36h11"
 TAG_IDS = 587
 PART_SHAPES = ("block", "dome")
 
+NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 LONGEST_MM = 10_000.0
 MOST_HOLES = 10_000
 
@@ -375,7 +376,7 @@ def _read_tape(table: Fields) -> Tape:
     origin = table.integers("origin", 2, low=0, high=code.range - 1)
     columns = table.integer("columns", low=code.window, high=code.range, default=code.window)
     rows = table.integer("rows", low=code.window, high=code.range, default=code.window)
-    name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
+    name = table.text("name", pattern=NAME_PATTERN, remedy="use letters, digits, '.', '_', '-'")
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     directions = read_directions(table, code)

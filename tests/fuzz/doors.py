@@ -74,6 +74,7 @@ def all_doors(seeds: Seeds) -> dict[str, Door]:
     other = seeds.others
     return {
         "manifest": Door(read=_file("manifest.json", Tape.load), seeds=[other["manifest.json"]]),
+        "packed registry": Door(read=_file("a.registry", lambda path: read_tapes([path])), seeds=[other["a.registry"]]),
         "panel manifest": Door(read=_panel(other), seeds=[other["panel.json"]]),
         "kit: manifest": Door(read=_file("manifest.json", _records), seeds=[other["manifest.json"]]),
         "spec": Door(read=_file("spec.toml", _spec), seeds=[other["spec.toml"], other["list.toml"]]),

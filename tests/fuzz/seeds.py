@@ -22,6 +22,7 @@ from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.surface.placements import COLUMNS
 from tactape_fab.texture.as_built import AS_BUILT_FORMAT
 from tactape_fab.texture.manifest import read_manifest
+from tactape_fab.texture.packed import pack
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.film import FilmManifest, read_film_manifest
@@ -61,6 +62,7 @@ def make_seeds() -> Seeds:
             files={role: WrittenFile(path=path, data=(kit.path / path).read_bytes()) for role, path in kit.files.items()},
             others={
                 "manifest.json": (kit.path / "manifest.json").read_bytes(),
+                "a.registry": pack([kit.tape], [""]),
                 "panel.json": (panel.path / "manifest.json").read_bytes(),
                 "weights.pth": (here / "w.pth").read_bytes(),
                 "as-built.json": _as_built(kit),

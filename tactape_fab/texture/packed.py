@@ -1,0 +1,164 @@
+"""Packed registry: the designs of many tapes in one file, which is read a hundred times as fast as their kits.
+
+The file is the line `tactape-registry/1`; the SHA-256 of all that follows, as a line of 64 hexadecimal digits; the length of the
+index, 8 bytes, the lowest first; the index, JSON; and the symbols of all tapes, a byte each, row by row. In the index `designs`
+are manifests without what differs from tape to tape, and `tapes` are rows of that. Symbols stay on the disk until they are used.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactape_fab.base.errors import SpecError
+from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.json_text import parse_json
+from tactape_fab.texture.code import get_code
+from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
+from tactape_fab.texture.plane import MOST_POINTS
+from tactape_fab.texture.tape import NAME_PATTERN, TAG_IDS, Tape
+
+FIRST_LINE = b"tactape-registry/1\n"
+MOST_TAPES = 65_536
+MOST_INDEX_BYTES = 64 * 1024 * 1024
+MOST_BYTES = 4 * 1024**3
+_HEADER = len(FIRST_LINE) + 64 + 1
+_OWN = ("name", "sector", "origin", "symbols", "symbols_sha256")
+"""Keys of a manifest that differ from tape to tape, besides the tag's id."""
+
+
+def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
+    """The packed registry of some tapes, each with the name of the fab profile that it was made for.
+
+    Raises
+    ------
+    SpecError
+        If a tape was measured: a packed registry holds designs.
+    """
+    measured = [tape.name for tape in tapes if tape.as_built is not None]
+    if measured:
+        raise SpecError(
+            f"{measured[0]} has measured places in as-built.json, and a packed registry holds designs only; leave it out"
+        )
+    designs: dict[str, int] = {}
+    rows = []
+    for tape, fab in zip(tapes, fabs, strict=True):
+        content = tape.to_mapping()
+        row = {key: content.pop(key) for key in _OWN if key in content and key != "symbols"}
+        del content["symbols"]
+        if tape.tag is not None:
+            row["tag_id"], content["tag"]["id"] = tape.tag.id, 0
+        rows.append({"design": designs.setdefault(json.dumps(content, sort_keys=True), len(designs)), **row, "fab": fab})
+    index = json.dumps({"designs": [json.loads(text) for text in designs], "tapes": rows}, separators=(",", ":")).encode()
+    rest = b"".join([len(index).to_bytes(8, "little"), index, *(tape.symbols.tobytes() for tape in tapes)])
+    return FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest
+
+
+def is_packed(path: Path) -> bool:
+    """Whether a path is that of a file which begins as a packed registry does."""
+    try:
+        with open_regular(path) as stream:
+            return stream.read(len(FIRST_LINE)) == FIRST_LINE
+    except (OSError, ValueError):
+        return False
+
+
+def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
+    """The tapes of a packed registry, each with the name of its fab profile.
+
+    Every value is checked as that of a manifest, and symbols against the code. The file may be replaced meanwhile by another one
+    of its name, as `registry --pack` does it, but not be written to.
+
+    Raises
+    ------
+    SpecError
+        If it cannot be read, is damaged, too large, or a tape is impossible.
+    """
+    try:
+        with open_regular(path) as stream:
+            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    except (OSError, ValueError) as error:
+        raise _refused(path, str(getattr(error, "strerror", None) or error)) from error
+    begin = _HEADER + 8
+    size = int.from_bytes(data[_HEADER:begin], "little")
+    if len(data) > MOST_BYTES or size > min(MOST_INDEX_BYTES, len(data) - begin):
+        raise _refused(path, "it is cut off, or too large")
+    with memoryview(data) as view:
+        digest = sha256(view[_HEADER:]).hexdigest().encode() + b"\n"
+    if data[len(FIRST_LINE) : _HEADER] != digest:
+        raise _refused(path, "its bytes are not those of its digest: it is damaged, or was changed")
+    try:
+        index = parse_json(data[begin : begin + size])
+    except ValueError as error:
+        raise _refused(path, str(error)) from error
+    table = Fields(index if isinstance(index, dict) else {})
+    designs, rows = table.rows("designs", longest=MOST_TAPES), table.rows("tapes", longest=MOST_TAPES)
+    if table.problems or not rows:
+        raise _refused(path, "it names no tapes" if not table.problems else table.problems[0].message)
+    return _tapes(path, np.frombuffer(data, dtype=np.uint8), begin + size, designs, rows)
+
+
+def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows: Sequence[Any]) -> Iterator[tuple[Tape, str]]:
+    """The tapes of an index, whose symbols begin at a byte of the file."""
+    first: dict[int, Tape] = {}
+    for number, row in enumerate(rows):
+        table = Fields(row if isinstance(row, dict) else {}, f"tapes[{number}].")
+        design, fab = table.integer("design", low=0, high=len(designs) - 1), table.text("fab", longest=200)
+        content = designs[design] if not table.problems and isinstance(designs[design], dict) else {}
+        of = Fields(content, f"designs[{design}].", table.problems)
+        columns, high = (of.integer(key, low=1, high=MOST_POINTS) for key in ("columns", "rows"))
+        points = columns * high
+        if table.problems or points > MOST_POINTS or at + points > len(data):
+            said = table.problems[0].message if table.problems else f"the symbols of {table.where[:-1]} are not all there"
+            raise _refused(path, said)
+        symbols = data[at : at + points].reshape(high, columns)
+        at += points
+        try:
+            if design not in first:
+                first[design] = tape = _first_of(content, row, symbols)
+            else:
+                tape = _another(first[design], table, symbols)
+        except SpecError as error:
+            raise _refused(path, f"{table.where[:-1]}: {error.problems[0].message}") from error
+        yield tape, fab
+    if at != len(data):
+        raise _refused(path, "it holds more symbols than its tapes have")
+
+
+def _first_of(content: dict[str, Any], row: dict[str, Any], symbols: SymbolArray) -> Tape:
+    """A tape from its design and its row, as from a manifest."""
+    directions = 8 if content.get("directions") == 8 else 4
+    if symbols.max() >= directions:
+        raise SpecError(f"a symbol is {symbols.max()}, and there are {directions}")
+    manifest = {**content, **{key: row[key] for key in _OWN if key in row}, "symbols": symbols_to_rows(symbols)}
+    if isinstance(content.get("tag"), dict):
+        manifest["tag"] = {**content["tag"], "id": row.get("tag_id")}
+    return replace(Tape.from_mapping(manifest), symbols=symbols)
+
+
+def _another(first: Tape, row: Fields, symbols: SymbolArray) -> Tape:
+    """Another tape of the same design; what it shares with the first one was checked."""
+    code = get_code(first.code)
+    name, sector = row.text("name", pattern=NAME_PATTERN), row.integer("sector", low=0, high=code.sectors - 1)
+    column, line = row.integers("origin", 2, low=0, high=code.range - 1)
+    tag = None if first.tag is None else replace(first.tag, id=row.integer("tag_id", low=0, high=TAG_IDS - 1))
+    if row.problems:
+        raise SpecError(row.problems)
+    if symbols.max() >= first.directions:
+        raise SpecError(f"a symbol is {symbols.max()}, and there are {first.directions}")
+    code.check_symbols(symbols, sector, (column, line), row)
+    if row.problems:
+        raise SpecError(row.problems)
+    return replace(first, name=name, sector=sector, origin=(column, line), symbols=symbols, tag=tag)
+
+
+def _refused(path: Path, why: str) -> SpecError:
+    return SpecError(f"{shown_path(path)} cannot be read as a packed registry: {why}; pack its kits again")
