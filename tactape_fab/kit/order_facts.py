@@ -9,7 +9,7 @@ from math import ceil, floor
 import numpy as np
 
 from tactape_fab.base.errors import Finding
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.arrange import Panel, Place
 from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile, SizeLimit
@@ -202,7 +202,7 @@ class OrderFacts:
         return known if known is not None and known.number == self.part_number else None
 
 
-def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], artifacts: Sequence[Artifact]) -> OrderFacts:
+def order_facts(layout: Layout, fab: FabProfile, findings: Sequence[Finding], artifacts: Sequence[AnyArtifact]) -> OrderFacts:
     """Gather the facts of one tape's order; `artifacts` are the files of its film."""
     tape, part = layout.tape, layout.part
     (bom,) = (a for a in artifacts if a.role == "bom")
@@ -249,7 +249,7 @@ def panel_order_facts(
     layouts: Sequence[Layout],
     fab: FabProfile,
     findings: Sequence[Finding],
-    artifacts: Sequence[Artifact],
+    artifacts: Sequence[AnyArtifact],
 ) -> OrderFacts:
     """Gather the facts of a panel's order; `artifacts` are its own files, `layouts` in the order of `Panel.offsets_mm`."""
     facts = order_facts(layouts[0], fab, findings, artifacts)

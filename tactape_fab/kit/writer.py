@@ -14,7 +14,7 @@ from typing import Any
 from tactape_fab.base.build_date import build_date, zip_date
 from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.film.anchors import anchor_plan
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.film.layout import Layout
@@ -69,7 +69,7 @@ def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
     return artifacts
 
 
-def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[Artifact]:
+def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[AnyArtifact]:
     """The 3D models; a film's with its assembly, a texture of solid elements (`fab` None) with previews of the mesh."""
     from tactape_fab.kit.render.models import render_assembly, render_solid  # imported here: only kits with models need it
     from tactape_fab.kit.render.solid_preview import render_solid_preview
@@ -94,7 +94,7 @@ def _fab_zip(name: str, artifacts: Iterable[Artifact]) -> Artifact:
     return Artifact(role="fab-zip", path=f"{name}-fab.zip", data=stream.getvalue())
 
 
-def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[Artifact]) -> dict[str, Any]:
+def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[AnyArtifact]) -> dict[str, Any]:
     """Content of manifest.json: the tape, profiles and options, and every file with size and SHA-256.
 
     Parameters
@@ -131,11 +131,26 @@ def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
     }
 
 
-def _rows(artifacts: Iterable[Artifact]) -> list[dict[str, Any]]:
+def _rows(artifacts: Iterable[AnyArtifact]) -> list[dict[str, Any]]:
+    """A row for each file; `write_kit` fills in those of files that are made as they are written."""
     return [
-        {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
+        {
+            "role": a.role,
+            "path": a.path,
+            **({"bytes": None, "sha256": None} if isinstance(a, LongArtifact) else _digest([a.data])),
+        }
         for a in sorted(artifacts, key=lambda a: a.path)
     ]
+
+
+def _digest(pieces: Iterable[bytes], write: Callable[[bytes], object] = lambda _: None) -> dict[str, Any]:
+    """Size and SHA-256 of a file whose pieces are written."""
+    size, digest = 0, hashlib.sha256()
+    for piece in pieces:
+        write(piece)
+        digest.update(piece)
+        size += len(piece)
+    return {"bytes": size, "sha256": digest.hexdigest()}
 
 
 def with_file(content: Mapping[str, Any], artifact: Artifact) -> dict[str, Any]:
@@ -263,11 +278,16 @@ def _land_pattern(part: PartProfile, fab: FabProfile) -> dict[str, Any]:
     }
 
 
-def write_kit(folder: Path, content: Mapping[str, Any], artifacts: Iterable[Artifact]) -> None:
+def write_kit(folder: Path, content: Mapping[str, Any], artifacts: Iterable[AnyArtifact]) -> None:
     """Write all files below `folder`, the manifest last, so that an interrupted run leaves no manifest."""
+    rows = {row["path"]: row for row in content["files"]}
     for artifact in artifacts:
         path = folder / artifact.path
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(artifact.data)
+        with path.open("wb") as stream:
+            if isinstance(artifact, LongArtifact):
+                rows[artifact.path].update(_digest(artifact.pieces(), stream.write))
+            else:
+                stream.write(artifact.data)
     text = json.dumps(content, indent=1, ensure_ascii=True, allow_nan=False)
     (folder / MANIFEST_NAME).write_text(text + "\n", encoding="ascii", newline="\n")

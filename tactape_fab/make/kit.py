@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
@@ -163,7 +163,7 @@ def make_examined(
 
 def fill_kit(
     folder: Path, examined: Examined, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
-) -> tuple[list[Artifact], tuple[Check, ...]]:
+) -> tuple[list[AnyArtifact], tuple[Check, ...]]:
     """Write every file of a kit into a folder, verify them there, and add the report; returns the files and the checks.
 
     ``blocking`` are the broken rules that the kit is made in spite of.
@@ -193,10 +193,10 @@ def fill_kit(
     return artifacts, checks
 
 
-def rendered(examined: Examined) -> tuple[list[Artifact], dict[str, Any]]:
+def rendered(examined: Examined) -> tuple[list[AnyArtifact], dict[str, Any]]:
     """Every file of a kit, and the content of its manifest."""
     spec, tape, film, process = examined.spec, examined.tape, examined.film, examined.profiles.process
-    artifacts = [] if film is None else render_all(examined.drawing, film.fab)
+    artifacts: list[AnyArtifact] = [] if film is None else [*render_all(examined.drawing, film.fab)]
     if film is not None:
         facts = order_facts(film.layout, film.fab, examined.findings, artifacts)
         drawing = examined.drawing

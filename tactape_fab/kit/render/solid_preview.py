@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.render.colours import MOULD, TEXTURE, Colour, rgb
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.mesh.stl import read_stl
@@ -29,7 +29,7 @@ _ELEMENT = "#59616b"
 View = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
-def render_solid_preview(models: Iterable[Artifact], tape: Tape, form: SolidForm) -> tuple[Artifact, Artifact]:
+def render_solid_preview(models: Iterable[AnyArtifact], tape: Tape, form: SolidForm) -> tuple[Artifact, Artifact]:
     """SVG and PNG pictures of a solid.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from itertools import groupby
@@ -38,7 +37,14 @@ _ROOM_FOR_FRAME = 100
 
 
 def assembly_step(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb, tool: str = "tactape-fab") -> bytes:
-    """STEP file of a tape's board with its parts.
+    """STEP file of a tape's board with its parts; see `assembly_step_chunks`."""
+    return b"".join(assembly_step_chunks(tape, name=name, date=date, board_rgb=board_rgb, part_rgb=part_rgb, tool=tool))
+
+
+def assembly_step_chunks(
+    tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb, tool: str = "tactape-fab"
+) -> Iterator[bytes]:
+    """The file of a tape's board with its parts, piece by piece.
 
     One product for the board (outline and holes, ``thickness_mm`` below z = 0), one for the part (unturned, its foot's
     middle at the origin), and an occurrence of it per designator (ISO 10303-44 NEXT_ASSEMBLY_USAGE_OCCURRENCE) named as
@@ -66,14 +72,11 @@ def assembly_step(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part
     w.add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")
     _relation(w, "board", (definition, shape), board, origin, origin)
     assert w.next <= first
-    stream = io.BytesIO()
-    stream.write(header(name, date, tool))
-    stream.write(w.text())
+    yield header(name, date, tool)
+    yield w.text()
     for template, start, columns in _occurrences(tape, first, (definition, shape), part, origin, f"{up},{turned}"):
-        for piece in fill(template, start, len(columns["x"]), columns):
-            stream.write(piece)
-    stream.write(TRAILER)
-    return stream.getvalue()
+        yield from fill(template, start, len(columns["x"]), columns)
+    yield TRAILER
 
 
 def _product(w: Writer, shared: Context, name: str, origin: str, faces: Sequence[str], rgb: Rgb) -> tuple[str, str]:

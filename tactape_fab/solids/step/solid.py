@@ -6,7 +6,6 @@ manifold solid, every edge between exactly two faces.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import groupby
@@ -44,10 +43,7 @@ _ROOM_FOR_FRAME = 100
 
 def solid_step(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab") -> bytes:
     """STEP file of a tape's solid; see `solid_step_chunks`."""
-    stream = io.BytesIO()
-    for piece in solid_step_chunks(tape, form, name=name, date=date, rgb=rgb, tool=tool):
-        stream.write(piece)
-    return stream.getvalue()
+    return b"".join(solid_step_chunks(tape, form, name=name, date=date, rgb=rgb, tool=tool))
 
 
 def solid_step_chunks(

@@ -1,0 +1,70 @@
+"""What `make` costs, as ratios of one run: `python -m tests.bench.make_cost [--parts N]`.
+
+Processor time of a cold `make`, with and without verification, over that of `import numpy`; and for a kit of N parts (0: none)
+over that of writing as many bytes, with the peak memory of its process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from tests.bench.measure import large_spec
+
+_CHILD = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+"""
+_WRITE = """
+import sys
+block = bytes(1 << 20)
+with open(sys.argv[1], "wb") as stream:
+    for _ in range(int(sys.argv[2]) >> 20):
+        stream.write(block)
+"""
+RUNS = 5
+
+
+def cost(command: Sequence[str]) -> tuple[float, float]:
+    """Processor seconds and peak MB of a command, measured from a small process: a child's peak begins with its parent's."""
+    done = subprocess.run([sys.executable, "-S", "-c", _CHILD, *command], check=True, capture_output=True, text=True)
+    seconds, peak_mb = map(float, done.stdout.split())
+    return seconds, peak_mb
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.make_cost", description=__doc__)
+    parser.add_argument("--parts", type=int, default=50_000, metavar="N")
+    chosen = parser.parse_args()
+    make = [sys.executable, "-m", "tactape_fab", "make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "--overwrite", "-o"]
+    with tempfile.TemporaryDirectory() as folder:
+        kit = str(Path(folder, "kit"))
+        commands = {
+            "numpy": [sys.executable, "-c", "import numpy"],
+            "make": [*make, kit],
+            "no-verify": [*make, kit, "--no-verify"],
+        }
+        runs = [{name: cost(command)[0] for name, command in commands.items()} for _ in range(RUNS)]
+        least = {name: min(run[name] for run in runs) for name in commands}
+        print(f"load {os.getloadavg()[0]:.1f}; import numpy {least['numpy']:.3f} s of the processor, best of {RUNS}")
+        print(f"make, cold:             {least['make'] / least['numpy']:.1f} x, {least['make']:.2f} s")
+        print(f"make --no-verify, cold: {least['no-verify'] / least['numpy']:.1f} x, {least['no-verify']:.2f} s")
+        if chosen.parts:
+            width_mm, height_mm = large_spec(chosen.parts).size_mm
+            large = ["--origin", "0,0", "--size", f"{width_mm:g}x{height_mm:g}", "--no-verify", "--force"]
+            seconds, peak_mb = cost([*make, str(Path(folder, "large")), *large])
+            size = sum(file.stat().st_size for file in Path(folder, "large").rglob("*") if file.is_file())
+            written_s, _ = cost([sys.executable, "-c", _WRITE, str(Path(folder, "bytes")), str(size)])
+            print(f"{chosen.parts} parts, --no-verify: {size / 1e6:.0f} MB, {seconds:.1f} s, {size / 1e6 / seconds:.0f} MB/s")
+            print(f"                         {seconds / written_s:.1f} x writing as many bytes, peak {peak_mb:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
