@@ -86,12 +86,17 @@ def test_a_film_has_models_and_no_process_unless_asked_for() -> None:
 @pytest.mark.parametrize(
     ("values", "form"),
     [
-        ({"part": "block"}, SolidForm()),
-        ({"part": "block", "base_mm": 2, "top": "single", "negative": True}, SolidForm(base_mm=2.0, top="single", negative=True)),
+        ({"part": "block"}, SolidForm(mark=True)),
+        ({"part": "block", "mark": False}, SolidForm()),
+        ({"part": "block", "process": "cnc"}, SolidForm()),
+        (
+            {"part": "block", "base_mm": 2, "top": "single", "negative": True},
+            SolidForm(base_mm=2.0, top="single", negative=True, mark=True),
+        ),
         ({"cylinder_mm": 16}, SolidForm(cylinder=Cylinder(radius_mm=16.0))),
         (
             {"part": "dome", "cylinder_mm": 25.5, "around": "y", "shell": "whole"},
-            SolidForm(cylinder=Cylinder(radius_mm=25.5, around="y", shell="whole")),
+            SolidForm(cylinder=Cylinder(radius_mm=25.5, around="y", shell="whole"), mark=True),
         ),
     ],
 )
