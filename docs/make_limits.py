@@ -1,10 +1,12 @@
 """Writes the tables of docs/limits.md: budgets of files as the package has them, and attacks with what each costs, measured here.
 
-Run: python docs/make_limits.py. A test holds the budgets, and which attacks there are; figures are those of the machine.
+Run: python docs/make_limits.py; with --scores it makes the table of changed code alone. A test holds the budgets, the scores, and
+which attacks there are; figures are those of the machine.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 from pathlib import Path
@@ -16,6 +18,7 @@ from tactape_fab.verify.budgets import BUDGETS, OTHERS, most_bytes
 from tests.attacks import ATTACKS, Attack, Cost, cost_of
 
 PAGE = Path(__file__).parent / "limits.md"
+SCORES = Path(__file__).parent.parent / "tests" / "mutants" / "scores.json"
 PARTS = 1984
 
 
@@ -35,6 +38,14 @@ def attack_row(attack: Attack, cost: Cost) -> str:
     return f"| {attack.kind} | {attack.tried} | {said} | {cost.cpu_s:.1f} s | {cost.peak_bytes / 2**20:.0f} MB |"
 
 
+def mutant_rows() -> list[str]:
+    """What became of the changes of each module that was tried, as `python -m tests.mutants --keep` wrote it."""
+    return [
+        f"| `{module}` | {row['tried']} of {row['changes']} | {row['noticed']} | {row['explained']} | {row['survivors']} |"
+        for module, row in json.loads(SCORES.read_text()).items()
+    ]
+
+
 def with_table(page: str, name: str, rows: list[str]) -> str:
     """The page with other rows below the heading of a table."""
     begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->\n"
@@ -44,10 +55,14 @@ def with_table(page: str, name: str, rows: list[str]) -> str:
 
 
 def main() -> None:
+    if "--scores" in sys.argv:
+        PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), "mutants", mutant_rows()), encoding="utf-8")
+        return
     with tempfile.TemporaryDirectory() as folder:
         kit = make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), Path(folder) / "kit")
         attacks = [attack_row(attack, cost_of(attack, kit.path)) for attack in ATTACKS]
     page = with_table(PAGE.read_text(encoding="utf-8"), "budgets", budget_rows())
+    page = with_table(page, "mutants", mutant_rows())
     PAGE.write_text(with_table(page, "attacks", attacks), encoding="utf-8")
 
 

@@ -91,7 +91,9 @@ def test_tables_of_limits_are_those_of_the_package_and_of_its_attacks() -> None:
     script = script_of("make_limits")
     page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
     assert "\n".join(script.budget_rows()) in page, "run docs/make_limits.py"
-    rows = [line.strip("| ").split(" | ") for line in page.partition("<!-- attacks -->")[2].splitlines() if line.startswith("|")]
+    assert "\n".join(script.mutant_rows()) in page, "run docs/make_limits.py --scores"
+    table = page.partition("<!-- attacks -->")[2].partition("<!-- /attacks -->")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
     assert [row[:2] for row in rows[2:]] == [[attack.kind, attack.tried] for attack in ATTACKS], "run docs/make_limits.py"
     assert {row[2] for row in rows[2:]} == {"refused"}
     assert max(float(row[3].removesuffix(" s")) for row in rows[2:]) <= MOST_CPU_S

@@ -39,7 +39,7 @@ def main() -> None:
                     if found.wrong:
                         bad += 1
                         print(f"{name}, {kind} {number} of {count}: {found.wrong}", file=sys.stderr, flush=True)
-                cells.append(f"{len(numbers)}" + (f", **{bad} wrong**" if bad else ""))
+                cells.append(f"{len(numbers)} of {count}" + (f", **{bad} wrong**" if bad else ""))
                 wrong += bad
             rows.append(f"| {name} | {' | '.join(cells)} |")
             print(rows[-1], file=sys.stderr, flush=True)

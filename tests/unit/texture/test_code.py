@@ -98,8 +98,12 @@ def test_default_origins_lie_where_tapes_may_begin(code: Code) -> None:
         origin = code.default_origin(sector)
         assert default_origin(code.name, sector) == origin
         assert all(0 <= place <= code.range - code.window for place in origin)
-    with pytest.raises(SpecError, match=f"sector = {code.sectors} is outside"):
+    with pytest.raises(SpecError, match=f"sector = {code.sectors} is outside 0 to {code.sectors - 1} of code '{code.name}'"):
         default_origin(code.name, code.sectors)
+    given: Any
+    for given in (True, 1.5, "1"):
+        with pytest.raises(SpecError, match=f"is not a whole number; give one from 0 to {code.sectors - 1}$"):
+            default_origin(code.name, given)
 
 
 @every_code

@@ -58,7 +58,7 @@ def test_a_missing_part_is_named(tape: Tape) -> None:
     shown, windows = checked(tape, np.delete(tape.part_xy_mm(), [number_of(tape, 5, 0), number_of(tape, 4, 3)], axis=0))
     assert not shown.passed and shown.message == "no part at 2 grid points, first at column 5, row 0"
     assert shown.figure == 60.0
-    assert windows.passed and windows.figure < WINDOWS - 6
+    assert windows.passed and (windows.figure or 0.0) < WINDOWS - 6
 
 
 def test_a_part_that_is_omitted_is_named(tape: Tape) -> None:
@@ -111,7 +111,7 @@ def test_another_symbol_is_named_with_both(tape: Tape) -> None:
     assert not shown.passed and shown.figure == 60.0
     said = f"'{LETTERS[others[0]]}' instead of '{LETTERS[tape.symbols[2, 7]]}'"
     assert shown.message == f"2 symbols differ from the manifest's, first at column 7, row 2: {said}"
-    assert not windows.passed and windows.figure < WINDOWS - 6
+    assert not windows.passed and (windows.figure or 0.0) < WINDOWS - 6
     assert "windows decode elsewhere, first at column 4, row 0: " in windows.message
 
 
@@ -134,3 +134,38 @@ def test_fewer_parts_than_a_window_are_no_proof(tape: Tape) -> None:
     shown, windows = checked(tape, tape.part_xy_mm()[:10])
     assert not shown.passed and not windows.passed and windows.figure == 0.0
     assert windows.message == "no whole window is there"
+
+
+@pytest.fixture
+def designed(tape: Tape) -> Tape:
+    """A tape whose code is a matrix: every symbol is looked up in the manifest's own."""
+    symbols = np.random.default_rng(5).integers(0, 4, (ROWS, COLUMNS)).astype(np.uint8)
+    return replace(tape, code="touch-1", origin=(0, 0), symbols=symbols, omitted=np.zeros((0, 2), dtype=np.int64))
+
+
+def test_windows_of_a_matrix_are_those_of_the_manifest(designed: Tape) -> None:
+    shown, windows = checked(designed, designed.part_xy_mm())
+    assert shown.passed and windows.passed and windows.figure == WINDOWS
+    assert windows.message == f"all {WINDOWS} windows of 4x4 as designed, {WINDOWS} of them at one place and turn alone"
+
+
+def test_windows_of_a_matrix_that_differ_are_named(designed: Tape) -> None:
+    xy_mm, other = designed.part_xy_mm(), int(designed.symbols[5, 7] + 1) % 4
+    xy_mm[number_of(designed, 7, 5)] = at(designed, 7, 5, other)
+    shown, windows = checked(designed, xy_mm)
+    assert not shown.passed and not windows.passed
+    assert windows.figure == WINDOWS - 4  # corners at columns 4, 5 and rows 2, 3
+    assert windows.message == f"4 of {WINDOWS} windows are not the matrix's, first at column 4, row 2"
+
+
+def test_a_window_that_stands_twice_is_not_alone(designed: Tape) -> None:
+    symbols = designed.symbols.copy()
+    symbols[3:7, 5:9] = symbols[0:4, 0:4]
+    twice = replace(designed, symbols=symbols)
+    _, windows = checked(twice, twice.part_xy_mm())
+    assert windows.passed and f", {WINDOWS - 2} of them at one place" in windows.message
+
+
+def test_fewer_parts_than_a_window_of_a_matrix_are_no_proof(designed: Tape) -> None:
+    _, windows = checked(designed, designed.part_xy_mm()[:10])
+    assert not windows.passed and windows.figure == 0.0 and windows.message == "no whole window is there"

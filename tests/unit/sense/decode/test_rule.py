@@ -168,6 +168,7 @@ def test_trust_is_a_logistic_curve_over_height() -> None:
     expected = 1.0 / (1.0 + np.exp(-np.clip(steps, -30.0, 30.0)))
     np.testing.assert_allclose(rule.trusted(heights, noise), expected, rtol=1e-6)
     assert rule.trusted(np.array([rule.MOST_MIDDLE]), 10.0) == pytest.approx(0.5)
+    assert rule.trusted(np.array([1e9])) == 1.0 / (1.0 + np.exp(-30.0))
     assert rule.trusted(heights) == pytest.approx(rule.trusted(heights, rule.USUAL_NOISE))
 
 
