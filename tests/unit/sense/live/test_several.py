@@ -176,7 +176,7 @@ def test_kits_may_follow_tape(default_kit: Kit, small_kit: Kit, pair: tuple[Path
         ("--sensor a=digit:FRAMES --sensor digit", "sensor = 'digit' has no name and others have"),
         ("--sensor a=digit:FRAMES --rerun", "--rerun and --save show one sensor"),
         ("--sensor a=digit:FRAMES --mcap x.mcap --rate 9 --sensor-frame b", "each has its name as frame"),
-        ("--sensor a=digit:FRAMES --rate a=fast", "sensor a: rate = 'fast'"),
+        ("--sensor a=digit:FRAMES --rate a=fast", "rate = 'fast'"),
         ("--sensor a=digit:FRAMES --mcap x.mcap", "sensor a: "),
     ],
 )
