@@ -141,6 +141,7 @@ def test_every_option_may_stand_in_a_spec_file(tmp_path: Path) -> None:
     content = json.loads((tmp_path / "kit" / "manifest.json").read_bytes())
     assert content["solid"] == {
         "base_mm": 2.0,
+        "mark": True,
         "negative": True,
         "top": "single",
         "cylinder": {"radius_mm": 20.0, "around": "y", "shell": "segment"},
@@ -424,7 +425,7 @@ def test_check_prints_the_process_s_rules() -> None:
     result = run("check --sector 7 --part dome --hole 50,25,2")
     verdicts = {line.split()[0]: line.split()[1] for line in result.stdout.splitlines()[1:]}
     assert result.exit_code == 0
-    assert verdicts.keys() == {"feature", "gap", "height", "base", "body-edge", "hole-edge", "hole-size", "hole-part"}
+    assert verdicts.keys() == {"feature", "gap", "height", "base", "body-edge", "hole-edge", "hole-size", "hole-part", "mark"}
     assert set(verdicts.values()) == {"ok"}
 
 
