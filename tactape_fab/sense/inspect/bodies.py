@@ -9,7 +9,7 @@ import numpy as np
 from tactape_fab.sense.inspect.align import Nuisance, Step, Template, gradients, learn_template, step
 from tactape_fab.sense.inspect.colours import Palette
 from tactape_fab.sense.inspect.film import symmetry_offset
-from tactape_fab.sense.inspect.patches import PatchGrid, Samples, patch_grid, sample
+from tactape_fab.sense.inspect.patches import FINEST_PX_PER_MM, PatchGrid, Samples, patch_grid, sample
 from tactape_fab.sense.inspect.scan_files import Picture
 from tactape_fab.sense.inspect.warp import Warp
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -19,6 +19,11 @@ _LEARNINGS = 3
 _STEPS = 3
 _MARGIN_MM = 0.05
 """Of film, land or solder around a body that its patch shows."""
+_MOST_LEARNED = 400
+"""Parts, evenly chosen, that the template is learned from."""
+_CENTRE_MARGIN_MM = 0.07
+_LEAST_PX_PER_MM = 40.0
+"""Samples of a template: an edge of a scan at 600 dpi that is sampled at its pixels alone lies in a whole pixel."""
 _USUAL = 0.5
 _LEAST_BODIES = 20
 _MOST_STEP_MM, _MOST_STEP_RAD = 0.06, 0.2
@@ -92,6 +97,11 @@ class _State:
             misfit=self.misfit[chosen],
         )
 
+    def put(self, chosen: IntArray, fitted: _State) -> None:
+        """Enter what was fitted of some."""
+        self.shift_mm[chosen], self.turn_deg[chosen] = fitted.shift_mm, fitted.turn_deg
+        self.sigma_mm[chosen], self.misfit[chosen] = fitted.sigma_mm, fitted.misfit
+
 
 def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> Bodies:
     """Fit every body: first the centroid of what has its colour, then a template that is learned from all of them.
@@ -112,7 +122,7 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
     if usual.sum() < _LEAST_BODIES:
         return Bodies(shift_mm=start_mm, turn_deg=start.turn_deg, sigma_mm=start.sigma_mm, area=area, misfit=np.ones(n))
     length, width, _ = tape.part.body_mm
-    grid = patch_grid(length / 2 + _MARGIN_MM, width / 2 + _MARGIN_MM, warp.px_per_mm)
+    grid = patch_grid(length / 2 + _MARGIN_MM, width / 2 + _MARGIN_MM, max(warp.px_per_mm, _LEAST_PX_PER_MM))
     scene = _Scene(picture=picture, warp=warp, tape=tape, palette=palette, grid=grid)
     state, template, ends, misfit = _fitted(scene, sites_mm, start, usual)
     middle = float(np.median(state.turn_deg[usual]))
@@ -121,29 +131,38 @@ def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites
         state = _all_turns(scene, sites_mm, state, start, poor, template, ends, misfit)
     covered = usual & (state.misfit > COVERED)
     state.shift_mm[covered], state.turn_deg[covered], state.sigma_mm[covered] = start_mm[covered], middle, _COVERED_SIGMA_MM
-    body = (np.abs(grid.a_mm) < length / 2 + 0.04) & (np.abs(grid.b_mm) < width / 2 + 0.04)
-    shift = state.shift_mm + _along(tape, state.turn_deg, *symmetry_offset(template.value[0], grid, body))
+    shift = state.shift_mm + _along(tape, state.turn_deg, *_centre(scene, sites_mm, state, usual, template))
     turn = (state.turn_deg - middle + 90.0) % 180.0 - 90.0
     return Bodies(shift_mm=shift, turn_deg=turn, sigma_mm=state.sigma_mm, area=area, misfit=state.misfit)
 
 
 def _fitted(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray) -> tuple[_State, Template, Nuisance, float]:
-    """Learn a template where the parts are thought to be, fit all to it, and again.
+    """Learn a template where some parts are thought to be, fit them to it, and again; then fit the others.
 
-    Also the usual misfit, in units of which those of the state are.
+    Also the usual misfit, in units of which those of the state are. Parts whose place is empty stay as they are.
     """
     used = np.ones(scene.grid.count, dtype=bool)
-    strength = np.tile([_END_MM, _BRIGHTER, _BRIGHTER, _BRIGHTER], 2)
+    strength = np.tile([_END_MM, _BRIGHTER, _BRIGHTER, _BRIGHTER, _BRIGHTER], 2)
     scatter: FloatArray | None = None
+    there = np.flatnonzero(usual)
+    some = there[:: max(1, len(there) // _MOST_LEARNED)]
+    fewer = state.of(some)
     for learning in range(_LEARNINGS):
-        template = learn_template(scene.patches(sites_mm, state)[usual], used)
+        template = learn_template(scene.patches(sites_mm[some], fewer), used)
         if scatter is not None:
             template = replace(template, sigma=scatter)
         for last in (False,) * (_STEPS - learning - 1) + (True,):
             ends = Nuisance(pictures=_ends(template, scene.grid, scene.tape), sigma=strength)
-            state, fit = _moved(scene, sites_mm, state, template, ends, robust=last)
-            strength[::4] = np.clip(fit.nuisance[::4], _LEAST_END_MM, 2 * _END_MM)
+            fewer, fit = _moved(scene, sites_mm[some], fewer, template, ends, robust=last)
+            strength[::5] = np.clip(fit.nuisance[::5], _LEAST_END_MM, 2 * _END_MM)
         scatter = fit.scatter
+    state.put(some, fewer)
+    others = np.setdiff1d(there, some)
+    if len(others):
+        rest = state.of(others)
+        for last in (False, False, True):
+            rest, _ = _moved(scene, sites_mm[others], rest, template, ends, robust=last)
+        state.put(others, rest)
     misfit = float(np.median(state.misfit[usual]))
     return replace(state, misfit=state.misfit / misfit), template, ends, misfit
 
@@ -165,6 +184,27 @@ def _along(tape: Tape, turn_deg: FloatArray, a_mm: FloatArray, b_mm: FloatArray)
     return np.stack([c * a_mm - s * b_mm, s * a_mm + c * b_mm], axis=1)
 
 
+def _centre(scene: _Scene, sites_mm: FloatArray, state: _State, usual: BoolArray, template: Template) -> FloatArray:
+    """Where the body's centre lies in the template, (a, b) mm.
+
+    Across, from a colour that no shadow changes, where the body has one: film in a shadow is as dark as a body, and a shadow on
+    one side moves all bodies by 0.7 um. Along, metal would be body in it.
+    """
+    length, width, _ = scene.tape.part.body_mm
+    grid = scene.grid
+    body = (np.abs(grid.a_mm) < length / 2 + 0.04) & (np.abs(grid.b_mm) < width / 2 + 0.04)
+    a, b = symmetry_offset(template.value[0], grid, body)
+    axis = scene.palette.unshaded_axis()
+    if axis is not None:
+        grid = patch_grid(0.15 * length, width / 2 + _CENTRE_MARGIN_MM, FINEST_PX_PER_MM)
+        there = np.flatnonzero(usual)
+        some = there[:: max(1, len(there) // _MOST_LEARNED)]
+        turn = scene.tape.part.rotation_deg + state.turn_deg[some]
+        seen = sample(scene.picture, scene.warp, sites_mm[some] + state.shift_mm[some], turn, grid)
+        b = symmetry_offset(np.median(np.clip(seen @ axis, -1.0, 2.0), axis=0), grid, np.ones(grid.count, dtype=bool))[1]
+    return np.array([a, b])
+
+
 def _all_turns(
     scene: _Scene,
     sites_mm: FloatArray,
@@ -176,15 +216,15 @@ def _all_turns(
     usual: float,
 ) -> _State:
     """Parts that do not look like the others are tried in all turns; the best fit stays."""
-    best = replace(state, shift_mm=state.shift_mm.copy(), turn_deg=state.turn_deg.copy())
-    for first in _TURNS_DEG:
-        tried = replace(start.of(poor), turn_deg=np.full(len(poor), first))
-        for _ in range(_STEPS):
-            tried, fit = _moved(scene, sites_mm[poor], tried, template, ends, robust=True)
-        better = fit.misfit / usual < best.misfit[poor]
-        at = poor[better]
-        best.shift_mm[at], best.turn_deg[at] = tried.shift_mm[better], tried.turn_deg[better]
-        best.sigma_mm[at], best.misfit[at] = tried.sigma_mm[better], fit.misfit[better] / usual
+    every = np.tile(poor, len(_TURNS_DEG))
+    tried = replace(start.of(every), turn_deg=np.repeat(_TURNS_DEG, len(poor)))
+    for _ in range(_STEPS):
+        tried, _ = _moved(scene, sites_mm[every], tried, template, ends, robust=True)
+    tried = replace(tried, misfit=tried.misfit / usual)
+    first = tried.misfit.reshape(len(_TURNS_DEG), -1).argmin(axis=0) * len(poor) + np.arange(len(poor))
+    better = tried.misfit[first] < state.misfit[poor]
+    best = state.of(np.arange(len(state.misfit)))
+    best.put(poor[better], tried.of(first[better]))
     return best
 
 
@@ -194,9 +234,10 @@ def _channels(samples: Samples, palette: Palette) -> Samples:
 
 
 def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:
-    """Ways in which the ends of parts differ; (8, channels, m).
+    """Ways in which the ends of parts differ; (10, channels, m).
 
-    For each end: its inner edge lies elsewhere, its metal is brighter, the solder beyond it is brighter, or more like a body.
+    For each end: its inner edge lies elsewhere, its metal is brighter, the solder beyond it is brighter, or more like a body, and
+    so is its metal.
     """
     length, width, _ = tape.part.body_mm
     da, _ = gradients(template.value, grid)
@@ -208,6 +249,7 @@ def _ends(template: Template, grid: PatchGrid, tape: Tape) -> FloatArray:
         beyond, metal = _rise(a - length / 2), _rise(a - 0.28 * length) - _rise(a - length / 2)
         none = np.zeros(grid.count)
         out += [-da * inner, np.stack([none, metal]), np.stack([none, beyond]), np.stack([beyond, none])]
+        out.append(np.stack([metal, none]))
     return np.stack(out)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense.inspect.patches import Samples, patch_grid, sample
@@ -15,6 +16,8 @@ from tactape_fab.texture.tape import Tape
 
 LEAST_CONTRAST = 25.0
 """Least distance of the body's colour from the film's, of 255."""
+_LEAST_OWN = 10.0
+"""Colour of a body that film has at no brightness, of 255; a grey scan has none."""
 _MOST_SITES = 600
 _SHADE = 0.65
 """Film in the shadow of a part, as a share of its brightness."""
@@ -33,6 +36,12 @@ class Palette:
         """How much each sample is body: 1, and 0 on film and metal; cut to -0.2 ... 1.2."""
         axis = self.body_axis.astype(np.float32)
         return np.asarray(np.clip(samples @ axis[:3] + axis[3], -0.2, 1.2), dtype=np.float32)
+
+    def unshaded_axis(self) -> npt.NDArray[np.float32] | None:
+        """Mixture of channels that is 1 on bodies, 0 on film however dark; None where bodies have no colour of their own."""
+        film = self.film / np.linalg.norm(self.film)
+        own = self.body - (self.body @ film) * film
+        return (own / (own @ own)).astype(np.float32) if np.linalg.norm(own) > _LEAST_OWN else None
 
     def grey(self, samples: Samples) -> Samples:
         """Brightness in units of the film's."""

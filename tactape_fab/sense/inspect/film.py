@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
+from scipy.ndimage import shift
 from scipy.sparse.linalg import spsolve
 
 from tactape_fab.sense.inspect.align import learn_template, step
@@ -26,7 +27,7 @@ _LEAST_SITES = 40
 _SMOOTH = 0.02
 _FILM_PX_PER_MM = 40.0
 _PASSES = 2
-_SURELY_FILM = 8.0
+_CENTRINGS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,7 +47,7 @@ def fit_film(picture: Picture, warp: Warp, tape: Tape, palette: Palette, inside:
         Parts that the picture shows whole.
     """
     length, width, _ = tape.part.body_mm
-    grid = patch_grid(1.2 * length, 1.1 * width, min(warp.px_per_mm, _FILM_PX_PER_MM))
+    grid = patch_grid(1.2 * length, 1.1 * width, _FILM_PX_PER_MM)
     beyond = (np.abs(grid.a_mm) > length / 2 + 0.07) | (np.abs(grid.b_mm) > width / 2 + 0.07)
     sites = tape.part_xy_mm()[inside]
     turn = np.radians(tape.part.rotation_deg)
@@ -132,10 +133,24 @@ def _line_shift(at_px: FloatArray, left_px: FloatArray, axis: int, knot_px: floa
 def symmetry_offset(picture: FloatArray, grid: PatchGrid, mask: BoolArray) -> FloatArray:
     """Where the centre of a two-fold symmetric picture lies in its grid, (a, b) mm, from the steepness of its edges.
 
+    The mask stands about the grid's centre and so pulls the answer there; the picture is moved under it until both agree. With
+    one round lands were 1.3 um off across the parts, beside their shadows.
+    """
+    centred = picture.reshape(grid.shape)
+    offset = np.zeros(2)
+    for _ in range(_CENTRINGS):
+        at = shift(centred, -offset[::-1] / grid.step_mm, order=3, mode="nearest")
+        offset = offset + _symmetry_step(at, grid, mask)
+    return offset
+
+
+def _symmetry_step(picture: FloatArray, grid: PatchGrid, mask: BoolArray) -> FloatArray:
+    """One round of `symmetry_offset`.
+
     Edges alone count, whatever their contrast: a soft shadow or a bright side does not move them. The third power of the
     steepness keeps to where an edge is steepest: its square takes in a shadow's slope, which moved bodies by 2 um.
     """
-    db, da = np.gradient(picture.reshape(grid.shape), grid.step_mm)
+    db, da = np.gradient(picture, grid.step_mm)
     steep = (np.square(da) + np.square(db)) ** 1.5 * mask.reshape(grid.shape)
     turned = steep[::-1, ::-1]
     both = np.fft.irfft2(np.fft.rfft2(steep) * np.conj(np.fft.rfft2(turned)), s=steep.shape)

@@ -16,7 +16,7 @@ Samples = npt.NDArray[np.float32]
 
 _MOST_ROWS = 30_000
 """OpenCV's remap counts rows in 16 bits."""
-_FINEST_PX_PER_MM = 60.0
+FINEST_PX_PER_MM = 60.0
 """Samples are no nearer than this: the optics of a scanner do not resolve more."""
 
 
@@ -36,7 +36,7 @@ class PatchGrid:
 
 def patch_grid(half_a_mm: float, half_b_mm: float, px_per_mm: float) -> PatchGrid:
     """A grid as fine as the scan's pixels, symmetric about the part's centre."""
-    step = 1.0 / min(px_per_mm, _FINEST_PX_PER_MM)
+    step = 1.0 / min(px_per_mm, FINEST_PX_PER_MM)
     na, nb = int(half_a_mm / step), int(half_b_mm / step)
     a, b = np.meshgrid(np.arange(-na, na + 1) * step, np.arange(-nb, nb + 1) * step)
     return PatchGrid(a_mm=a.ravel(), b_mm=b.ravel(), shape=a.shape, step_mm=step)
@@ -65,23 +65,17 @@ def sample(picture: Picture, warp: Warp, centre_mm: FloatArray, turn_deg: npt.Ar
     turn = np.broadcast_to(np.radians(np.asarray(turn_deg, dtype=np.float64)), (n,))
     c, s = np.cos(turn), np.sin(turn)
     along = warp.jacobian(centre_mm) @ np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)  # (n, 2, 2)
-    smooth = warp.smooth(centre_mm)
+    steps = np.concatenate([along, warp.smooth(centre_mm)[..., None]], axis=2).astype(np.float32)
+    points = np.stack([grid.a_mm, grid.b_mm, np.ones(grid.count)]).astype(np.float32)
+    shifts = [(line.axis, line.of_pixels(picture.shape[1 - line.axis]).T.copy()) for line in warp.lines]
     out = np.empty((n, grid.count, 3), dtype=np.float32)
     rows = max(1, _MOST_ROWS // grid.shape[0])
     for start in range(0, n, rows):
         chunk = slice(start, min(start + rows, n))
-        u = along[chunk, 0, :1] * grid.a_mm + along[chunk, 0, 1:] * grid.b_mm + smooth[chunk, :1]
-        v = along[chunk, 1, :1] * grid.a_mm + along[chunk, 1, 1:] * grid.b_mm + smooth[chunk, 1:]
-        for line in warp.lines:
-            shift = line.at(np.stack([u, v], axis=-1))
-            u, v = u + shift[..., 0], v + shift[..., 1]
-        size = (-1, grid.shape[1])
-        seen = cv2.remap(
-            picture,
-            u.astype(np.float32).reshape(size),
-            v.astype(np.float32).reshape(size),
-            cv2.INTER_LINEAR,
-            borderValue=(0, 0, 0),
-        )
-        out[chunk] = seen.reshape(-1, grid.count, 3)
+        px = [steps[chunk, k] @ points for k in range(2)]
+        for axis, of_pixels in shifts:
+            nearest = np.rint(px[axis]).astype(np.int32)
+            px = [px[k] + of_pixels[k].take(nearest, mode="clip") for k in range(2)]
+        u, v = (side.reshape(-1, grid.shape[1]) for side in px)
+        out[chunk] = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderValue=(0, 0, 0)).reshape(-1, grid.count, 3)
     return out

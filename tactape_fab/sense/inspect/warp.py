@@ -31,6 +31,12 @@ class LineShift:
         knot = t.astype(np.int64)
         return knot, t - knot
 
+    def of_pixels(self, count: int) -> npt.NDArray[np.float32]:
+        """The shift at each pixel from 0 on, for the many samples of patches: half a pixel on, it differs by a hundredth."""
+        before, share = self.weights(np.arange(count, dtype=np.float64))
+        value = self.value_px
+        return np.asarray(value[before] * (1 - share[:, None]) + value[before + 1] * share[:, None], dtype=np.float32)
+
     def at(self, px: FloatArray) -> FloatArray:
         knot, share = self.weights(px[..., self.axis])
         return self.value_px[knot] * (1 - share[..., None]) + self.value_px[knot + 1] * share[..., None]
@@ -123,8 +129,8 @@ def fitted(warp: Warp, board_mm: FloatArray, px: FloatArray, *, gate_px: float, 
     coefficients = warp.coefficients
     away = np.zeros(len(a))
     for _ in range(rounds):
-        root = np.sqrt(weight)[:, None]
-        coefficients = np.asarray(np.linalg.lstsq(a * root, px * root, rcond=None)[0], dtype=np.float64)
+        weighted = (a * weight[:, None]).T  # normal equations: powers of dimensionless points are well conditioned
+        coefficients = np.asarray(np.linalg.lstsq(weighted @ a, weighted @ px, rcond=None)[0], dtype=np.float64)
         away = np.hypot(*(px - a @ coefficients).T)
         scale = max(1.5 * float(np.median(away)), 0.02 * gate_px)
         weight = 1.0 / (1.0 + (away / scale) ** 2)

@@ -156,6 +156,25 @@ def test_all_tapes_of_a_panel_are_inspected(panel_2: PanelKit, panel_scan: tuple
         assert rms(errors_um(one, built)) < 6.0
 
 
+def test_a_photograph_of_a_panel_is_inspected(panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path) -> None:
+    """Slanted and turned; each tape loses the mean and growth of its own shifts, as that of a photograph by itself does."""
+    picture, builts = panel_scan
+    height, width = picture.shape[:2]
+    corners = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=np.float32)
+    slanted = corners + np.array([(0.02, 0.01), (-0.01, 0.03), (0.01, -0.01), (-0.02, -0.02)], dtype=np.float32) * width
+    bent = cv2.warpPerspective(picture, cv2.getPerspectiveTransform(corners, slanted), (width, height), borderValue=(236,) * 3)
+    path = write(tmp_path / "photo.png", np.ascontiguousarray(np.rot90(bent, 2)))
+    for one, built in zip(inspect_scans(path, panel_2.path, photo=True), builts, strict=True):
+        np.testing.assert_array_equal(one.present, built.present)
+        sites, there = one.tape.part_xy_mm(), built.present
+        arm = (sites - sites[there].mean(axis=0))[there]
+        true = np.stack([built.dx_mm, built.dy_mm], axis=1)[there]
+        true = true - true.mean(axis=0)
+        true = true - arm * (arm * true).sum() / (arm**2).sum()
+        assert rms(1000 * (one.shift_mm[there] - true)) < 8.0
+        assert one.scans[0].growth is not None
+
+
 def test_a_panel_of_which_a_tape_is_not_scanned_is_refused(
     panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path
 ) -> None:
