@@ -54,7 +54,7 @@ def judge(
     limits: Limits,
     pixels: Pixels | None = None,
     pressed: tuple[ContactView, Image, Image] | None = None,
-    sharper: Callable[[FloatArray], FloatArray] | None = None,
+    sharper: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
@@ -72,8 +72,9 @@ def judge(
     pressed : (ContactView, Image, Image) or None
         The canonical frame, and as dots were detected in it, where its depths are millimetres.
     sharper : callable or None
-        By what places of dots, as detected, are off; both (n, 2), in px of the frame and in square pixels. Only the pose is
-        fitted to better ones: what is searched and accepted, and the contact dot, are as without.
+        By what dots are off, in square pixels, from where they are seen, px of the frame, their offsets from the image centre,
+        square pixels, and their nominal places, mm; all (n, 2). Only the pose is fitted to better ones: what is searched and
+        accepted, and the contact dot, are as without.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def judge(
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
         return Localization(located=False, reason=seen, **said), other
     seen_px = dots.seen_px if dots.seen_px is None or len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
-    shift_px = np.zeros(2) if sharper is None or seen_px is None else sharper(seen_px)
+    shift_px = np.zeros(2) if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
     offset_px = on.offset_px + shift_px
     placed_mm = None
     built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None

@@ -25,8 +25,9 @@ from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
+from tactape_fab.sense.decode.dots.long_parts import drawn_px
 from tactape_fab.sense.decode.dots.rim import chosen, settled
-from tactape_fab.sense.decode.dots.subpixel import tops_shift_px
+from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels
@@ -421,10 +422,15 @@ class Localizer:
             out = on_gel * self._view.px_per_mm + self._view.centre_px
         return out
 
-    def _shift_px(self, high: Image, seen_px: FloatArray) -> FloatArray:
-        """How far tops are from where they were detected, square pixels."""
-        shift_px = tops_shift_px(high, self._detection_px_per_mm, seen_px)
-        return shift_px if self._aspect == 1.0 else shift_px * (1.0, self._aspect)
+    def _shift_px(self, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray) -> FloatArray:
+        """How far dots are from where they were detected, square pixels."""
+        shift_px, heights = sharp_tops(high, self._detection_px_per_mm, seen_px)
+        if self._aspect != 1.0:
+            shift_px = shift_px * (1.0, self._aspect)
+        if self._view.part is None:
+            return shift_px
+        drawn = drawn_px(self._view.part, heights, offset_px, texture_mm, self._view.px_per_mm)
+        return shift_px if drawn is None else shift_px - drawn
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)

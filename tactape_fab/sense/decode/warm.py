@@ -11,8 +11,9 @@ from tactape_fab.base.jit import COMPILED, KEPT
 from tactape_fab.sense.decode.contact.surface import taken
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import turn_weights
+from tactape_fab.sense.decode.dots.long_parts import drawn_px
 from tactape_fab.sense.decode.dots.rim import settled
-from tactape_fab.sense.decode.dots.subpixel import tops_shift_px
+from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
 from tactape_fab.sense.decode.grid.pose import fit_pose
@@ -59,7 +60,9 @@ def rehearse(dots: Dots, ripple: FloatArray, view: View, registry: Registry | No
     if not COMPILED:
         return
     image = ripple.astype(np.float32)
-    tops_shift_px(np.zeros((1, 1), dtype=np.float32), view.px_per_mm, dots.xy_px)
+    _, heights = sharp_tops(image, view.px_per_mm, dots.xy_px)
+    if view.part is not None:
+        drawn_px(view.part, heights, dots.xy_px, dots.xy_px, view.px_per_mm)
     detect(image, view.px_per_mm)
     n = len(dots.xy_px)
     taken(image, image, dots.xy_px, np.ones(n, dtype=bool), 1, 1, np.empty(n), np.empty((0, 0)), np.empty(image.shape[1]))

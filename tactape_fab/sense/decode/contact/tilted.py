@@ -18,10 +18,10 @@ RIM_SHARE = 0.5
 """Share of what `rim.settled` moves dots by that is believed under a tilt. There the pressure falls all across the contact and
 not at its rim alone: dots amid it are low as well, and are moved too far. With all of it positions are off by 9 and 42 um at 2
 and 5 degrees (0.5 and 2 N), without it by -15 and -57, with half of it by -4 and -13: seed 5 of the elastic simulator."""
-STRAIN, OWN = 3.0, 1.5
+STRAIN, OWN = 2.0, 1.2
 """Standard deviation of a linear displacement of the dots about their middle, over that which independent errors of the dots make
-of it; and the variance of these over that in a flat contact. All dots are drawn to where the pressure is, and parts that are
-longer than wide along themselves: contractions in the frames of seed 5 have 1 to 5 times what independent errors make."""
+of it; and the variance of these over that in a flat contact. All dots are drawn to where the pressure is: `long_parts` takes off
+what parts that are longer than wide are drawn along themselves, the rest is here. Seed 5 of the elastic simulator."""
 CHANGE = 0.6
 """Standard deviation of the rim's correction, over the half of it that is left out."""
 PIXELS = 0.45

@@ -25,8 +25,8 @@ STEPS = 64
 """Places in a pixel, along an axis, that tops are looked for from."""
 
 
-def tops_shift_px(high: Image, px_per_mm: float, seen_px: FloatArray) -> FloatArray:
-    """How far the tops of dots are from where a quadric has them; (n, 2), px of the canonical image.
+def sharp_tops(high: Image, px_per_mm: float, seen_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far the tops of dots are from where a quadric has them, px of the canonical image (n, 2), and how high they are (n,).
 
     Parameters
     ----------
@@ -37,9 +37,10 @@ def tops_shift_px(high: Image, px_per_mm: float, seen_px: FloatArray) -> FloatAr
     seen_px : ndarray, shape (n, 2)
         Places in the canonical image.
     """
-    coarse, out = coarseness(px_per_mm), np.empty((len(seen_px), 2))
-    _shift(high, seen_px, coarse, _weights(WIDTH_MM * px_per_mm / coarse), out)
-    return out
+    n, coarse = len(seen_px), coarseness(px_per_mm)
+    shift_px, heights = np.empty((n, 2)), np.empty(n)
+    _shift(high, seen_px, coarse, _weights(WIDTH_MM * px_per_mm / coarse), shift_px, heights)
+    return shift_px, heights
 
 
 @lru_cache(maxsize=8)
@@ -59,29 +60,31 @@ def _weights(width_px: float) -> Image:
 
 
 @kernel(fastmath=True)
-def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: FloatArray) -> None:
-    """Fill in a step of Newton, -H^-1 g, from the nearest of the places in a pixel; 0 by the border, and off what is no top."""
+def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: FloatArray, heights: FloatArray) -> None:
+    """Fill in a step of Newton from the nearest of the places in a pixel, 0 by the border and off what is no top; and heights."""
     h, w, far = high.shape[0], high.shape[1], (coarse - 1) / 2
     for i in range(len(seen_px)):
-        out[i, 0] = out[i, 1] = 0.0
+        out[i, 0] = out[i, 1] = heights[i] = 0.0
         x, y = (seen_px[i, 0] - far) / coarse, (seen_px[i, 1] - far) / coarse
         u, v = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
         if u < REACH or v < REACH or u >= w - REACH or v >= h - REACH:
             continue
         a, b = int((x - u + 0.5) * STEPS + 0.5), int((y - v + 0.5) * STEPS + 0.5)
-        gx = gy = hxx = hyy = hxy = np.float32(0.0)
+        height = gx = gy = hxx = hyy = hxy = np.float32(0.0)
+        around, across, down = high[v - REACH : v + REACH + 1, u - REACH : u + REACH + 1], weights[a], weights[b]
         for j in range(2 * REACH + 1):
             value = slope = bend = np.float32(0.0)
             for k in range(2 * REACH + 1):
-                pixel = high[v + j - REACH, u + k - REACH]
-                value += weights[a, k, 0] * pixel
-                slope += weights[a, k, 1] * pixel
-                bend += weights[a, k, 2] * pixel
-            gx += weights[b, j, 0] * slope
-            gy += weights[b, j, 1] * value
-            hxx += weights[b, j, 0] * bend
-            hxy += weights[b, j, 1] * slope
-            hyy += weights[b, j, 2] * value
+                value += across[k, 0] * around[j, k]
+                slope += across[k, 1] * around[j, k]
+                bend += across[k, 2] * around[j, k]
+            height += down[j, 0] * value
+            gx += down[j, 0] * slope
+            gy += down[j, 1] * value
+            hxx += down[j, 0] * bend
+            hxy += down[j, 1] * slope
+            hyy += down[j, 2] * value
+        heights[i] = height
         det = hxx * hyy - hxy * hxy
         if det > 0.0 and hxx < 0.0:
             dx = u + a / STEPS - 0.5 + (hxy * gy - hyy * gx) / det - x

@@ -7,7 +7,7 @@ import pytest
 
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, simulate
-from tactape_fab.sense.decode.dots.subpixel import tops_shift_px
+from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 
@@ -25,12 +25,12 @@ def long_bump(at_px: FloatArray, height: float = 1.0) -> FloatArray:
 def test_from_anywhere_near_the_top_is_found() -> None:
     top = np.array([7.3, 7.9])
     seen_px = 2.0 * (top + PHASES) + 0.5
-    shift_px = tops_shift_px(long_bump(top).astype(np.float32), R, seen_px)
+    shift_px = sharp_tops(long_bump(top).astype(np.float32), R, seen_px)[0]
     near = np.abs(PHASES).max(axis=1) < 0.45
     assert near.sum() >= 16
     # to 1/60 px, 1 um: a step of Newton from as far as half a coarse pixel
     assert np.abs(seen_px + shift_px - (2.0 * top + 0.5))[near].max() < 0.06
-    again = tops_shift_px(long_bump(top).astype(np.float32), R, (seen_px + shift_px)[near])
+    again = sharp_tops(long_bump(top).astype(np.float32), R, (seen_px + shift_px)[near])[0]
     assert np.abs((seen_px + shift_px)[near] + again - (2.0 * top + 0.5)).max() < 0.004
 
 
@@ -38,10 +38,10 @@ def test_what_is_no_top_or_at_the_border_stays() -> None:
     top = np.array([8.0, 8.0])
     hollow, image = long_bump(top, -1.0).astype(np.float32), long_bump(top).astype(np.float32)
     at = np.array([[16.5, 16.5]])
-    assert (tops_shift_px(hollow, R, at) == 0.0).all()
-    assert (tops_shift_px(np.zeros((16, 16), dtype=np.float32), R, at) == 0.0).all()
+    assert (sharp_tops(hollow, R, at)[0] == 0.0).all()
+    assert (sharp_tops(np.zeros((16, 16), dtype=np.float32), R, at)[0] == 0.0).all()
     border = np.array([[0.0, 16.0], [16.0, 1.0], [31.0, 16.0], [16.0, 30.0], [-5.0, 500.0]])
-    assert (tops_shift_px(image, R, border) == 0.0).all()
+    assert (sharp_tops(image, R, border)[0] == 0.0).all()
 
 
 @pytest.mark.parametrize("theta_deg", [0.0, 90.0])
@@ -59,7 +59,7 @@ def test_a_tape_along_the_pixels_is_where_it_is_at_every_phase(theta_deg: float,
         return float(np.abs(np.array([fix.position_mm for fix in found]) - places).max() * 1000.0)
 
     assert off_um() < 1.0
-    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px: np.zeros_like(seen_px))
+    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *places: np.zeros_like(seen_px))
     assert off_um() > 4.0
 
 
@@ -70,7 +70,7 @@ def test_only_the_pose_moves(monkeypatch: pytest.MonkeyPatch) -> None:
         for k, theta_deg in enumerate((0, 33, 90))
     ]
     sharp = [localizer.locate(frame) for frame in frames]
-    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px: np.zeros_like(seen_px))
+    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *places: np.zeros_like(seen_px))
     for fix, frame in zip(sharp, frames, strict=True):
         before = localizer.locate(frame)
         for name in ("located", "reason", "tape", "cell", "contact_mm", "n_dots", "p_tape", "p_place", "p_false"):
