@@ -17,6 +17,7 @@ from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.tape import examine, profiles_of
 from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile
+from tactape_fab.sense.decode.rule import MOST_RANGE
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.tape import Tape
 
@@ -125,6 +126,7 @@ class Advice:
             "size_mm": list(asked.size_mm),
             "currency": self.currency,
             "lines": [line.to_mapping() for line in self.lines],
+            "codes": contacts_by_code(self.lines[0], asked),
         }
 
 
@@ -183,7 +185,8 @@ def _line(design: Design, question: Question) -> Line:
     seen = seen_of(design, question, parts)
     sensor = question.sensor
     field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
-    code, least_mm = _code_for(seen, question.contact_mm, field_mm)
+    codes = codes_for(design, question, seen)
+    code, least_mm = _code_for(seen, question.contact_mm, field_mm, codes)
     error_mm, angle_deg = accuracy(seen, max(question.contact_mm, least_mm or 0.0), LOSS)
     signal = signal_of(seen)
     return Line(
@@ -201,12 +204,36 @@ def _line(design: Design, question: Question) -> Line:
     )
 
 
-def _code_for(seen: Seen, contact_mm: float, field_mm: float) -> tuple[Code, float | None]:
+def codes_for(design: Design, question: Question, seen: Seen) -> list[Code]:
+    """The codes that have so many directions, points, and columns, of which margins may leave fewer."""
+    longest = max(question.size_mm) / design.pitch_mm
+    return [
+        code
+        for code in CODES
+        if seen.directions in get_code(code.name).directions
+        and (code is CODES[0] or (seen.points <= code.most_points and longest <= get_code(code.name).range))
+    ]
+
+
+def contacts_by_code(line: Line, question: Question) -> list[dict[str, Any]]:
+    """Of each code that a line's tape could have: the smallest contact with the manifest, and by the code alone."""
+    seen, sensor = seen_of(line.design, question, line.parts), question.sensor
+    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
+    found = []
+    for code in codes_for(line.design, question, seen):
+        plane = get_code(code.name).plane
+        known, alone = least_contact_mm(seen, code, LOSS, LOCATED, field_mm), None
+        if plane is not None and plane.range <= MOST_RANGE:
+            alone = least_contact_mm(seen, code, LOSS, LOCATED, field_mm, plane)
+        found.append({"code": code.name, "least_contact_mm": known, "without_manifest_mm": alone})
+    return found
+
+
+def _code_for(seen: Seen, contact_mm: float, field_mm: float, codes: Sequence[Code]) -> tuple[Code, float | None]:
     """The first code by which the design locates the contact, else that by which it locates the smallest; and that contact."""
-    codes = tuple(code for code in CODES if seen.directions in get_code(code.name).directions)
     best, least_mm = codes[0], None
     for code in codes:
-        if code.axis > best.axis or (code is not best and code.axis == best.axis) or seen.points > code.most_points:
+        if code.axis > best.axis or (code is not best and code.axis == best.axis):
             continue
         found_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
         if found_mm is not None and (least_mm is None or found_mm < least_mm):

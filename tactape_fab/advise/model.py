@@ -26,7 +26,6 @@ from tactape_fab.sense.decode.rule import (
     MOST_SIGMA,
     MOST_TURN_SHARE,
     SMOOTHING_MM,
-    is_long,
     posteriors,
     squared_errors,
     trusted,
@@ -36,6 +35,8 @@ from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.plane import Plane, PlaneCode
+from tactape_fab.texture.tape import is_long
 
 _SCENE = Scene()
 BODY_MM = 0.23
@@ -259,14 +260,20 @@ def _nodes() -> FloatArray:
     return ordered
 
 
-def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss) -> float:
-    """Fraction of round contacts of a diameter, anywhere on the tape, that are located: p_tape + p_place as in `rule`."""
+def located_share(seen: Seen, contact_mm: float, code: Code, loss: Loss, plane: Plane | None = None) -> float:
+    """Fraction of round contacts of a diameter, anywhere on the tape, that are located: p_tape + p_place as in `rule`.
+
+    With a plane no tape is known, and all its places in all sectors are compared.
+    """
     gain, per_axis, dots, turn = _information(seen, contact_mm, loss)
     # 1 / (w E): places of even weight, four turns of each, on the best grid
-    ln_places = log(4.0 * seen.points * seen.tapes)
+    ln_places, axis = log(4.0 * seen.points * seen.tapes), code.axis
+    if plane is not None:
+        ln_places, turn = log(4.0 * plane.range**2 * plane.sectors), np.zeros_like(turn)
+        axis = log(plane.range * plane.main.length) if isinstance(plane, PlaneCode) else -inf
     p_tape = np.exp(np.minimum(ln_places - log(GRID_SHARES[0]) - loss.share * gain - turn, 50.0))
     # rivals that share an axis, over the evidence of the other axis; small, so others / (1 + others) is others
-    p_place = np.exp(np.minimum(code.axis - loss.share * per_axis, 50.0)).sum(axis=1)
+    p_place = np.exp(np.minimum(axis - loss.share * per_axis, 50.0)).sum(axis=1)
     return float(((p_tape + p_place < MAX_P_FALSE) & (dots >= LEAST_DOTS)).mean())
 
 
@@ -338,7 +345,9 @@ def _field_mm2(sensor: SensorProfile) -> float:
     return sensor.width_px / sensor.px_per_mm[0] * sensor.height_px / sensor.px_per_mm[1]
 
 
-def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: float) -> float | None:
+def least_contact_mm(
+    seen: Seen, code: Code, loss: Loss, share: float, most_mm: float, plane: Plane | None = None
+) -> float | None:
     """The smallest contact located with that probability, rounded up to 0.1 mm; None if none up to `most_mm` is.
 
     None for parts lower than the noise.
@@ -351,13 +360,13 @@ def least_contact_mm(seen: Seen, code: Code, loss: Loss, share: float, most_mm: 
     larger = (1.0 + loss.scatter * max(missed, 0.0)) * {4: 1.0, 8: loss.eight}[seen.directions]
     low, most = 10, int(most_mm / larger * 10.0 + 1e-9)
     high = min(int(10.0 * _FIRST_PITCHES * seen.pitch_mm), most)
-    while high <= low or located_share(seen, high / 10.0, code, loss) < share:
+    while high <= low or located_share(seen, high / 10.0, code, loss, plane) < share:
         if high >= most:
             return None
         low, high = max(low, high), min(int(_GROWTH * high) + 1, most)
     while high - low > 1:
         middle = (low + high) // 2
-        if located_share(seen, middle / 10.0, code, loss) >= share:
+        if located_share(seen, middle / 10.0, code, loss, plane) >= share:
             high = middle
         else:
             low = middle

@@ -155,7 +155,7 @@ def _noise(sensor: SensorProfile) -> str:
 
 def _explained(advice: Advice) -> Iterator[str]:
     """The columns and the assumptions behind the figures, line by line."""
-    from tactape_fab.advise.answer import LOCATED
+    from tactape_fab.advise.answer import LOCATED, contacts_by_code
     from tactape_fab.advise.model import IMPRINT_SHARE, LOSS, ROLL_OFF_MM
     from tactape_fab.kit.profiles import FabProfile
 
@@ -178,6 +178,10 @@ def _explained(advice: Advice) -> Iterator[str]:
             f"W {line.design.pitch_mm:.2f} {line.design.part}: a dot stands {line.height_um:.0f} µm over its background, "
             f"the noise is {line.noise_um:.0f} µm"
         )
+    yield "codes of the first line, smallest contact with the manifest, and by decode --code alone:"
+    for found in contacts_by_code(advice.lines[0], asked):
+        known, alone = (f"{mm:.1f} mm" if mm else "-" for mm in (found["least_contact_mm"], found["without_manifest_mm"]))
+        yield f"  {found['code']}: {known}, {alone}"
     kind = "fab" if isinstance(asked.making, FabProfile) else "process"
     yield f"rules: {kind} {asked.making.name}; tactape-fab check with the options of a command says all of them"
     yield (

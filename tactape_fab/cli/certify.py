@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tactape_fab.texture.certify.kits import Certified
     from tactape_fab.texture.certify.pairs import Across
     from tactape_fab.texture.tape import Tape
+    from tactape_fab.texture.touch.patches import PatchDistance
 
 MOST_SHOWN = 6
 """Number of nearest pairs that are printed; the JSON has more."""
@@ -115,7 +116,7 @@ def certified_lines(result: Certified) -> list[str]:
     lines += ["", "across the tapes:"]
     for windows in result.across:
         lines += _across_lines(windows, result)
-    return lines
+    return lines + proven_lines(result.tapes)
 
 
 def _of_size(size: Closest) -> str:
@@ -143,18 +144,48 @@ def _one(certificate: Certificate) -> list[str]:
         _contact_line("two contacts never read the same", certificate.distinct_side),
         _contact_line("one wrong symbol never misleads", certificate.correcting_side),
     ]
-    if certificate.patches:
-        lines.append("fewest bits in which two patches differ: one a quarter turn of a part, two a half turn")
-        lines += table_lines(
-            ("patch", "number", "bits", "pairs"),
-            [(p.shape, str(p.patches), "-" if p.bits is None else str(p.bits), str(p.pairs)) for p in certificate.patches],
-        )
+    lines += _patch_lines(certificate.patches, tape.part.open_turns_deg)
     for closest in certificate.sizes:
         if closest.distance is not None:
             lines.append(f"nearest windows of {_square(closest.side)}, {_symbols(closest.distance)}:")
             shown = range(min(len(closest.turn), MOST_SHOWN))
             lines += [f"  {pair_words(tape, closest, i)}" for i in shown] + _more(closest.pairs)
     return lines
+
+
+def _patch_lines(patches: Sequence[PatchDistance], open_turns_deg: tuple[int, ...]) -> list[str]:
+    """Distances of small patches: in all turns, in half turns, and what the code proves of all sectors, where there is one."""
+    columns = [
+        ("patch", [p.shape for p in patches]),
+        ("number", [str(p.patches) for p in patches]),
+        ("any turn", [_bits(p.bits, p.pairs) for p in patches]),
+    ]
+    if any(p.half_turns for p in patches):
+        columns.append(("0 or 180 deg", ["-" if p.half_turns is None else _bits(*p.half_turns) for p in patches]))
+    if any(p.proven is not None for p in patches):
+        columns.append(("turn known, all sectors", ["-" if p.proven is None else str(p.proven) for p in patches]))
+    shown = "show a quarter turn, 0 and 180 deg stay open" if len(open_turns_deg) == 2 else "are round, any turn stays open"
+    said = [
+        "fewest bits in which two patches differ (pairs): one a quarter turn of a part, two a half turn",
+        f"turns: the parts {shown}",
+    ]
+    header, cells = zip(*columns, strict=True)
+    return [*said, *table_lines(header, list(zip(*cells, strict=True)))] if patches else []
+
+
+def _bits(bits: int | None, pairs: int) -> str:
+    return "-" if bits is None else f"{bits} ({pairs})"
+
+
+def proven_lines(tapes: Sequence[Tape]) -> list[str]:
+    """What the code of several tapes proves of any two of them."""
+    from tactape_fab.texture.certify.certificate import proven_between
+
+    proven = proven_between(tapes)
+    bits = ", ".join(f"{bits} in {shape}" for shape, bits in proven.items() if bits)
+    return (
+        [f"proven of any two places of these tapes, the turn being known: at least so many bits differ: {bits}"] if proven else []
+    )
 
 
 def _contact_line(what: str, side: int | None) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tactape_fab.cli.certify import proven_lines
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import workers_of, workers_option
 from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
@@ -73,7 +74,8 @@ def registry_lines(result: Registry) -> list[str]:
     if len(result.entries) == 1:
         return lines
     lines += ["", "least number of differing symbols of windows of two tapes, 4x4/5x5/6x6:"]
-    return lines + (_matrix(result) if len(result.entries) <= MOST_COLUMNS else _nearest(result))
+    lines += _matrix(result) if len(result.entries) <= MOST_COLUMNS else _nearest(result)
+    return lines + proven_lines(result.tapes)
 
 
 def _entry_row(name: str, tape: Tape, fab: str) -> tuple[str, ...]:

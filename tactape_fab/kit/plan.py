@@ -183,7 +183,7 @@ def _holding(spec: TapeSpec, claim: Claim) -> tuple[float, float]:
 def _symbols(spec: TapeSpec, origin: tuple[int, int], grid: _Grid, part: TapePart | None, avoid: Sequence[Tape]) -> SymbolArray:
     """The code's symbols for a grid; designed ones are kept different from those of existing tapes."""
     shape, others = (grid.rows, grid.columns), [tape.symbols for tape in avoid]
-    long = part is not None and part.body_mm[0] != part.body_mm[1]  # then a frame shows the quarter turn
+    long = part is not None and part.open_turns_deg == (0, 180)
     return get_code(spec.code).symbols(spec.sector, origin, shape, others, spec.directions, half_turns=long)
 
 

@@ -6,7 +6,7 @@ object to `CODES`.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from numbers import Integral
 from typing import Protocol
 
@@ -43,6 +43,9 @@ class Code(Protocol):
         The plane, if it is made of number sequences along its axes.
     half_turns : bool
         Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
+    proven : mapping of str to int
+        Least number of bits, by shape of `touch.patches.PATCHES`, in which patches at any two places of all sectors differ, the
+        turn being known; empty where nothing is proven.
     vouched : str
         Proof of a tape's symbols, for messages after "symbols ...".
     another : str
@@ -67,6 +70,8 @@ class Code(Protocol):
     def sequences(self) -> PlaneCode | None: ...
     @property
     def half_turns(self) -> bool: ...
+    @property
+    def proven(self) -> Mapping[str, int]: ...
     @property
     def vouched(self) -> str: ...
     @property
@@ -140,6 +145,7 @@ _CODES: tuple[Code, ...] = (
         y_exponent=429093,
         range=127,
         sectors=256,
+        proven={"3x3": 0, "disc-12": 2, "4x4": 4, "disc-21": 6, "5x5": 9},
     ),
     DesignedCode(name=TOUCH_CODE, window=4, sectors=4096, range=2000, most_points=MOST_TOUCH_POINTS, rungs=RUNGS),
     DesignedCode(

@@ -11,7 +11,7 @@ The x bit of a symbol is X, the y bit is Y.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -114,6 +114,7 @@ class PlaneCode(TapesOfPlane):
     origin_stride: int
     most_points: ClassVar[int] = MOST_POINTS
     half_turns: ClassVar[bool] = False
+    proven: ClassVar[Mapping[str, int]] = {}
     another: ClassVar[str] = "--origin best"
 
     @property

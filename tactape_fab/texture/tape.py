@@ -51,6 +51,10 @@ class Board:
     holes: tuple[tuple[float, float, float], ...] = ()
 
 
+LEAST_ASPECT = 1.25
+"""Length over width from which on the direction of bodies is looked for. Chosen; that of chip resistors is 2."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TapePart:
     """The element on every grid point: ``body_mm`` is (length, width, height), ``rotation_deg`` counter-clockwise.
@@ -64,6 +68,16 @@ class TapePart:
     body_mm: tuple[float, float, float]
     rotation_deg: float
     top_mm: float | None = None
+
+    @property
+    def open_turns_deg(self) -> tuple[int, ...]:
+        """Turns of a contact that the parts' own direction leaves open: both of half a turn, or all four of round parts."""
+        return (0, 180) if is_long(self.shape, self.body_mm) else (0, 90, 180, 270)
+
+
+def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
+    """Whether bodies (length, width, height in mm) are long enough for dots to show their direction, and so a quarter turn."""
+    return shape == "block" and max(body_mm[:2]) >= LEAST_ASPECT * min(body_mm[:2])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

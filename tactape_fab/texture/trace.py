@@ -12,6 +12,7 @@ pieces of one plane, so that this holds for all tapes together.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -45,6 +46,8 @@ class TraceCode(TapesOfPlane):
     sectors : int
     window : int
         Columns and rows that a tape has at least; such a window determines its place.
+    proven : mapping of str to int
+        See `texture.code.Code`; counted over the whole field.
     """
 
     name: str
@@ -54,6 +57,7 @@ class TraceCode(TapesOfPlane):
     y_exponent: int
     range: int
     sectors: int
+    proven: Mapping[str, int]
     window: int = 4
     another: ClassVar[str] = "another --sector"
     sequences: ClassVar[None] = None
@@ -79,8 +83,9 @@ class TraceCode(TapesOfPlane):
     def patch(self, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
         rows, columns = shape
         first = self.power(origin[0] + self.columns_apart * (origin[1] + self.range * sector))
-        down = self._geometric(first, self.power(self.columns_apart), rows)
-        return self.symbols_of(self.products(down[:, None], self._geometric(1, self.power(1), columns)))
+        down = self.products(self._rows_on[:rows], np.array(first))
+        x, y = (_parity(down[:, None] & along).astype(np.uint8) for along in self._line_functions[:columns].T)
+        return np.asarray(x | y << 1)
 
     def locate(self, symbols: SymbolArray) -> WindowPlaces:
         words = windows_of(symbols, np.ones(symbols.shape, dtype=bool), self.window, turns=1).words[0][0].astype(np.int64)
@@ -187,6 +192,16 @@ class TraceCode(TapesOfPlane):
         """Row t: the parity of z and this is bit t of z^2; squaring is linear. Shape (m,)."""
         columns = [self.power(2 * bit) for bit in range(self.degree)]
         return np.array([sum((column >> t & 1) << bit for bit, column in enumerate(columns)) for t in range(self.degree)])
+
+    @cached_property
+    def _rows_on(self) -> IntArray:
+        """Factors from a place to those in the rows below it; shape (R,)."""
+        return self._geometric(1, self.power(self.columns_apart), self.range)
+
+    @cached_property
+    def _line_functions(self) -> IntArray:
+        """Functions of the bits along a row by the element of its first place; shape (R, 2)."""
+        return np.asarray(self.functions_of((1, self.range))[0])
 
     @cached_property
     def _window_functions(self) -> IntArray:

@@ -188,25 +188,31 @@ class Turns:
     said: FloatArray
 
 
+def turn_said(frame: Frame) -> float | None:
+    """Ln of how much likelier the elongation makes the true pair of turns than the other; None where no grid is found."""
+    dots, grid, *_ = _on_grid(frame)
+    off_deg = frame.theta_deg - float(np.degrees(np.arctan2(grid[1], grid[0])))
+    if not abs((off_deg + 45.0) % 90.0 - 45.0) < 5.0:
+        return None
+    ratio = parity_log_ratio(dots.elongation, dots.weights, dots.trust, grid, registered_tape().part)
+    return ratio if _turn(frame, grid) % 2 == 0 else -ratio
+
+
+def doubt_said(ratio: FloatArray) -> FloatArray:
+    """Weight that the decoder leaves to the less likely pair of turns, by the ln ratios of both."""
+    return np.maximum(1.0 / (1.0 + np.exp(np.abs(ratio))), 1.0 - MOST_TURN_SHARE)
+
+
 def turns_of(rows: Sequence[Row], count: int) -> Turns:
     """What the elongation says of the turns in frames whose grid is found."""
-    part = registered_tape().part
-    ratios, rights = [], []
-    for row in rows:
-        for frame in frames_of(row, count):
-            dots, grid, *_ = _on_grid(frame)
-            off_deg = frame.theta_deg - float(np.degrees(np.arctan2(grid[1], grid[0])))
-            if abs((off_deg + 45.0) % 90.0 - 45.0) < 5.0:
-                ratios.append(parity_log_ratio(dots.elongation, dots.weights, dots.trust, grid, part))
-                rights.append(1.0 if _turn(frame, grid) % 2 == 0 else -1.0)
-    ratio = np.array(ratios)
+    said = (turn_said(frame) for row in rows for frame in frames_of(row, count))
+    ratio = np.array([one for one in said if one is not None])
     which = np.digitize(np.abs(ratio), RATIOS) - 1
     frames = np.bincount(which, minlength=len(RATIOS) - 1)
-    said = np.maximum(1.0 / (1.0 + np.exp(np.abs(ratio))), 1.0 - MOST_TURN_SHARE)
     return Turns(
         frames=frames,
-        wrong=np.bincount(which, ratio * np.array(rights) < 0.0, len(RATIOS) - 1) / np.maximum(frames, 1),
-        said=np.bincount(which, said, len(RATIOS) - 1) / np.maximum(frames, 1),
+        wrong=np.bincount(which, ratio < 0.0, len(RATIOS) - 1) / np.maximum(frames, 1),
+        said=np.bincount(which, doubt_said(ratio), len(RATIOS) - 1) / np.maximum(frames, 1),
     )
 
 

@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from math import pi
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -149,14 +149,23 @@ def blurred(reason: str) -> str:
     return re.sub(r"\b\d+\b", "n", reason.partition(":")[0])
 
 
-def error_of(fix: Localization, frame: Frame) -> FloatArray:
+class Truth(Protocol):
+    """The true pose of a contact."""
+
+    @property
+    def position_mm(self) -> FloatArray: ...
+    @property
+    def theta_deg(self) -> float: ...
+
+
+def error_of(fix: Localization, frame: Truth) -> FloatArray:
     """(x mm, y mm, theta rad) of a fix less the truth."""
     assert fix.position_mm is not None and fix.theta_deg is not None
     turn = (fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0
     return np.array([*(np.asarray(fix.position_mm) - frame.position_mm), np.radians(turn)])
 
 
-def is_right(fix: Localization, frame: Frame, tape: Tape | None = None) -> bool:
+def is_right(fix: Localization, frame: Truth, tape: Tape | None = None) -> bool:
     """Located in the right cell of the right tape, at the right angle."""
     tape = tape or registered_tape()
     if not fix.located or fix.sector != tape.sector or fix.position_mm is None:

@@ -66,8 +66,6 @@ EVEN_TURNS: FloatArray = np.full(4, 0.25)
 """Weights of the four quarter turns where the shape of the dots tells nothing."""
 MOST_TURN_SHARE = 0.98
 """Most that either pair of turns gets: bodies may be soldered askew, and an answer must remain possible where they are."""
-LEAST_ASPECT = 1.25
-"""Length over width from which on the direction of bodies is looked for. Chosen; that of chip resistors is 2."""
 GOOD_WEIGHT = 0.8
 """A dot at least this high, over a whole one, is imprinted well: it shows the error of dots, and its body's direction. Chosen."""
 LEAST_GOOD = 4
@@ -77,6 +75,9 @@ MISREAD_SHARE = 0.02
 of 4.5 to 6 mm in a closed world (`python -m tests.bench.place_chance`): without it 64, 8, 2 and 2 answers were wrong where those
 of p_place 1e-3 to 1e-2 and three decades below added up to 36, 1.0, 0.4 and 0.04; with it 56, 1, 0 and 0, of 56, 4.3, 0.9 and
 0.05."""
+
+MOST_RANGE = 100_000
+"""Columns of the largest plane that is searched without a tape."""
 
 # What a dot is, and how far it is trusted; set on simulated frames
 
@@ -203,11 +204,6 @@ def turn_shares(ln_ratio: float) -> FloatArray:
     """
     even = min(max(1.0 / (1.0 + float(np.exp(-ln_ratio))), 1.0 - MOST_TURN_SHARE), MOST_TURN_SHARE)
     return np.array([even, 1.0 - even, even, 1.0 - even]) / 2.0
-
-
-def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
-    """Whether bodies (length, width, height in mm) are long enough for the dots to show their direction."""
-    return shape == "block" and max(body_mm[:2]) >= LEAST_ASPECT * min(body_mm[:2])
 
 
 def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:

@@ -8,7 +8,8 @@ not its angle. Windows with a grid point without a part do not count.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,7 @@ class Certificate:
             "parts": tape.part_count,
             "windows": [_size_mapping(size, number, tape.columns) for size in self.sizes],
             "smallest_contact": {"told_apart": self.distinct_side, "one_wrong_symbol": self.correcting_side},
+            **({"open_turns_deg": list(tape.part.open_turns_deg)} if get_code(tape.code).half_turns else {}),
             **({"patches": [patch.to_mapping() for patch in self.patches]} if self.patches else {}),
         }
 
@@ -174,7 +176,17 @@ def _patches(tape: Tape) -> tuple[PatchDistance, ...]:
     code = get_code(tape.code)
     if code.sequences is not None:
         return ()
-    return patch_distances(tape.symbols, tape.present, tape.directions, half_turns=code.half_turns)
+    found = patch_distances(tape.symbols, tape.present, tape.directions, half_turns=code.half_turns)
+    return tuple(replace(patch, proven=code.proven.get(patch.shape)) for patch in found)
+
+
+def proven_between(tapes: Sequence[Tape]) -> dict[str, int]:
+    """Least number of bits, by shape, between patches of any of these tapes, the turn being known; empty if none is proven.
+
+    Sectors of one code are pieces of one plane, so that what the code proves of all places it proves of tapes of other sectors.
+    """
+    codes, sectors = {tape.code for tape in tapes}, {tape.sector for tape in tapes}
+    return dict(get_code(codes.pop()).proven) if len(codes) == 1 and len(sectors) == len(tapes) else {}
 
 
 def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.pool import Workers, mapped
-from tactape_fab.texture.certify.certificate import SIDES, Certificate, certify
+from tactape_fab.texture.certify.certificate import SIDES, Certificate, certify, proven_between
 from tactape_fab.texture.certify.pairs import BEYOND, Across, Conflict, across, conflicts
 from tactape_fab.texture.registry import Registered, labels, read_registered
 from tactape_fab.texture.tape import Tape
@@ -38,6 +38,7 @@ class Certified:
         return {
             "tapes": [c.to_mapping() for c in self.certificates],
             "across": [across_mapping(a, self.names) for a in self.across],
+            **_proven_mapping(self.tapes),
         }
 
 
@@ -62,7 +63,13 @@ class Registry:
                 {"kind": c.kind, "tapes": [self.names[i] for i in c.tapes], "message": c.message} for c in self.conflicts
             ],
             "across": [{**across_mapping(a, self.names), "distances": a.rows() if with_matrix else None} for a in self.across],
+            **_proven_mapping(self.tapes),
         }
+
+
+def _proven_mapping(tapes: Sequence[Tape]) -> dict[str, Any]:
+    proven = proven_between(tapes) if len(tapes) > 1 else {}
+    return {"across_patches": [{"shape": shape, "bits": bits} for shape, bits in proven.items()]} if proven else {}
 
 
 def entry_mapping(entry: Registered) -> dict[str, Any]:

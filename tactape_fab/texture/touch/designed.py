@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -42,6 +42,7 @@ class DesignedCode:
     directions: ClassVar[tuple[int, ...]] = tuple(DIRECTIONS)
     plane: ClassVar[None] = None
     sequences: ClassVar[None] = None
+    proven: ClassVar[Mapping[str, int]] = {}
     another: ClassVar[str] = "another --sector"
     vouched: ClassVar[str] = "of the digest beside them"
 

@@ -50,6 +50,8 @@ class PatchDistance:
     half_turns : (int, int) or None
         The same two of patches that are turned by 0 or 180 degrees to each other, of codes that promise distances for parts
         whose quarter turn is seen.
+    proven : int or None
+        Least number of bits between patches of any two places of all sectors, the turn being known; of codes that prove one.
     """
 
     shape: str
@@ -57,10 +59,12 @@ class PatchDistance:
     bits: int | None
     pairs: int
     half_turns: tuple[int, int] | None = None
+    proven: int | None = None
 
     def to_mapping(self) -> dict[str, Any]:
         halves = {} if self.half_turns is None else {"half_turns": dict(zip(("bits", "pairs"), self.half_turns, strict=True))}
-        return {"shape": self.shape, "count": self.patches, "bits": self.bits, "pairs": self.pairs, **halves}
+        proven = {} if self.proven is None else {"all_sectors": {"bits": self.proven}}
+        return {"shape": self.shape, "count": self.patches, "bits": self.bits, "pairs": self.pairs, **halves, **proven}
 
 
 def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:

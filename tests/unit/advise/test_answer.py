@@ -341,3 +341,21 @@ def test_a_fab_of_one_s_own_file_gives_the_same_lines_and_a_command_that_names_i
         (line.design.pitch_mm, line.code) for line in theirs.lines
     ]
     assert f"--fab '{path}'" in own.lines[0].command
+
+
+def test_a_tape_longer_than_a_code_reaches_is_not_advised_in_it() -> None:
+    """At W 1.39 a sector of trace-22 ends after 176.5 mm."""
+    first = asked("--contact 6 --size 220x50")["lines"][0]
+    assert first["code"] != "trace-22" and first["pitch_mm"] * 127 < 220.0
+    assert run(first["command"].removeprefix("tactape-fab ").replace("make", "check", 1)).exit_code == 0
+
+
+def test_each_code_with_and_without_its_manifest() -> None:
+    found = {of["code"]: of for of in asked("--contact 6.1")["codes"]}
+    assert list(found) == [*ALL_CODE_NAMES[:3], "trace-22", TOUCH_CODE, "touch-2"]
+    alone = {name: of["without_manifest_mm"] for name, of in found.items()}
+    assert {name for name, mm in alone.items() if mm is None} == {"anoto-6x6", TOUCH_CODE, "touch-2"}
+    known = {name: of["least_contact_mm"] for name, of in found.items()}
+    assert known["trace-22"] == known["touch-2"] < known["microdots-4x4"] < alone["trace-22"] < alone["microdots-4x4"]
+    assert (alone["trace-22"] / alone["microdots-4x4"]) ** 2 < 0.7
+    assert "trace-22: " in run("advise --contact 6.1 --explain").stdout

@@ -10,7 +10,8 @@ import pytest
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.base.errors import CapacityError, SpecError
-from tactape_fab.texture.certify.certificate import certify
+from tactape_fab.cli.certify import proven_lines
+from tactape_fab.texture.certify.certificate import certify, proven_between
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import LETTERS, BoolArray, SymbolArray, symbols_to_rows
 from tactape_fab.texture.plane import encode, locate_windows
@@ -21,12 +22,11 @@ from tests.bench.trace_codes import least_weights
 from tests.contacts import dots, is_near, texture_of
 from tests.tapes import tape_at
 from tests.thorough import some
+from tests.unit.texture.touch.test_design import APART, nearest, patches_of
 
 CODE = get_plane("trace-22")
 assert isinstance(CODE, TraceCode)
 TRACE: TraceCode = CODE
-DISTANCES = {"3x3": 0, "disc-12": 2, "4x4": 4, "disc-21": 6, "5x5": 9}
-"""What docs/codes.md claims."""
 
 
 def slow_symbol(column: int, row: int, sector: int) -> str:
@@ -80,7 +80,7 @@ def test_no_two_places_have_one_exponent() -> None:
 
 
 def test_distances_of_all_places_are_the_claimed_ones() -> None:
-    assert least_weights(TRACE) == DISTANCES
+    assert least_weights(TRACE) == dict(TRACE.proven) == {"3x3": 0, "disc-12": 2, "4x4": 4, "disc-21": 6, "5x5": 9}
 
 
 def test_distances_recounted_between_tapes() -> None:
@@ -90,7 +90,7 @@ def test_distances_recounted_between_tapes() -> None:
         words = [patch_words(symbols, PATCHES[name]) for symbols in tapes]
         between = [int(bit_count(a[:, None] ^ b).min()) for a, b in combinations(words, 2)]
         within = [int((bit_count(a[:, None] ^ a) + 99 * np.eye(len(a), dtype=np.uint8)).min()) for a in words]
-        assert min(between + within) >= DISTANCES[name]
+        assert min(between + within) >= TRACE.proven[name]
 
 
 def patch_words(symbols: SymbolArray, mask: BoolArray) -> WordArray:
@@ -131,6 +131,26 @@ def test_other_symbols_are_refused() -> None:
         Tape.from_mapping(tape)
 
 
-def test_the_certificate_lists_small_patches() -> None:
-    patches = certify(tape_at(7, (20, 20), code="trace-22")).patches
-    assert [patch.shape for patch in patches] == list(PATCHES)
+def test_the_certificate_recounted_in_all_turns_and_in_half_turns() -> None:
+    tape = tape_at(7, (20, 20), code="trace-22")
+    certificate = certify(tape)
+    for (name, mask), patch in zip(PATCHES.items(), certificate.patches, strict=True):
+        assert (patch.shape, patch.proven) == (name, TRACE.proven[name])
+        assert patch.bits == nearest(tape.symbols, tape.symbols, mask)[0]
+        upright, turned = (np.array(patches_of(tape.symbols, mask, turn)) for turn in (0, 2))
+        apart = [APART[upright[:, None], other[None]].sum(axis=2)[np.triu_indices(len(upright), k)]
+                 for other, k in ((upright, 1), (turned, 0))]  # fmt: skip
+        assert patch.half_turns is not None and patch.half_turns[0] == np.concatenate(apart).min()
+    found = certificate.to_mapping()
+    assert found["open_turns_deg"] == [0, 180] and found["patches"][2]["all_sectors"] == {"bits": 4}
+
+
+def test_what_is_proven_holds_for_tapes_of_different_sectors_alone() -> None:
+    tapes = [tape_at(sector, (12, 12), code="trace-22") for sector in range(256)]
+    assert proven_between(tapes) == dict(TRACE.proven)
+    assert proven_between([*tapes, tapes[3]]) == {}
+    assert proven_between([tapes[0], tape_at(7, (12, 12))]) == {}
+    words = [patch_words(tape.symbols, PATCHES["4x4"]) for tape in tapes]
+    assert min(int(bit_count(a[:, None] ^ b).min()) for a, b in combinations(words[:: 256 // some(32)], 2)) >= 4
+    lines = proven_lines(tapes)
+    assert len(lines) == 1 and lines[0].endswith("2 in disc-12, 4 in 4x4, 6 in disc-21, 9 in 5x5")

@@ -10,9 +10,9 @@ from math import erfc, log, radians, sqrt
 import numpy as np
 
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.rule import GOOD_TRUST, GOOD_WEIGHT, LEAST_GOOD, is_long, turn_shares
+from tactape_fab.sense.decode.rule import GOOD_TRUST, GOOD_WEIGHT, LEAST_GOOD, turn_shares
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.tape import TapePart, is_long
 
 USUAL_SCATTER, USUAL_DOTS = 0.1, 4.0
 """Scatter of one dot's elongation that is believed before a frame is seen, and how many dots this belief counts as."""

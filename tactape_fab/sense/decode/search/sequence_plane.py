@@ -12,12 +12,11 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.jit import kernel
+from tactape_fab.sense.decode.rule import MOST_RANGE
 from tactape_fab.sense.decode.search.evidence import Floats, add_lines, signs_of, tables_of
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.plane import PlaneCode
-
-MOST_RANGE = 100_000
 
 
 class SequencePlane(CodePlane):

@@ -1,0 +1,49 @@
+"""Bounds and counts behind the tables of docs/codes.md."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactape_fab import Localizer
+from tests.bench.code_bounds import largest_code, most_distance
+from tests.bench.code_table import least_contact, located
+from tests.bench.code_trust import SUBJECTS, foreign, own, tape_of_code
+from tests.bench.quarter_turns import Turns
+from tests.thorough import only_thorough
+
+
+@pytest.mark.parametrize(("length", "distance", "words"), [(24, 8, 4096), (16, 6, 256), (23, 7, 4096), (13, 6, 40)])
+def test_the_bound_is_delsartes(length: int, distance: int, words: int) -> None:
+    """Golay's and the Nordstrom-Robinson code meet it; of (13, 6) the bound is 40, the best code has 32."""
+    assert largest_code(length, distance) == pytest.approx(words, rel=1e-6)
+    assert most_distance(length, words) == distance
+
+
+def test_no_code_has_a_distance_of_more_words_than_there_are() -> None:
+    assert (most_distance(18, 1 << 18), most_distance(18, (1 << 18) + 1)) == (1, 0)
+
+
+@only_thorough
+def test_contacts_on_the_tape_are_right_and_on_others_not_located() -> None:
+    tape = tape_of_code("trace-22")
+    localizer = Localizer([tape])
+    found = own("trace-22", 110, localizer)
+    assert (found.contacts, found.wrong) == (110, 0) and found.located > 70 and found.said < 0.01
+    for subject in SUBJECTS[:3]:
+        assert foreign("trace-22", subject, 22, localizer).located == 0
+
+
+def test_larger_contacts_are_located_more_often() -> None:
+    localizer = Localizer([tape_of_code("trace-22")])
+    shares = [located("trace-22", localizer, size_mm, 0.0, 40) for size_mm in (5.0, 6.0, 9.0)]
+    assert shares == sorted(shares) and shares[0] < 0.5 < shares[2]
+    assert 5.25 <= float(least_contact("trace-22", localizer, 0.0, 40).split()[0]) <= 7.0
+
+
+def test_turns_are_counted_by_their_sign_and_their_answers() -> None:
+    turns = Turns()
+    for ratio, off_deg in ((3.0, 1.0), (-1.0, 91.0), (None, None), (50.0, -179.0)):
+        turns.add(ratio, off_deg)
+    assert (turns.mistaken, turns.located, turns.quarter, turns.half) == (1, 3, 1, 1)
+    assert turns.said == pytest.approx(1 / (1 + np.exp(3.0)) + 1 / (1 + np.exp(1.0)) + 0.02)
