@@ -18,7 +18,7 @@ from tactape_fab.base.pool import Workers, mapped_as_done
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.job import FULL, QUICK, Job, Result
 from tests.bench.evidence.page import FIGURES_JSON, jobs, page_of, write_page
-from tests.bench.evidence.record import Record
+from tests.bench.evidence.record import Record, about
 from tests.bench.workers import workers
 
 
@@ -60,7 +60,11 @@ def main() -> None:
     parser.add_argument("--workers", type=workers, default=2, metavar="N|tcp://HOST:PORT")
     about_page = "where evidence.json, the page and its plots go; docs/ unless said, and then the README's numbers, too"
     parser.add_argument("--page", type=Path, metavar="FOLDER", help=about_page)
+    parser.add_argument("--sources", action="store_true", help="only print the digest of the sources that figures are made with")
     chosen = parser.parse_args()
+    if chosen.sources:
+        print(about()["sources"])
+        return
     try:
         counted = counts.entries(chosen.counts)
     except (OSError, LookupError, TypeError, ValueError) as error:

@@ -13,8 +13,9 @@ import pytest
 
 from tactape_fab.sense import Scene, load_sensor
 from tests.bench import place_chance
-from tests.bench.__main__ import measure
+from tests.bench.__main__ import main, measure
 from tests.bench.evidence import accuracy, codes, conditions, counts, curves, place, resolution, simulators, table_one, table_two
+from tests.bench.evidence import record as records
 from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
 from tests.bench.evidence.page import FIGURES_JSON, PAGE, jobs, page_of
 from tests.bench.evidence.record import Record, results_of
@@ -134,6 +135,14 @@ def test_what_was_measured_is_not_measured_again(tmp_path: Path, processes: int,
     assert "1 of 1" in (said := capsys.readouterr().err) and "of 3" in said
     content: dict[str, Any] = {"results": list(Record.opened(path).results.values())}
     assert results_of(content, "trial") == {"of 1": {"twice": 2}, "of 2": {"twice": 4}, "of 3": {"twice": 6}}
+
+
+def test_the_page_says_of_which_sources_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    content = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))
+    assert f"The sources were `{content['about']['sources']}`" in page_of(content)
+    monkeypatch.setattr("sys.argv", ["tests.bench", "--sources"])
+    main()
+    assert capsys.readouterr().out.strip() == records.about()["sources"]
 
 
 def test_figures_of_other_sources_are_refused(tmp_path: Path) -> None:

@@ -42,6 +42,8 @@ def page_of(content: dict[str, Any]) -> str:
         "`--quick` for fewer contacts), but for the counts of false accepts, which `python -m tests.bench.false_accepts` makes.",
         f"Size `{content['size']}`, seed {about['seed']}, {about['machine']}; Python {about['python']}, numpy {about['numpy']}, "
         f"numba {about['numba']}.",
+        f"The sources were `{about['sources']}`: `python -m tests.bench --sources` prints those of today. Where they differ, the",
+        "figures are older than the code, and CHANGELOG.md says what has changed.",
         "",
         *(OLDER if about.get("noise") is None else _about_noise(about["noise"])),
         "",
