@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.cli.certify import proven_lines
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import workers_of, workers_option
@@ -39,6 +40,10 @@ def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str 
     """
     with answers():
         if pack is not None:
+            beside = [name for name, chosen in {"--json": as_json, "--workers": workers is not None}.items() if chosen]
+            if beside:
+                said = "--pack writes a file and compares nothing"
+                raise SpecError([Problem(name[2:], f"{name} contradicts --pack: {said}; leave out {name}") for name in beside])
             echo_lines(_packed(kits, Path(pack), overwrite))
             return
         from tactape_fab.texture.certify.kits import registry as read_registry

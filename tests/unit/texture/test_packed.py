@@ -96,6 +96,8 @@ def test_the_command_packs_and_the_file_is_given_as_a_tape(tapes: list[Tape], tm
     again = run(main, ["registry", str(kit), "--pack", str(file)])
     assert (again.exit_code, "--overwrite" in again.stderr) == (2, True)
     assert run(main, ["registry", str(kit), "--pack", str(file), "--overwrite"]).exit_code == 0
+    beside = run(main, ["registry", str(kit), "--pack", str(tmp_path / "other"), "--json", "--workers", "2"])
+    assert (beside.exit_code, beside.stderr.count("leave out --")) == (2, 2) and not (tmp_path / "other").exists()
     answer = run(main, ["decode", str(frames), "--tape", str(file), "--json"])
     assert (answer.exit_code, json.loads(answer.stdout)["tape"]) == (0, tapes[0].name)
 
