@@ -33,7 +33,7 @@ PART = 10
 """Number of the part that is changed."""
 MODEL_LINES = {
     "round trip from STL",
-    *("stl", "stl places", "symbols from STL", "windows from STL", "3mf", "step-solid", "step-assembly"),
+    *("stl", "stl mark", "stl places", "symbols from STL", "windows from STL", "3mf", "step-solid", "step-assembly"),
     *("step-solid by OCCT", "step-assembly by OCCT", "stl by trimesh", "solid"),
 }
 
