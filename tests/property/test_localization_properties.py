@@ -132,6 +132,7 @@ def test_a_spoilt_frame_is_right_or_not_located(
 
 @quick
 @given(pose=poses, seed=st.integers(0, 1000), factor=st.floats(1e-6, 1e6), offset=st.floats(-1e3, 1e3))
+@example(pose=(21.0, 35.0390625, 0.0), seed=364, factor=245575.0, offset=2.0)  # a tilt of 90 degrees, were it millimetres
 def test_unit_and_zero_of_depth_do_not_matter(pose: tuple[float, float, float], seed: int, factor: float, offset: float) -> None:
     depth = simulate(TAPE, pose[:2], pose[2], seed=seed).astype(np.float64)
     fix = OPEN.locate((depth + min(max(offset, -10.0), 10.0)) * factor)

@@ -152,7 +152,7 @@ class ContactSurface:
         return fit_plane(*self._tops, self.view.gel.crown_mm)
 
     def slope(self) -> FloatArray | None:
-        """Slopes, shape (2,), of a tape that is tilted by more than a degree; None of any other, or one not known to be.
+        """Slopes, shape (2,), of a tape that is tilted by 1 to 30 degrees; None of any other, or one not known to be.
 
         A gel with a crown touches a tape in the image's centre, unless it is tilted: dots about it need no fit.
         """
@@ -162,7 +162,7 @@ class ContactSurface:
         if self.plane is None:
             return None
         slope = self.plane.rise[1:]
-        return slope if float(slope @ slope) > LEAST_SLOPE**2 else None
+        return slope if LEAST_SLOPE**2 < float(slope @ slope) < MOST_SLOPE**2 else None
 
     @cached_property
     def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
@@ -228,6 +228,8 @@ class ContactSurface:
 
 LEAST_SLOPE = 0.0175
 """Slope, 1 degree, below which a contact counts as flat."""
+MOST_SLOPE = 0.58
+"""Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same, as without a tilt."""
 LEAST_OFF = 0.25
 """Share of the crown's radius times that slope by which the middle of the dots is at least off the image's centre then. Where
 forces are small it is all of it; at 10 N, where the image is full of dots, about a third."""
