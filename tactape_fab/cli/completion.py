@@ -59,7 +59,7 @@ def _houses() -> Sequence[str]:
 
 NAMES: dict[tuple[str, str], Callable[[], Sequence[str]]] = {
     ("fab", "PROFILE"): _profiles("fabs"),
-    ("name", "[NAME]"): _profiles("fabs"),
+    ("fab", "[NAME]"): _profiles("fabs"),
     ("part", "NAME"): _profiles("parts"),
     ("process", "sla|fdm|cnc"): _profiles("processes"),
     ("sensor", "NAME"): _profiles("sensors"),

@@ -18,6 +18,7 @@ from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.live.replay import USUAL_HZ
 from tactape_fab.sense.live.rerun_log import BOX_UM
 from tactape_fab.sense.simulation.elastic import MODULUS_KPA
+from tactape_fab.solids.mark import MOST_SHARE_OF_BASE
 from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR, MOST_PITCH_ERROR_AT_ALL
 from tactape_fab.verify.models.cad_readers import CPU_S, CPU_S_PER_BYTE, PLACE_TOLERANCE_MM
 from tactape_fab.verify.trip.visible_parts import IN_PLACE_MM
@@ -33,6 +34,7 @@ FIGURE = re.compile(r"(?<![\w.])\d[\d.,]*\s?(?:ms|µm|%|s|N|kPa|fps|Hz)(?!\w)")
 """What something measured would have for a unit; lengths in mm are options."""
 UNCALIBRATED = (Geometry().sigma_aspect, Geometry().sigma_shear, Geometry().sigma_k1)
 DECIDED = {
+    "codes.md": [f"{100 * (1 - MOST_TURN_SHARE):g} %"],
     "frames.md": [f"{100 * GAIN_SIGMA:g} %"],
     "limits.md": [
         f"{MOST_CPU_S:g} s",
@@ -43,6 +45,7 @@ DECIDED = {
     "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %", f"{MODULUS_KPA:g} kPa"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": [
+        f"{100 * MOST_SHARE_OF_BASE:g} %",
         *(f"{100 * error:g} %" for error in (MOST_PITCH_ERROR, MOST_PITCH_ERROR_AT_ALL)),
         f"{1000 * PLACE_TOLERANCE_MM:g} µm",
     ],

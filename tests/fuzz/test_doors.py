@@ -26,6 +26,7 @@ NAMES = (
         "sensor mask",
         "object",
         "as-built",
+        "packed registry",
         "placements",
         "frames.npz",
         "frames.npy",

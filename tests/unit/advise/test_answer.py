@@ -265,7 +265,11 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
     for said in ("--contact", "'nope'", "fab = 'x' contradicts", "--blur = 9 mm", "--placement = -1 mm", "tapes = 0", "--size"):
         assert said in result.stderr, (said, result.stderr)
     assert result.stdout == ""
-    for args, said in (("", "contact_mm is missing"), ("--contact 6 --process wood", "'wood'"), ("--contact 6 --fab no", "'no'")):
+    for args, said in (
+        ("", "contact is missing"),
+        ("--contact 6 --process wood", "'wood'"),
+        ("--contact 6 --fab no", "'no'"),
+    ):
         result = run(f"advise {args}")
         assert (result.exit_code, said in result.stderr) == (2, True), result.stderr
     result = run("advise --contact 6 --size 3x3")

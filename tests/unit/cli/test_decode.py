@@ -117,7 +117,7 @@ def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None
         ("--count 0", "count = 0"),
         ("--count many", "count = 'many'"),
         ("--seed -1", "seed = -1"),
-        ("--pose 1,2", "pose = [1, 2]"),
+        ("--pose 1,2", "--pose = '1,2'"),
         ("--pose 1,2,nan", "--pose = nan"),
         ("--pose 1,2,3 --edge", "--edge and --pose"),
         ("--contact 0x0", "--contact"),

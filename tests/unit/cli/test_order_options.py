@@ -63,7 +63,7 @@ def refused(args: str, *said: str) -> list[str]:
         ("--assembly jlcpcb --part-number RC0201-0R", ("--part-number = 'RC0201-0R'", "format 'jlcpcb'", LCSC)),
         ("--fab jlcpcb-fpc --part-number 12345", ("--part-number = '12345'", "format 'jlcpcb'", LCSC)),
         ("--assembly jlcpcb --part-number C12345678901", ("'C12345678901'", LCSC)),
-        ("--part dome --part-number C1", ("--part-number = 'C1' contradicts part = 'dome'", "leave out --part-number")),
+        ("--part dome --part-number C1", ("--part-number = 'C1' contradicts --part = 'dome'", "leave out --part-number")),
     ],
 )
 def test_a_bad_option_is_refused(options: str, said: tuple[str, ...], here: Path) -> None:

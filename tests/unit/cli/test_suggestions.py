@@ -46,7 +46,7 @@ def test_what_was_meant_is_named(command: str, said: str, tmp_path: Path, monkey
         ("advise --contact nan", "error: --contact = nan mm is not a finite number"),
         ("advise --contact 6 --blur 9", "error: --blur = 9 mm exceeds"),
         ("advise --contact 6 --size 1x", "error: --size = '1x' is not 2 numbers"),
-        ("certify --code microdots-4x4 --size 3x", "error: --size = '' is not a number"),
+        ("certify --code microdots-4x4 --size 3x", "error: --size = '3x' is not 2 numbers"),
     ],
 )
 def test_values_are_named_as_they_were_typed(command: str, said: str) -> None:

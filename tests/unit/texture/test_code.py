@@ -157,7 +157,7 @@ def test_directions_are_read_as_the_code_allows_them(code: Code, directions: int
     table = Fields({"directions": directions})
     assert read_directions(table, code) == directions
     assert [p.key for p in table.problems] == ([] if directions in code.directions else ["directions"])
-    assert all("only 'touch-1' has 8; use --code touch-1, or 4 directions" in p.message for p in table.problems)
+    assert all("only touch-1 and touch-2 have 8; use --code touch-1, or --directions 4" in p.message for p in table.problems)
 
 
 @pytest.mark.parametrize("value", [0, 1, 5, 16, 4.0, True, "4", None, []])

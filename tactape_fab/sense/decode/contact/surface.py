@@ -229,7 +229,7 @@ class ContactSurface:
 LEAST_SLOPE = 0.0175
 """Slope, 1 degree, below which a contact counts as flat."""
 MOST_SLOPE = 0.58
-"""Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same, as without a tilt."""
+"""Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same."""
 LEAST_OFF = 0.25
 """Share of the crown's radius times that slope by which the middle of the dots is at least off the image's centre then. Where
 forces are small it is all of it; at 10 N, where the image is full of dots, about a third."""

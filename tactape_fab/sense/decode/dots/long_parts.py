@@ -103,7 +103,7 @@ def _draw(
         for k in range(j):
             normal[j, k] = normal[k, j]
     for j in range(6):
-        eliminate(normal, j, 6)
+        eliminate(normal, j, len(normal) - 1)
     length = np.sqrt(cos * cos + sin * sin)
     along_u, along_v = (cos * np.cos(psi) - sin * np.sin(psi)) / length, (sin * np.cos(psi) + cos * np.sin(psi)) / length
     for i in range(n):

@@ -396,7 +396,7 @@ def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance
         normal[k, 9] -= state[k]
     # no pivots are sought as the matrix is positive definite. Column 9 becomes the step
     for k in range(9):
-        eliminate(normal, k, 9)
+        eliminate(normal, k, len(normal) - 1)  # no literal: numba would compile it for each
     trace, square = 0.0, spread[9, 9]
     for j in range(9):
         state[j] += normal[j, 9]

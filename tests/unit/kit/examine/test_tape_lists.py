@@ -45,7 +45,7 @@ def refuse(folder: Path, args: str, status: int) -> list[str]:
         ("make --sectors=", USAGE, "names no sector; give sectors and ranges of them, such as 0-9,20"),
         ("make --sectors 7-", USAGE, "holds '7-', which is neither a sector nor a range"),
         ("make --sectors 7,7", USAGE, "names sector 7 more than once; name each once"),
-        ("make --sectors 7 --sector 8", USAGE, "sector = 8 contradicts sectors = '7'; give one of them"),
+        ("make --sectors 7 --sector 8", USAGE, "--sector = 8 contradicts --sectors = '7'; give one of them"),
         ("make --sectors 7,8 --name lab", USAGE, "name = 'lab' cannot be that of all tapes"),
         ("make --sectors 7 --workers 0", USAGE, "workers = 0 is outside 1 to 64; give a number of processes"),
         ("make --sectors 7 --jobs 1000000", USAGE, "workers = 1000000 is outside 1 to 64"),

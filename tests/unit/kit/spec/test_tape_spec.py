@@ -131,7 +131,11 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ),
     ({"assembly": "yes"}, "assembly", "assembly = 'yes' is none of: generic, jlcpcb"),
     ({"x2": "on"}, "x2", "x2 = 'on' is none of: full, comments, off"),
-    ({"corner_radius_mm": 25.1}, "corner_radius_mm", "corner_radius_mm = 25.1 mm exceeds 25 mm; half the shorter side at most"),
+    (
+        {"corner_radius_mm": 25.1},
+        "corner_radius_mm",
+        "corner_radius_mm = 25.1 mm exceeds 25 mm; give at most half",
+    ),
     ({"corner_radius_mm": -1.0}, "corner_radius_mm", "corner_radius_mm = -1 mm is below 0 mm"),
     ({"holes_mm": "10,10,2"}, "holes_mm", "holes_mm = '10,10,2' is not a list"),
     ({"holes_mm": [[10.0, 10.0]]}, "holes_mm[0]", "holes_mm[0] = [10.0, 10.0] is not 3 numbers; give X,Y,DIAMETER"),

@@ -167,7 +167,7 @@ def test_a_manifest_says_how_many_directions_and_gives_the_tape_back() -> None:
         ({"directions": 8.0}, r"directions = 8\.0 is neither 4 nor 8"),
         ({"directions": None}, "directions = None is neither 4 nor 8"),
         ({"directions": 4}, "other than N, E, S, W$"),
-        ({"code": "microdots-4x4"}, "directions = 8 of code 'microdots-4x4': only 'touch-1' has 8"),
+        ({"code": "microdots-4x4"}, "directions = 8 of code 'microdots-4x4': only touch-1 and touch-2 have 8"),
         ({"symbols_sha256": "0" * 64}, "is not that of symbols"),
     ],
 )
@@ -184,7 +184,10 @@ def test_what_contradicts_itself_is_refused(values: dict[str, Any], said: str) -
     [
         ({"directions": 6}, "directions = 6 is neither 4 nor 8; give one of them"),
         ({"directions": "many"}, "directions = 'many' is neither 4 nor 8"),
-        ({"directions": 8, "code": "anoto-6x6"}, "directions = 8 of code 'anoto-6x6': only 'touch-1' has 8; use --code touch-1"),
+        (
+            {"directions": 8, "code": "anoto-6x6"},
+            "directions = 8 of code 'anoto-6x6': only touch-1 and touch-2 have 8; use --code touch-1",
+        ),
         ({"directions": 8, "code": TOUCH_CODE}, r"directions = 8 at displacement_mm = 0\.25 mm: .* 5\.6 % .* more than 1 %"),
     ],
 )
