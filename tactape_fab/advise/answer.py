@@ -25,8 +25,8 @@ LOCATED = 0.9
 """Fraction of contacts that a design is predicted to locate."""
 MOST_LINES, MOST_REACHING = 8, 5
 SIMULATED_LINES, FRAMES = 3, 60
-_BLOCK = 15
-"""Simulated contacts that one worker does at a time: its registry costs about as much as they do."""
+_BLOCK = 30
+"""Simulated contacts that one worker does at a time: its registry costs about as much as half of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
