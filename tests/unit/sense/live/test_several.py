@@ -6,7 +6,7 @@ import json
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event
+from threading import Barrier, Event
 from time import sleep
 from typing import Any
 
@@ -27,8 +27,10 @@ from tactape_fab.sense.live.watch import Watch, watch_all
 from tests.live import JOB, at_once, ramp
 
 
-def frames_of(first: int, count: int, pause_s: float = 0.0, keep: bool = True) -> Source:
+def frames_of(first: int, count: int, pause_s: float = 0.0, keep: bool = True, together: Barrier | None = None) -> Source:
     def source(stop: Event) -> Iterator[Frame]:
+        if together is not None:
+            together.wait(60.0)
         for k in range(count):
             sleep(pause_s)
             yield Frame(number=k, image=ramp(first + k), keep=keep)
@@ -47,25 +49,27 @@ def answered(sources: list[Source], locator: object = at_once) -> tuple[list[tup
 # The loop
 
 
+def slowly(job: Job, sensor: SensorProfile) -> Locate:
+    def locate(depth: object, *, timestamp: float | None = None) -> object:
+        sleep(0.01)
+        return at_once(job, sensor)(depth, timestamp=timestamp)  # type: ignore[arg-type]
+
+    return locate  # type: ignore[return-value]
+
+
 def test_no_sensor_waits_for_another() -> None:
     """One has forty frames, the other twenty, all of which may wait: they are taken in turn."""
-    found, tallies = answered([frames_of(0, 40), frames_of(100, 20)])
+    both = Barrier(2)
+    found, tallies = answered([frames_of(0, 40, together=both), frames_of(100, 20, together=both)], slowly)
     assert [frame for sensor, frame in found if sensor == 0] == list(range(40))
     assert [frame for sensor, frame in found if sensor == 1] == list(range(20))
     assert [(tally.answered, tally.dropped) for tally in tallies] == [(40, 0), (20, 0)]
     last = max(k for k, (sensor, _) in enumerate(found) if sensor == 1)
-    assert last < 55  # one that is served last would end the list
+    assert last < 59  # one that is served last would end the list
 
 
 def test_a_fast_sensor_drops_its_own_frames_alone() -> None:
-    def slow(job: Job, sensor: SensorProfile) -> Locate:
-        def locate(depth: object, *, timestamp: float | None = None) -> object:
-            sleep(0.03)
-            return at_once(job, sensor)(depth, timestamp=timestamp)  # type: ignore[arg-type]
-
-        return locate  # type: ignore[return-value]
-
-    found, (fast, steady) = answered([frames_of(0, 100, 0.001, keep=False), frames_of(200, 5)], slow)
+    found, (fast, steady) = answered([frames_of(0, 100, 0.001, keep=False), frames_of(200, 5)], slowly)
     assert fast.dropped == 100 - fast.answered > 0
     assert (steady.answered, steady.dropped) == (5, 0)
     assert (0, 99) in found
