@@ -282,13 +282,9 @@ def fastest_s(command: tuple[str, ...], cwd: Path, runs: int) -> float:
     return min(times)
 
 
-@pytest.fixture(scope="module")
-def slowness(tmp_path_factory: pytest.TempPathFactory) -> float:
+def slowness(folder: Path) -> float:
     """How many times slower than a quiet machine this one is now: 1 or more, by an interpreter that imports numpy."""
-    folder = tmp_path_factory.mktemp("baseline")
-    baseline_s = fastest_s((sys.executable, "-c", "import numpy"), folder, 5)
-    print(f"\nbaseline, python -c 'import numpy': {baseline_s:.3f} s")
-    return max(1.0, baseline_s / 0.06)
+    return max(1.0, fastest_s((sys.executable, "-c", "import numpy"), folder, 5) / 0.06)
 
 
 @pytest.mark.parametrize(
@@ -301,10 +297,16 @@ def slowness(tmp_path_factory: pytest.TempPathFactory) -> float:
     ],
     ids=["help", "make", "make without verification", "make with solids"],
 )
-def test_whole_process_is_done_in_time(args: tuple[str, ...], target_s: float, slowness: float, tmp_path: Path) -> None:
-    took_s = fastest_s((*PROGRAM, *args), tmp_path, some(5))
-    print(f"\ntactape-fab {' '.join(args)}: {took_s:.3f} s; target {target_s} s, times {slowness:.2f} for a busy machine")
-    assert took_s <= target_s * slowness
+def test_whole_process_is_done_in_time(args: tuple[str, ...], target_s: float, tmp_path: Path) -> None:
+    """In one of three tries: what else runs comes and goes, and the machine is asked how slow it is beside each."""
+    shares = []
+    for _ in range(3):
+        took_s, slow = fastest_s((*PROGRAM, *args), tmp_path, some(5)), slowness(tmp_path)
+        print(f"\ntactape-fab {' '.join(args)}: {took_s:.3f} s; target {target_s} s, times {slow:.2f} for a busy machine")
+        shares.append(took_s / (target_s * slow))
+        if shares[-1] <= 1.0:
+            return
+    assert min(shares) <= 1.0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
