@@ -25,9 +25,9 @@ from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
-from tactape_fab.sense.decode.dots.long_parts import drawn_px
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
+from tactape_fab.sense.decode.grid.long_parts import drawn_px
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.pixels.patches import pixel_fit
 from tactape_fab.sense.decode.pixels.refine import Pixels, rehearse_pixels

@@ -11,11 +11,11 @@ from tactape_fab.base.jit import COMPILED, KEPT
 from tactape_fab.sense.decode.contact.surface import taken
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import turn_weights
-from tactape_fab.sense.decode.dots.long_parts import drawn_px
 from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.grid.lattice import find_lattices
+from tactape_fab.sense.decode.grid.long_parts import drawn_px
 from tactape_fab.sense.decode.grid.pose import fit_pose
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.sense.decode.search.evidence import turned

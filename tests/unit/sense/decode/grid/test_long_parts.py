@@ -9,7 +9,7 @@ import pytest
 
 from tactape_fab import Localizer
 from tactape_fab.sense import ElasticContact, Scene, iterate_frames
-from tactape_fab.sense.decode.dots.long_parts import DRAWN, drawn_px
+from tactape_fab.sense.decode.grid.long_parts import DRAWN, drawn_px
 from tactape_fab.texture.frames import FloatArray
 from tests.contacts import TAPE
 
