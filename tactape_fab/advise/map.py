@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.advise.answer import LOCATED, seen_of
+from tactape_fab.advise.answer import LOCATED, codes_for, seen_of
 from tactape_fab.advise.designs import ELEMENTS, FILM_PARTS, SHARES, Design, film_pitch_mm, rules_of
-from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
+from tactape_fab.advise.model import LOSS, least_contact_mm
 from tactape_fab.advise.question import Question
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.tape import profiles_of
 from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile, PartProfile, read_part
-from tactape_fab.texture.code import get_code
 
 PITCHES_MM = tuple(round(0.7 + 0.1 * k, 1) for k in range(18))
 """Pitches W of the map, mm."""
@@ -100,9 +99,7 @@ def _point(question: Question, at: tuple[tuple[str, tuple[float, float, float]],
     sensor = question.sensor
     field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
     least: dict[str, float | None] = {}
-    for code in CODES:
-        if legal[0].directions not in get_code(code.name).directions or count > code.most_points:
-            continue
+    for code in codes_for(legal[0], question, seen_of(legal[0], question, count)):
         sizes = [least_contact_mm(seen_of(design, question, count), code, LOSS, LOCATED, field_mm) for design in legal]
         least[code.name] = min((size for size in sizes if size is not None), default=None)
     point = replace(empty, least_mm=least, parts=count)

@@ -69,3 +69,11 @@ def test_what_cannot_be_drawn_is_refused_with_the_rest(more: str, said: str) -> 
     assert result.exit_code == 2
     assert said in result.stderr
     assert "--contact = 0" in result.stderr
+
+
+@pytest.mark.usefixtures("three_pitches")
+def test_a_code_is_drawn_only_where_its_tape_is_as_long() -> None:
+    """A sector of trace-22 has 127 columns: 190.5 mm at W 1.5, 254 mm at W 2."""
+    points = map_of(read_question({"contact_mm": 6, "size_mm": [220.0, 50.0]}))
+    drawn = {p.pitch_mm: "trace-22" in p.least_mm for p in points if p.part == "r0201" and p.least_mm}
+    assert drawn == {1.5: False, 2.0: True}
