@@ -10,6 +10,8 @@ from tests.bench.code_bounds import largest_code, most_distance
 from tests.bench.code_table import least_contact, located
 from tests.bench.code_trust import SUBJECTS, foreign, own, tape_of_code
 from tests.bench.quarter_turns import Turns
+from tests.bench.touch_rungs import DESIGNS, designed
+from tests.bench.touch_rungs import located as located_on_design
 from tests.thorough import only_thorough
 
 
@@ -47,3 +49,11 @@ def test_turns_are_counted_by_their_sign_and_their_answers() -> None:
         turns.add(ratio, off_deg)
     assert (turns.mistaken, turns.located, turns.quarter, turns.half) == (1, 3, 1, 1)
     assert turns.said == pytest.approx(1 / (1 + np.exp(3.0)) + 1 / (1 + np.exp(1.0)) + 0.02)
+
+
+@only_thorough
+def test_distance_counts_where_only_tapes_are_in_reach() -> None:
+    """By default p_tape bounds small contacts, so that the world with `max_p_tape` locates more of the same ones."""
+    tape, _ = designed(DESIGNS["`touch-2`, long parts"])
+    (by_default, told), wrong = located_on_design(tape, 5.25, 20)
+    assert wrong == 0 and by_default < 5 < told
