@@ -16,6 +16,7 @@ from tactape_fab.kit.examine.coupon import examine_coupon
 from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.verify.trip.round_trip import full_trips
 from tests.panels import SIX, TWO, packed_panel, panel_of
+from tests.thorough import AT_DESK, THOROUGH, spread
 
 
 def pytest_configure() -> None:
@@ -26,6 +27,23 @@ def pytest_configure() -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write the golden files anew instead of comparing")
+
+
+def _all_cases(config: pytest.Config) -> bool:
+    """Whether all cases of a test are tried: in a thorough run, and where files or words say which tests are meant."""
+    return THOROUGH or bool(config.option.keyword) or any(".py" in word for word in config.args)
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    if _all_cases(config):
+        return "all cases of each test"
+    return f"at most {AT_DESK} cases of each test; all where TACTAPE_THOROUGH=1 is set, or a test's file is named"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """At a desk a few cases of each test."""
+    if not _all_cases(config):
+        items[:] = spread(items)
 
 
 @pytest.fixture(autouse=True)
