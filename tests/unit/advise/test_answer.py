@@ -352,6 +352,7 @@ def test_a_fab_of_one_s_own_file_gives_the_same_lines_and_a_command_that_names_i
     assert f"--fab '{path}'" in own.lines[0].command
 
 
+@only_thorough
 def test_a_tape_longer_than_a_code_reaches_is_not_advised_in_it() -> None:
     """At W 1.39 a sector of trace-22 ends after 176.5 mm."""
     first = asked("--contact 6 --size 220x50")["lines"][0]
