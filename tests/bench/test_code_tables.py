@@ -28,8 +28,8 @@ def test_no_code_has_a_distance_of_more_words_than_there_are() -> None:
 def test_contacts_on_the_tape_are_right_and_on_others_not_located() -> None:
     tape = tape_of_code("trace-22")
     localizer = Localizer([tape])
-    found = own("trace-22", 110, localizer)
-    assert (found.contacts, found.wrong) == (110, 0) and found.located > 70 and found.said < 0.01
+    found = own("trace-22", 44, localizer)
+    assert (found.contacts, found.wrong) == (44, 0) and found.located > 28 and found.said < 0.01
     for subject in SUBJECTS[:3]:
         assert foreign("trace-22", subject, 22, localizer).located == 0
 

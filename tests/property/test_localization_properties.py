@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,8 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 from tests.thorough import some
 
 TAPE = examine(TapeSpec(sector=7)).layout.tape
-WORLDS = st.sampled_from(["open", "closed"])
+World = Literal["open", "closed"]
+WORLDS: st.SearchStrategy[World] = st.sampled_from(get_args(World))
 WIDTH_MM, HEIGHT_MM = (TAPE.columns - 1) * 1.5, (TAPE.rows - 1) * 1.5
 quick = settings(deadline=None, derandomize=True, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 
@@ -33,7 +34,7 @@ DTYPES = ["f2", "f4", "f8", "i1", "u1", "i2", "u2", "i4", "i8", "u8", "?", "c8",
 
 
 @cache
-def in_world(world: str) -> Localizer:
+def in_world(world: World) -> Localizer:
     """A localizer, made when a test first asks: it compiles the decoder where that was not done yet."""
     return Localizer([TAPE], world=world)
 
@@ -109,7 +110,7 @@ def test_noise_of_any_type_is_never_located(localizer: Localizer, dtype: str, se
 @example(world="open", values=[np.nan], seed=0, blocks=False)
 @example(world="open", values=[1e308, -1e308], seed=0, blocks=False)
 @example(world="open", values=[0.0, 1e-310], seed=0, blocks=True)
-def test_frames_of_any_values_have_an_answer(world: str, values: list[float], seed: int, blocks: bool) -> None:
+def test_frames_of_any_values_have_an_answer(world: World, values: list[float], seed: int, blocks: bool) -> None:
     rng = np.random.default_rng(seed)
     picked = rng.integers(0, len(values), (15, 20) if blocks else (240, 320))
     frame = np.array(values)[np.kron(picked, np.ones((16, 16), dtype=np.int64)) if blocks else picked]
