@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import pickle
 import shutil
 import signal
 import subprocess
+import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,16 +21,45 @@ from tactape_fab.kit.examine.coupon import examine_coupon
 from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.verify.trip.round_trip import full_trips
 from tests.panels import SIX, TWO, packed_panel, panel_of
+from tests.thorough import AT_DESK, THOROUGH, spread
+
+_COMPILE = "from tests.contacts import TAPE; from tactape_fab import Localizer; Localizer([TAPE])"
 
 
-def pytest_configure() -> None:
-    """In the background a shell lets tests, and all that they start, ignore Ctrl-C: some of them press it."""
+def _compile(root: Path) -> None:
+    subprocess.run([sys.executable, "-c", _COMPILE], cwd=root, stderr=subprocess.DEVNULL, check=False)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """In the background a shell lets tests, and all that they start, ignore Ctrl-C: some of them press it.
+
+    Before several workers find that the decoder is not compiled, and each compiles it, one process begins.
+    """
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if getattr(config.option, "tx", None) and not hasattr(config, "workerinput"):
+        threading.Thread(target=_compile, args=(config.rootpath,)).start()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="write the golden files anew instead of comparing")
+
+
+def _all_cases(config: pytest.Config) -> bool:
+    """Whether all cases of a test are tried: in a thorough run, and where files or words say which tests are meant."""
+    return THOROUGH or bool(config.option.keyword) or any(".py" in word for word in config.args)
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    if _all_cases(config):
+        return "all cases of each test"
+    return f"at most {AT_DESK} cases of each test; all where TACTAPE_THOROUGH=1 is set, or a test's file is named"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """At a desk a few cases of each test."""
+    if not _all_cases(config):
+        items[:] = spread(items)
 
 
 @pytest.fixture(autouse=True)
@@ -41,48 +75,79 @@ def _few_contacts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(full_trips, "__kwdefaults__", {"counts": (6, 3)})
 
 
+Once = Callable[[str, Callable[[Path], Any]], Any]
+
+
 @pytest.fixture(scope="session")
-def default_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
+    """What `make` makes in a folder of that name, once for all workers."""
+    base = tmp_path_factory.getbasetemp()
+    root = (base if worker_id == "master" else base.parent) / "once"
+
+    def made(name: str, make: Callable[[Path], Any]) -> Any:
+        folder = root / name
+        folder.mkdir(parents=True, exist_ok=True)
+        with (root / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            kept = root / f"{name}.pickle"
+            if not kept.exists():
+                kept.write_bytes(pickle.dumps(make(folder)))
+            return pickle.loads(kept.read_bytes())
+
+    return made
+
+
+def _small_kit(path: Path, models: bool) -> Kit:
+    return make_kit(TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)], models=models), path)
+
+
+@pytest.fixture(scope="session")
+def default_kit(once: Once) -> Kit:
     """The kit of the main job, 100 x 50 mm, sector 7; not to be changed."""
-    return make_kit(TapeSpec(sector=7), tmp_path_factory.mktemp("default") / "tactape-s007")
+    kit: Kit = once("default", lambda folder: make_kit(TapeSpec(sector=7), folder / "tactape-s007"))
+    return kit
 
 
 @pytest.fixture(scope="session")
-def small_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+def small_kit(once: Once) -> Kit:
     """A kit of 8 x 12 grid points with a strip and a hole; not to be changed."""
-    spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
-    return make_kit(spec, tmp_path_factory.mktemp("small") / "tactape-s100")
+    kit: Kit = once("small", lambda folder: _small_kit(folder / "tactape-s100", True))
+    return kit
 
 
 @pytest.fixture(scope="session")
-def flat_kit(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+def flat_kit(once: Once) -> Kit:
     """The small kit without 3D models, for what does not look at them; not to be changed."""
-    spec = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)], models=False)
-    return make_kit(spec, tmp_path_factory.mktemp("flat") / "tactape-s100")
+    kit: Kit = once("flat", lambda folder: _small_kit(folder / "tactape-s100", False))
+    return kit
 
 
 @pytest.fixture(scope="session")
-def panel_2(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+def panel_2(once: Once) -> PanelKit:
     """A panel of two tapes; not to be changed."""
-    return panel_of(TWO, tmp_path_factory.mktemp("two") / "panel")
+    panel: PanelKit = once("two", lambda folder: panel_of(TWO, folder / "panel"))
+    return panel
 
 
 @pytest.fixture(scope="session")
-def panel_6(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+def panel_6(once: Once) -> PanelKit:
     """A panel of six tapes; not to be changed."""
-    return panel_of(SIX, tmp_path_factory.mktemp("six") / "panel")
+    panel: PanelKit = once("six", lambda folder: panel_of(SIX, folder / "panel"))
+    return panel
 
 
 @pytest.fixture(scope="session")
-def panel_packed(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+def panel_packed(once: Once) -> PanelKit:
     """A packed panel of five different tapes, some turned; not to be changed."""
-    return packed_panel(tmp_path_factory.mktemp("packed"))
+    panel: PanelKit = once("packed", packed_panel)
+    return panel
 
 
 @pytest.fixture(scope="session")
-def coupon_panel(tmp_path_factory: pytest.TempPathFactory) -> PanelKit:
+def coupon_panel(once: Once) -> PanelKit:
     """The coupon of jlcpcb-fpc; not to be changed."""
-    return make_panel(examine_coupon("jlcpcb-fpc"), tmp_path_factory.mktemp("coupon") / "panel", force=True)
+    panel: PanelKit = once("coupon", lambda folder: make_panel(examine_coupon("jlcpcb-fpc"), folder / "panel", force=True))
+    return panel
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,10 @@ import pytest
 
 THOROUGH = os.environ.get("TACTAPE_THOROUGH") == "1"
 only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_THOROUGH=1 asks for it")
+
+
+AT_DESK = 3
+"""Cases of one test that a run of whole folders tries at a desk: the first, the last, and those between at equal steps."""
 
 
 def some(many: int) -> int:
@@ -28,3 +33,16 @@ def first(at_desk: int, cases: Sequence[Any]) -> list[Any]:
         *cases[:at_desk],
         *(pytest.param(*case.values, marks=(*case.marks, only_thorough), id=case.id) for case in cases[at_desk:]),
     ]
+
+
+def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
+    """Of each test that would run, the cases that a run at a desk tries; the others stay as they are."""
+    cases: dict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        if not any(mark.args and mark.args[0] for mark in item.iter_markers("skipif")):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    left: set[pytest.Item] = set()
+    for found in cases.values():
+        if len(found) > AT_DESK:
+            left |= set(found) - {found[round(i * (len(found) - 1) / (AT_DESK - 1))] for i in range(AT_DESK)}
+    return [item for item in items if item not in left]

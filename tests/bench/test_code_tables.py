@@ -12,7 +12,7 @@ from tests.bench.code_trust import SUBJECTS, foreign, own, tape_of_code
 from tests.bench.quarter_turns import Turns
 from tests.bench.touch_rungs import DESIGNS, designed
 from tests.bench.touch_rungs import located as located_on_design
-from tests.thorough import only_thorough
+from tests.thorough import THOROUGH, only_thorough, some
 
 
 @pytest.mark.parametrize(("length", "distance", "words"), [(24, 8, 4096), (16, 6, 256), (23, 7, 4096), (13, 6, 40)])
@@ -30,17 +30,18 @@ def test_no_code_has_a_distance_of_more_words_than_there_are() -> None:
 def test_contacts_on_the_tape_are_right_and_on_others_not_located() -> None:
     tape = tape_of_code("trace-22")
     localizer = Localizer([tape])
-    found = own("trace-22", 110, localizer)
-    assert (found.contacts, found.wrong) == (110, 0) and found.located > 70 and found.said < 0.01
+    found = own("trace-22", 44, localizer)
+    assert (found.contacts, found.wrong) == (44, 0) and found.located > 28 and found.said < 0.01
     for subject in SUBJECTS[:3]:
         assert foreign("trace-22", subject, 22, localizer).located == 0
 
 
 def test_larger_contacts_are_located_more_often() -> None:
     localizer = Localizer([tape_of_code("trace-22")])
-    shares = [located("trace-22", localizer, size_mm, 0.0, 40) for size_mm in (5.0, 6.0, 9.0)]
+    shares = [located("trace-22", localizer, size_mm, 0.0, some(40)) for size_mm in (5.0, 6.0, 9.0)]
     assert shares == sorted(shares) and shares[0] < 0.5 < shares[2]
-    assert 5.25 <= float(least_contact("trace-22", localizer, 0.0, 40).split()[0]) <= 7.0
+    if THOROUGH:
+        assert 5.25 <= float(least_contact("trace-22", localizer, 0.0, 40).split()[0]) <= 7.0
 
 
 def test_turns_are_counted_by_their_sign_and_their_answers() -> None:

@@ -24,6 +24,7 @@ from tests.bench.false_accepts import about
 from tests.bench.false_tally import Tally
 from tests.bench.localization_false import Job as Count
 from tests.bench.localization_rows import Row, frames_of
+from tests.thorough import only_thorough
 
 TINY = Size(name="tiny", trials=1, frames=3, sectors=2)
 
@@ -96,6 +97,7 @@ def test_the_baseline_finds_contacts_now_and_then() -> None:
     assert found["baseline"]["position_um"] < 200.0 and found["baseline"]["theta_deg"] < 3.0
 
 
+@only_thorough
 def test_errors_are_held_against_the_bound() -> None:
     found = accuracy.measure_scene("default scene", 20)
     assert found["frames"] == 20
@@ -226,6 +228,7 @@ def test_a_finer_sensor_is_more_exact() -> None:
     assert fine["size_px"] == [320, 240]
 
 
+@only_thorough
 def test_p_place_is_held_against_what_happens() -> None:
     found = [
         place_chance.Said(

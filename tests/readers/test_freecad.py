@@ -27,7 +27,7 @@ def readings(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_freecad_reads_one_valid_solid(
-    name: str, solid_variants: dict[str, Variant], readings: tuple[Tape, dict[str, Any]]
+    name: str, readings: tuple[Tape, dict[str, Any]], solid_variants: dict[str, Variant]
 ) -> None:
     variant, found = solid_variants[name], readings[1][name]
     assert (found["solids"], found["valid"]) == (1, True)

@@ -43,7 +43,7 @@ def kits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kit]:
 
 
 @pytest.fixture(scope="module")
-def seen(kits: dict[str, Kit], python_of_kicad: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+def seen(python_of_kicad: str, kits: dict[str, Kit], tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """What KiCad says of each board, and of one whose limits were raised."""
     folder = tmp_path_factory.mktemp("opened")  # KiCad writes beside what it opens
     paths = {name: str(_copy(kit, folder / name)) for name, kit in kits.items()}

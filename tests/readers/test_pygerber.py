@@ -14,7 +14,7 @@ from tactape_fab import Kit, TapeSpec, make_kit
 from tests.readers.conftest import Sample, layout_of
 from tests.readers.pictures import Picture, read_gray
 from tests.readers.raster import LAYERS, PX_PER_MM, Window, coverage, iou, layer_edges_mm
-from tests.thorough import thorough
+from tests.thorough import only_thorough, thorough
 
 _OVERSAMPLING = 20  # PyGerber draws on whole pixels: one of them must be little of the profile's line
 _MARGIN_PX = 20
@@ -60,6 +60,7 @@ def test_pygerber_draws_the_layer_as_laid_out(tape_without_strip: Sample, tape_6
     assert iou(picture, coverage(layer_edges_mm(sample.layout, layer), window)) >= 0.98
 
 
+@only_thorough
 def test_a_mirrored_layer_falls_below_the_threshold(tape_without_strip: Sample, tmp_path: Path) -> None:
     picture, window = _drawn(tape_without_strip.path("copper-top"), tmp_path)
     truth = coverage(layer_edges_mm(tape_without_strip.layout, "copper-top"), window)

@@ -26,7 +26,7 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tests.thorough import THOROUGH, some
 
-KILLS = 50 if THOROUGH else 8
+KILLS = 24 if THOROUGH else 8
 AT_A_TIME = 2
 NEW, OLD = 7, 8
 SIZE_MM = (40.0, 30.0)
@@ -75,7 +75,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Files]:
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory, whole: dict[int, Files]) -> list[Killed]:
-    """Fifty runs, two at a time, killed at random moments.
+    """Runs, two at a time, killed at random moments.
 
     Every other one stands over an older kit. Half of the moments count from the start of the process, half from the start
     of the build, which takes less of the time and more of the care; a few come when the run is over.
@@ -111,7 +111,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory, whole: dict[int, Files]) ->
 
     late = chance.sample(range(KILLS), KILLS // 8)
     with ThreadPoolExecutor(AT_A_TIME) as pool:
-        list(pool.map(lambda i: run_one(f"whole{i}", None), range(2 * AT_A_TIME)))
+        list(pool.map(lambda i: run_one(f"whole{i}", None), range(AT_A_TIME)))
         results = list(pool.map(kill_one, range(KILLS)))
     early, strays = sum(k.early for k in results), sum(bool(k.strays) for k in results)
     new = sum(k.kit == whole[NEW] for k in results)

@@ -266,6 +266,8 @@ SIZES: list[tuple[tuple[float, float], float, dict[str, Any]]] = [
     ((33.3, 27.7), 1.55, {"x2": "off", "tag_id": 586, "tag_cell_mm": 0.4, "holes_mm": [(20.0, 15.0, 3.2)]}),
 ]
 AT_A_DESK = {("microdots-4x4", 3), ("debruijn-4x4", 1), ("anoto-6x6", 2)}
+MORE = {("microdots-4x4", 1), ("debruijn-4x4", 0), ("anoto-6x6", 3)}
+"""Two sizes of each code, each size at least once; test_random_kits.py and tests/property mix all options."""
 
 
 @pytest.mark.parametrize(
@@ -274,6 +276,7 @@ AT_A_DESK = {("microdots-4x4", 3), ("debruijn-4x4", 1), ("anoto-6x6", 2)}
         (code, *size) if (code, i) in AT_A_DESK else thorough(code, *size)
         for code in ("microdots-4x4", "debruijn-4x4", "anoto-6x6")
         for i, size in enumerate(SIZES)
+        if (code, i) in AT_A_DESK | MORE
     ],
 )
 def test_every_code_and_size_makes_a_kit_that_verifies(

@@ -325,7 +325,12 @@ def test_promises_of_the_page_are_kept_and_are_those_of_the_model() -> None:
 
 @only_thorough
 def test_random_designs_locate_what_is_promised_of_them() -> None:
-    rows = bench.promises()
+    """Anew those of either kind that are nearest to a broken promise on the page; the page has all."""
+    page = json.loads(bench.FIGURES.read_text(encoding="utf-8"))["promises"]
+    hardest = sorted(range(len(page)), key=lambda i: page[i]["simulated"]["located"])
+    four, eight = ([i for i in hardest if page[i]["directions"] == of] for of in (4, 8))
+    rows = bench.promises({*four[:5], *eight[:2]})
+    assert len(rows) == 7
     assert all(bench.kept(row) for row in rows), [row for row in rows if not bench.kept(row)]
 
 
@@ -347,6 +352,7 @@ def test_a_fab_of_one_s_own_file_gives_the_same_lines_and_a_command_that_names_i
     assert f"--fab '{path}'" in own.lines[0].command
 
 
+@only_thorough
 def test_a_tape_longer_than_a_code_reaches_is_not_advised_in_it() -> None:
     """At W 1.39 a sector of trace-22 ends after 176.5 mm."""
     first = asked("--contact 6 --size 220x50")["lines"][0]

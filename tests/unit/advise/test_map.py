@@ -17,6 +17,7 @@ from tactape_fab.advise.map import map_of
 from tactape_fab.advise.model import CODES, LOSS, least_contact_mm
 from tactape_fab.advise.question import read_question
 from tactape_fab.cli import main
+from tests.thorough import only_thorough
 
 
 @pytest.fixture
@@ -24,6 +25,7 @@ def three_pitches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(advise_map, "PITCHES_MM", (0.8, 1.5, 2.0))
 
 
+@only_thorough
 @pytest.mark.usefixtures("three_pitches")
 def test_points_are_those_of_single_designs_whoever_works() -> None:
     question = read_question({"contact_mm": 6})

@@ -18,7 +18,7 @@ from click.testing import CliRunner, Result
 from tactape_fab import Kit, __version__, cli
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import COMMANDS, command, main
-from tests.thorough import some
+from tests.thorough import only_thorough, some
 
 PROGRAM = (sys.executable, "-m", "tactape_fab")
 HEAVY = {"build123d", "OCP", "trimesh"}
@@ -265,6 +265,7 @@ def test_import_and_help_load_no_library_that_takes_time(tmp_path: Path) -> None
         assert not imported(code, tmp_path) & {*HEAVY, "numpy", "cv2", "shapely", "gerbonara"}
 
 
+@only_thorough
 def test_make_check_and_verify_load_no_cad_kernel_and_no_mesh_library(tmp_path: Path) -> None:
     for line in (f"make {SMALL} -o kit", f"check {SMALL}", "verify kit"):
         modules = imported(CALL.format(line), tmp_path)

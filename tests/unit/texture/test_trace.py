@@ -21,7 +21,7 @@ from tactape_fab.texture.windows import WordArray, bit_count
 from tests.bench.trace_codes import least_weights
 from tests.contacts import dots, is_near, texture_of
 from tests.tapes import tape_at
-from tests.thorough import some
+from tests.thorough import only_thorough, some
 from tests.unit.texture.touch.test_design import APART, nearest, patches_of
 
 CODE = get_plane("trace-22")
@@ -73,6 +73,7 @@ def test_a_wrong_symbol_is_never_unnoticed() -> None:
         assert not locate_windows(TRACE, window).valid.any()
 
 
+@only_thorough
 def test_no_two_places_have_one_exponent() -> None:
     column, row, sector = np.arange(127), np.arange(127)[:, None], np.arange(256)[:, None, None]
     exponent = (column + 129 * (row + 127 * sector)).ravel()

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.together import sector_words
 from tactape_fab.texture.certify.kits import registry
+from tests.thorough import only_thorough
 
 BOTH = "tactape-s000 and tactape-s001: 1 pair of 4x4 windows read the same"
 
@@ -30,6 +31,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@only_thorough
 def test_a_list_says_what_the_registry_would_find() -> None:
     command = "make --sectors 0,1 --no-3d --no-verify --jobs 1 -o kits"
     made = run(command)

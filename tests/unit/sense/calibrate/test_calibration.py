@@ -12,7 +12,7 @@ from tactape_fab import FrameError, Localizer, SpecError
 from tactape_fab.sense import Calibration, SensorProfile, calibrate_sensor
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.tapes import tape_at
-from tests.thorough import thorough
+from tests.thorough import only_thorough, thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, pressed, presses
 
 WRONG = replace(STOCK, px_per_mm=(19.5, 19.5), sign=-1, mirror=True)
@@ -88,6 +88,7 @@ def test_contacts_are_located_better_than_by_the_stock_profile() -> None:
     assert 0.4 < np.mean(nees) < 1.8
 
 
+@only_thorough
 def test_a_gel_that_moves_is_seen_to() -> None:
     made = pressed(TRUE, 12, 4, (6.0, 4.5), 0.0, gel_displacement_um=80.0)
     found = calibrate_sensor(made.frames, [TAPE], STOCK)
@@ -119,6 +120,7 @@ def _delivered(frame: Frame, sensor: SensorProfile) -> Frame:
     return np.ascontiguousarray(sensor.sign * (turned[:, ::-1] if sensor.mirror else turned))
 
 
+@only_thorough
 def test_blind_borders_are_found_and_kept_clear_of() -> None:
     frames = [frame.copy() for frame in presses(14).frames]
     for frame in frames:
@@ -191,6 +193,7 @@ def test_a_known_direction_that_cannot_be_is_refused(known: tuple[int, float], w
         calibrate_sensor(presses().frames, [TAPE], TRUE, known_theta=known)
 
 
+@only_thorough
 def test_remarks_say_what_cannot_be_observed() -> None:
     said = " ".join(calibrated().remarks)
     assert "quarter turns of the image cannot be told" in said and "--known-theta FRAME,DEG" in said

@@ -12,6 +12,7 @@ from tactape_fab import SpecError
 from tactape_fab.sense import ArmPose, Calibration, calibrate_sensor
 from tactape_fab.sense.calibrate.hand_eye import matrix_of, on_tape
 from tactape_fab.texture.frames import FloatArray
+from tests.thorough import only_thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, presses
 
 ON_FLANGE = matrix_of(np.array([5.0, -3.0, 80.0, *Rotation.from_euler("xyz", [2, -3, 30], degrees=True).as_rotvec()]))
@@ -53,6 +54,7 @@ def test_the_mapping_says_its_format_and_is_whole() -> None:
     assert found.to_mapping()["hand_eye"]["tape"] == TAPE.name
 
 
+@only_thorough
 def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
     made = presses()
     found = calibrate_sensor(made.frames, [TAPE], STOCK, known_theta=(0, 20.0), arm_poses=arm_poses(made.poses, 0.0)).hand_eye

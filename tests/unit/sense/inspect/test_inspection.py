@@ -18,6 +18,7 @@ from tactape_fab.texture.as_built import AsBuilt, manifest_digest
 from tactape_fab.texture.manifest import read_any_manifest
 from tactape_fab.texture.panel_manifest import read_placed
 from tests.scans import Built, Picture, Scanner, assembled, scan
+from tests.thorough import only_thorough
 from tests.unit.sense.inspect.conftest import MISSING, SHIFTED, TOMBSTONED, TURNED, Scanned, write
 
 
@@ -113,6 +114,7 @@ def test_a_photograph_at_a_slant_serves(kit_40: Kit, tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.present, built.present)
 
 
+@only_thorough
 def test_a_camera_s_parallax_is_no_shift_of_parts(kit_40: Kit, tmp_path: Path) -> None:
     """A camera 250 mm above, at a slant, with a lens: bodies are seen up to 20 um farther out than their lands."""
     tape = Tape.load(kit_40.path)
@@ -147,6 +149,7 @@ def panel_scan(panel_2: PanelKit) -> tuple[Picture, list[Built]]:
     return out, builts
 
 
+@only_thorough
 def test_all_tapes_of_a_panel_are_inspected(panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path) -> None:
     picture, builts = panel_scan
     found = inspect_scans(write(tmp_path / "panel.png", picture), panel_2.path)

@@ -188,17 +188,17 @@ def test_search_is_a_plain_enumeration(name: str, corner: tuple[int, int], doubt
     assert place.lead >= min(lead, 8.0) - 1e-4
 
 
-@pytest.mark.parametrize("name", ["one", thorough("mixed")])
 @pytest.mark.parametrize(
-    ("sector", "corner", "doubt", "at_default", "beyond"),
+    ("name", "sector", "corner", "doubt", "at_default", "beyond"),
     [
-        thorough(7, (28, 9), 0.02, False, False),
-        thorough(7, (-2, 3), 0.05, False, False),
-        thorough(9, (20, 9), 0.02, False, False),
-        thorough(8, (3, 3), 0.3, False, True),
-        (7, (-2, 3), 0.05, False, True),
-        (104, (-3, 12), 0.02, True, True),
-        thorough(104, (59, -1), 0.05, True, True),
+        thorough("one", 7, (28, 9), 0.02, False, False),
+        thorough("mixed", 7, (-2, 3), 0.05, False, False),
+        thorough("mixed", 9, (20, 9), 0.02, False, False),
+        thorough("mixed", 8, (3, 3), 0.3, False, True),
+        ("one", 7, (-2, 3), 0.05, False, True),
+        ("one", 104, (-3, 12), 0.02, True, True),
+        thorough("mixed", 104, (-3, 12), 0.02, True, True),
+        thorough("one", 104, (59, -1), 0.05, True, True),
     ],
 )
 def test_rivals_are_a_plain_enumeration(
