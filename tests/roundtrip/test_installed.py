@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
@@ -16,17 +15,21 @@ import pytest
 import tactape_fab
 from tactape_fab import Kit
 from tests.installs import (
+    COMPANIONS,
     MACHINES,
     NO_WHEEL,
     NUMPYS,
     PYTHONS,
     ROBOT,
+    Companion,
+    beside,
     built_wheel,
     clean_environment,
     fresh_environment,
     installable,
     interpreter,
     registry_answers,
+    uv_program,
 )
 from tests.thorough import only_thorough
 
@@ -149,20 +152,35 @@ def test_a_robot_locates_with_three_libraries(
     assert found["located"] and found["resident_mb"] <= ROBOT_RESIDENT_MB and found["ready_s"] <= READY_S
 
 
+@pytest.fixture(scope="module")
+def resolver(registry: None) -> None:
+    """uv, and a registry that it reaches."""
+    if uv_program() is None:
+        pytest.skip('uv is not installed: pip install -e ".[dev]"')
+
+
 @only_thorough
-@pytest.mark.usefixtures("registry")
-def test_wheels_can_be_had_for_every_python_and_machine(tmp_path: Path) -> None:
-    """Robot's half, default and [cad], as pip's resolver answers.
+@pytest.mark.usefixtures("resolver")
+@pytest.mark.parametrize("python", PYTHONS)
+def test_wheels_can_be_had_for_every_python_and_machine(python: str) -> None:
+    """Robot's half, default and [cad], as uv's resolver answers.
 
     numpy 1.26 was never built for Python 3.13 and newer, and build123d asks for numpy 2.
     """
-    with ThreadPoolExecutor(6) as pool:
-        asked = {
-            (python, machine, numpy): pool.submit(installable, python, machine, numpy, tmp_path / "none")
-            for python, machine, numpy in product(PYTHONS, MACHINES, NUMPYS)
-        }
-        found = {cell: future.result() for cell, future in asked.items()}
-    for (python, machine, numpy), answers in found.items():
+    for machine, numpy in product(MACHINES, NUMPYS):
+        answers = installable(python, machine, numpy)
         refused = {name for name, answer in answers.items() if isinstance(answer, str)}
         expected = set(answers) if (python, numpy) in NO_WHEEL else {"[cad]"} if numpy == "1.26" else set()
         assert refused == expected, (python, machine, numpy, answers)
+
+
+@only_thorough
+@pytest.mark.usefixtures("resolver")
+@pytest.mark.parametrize("companion", COMPANIONS, ids=lambda companion: companion.name)
+def test_extras_install_beside_what_labs_have(companion: Companion) -> None:
+    """With numpy 1 all but two do; on Python 3.10 and 3.14 libraries that came later or not yet are left out, too."""
+    elsewhere = {"3.10": {"slam", "docs"}, "3.14": {"verify"}}
+    for python in companion.pythons:
+        together, refused = beside(companion, python)
+        of_numpy = {"cad", "rerun"} if together["numpy"].startswith("1.") else set()
+        assert set(refused) == of_numpy | elsewhere.get(python, set()), (python, refused)
