@@ -1,6 +1,7 @@
-"""Writes into docs/install.md what each installation takes here, and where pip's resolver finds wheels for it.
+"""Writes into docs/install.md what each installation takes here, and where and beside what uv's resolver finds wheels for it.
 
-`python docs/make_installs.py [sizes | cells]`; a registry has to be reached, and it takes minutes.
+`python docs/make_installs.py [sizes | cells | beside]`; uv (extra dev) and a registry have to be
+there, and the sizes take minutes.
 """
 
 from __future__ import annotations
@@ -8,22 +9,24 @@ from __future__ import annotations
 import re
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from tests.installs import (  # noqa: E402
+    COMPANIONS,
     MACHINES,
     NO_WHEEL,
     NUMPYS,
     PYTHONS,
     ROBOT,
+    beside,
     built_wheel,
     cad_glibc,
     fresh_environment,
     installable,
+    lab_extras,
 )
 
 PAGE = ROOT / "docs" / "install.md"
@@ -44,33 +47,43 @@ def sizes(scratch: Path) -> list[str]:
     return rows
 
 
-def cells(scratch: Path) -> list[str]:
+def cells(_: Path) -> list[str]:
     """A row for each Python and machine: what resolves with numpy 1.26, and with numpy 2."""
-    wanted = [(p, m, n) for p in PYTHONS for m in MACHINES for n in NUMPYS]
-    with ThreadPoolExecutor(4) as pool:
-        found = dict(zip(wanted, pool.map(lambda cell: _cell(*cell, scratch), wanted), strict=True))
     rows = ["| Python | machine | numpy 1.26 | numpy 2 |", "|---|---|---|---|"]
-    return rows + [f"| {p} | {m} | {' | '.join(found[p, m, n] for n in NUMPYS)} |" for p in PYTHONS for m in MACHINES]
+    return rows + [f"| {p} | {m} | {' | '.join(_cell(p, m, n) for n in NUMPYS)} |" for p in PYTHONS for m in MACHINES]
 
 
-def _cell(python: str, machine: str, numpy: str, scratch: Path) -> str:
+def _cell(python: str, machine: str, numpy: str) -> str:
     if (python, numpy) in NO_WHEEL:
         return f"no: numpy {numpy} has no wheel for Python {python}"
-    found = installable(python, machine, numpy, scratch / "none")
+    found = installable(python, machine, numpy)
     missing = [name for name, answer in found.items() if isinstance(answer, str)]
     if "default" in missing or "robot" in missing:
         return "no: " + "; ".join(f"{name}: {found[name]}" for name in missing)
-    versions = next(answer for answer in found.values() if not isinstance(answer, str))
+    *_, versions = (answer for answer in found.values() if not isinstance(answer, str))
     yes = f"yes: numpy {versions['numpy']}, numba {versions['numba']}"
     if missing:
-        return f"{yes}; not `[cad]`: build123d asks for numpy 2"
+        return f"{yes}; not `[cad]`: {found['[cad]']}"
     return yes if (glibc := cad_glibc(python)) == 28 else f"{yes}; `[cad]` on glibc 2.{glibc}"
+
+
+def beside_rows(_: Path) -> list[str]:
+    """A row for each companion and Python: the extras that install beside it all at once, and what each other one lacks."""
+    rows = ["| beside | Python | install all at once | do not |", "|---|---|---|---|"]
+    for companion in COMPANIONS:
+        for python in companion.pythons:
+            together, refused = beside(companion, python)
+            fitting = [f"`{name}`" for name in lab_extras() if name not in refused]
+            lacking = "; ".join(f"`{name}`: {why}" for name, why in refused.items()) or "none"
+            numpy = f"default (numpy {together['numpy']})"
+            rows.append(f"| {companion.name} | {python} | {', '.join([numpy, *fitting])} | {lacking} |")
+    return rows
 
 
 def main() -> None:
     text = PAGE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as scratch:
-        tables = {"sizes": sizes, "cells": cells}
+        tables = {"sizes": sizes, "cells": cells, "beside": beside_rows}
         for name, make in ((name, tables[name]) for name in sys.argv[1:] or tables):
             rows = "\n".join(make(Path(scratch)))
             print(rows, flush=True)

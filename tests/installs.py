@@ -1,13 +1,16 @@
-"""Fresh environments and pip's resolver: what an installation takes, and where one can be had."""
+"""Fresh environments and uv's resolver: what an installation takes, where one can be had, and beside what."""
 
 from __future__ import annotations
 
-import json
 import os
+import re
+import shutil
 import subprocess
 import sys
+from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from time import perf_counter
 
@@ -21,20 +24,13 @@ ROBOT = ("numpy", "numba", "click")
 """What a robot installs beside the package itself."""
 NO_WHEEL = {("3.13", "1.26"), ("3.14", "1.26")}
 """Python and numpy that never met: numpy 1.26 was built for up to Python 3.12."""
-
-# pip takes tags and Requires-Python of the Python that it is asked about, but markers of the one that it runs in
-_PIP_ELSEWHERE = """
-import runpy, sys
-from pip._vendor.packaging import markers
-here, (version, machine) = markers.default_environment, sys.argv[1:3]
-there = {"python_version": version, "python_full_version": version + ".0", "platform_machine": machine}
-markers.default_environment = lambda: {**here(), **there}
-sys.argv = ["pip", *sys.argv[3:]]
-runpy.run_module("pip", run_name="__main__", alter_sys=True)
-"""
-_OLDER_NAMES = ("manylinux2014", "manylinux2010", "manylinux1")
-_FOR_NUMPY_1 = "opencv-python-headless<4.12"
-"""Newer ones ask for numpy 2. Said at once, pip does not have to find it by trying every version."""
+_UV_NAMES = {
+    "index-url": ("UV_DEFAULT_INDEX", ""),
+    "extra-index-url": ("UV_INDEX", " "),
+    "find-links": ("UV_FIND_LINKS", ","),
+    "cert": ("SSL_CERT_FILE", ""),
+}
+"""What uv calls the settings of pip, and how it parts several."""
 _VENDORED = ("pip", "setuptools", "pkg_resources", "_distutils_hack")
 """What a fresh environment has before anything is installed."""
 
@@ -78,8 +74,24 @@ def cad_glibc(python: str) -> int:
     return 31 if python == "3.10" else 28
 
 
-def resolved(python: str, machine: str, wanted: Sequence[str], target: Path, glibc: int = 28) -> Mapping[str, str] | str:
-    """Versions by name that pip would install from wheels alone, or why it cannot.
+def uv_program() -> str | None:
+    """uv, which `dev` brings: beside this Python, or on the path."""
+    return shutil.which("uv", path=os.pathsep.join([str(Path(sys.executable).parent), *os.get_exec_path()]))
+
+
+@cache
+def _as_pip() -> dict[str, str]:
+    """An environment in which uv asks the registries that pip asks here, and takes the best of all as pip does."""
+    command = [sys.executable, "-m", "pip", "config", "list"]
+    lines = subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=True).stdout
+    rows = re.findall(r"^[^.\n]+\.([\w-]+)=(.+)$", lines, re.MULTILINE)
+    found = {key: literal_eval(value) for key, value in reversed(rows)}  # what the environment says comes first there, and wins
+    said = {name: between.join(found[key].split()) for key, (name, between) in _UV_NAMES.items() if key in found}
+    return {**said, "UV_INDEX_STRATEGY": "unsafe-best-match", "UV_PYTHON_DOWNLOADS": "never", **clean_environment()}
+
+
+def resolved(python: str, machine: str, wanted: Sequence[str], glibc: int = 28) -> Mapping[str, str] | str:
+    """Versions by name that uv's resolver finds in wheels alone, reading nothing but their metadata; or why there are none.
 
     Parameters
     ----------
@@ -87,42 +99,91 @@ def resolved(python: str, machine: str, wanted: Sequence[str], target: Path, gli
         ``"3.12"``, ``"aarch64"``.
     wanted : sequence of str
         Requirements.
-    target : Path
-        A folder that pip wants to hear of; nothing is written.
     glibc : int
         Minor version of the glibc there.
     """
-    tags = (*(f"manylinux_2_{minor}" for minor in range(glibc, 4, -1)), *_OLDER_NAMES)
-    platforms = [word for tag in tags for word in ("--platform", f"{tag}_{machine}")]
-    command = [sys.executable, "-c", _PIP_ELSEWHERE, python, machine, "install", "--dry-run", "--ignore-installed", "--quiet"]
-    command += ["--only-binary=:all:", *platforms, "--python-version", python, "--implementation", "cp"]
-    command += ["--target", str(target), "--report", "-", *wanted]
-    run = subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=False)
+    uv = uv_program()
+    assert uv is not None
+    command = [uv, "pip", "compile", "-", "--no-header", "--no-annotate", "--only-binary", ":all:", "--python-version", python]
+    command += ["--python-platform", f"{machine}-manylinux_2_{glibc}", "--python", sys.executable]
+    run = subprocess.run(command, input="\n".join(wanted), env=_as_pip(), capture_output=True, encoding="utf-8", check=False)
     if run.returncode != 0:
-        errors = [line for line in run.stderr.splitlines() if line.startswith("ERROR:")]
-        return errors[-1].removeprefix("ERROR: ") if errors else run.stderr[-200:]
-    return {item["metadata"]["name"].lower(): item["metadata"]["version"] for item in json.loads(run.stdout)["install"]}
+        reasons = re.findall(r"(\S+?)[\[<>=!]\S* depends on (\S+?),?\s", run.stderr)
+        return "{} asks for {}".format(*(word.rstrip(".") for word in reasons[-1])) if reasons else run.stderr.strip()[-200:]
+    return dict(line.split("==") for line in run.stdout.splitlines() if "==" in line)
 
 
-def installable(python: str, machine: str, numpy: str, target: Path) -> dict[str, Mapping[str, str] | str]:
-    """The three installations: the robot's half and the default on glibc 2.28, and [cad] on `cad_glibc`.
+def installable(python: str, machine: str, numpy: str) -> dict[str, Mapping[str, str] | str]:
+    """The three installations: the robot's half and the default on glibc 2.28, and [cad] on `cad_glibc`."""
+    lists = {"robot": (ROBOT, 28), "default": (requirements(), 28), "[cad]": (requirements("cad"), cad_glibc(python))}
+    return {name: resolved(python, machine, [NUMPYS[numpy], *wanted], glibc) for name, (wanted, glibc) in lists.items()}
 
-    Where a list resolves, parts of it do.
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Companion:
+    """What labs have that the package is to be installed beside: its Pythons and its requirements."""
+
+    name: str
+    pythons: tuple[str, ...]
+    wanted: tuple[str, ...]
+
+
+COMPANIONS = (
+    Companion(name="LeRobot 0.6 with `dataset` and `viz`", pythons=("3.12", "3.13"), wanted=("lerobot[dataset,viz]>=0.6,<0.7",)),
+    Companion(  # setup.py of joehjhuang/gs_sdk; normalflow, which is used with it, asks for the same numpy
+        name="gs_sdk and normalflow",
+        pythons=("3.10", "3.12"),
+        wanted=(
+            *("pillow==10.0.0", "numpy==1.26.4", "opencv-python>=4.9.0", "scipy>=1.13.1", "torch>=2.1.0", "PyYaml>=6.0.1"),
+            *("matplotlib>=3.9.0", "ffmpeg-python", "nanogui"),
+        ),
+    ),
+    Companion(  # requirements.txt of gelsightinc/gsrobotics, without pygrabber, which is for Windows
+        name="gsrobotics",
+        pythons=("3.10", "3.12"),
+        wanted=(
+            *("Kivy==2.3.1", "Kivy-Garden==0.1.5", "open3d>=0.18.0", "opencv-python==4.11.0.86", "pydantic==2.10.6"),
+            *("pydantic_core==2.27.2", "scikit-image>=0.24.0", "scipy>=1.13.0", "torch==2.6.0"),
+        ),
+    ),
+    Companion(name="cv_bridge of ROS 2 Humble: numpy 1.26", pythons=("3.10",), wanted=(NUMPYS["1.26"],)),
+    Companion(name="cv_bridge of Jazzy and Kilted: numpy 1.26", pythons=("3.12",), wanted=(NUMPYS["1.26"],)),
+    Companion(name="cv_bridge of Lyrical: numpy 2", pythons=("3.14",), wanted=(NUMPYS["2"],)),
+)
+DESKTOP_GLIBC = 35
+"""That of Ubuntu 22.04."""
+
+
+def lab_extras() -> dict[str, list[str]]:
+    """Requirements of every extra but `dev`."""
+    extras = read_toml(ROOT / "pyproject.toml", "pyproject")["project"]["optional-dependencies"]
+    return {name: lines for name, lines in extras.items() if name != "dev"}
+
+
+def beside(companion: Companion, python: str) -> tuple[Mapping[str, str], dict[str, str]]:
+    """Versions of everything that installs beside it at once on x86-64, and of each extra that does not, why.
+
+    Raises
+    ------
+    RuntimeError
+        When not even the default installation does.
     """
-    lists = {"[cad]": requirements("cad"), "default": requirements(), "robot": [*ROBOT]}
-    if (
-        numpy == "1.26"
-    ):  # no build123d takes it, and pip finds that sooner in a short list; what a part has not, the whole has not
-        lists = {"[cad]": ["build123d>=0.10"], "default": [_FOR_NUMPY_1, *requirements()], "robot": [*ROBOT]}
-    found: dict[str, Mapping[str, str] | str] = {}
-    solved: dict[int, Mapping[str, str]] = {}
-    for name, wanted in lists.items():
-        glibc = cad_glibc(python) if name == "[cad]" else 28
-        answer = solved.get(glibc) or resolved(python, machine, [NUMPYS[numpy], *wanted], target, glibc)
-        found[name] = answer
-        if not isinstance(answer, str):
-            solved[glibc] = answer
-    return found
+
+    def asked(extras: Sequence[str]) -> Mapping[str, str] | str:
+        return resolved(python, "x86_64", [*companion.wanted, *requirements(*extras)], DESKTOP_GLIBC)
+
+    fitting, refused = list(lab_extras()), dict[str, str]()
+    if isinstance(asked(fitting), str):
+        refused = {name: answer for name in fitting if isinstance(answer := asked([name]), str)}
+        fitting = [name for name in fitting if name not in refused]
+    together = asked(fitting)
+    if isinstance(together, str):
+        raise RuntimeError(f"{companion.name}, Python {python}, with {fitting}: {together}")
+    for name in fitting:  # a marker may leave an extra empty on this Python
+        words = [re.split(r"[\[<>=]", line)[0] for line in lab_extras()[name] if ";" in line]
+        if missing := [word for word in words if word not in together]:
+            refused[name] = f"{' and '.join(missing)} not for this Python"
+    return together, refused
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

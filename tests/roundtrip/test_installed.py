@@ -9,7 +9,6 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
@@ -18,16 +17,21 @@ import pytest
 import tactape_fab
 from tactape_fab import Kit
 from tests.installs import (
+    COMPANIONS,
     MACHINES,
     NO_WHEEL,
+    NUMPYS,
     PYTHONS,
     ROBOT,
+    Companion,
+    beside,
     built_wheel,
     clean_environment,
     fresh_environment,
     installable,
     interpreter,
     registry_answers,
+    uv_program,
 )
 from tests.thorough import THOROUGH, only_thorough
 
@@ -35,8 +39,6 @@ ROOT = Path(tactape_fab.__file__).resolve().parent.parent
 HERE = [version for version in PYTHONS if THOROUGH and interpreter(version)]
 ENDS = [HERE[0], HERE[-1]] if len(HERE) > 1 else [PYTHONS[0]]
 """The oldest and the newest Python of this machine."""
-OLD_NUMPY = (("3.10", "x86_64"), ("3.12", "aarch64"), ("3.13", "x86_64"))
-"""Where numpy 1.26 is asked for: what it was built for, and one it never was; docs/make_installs.py asks for all."""
 DEFAULT_MB, ROBOT_MB, ROBOT_RESIDENT_MB, READY_S = 520, 260, 260, 1.0
 _ROBOT = """
 import json, sys
@@ -155,20 +157,35 @@ def test_a_robot_locates_with_three_libraries(
     assert found["located"] and found["resident_mb"] <= ROBOT_RESIDENT_MB and found["ready_s"] <= READY_S
 
 
+@pytest.fixture(scope="module")
+def resolver(registry: None) -> None:
+    """uv, and a registry that it reaches."""
+    if uv_program() is None:
+        pytest.skip('uv is not installed: pip install -e ".[dev]"')
+
+
 @only_thorough
-@pytest.mark.usefixtures("registry")
-def test_wheels_can_be_had_for_every_python_and_machine(tmp_path: Path) -> None:
-    """Robot's half, default and [cad], as pip's resolver answers.
+@pytest.mark.usefixtures("resolver")
+@pytest.mark.parametrize("python", PYTHONS)
+def test_wheels_can_be_had_for_every_python_and_machine(python: str) -> None:
+    """Robot's half, default and [cad], as uv's resolver answers.
 
     numpy 1.26 was never built for Python 3.13 and newer, and build123d asks for numpy 2.
     """
-    with ThreadPoolExecutor(6) as pool:
-        asked = {
-            cell: pool.submit(installable, *cell, tmp_path / "none")
-            for cell in [*product(PYTHONS, MACHINES, ["2"]), *((*old, "1.26") for old in OLD_NUMPY)]
-        }
-        found = {cell: future.result() for cell, future in asked.items()}
-    for (python, machine, numpy), answers in found.items():
+    for machine, numpy in product(MACHINES, NUMPYS):
+        answers = installable(python, machine, numpy)
         refused = {name for name, answer in answers.items() if isinstance(answer, str)}
         expected = set(answers) if (python, numpy) in NO_WHEEL else {"[cad]"} if numpy == "1.26" else set()
         assert refused == expected, (python, machine, numpy, answers)
+
+
+@only_thorough
+@pytest.mark.usefixtures("resolver")
+@pytest.mark.parametrize("companion", COMPANIONS, ids=lambda companion: companion.name)
+def test_extras_install_beside_what_labs_have(companion: Companion) -> None:
+    """With numpy 1 all but two do; on Python 3.10 and 3.14 libraries that came later or not yet are left out, too."""
+    elsewhere = {"3.10": {"slam", "docs"}, "3.14": {"verify"}}
+    for python in companion.pythons:
+        together, refused = beside(companion, python)
+        of_numpy = {"cad", "rerun"} if together["numpy"].startswith("1.") else set()
+        assert set(refused) == of_numpy | elsewhere.get(python, set()), (python, refused)
