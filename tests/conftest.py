@@ -46,14 +46,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def _all_cases(config: pytest.Config) -> bool:
-    """Whether all cases of a test are tried: in a thorough run, and where files or words say which tests are meant."""
-    return THOROUGH or bool(config.option.keyword) or any(".py" in word for word in config.args)
+    """Whether all cases of a test are tried: in a thorough run, and where files, words or options say which are meant."""
+    options = ("keyword", "update_golden", "benchmark_only")
+    return THOROUGH or any(map(config.getoption, options)) or any(".py" in word for word in config.args)
 
 
-def pytest_report_header(config: pytest.Config) -> str:
-    if _all_cases(config):
-        return "all cases of each test"
-    return f"at most {AT_DESK} cases of each test; all where TACTAPE_THOROUGH=1 is set, or a test's file is named"
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if not _all_cases(config):
+        said = f"at most {AT_DESK} cases of each test were tried: all are where a file is named, or TACTAPE_THOROUGH=1 is set"
+        terminalreporter.write_line(said)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -251,10 +251,12 @@ def test_black_legend_profile_makes_a_kit_that_verifies(tmp_path: Path) -> None:
     profile = (templates_folder() / "fabs" / "generic-fpc.toml").read_text(encoding="utf-8")
     changed = profile.replace('coverlay = "amber"', 'coverlay = "white"').replace('legend = "white"', 'legend = "black"')
     (tmp_path / "dark.toml").write_text(changed.replace('"generic-fpc"', '"dark"', 1), encoding="utf-8")
-    kit = make_kit(TapeSpec(sector=7, size_mm=(40, 30), fab=str(tmp_path / "dark.toml")), tmp_path / "kit")
-    white = make_kit(TapeSpec(sector=7, size_mm=(40, 30)), tmp_path / "white", verify=False)
-    assert verify_kit(kit.path).passed
-    assert any(check.name == "tag by OpenCV" for check in kit.checks)
+    dark = TapeSpec(sector=7, size_mm=(30, 20), models=False, fab=str(tmp_path / "dark.toml"))
+    kit = make_kit(dark, tmp_path / "kit", verify=False)
+    white = make_kit(TapeSpec(sector=7, size_mm=(30, 20), models=False), tmp_path / "white", verify=False)
+    verification = verify_kit(kit.path)
+    assert verification.passed
+    assert any(check.name == "tag by OpenCV" for check in verification.checks)
     assert file_of(kit, "legend-top") != file_of(white, "legend-top")
     assert file_of(kit, "copper-top").count(b"D03*") == file_of(white, "copper-top").count(b"D03*")
 

@@ -15,6 +15,7 @@ import pytest
 
 import tactape_fab
 from tactape_fab.base.templates import profile_names, templates_folder
+from tests.thorough import only_thorough
 
 ROOT = Path(tactape_fab.__file__).resolve().parent.parent
 FOLDERS = ("tactape_fab", "templates", "tests", "docs")
@@ -93,6 +94,7 @@ def test_checkout_on_the_path_finds_its_templates(checkout: Path, tmp_path: Path
     assert (package, templates) == (checkout / "tactape_fab", checkout / "templates")
 
 
+@only_thorough
 def test_editable_install_finds_the_templates_of_its_checkout(checkout: Path, tmp_path: Path) -> None:
     pip("install", "--editable", checkout, "--target", tmp_path / "site", "--no-deps", "--no-build-isolation", "--no-index")
     package, templates = probe_installed(tmp_path / "site", tmp_path)
@@ -124,6 +126,7 @@ def test_wheel_holds_the_package_and_its_templates_and_nothing_else(checkout: Pa
     assert places == (tmp_path / "site" / "tactape_fab", tmp_path / "site" / "tactape_fab" / "templates")
 
 
+@only_thorough
 def test_sdist_holds_the_tests_and_what_they_read_and_gives_the_same_wheel(checkout: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path)]
     done = subprocess.run(command, cwd=checkout, capture_output=True, encoding="utf-8", check=False)
@@ -139,6 +142,7 @@ def test_sdist_holds_the_tests_and_what_they_read_and_gives_the_same_wheel(check
     assert built(unpacked, tmp_path / "a").read_bytes() == built(checkout, tmp_path / "b").read_bytes()
 
 
+@only_thorough
 def test_wheel_and_sdist_are_the_same_when_built_twice(checkout: Path, tmp_path: Path) -> None:
     built_files = []
     for number, seed in enumerate(("1", "2")):

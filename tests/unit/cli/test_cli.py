@@ -18,7 +18,7 @@ from click.testing import CliRunner, Result
 from tactape_fab import Kit, __version__, cli
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.cli import COMMANDS, command, main
-from tests.thorough import only_thorough, some
+from tests.thorough import only_thorough, some, thorough
 
 PROGRAM = (sys.executable, "-m", "tactape_fab")
 HEAVY = {"build123d", "OCP", "trimesh"}
@@ -292,8 +292,10 @@ def slowness(folder: Path) -> float:
     ("args", "target_s"),
     [
         (("--help",), 0.25),
-        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-3d"), 1.5),
-        (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-3d", "--no-verify"), 0.8),
+        thorough(("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-3d"), 1.5),
+        thorough(
+            ("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite", "--no-3d", "--no-verify"), 0.8
+        ),
         (("make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o", "kit", "--overwrite"), 1.5 + 0.7),
     ],
     ids=["help", "make", "make without verification", "make with solids"],

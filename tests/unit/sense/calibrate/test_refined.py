@@ -12,6 +12,7 @@ from tactape_fab.sense.calibrate.presses import Press, located
 from tactape_fab.sense.calibrate.refined import refined
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart
+from tests.thorough import only_thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
 
 
@@ -50,6 +51,7 @@ def test_frames_that_show_no_such_part_keep_their_dots() -> None:
     assert refined([noise], found, TRUE, [TAPE]) == []
 
 
+@only_thorough
 def test_a_calibration_rests_on_the_pixels() -> None:
     found = calibrate_sensor(presses().frames, [TAPE], STOCK)
     assert all(press.fine for press in found.presses)
