@@ -1,7 +1,8 @@
 """The plugin in LeRobot itself: found by its name, made of its configuration, and a dataset written and read back.
 
-LeRobot brings PyTorch and is no part of the development environment. In an environment of its own with lerobot, pytest,
-hypothesis and this package: ``PYTHONPATH=. python -m pytest -o addopts= -o filterwarnings= tests/readers/test_lerobot.py``.
+LeRobot brings PyTorch and is no part of the development environment. In one of its own, with Python 3.12 for LeRobot 0.6, after
+``pip install "lerobot[dataset]" pytest hypothesis .``:
+``PYTHONPATH=. python -m pytest -o addopts= -o filterwarnings= tests/readers/test_lerobot.py``.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 import pytest
 
 from tactape_fab import Kit
-from tactape_fab.sense import simulate_frames
+from tactape_fab.sense import load_sensor, simulate_frames
+from tactape_fab.sense.files.recordings import open_recording
 
 lerobot = pytest.importorskip("lerobot", reason="lerobot is not installed; see the first lines of this file")
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -70,7 +72,7 @@ def test_a_dataset_is_read_back_by_lerobot(camera: Any, tmp_path: Path) -> None:
         made = LeRobotDataset.create("tactape/test", FPS, features, root=tmp_path / "dataset", use_videos=False)
         written = []
         for _ in range(6):
-            image = camera.async_read(timeout_ms=60_000)
+            image = camera.async_read(timeout_ms=600_000)
             state = np.array([camera.observation()[name] for name in names], dtype=np.float32)
             written.append((image, state))
             made.add_frame({"observation.images.touch": image, "observation.state": state, "task": "touch the tape"})
@@ -88,11 +90,14 @@ def test_a_dataset_is_read_back_by_lerobot(camera: Any, tmp_path: Path) -> None:
         assert item["task"] == "touch the tape"
     assert sum(state[located] for _, state in written) >= 4
     assert all(np.isfinite(state).all() for _, state in written)
+    recorded = open_recording(tmp_path / "dataset", load_sensor("gelsight-mini"))
+    for (image, _), frame in zip(written, recorded.frames(), strict=True):
+        np.testing.assert_array_equal(frame, image[:, :, 0])
 
 
 def test_it_says_when_nothing_new_comes(camera: Any) -> None:
     with camera:
-        camera.async_read(timeout_ms=60_000)
+        camera.async_read(timeout_ms=600_000)
         assert camera.read_latest().shape == (240, 320, 3)
         with pytest.raises(TimeoutError):
             camera.async_read(timeout_ms=1)

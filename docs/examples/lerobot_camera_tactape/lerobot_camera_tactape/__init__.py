@@ -10,8 +10,8 @@ from lerobot.cameras import Camera, CameraConfig
 
 from tactape_fab.sense import LiveSensor, load_sensor, observation, observation_names
 
-WARMUP_S = 60.0
-"""The locator compiles at the first start."""
+WARMUP_S = 300.0
+"""The locator compiles at the first start: half a minute of processor time, more on a small or busy computer."""
 
 
 @CameraConfig.register_subclass("tactape")
