@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,19 +27,34 @@ from tests.thorough import AT_DESK, THOROUGH, spread
 _COMPILE = "from tests.contacts import TAPE; from tactape_fab import Localizer; Localizer([TAPE])"
 
 
-def _compile(root: Path) -> None:
-    subprocess.run([sys.executable, "-c", _COMPILE], cwd=root, stderr=subprocess.DEVNULL, check=False)
+_compiling: list[int] = []
+"""The process that compiles the decoder for all workers."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """In the background a shell lets tests, and all that they start, ignore Ctrl-C: some of them press it.
 
-    Before several workers find that the decoder is not compiled, and each compiles it, one process begins.
+    Before several workers find that the decoder is not compiled, and each compiles it, one process does while they collect.
     """
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, "tx", None) and not hasattr(config, "workerinput"):
-        threading.Thread(target=_compile, args=(config.rootpath,)).start()
+        run = subprocess.Popen([sys.executable, "-c", _COMPILE], cwd=config.rootpath, stderr=subprocess.DEVNULL)
+        _compiling.append(run.pid)
+        threading.Thread(target=run.wait).start()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    node.workerinput["compiling"] = _compiling[0]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled(request: pytest.FixtureRequest) -> None:
+    """A worker waits until the decoder is compiled."""
+    pid = getattr(request.config, "workerinput", {}).get("compiling")
+    while pid is not None and Path(f"/proc/{pid}").exists():
+        time.sleep(0.1)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
