@@ -14,8 +14,9 @@ from tactape_fab.cli.options import SENSOR_HELP, contact_size, workers_of, worke
 from tactape_fab.cli.printing import clear_step, echo_check, echo_json, echo_line, step_shown, verified_line
 
 _STAND_IN = (
-    "for what the fab gets written form, fab-zip, job, bom, cpl rows and the places of parts stand in for it, for previews, "
-    "report and drawing nothing does; the line 'reproduced' says why, and what to install"
+    "for what the fab gets written form, fab-zip, job, bom, cpl rows, order-notes, fab-dxf, fab-drawing and the places of parts "
+    "stand in for it, for what pictures, drawing and report show nothing does; the line 'reproduced' says why, "
+    "and what to install"
 )
 
 if TYPE_CHECKING:

@@ -20,6 +20,7 @@ _LAYER = (MIB, 2_000)
 BUDGETS = MappingProxyType(
     {
         **dict.fromkeys(("copper-top", "coverlay-top", "paste-top", "legend-top", "components-top", "drill-npth"), _LAYER),
+        **dict.fromkeys(("fab-drawing", "fab-dxf"), _LAYER),
         **dict.fromkeys(("profile", "job", "certificate", "kicad-project", "order-notes"), _SMALL),
         **dict.fromkeys(("cpl", "bom", "placements"), (MIB, 500)),
         "fab-zip": (4 * MIB, 2_000),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import html
 import os
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -15,6 +17,8 @@ from tactape_fab.base.fields import shown
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.png_chunks import chunks_fit
+from tactape_fab.base.templates import templates_folder
+from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
 from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
@@ -38,6 +42,12 @@ SIM = "sim"
 REPORT = "report"
 """Role of the report. It is the one file that may be missing, because it is made after the others are verified."""
 _DATA, _DATA_END = b'<script type="application/json" id="data">', b"</script>"
+_POLICY = re.compile(
+    rb'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<meta http-equiv="Content-Security-Policy" content="'
+    rb"default-src &#39;none&#39;; img-src data:; script-src &#39;sha256-([\w+/=]{44})&#39;; "
+    rb"style-src &#39;sha256-([\w+/=]{44})&#39;; base-uri &#39;none&#39;; form-action &#39;none&#39;\">\n"
+)
+_FRAME = (b"(() => {", b'"use strict";', b"})();")
 
 _TAG, _ATTRIBUTE = re.compile(rb"</?([^\s/>]*)"), re.compile(rb"([^\s\"'<>/]+)\s*=")
 _TAGS = {b"svg", b"title", b"defs", b"g", b"path", b"use", b"polygon", b"polyline", b"circle", b"text"}
@@ -160,7 +170,7 @@ def check_listed(
     single = {role: rows[0] for role, rows in files.items() if rows}
     checks = [_check_roles(expected, files, (REPORT, *LATER, *allowed))]
     if REPORT in single:
-        checks.append(_check_report(single[REPORT], manifest, what))
+        checks.append(_check_report(single[REPORT], manifest, what, single.get("order-notes")))
     return single, [role for role in expected if role not in single], checks
 
 
@@ -173,9 +183,13 @@ def _check_roles(expected: Sequence[str], files: Mapping[str, list[WrittenFile]]
     return Check(name="roles", passed=not wrong, message=message)
 
 
-def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> Check:
-    """Check that the report shows this tape or panel, and lists every other file of the kit as the manifest does."""
+def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str, notes: WrittenFile | None) -> Check:
+    """Check that the report shows this tape or panel with its notes, lists every other file of the kit as the manifest does,
+    and that its policy lets a browser run its own script alone.
+    """
     problem, count = None, 0
+    tool = manifest.get("tool")
+    own = isinstance(tool, Mapping) and tool.get("version") == __version__
     try:
         _, text = file.data.split(_DATA)
         content = parse_json(text[: text.index(_DATA_END)])
@@ -189,10 +203,38 @@ def _check_report(file: WrittenFile, manifest: Mapping[str, Any], what: str) -> 
             problem = f"it is that of another {what}"
         elif differing:
             problem = f"it does not show as they are: {named(differing)}"
+        elif notes is not None and f'<pre tabindex="0">{_escaped(notes.data)}</pre>'.encode() not in file.data:
+            problem = "its order notes are not the kit's"
+        else:
+            problem = _page_problem(file.data, own_version=own)
     except (ValueError, KeyError, TypeError) as error:
         problem = f"its data cannot be read: {type(error).__name__}"
-    message = f"{file.path}: {problem}" if problem else f"of this {what}, with the SHA-256 of the {count} other files"
+    right = f"of this {what}, with the SHA-256 of the {count} other files; it runs its own script and fetches nothing"
+    others = "what it draws and says beside notes and digests" + ("" if own else ", and the script, of another version")
+    message = f"{file.path}: {problem}" if problem else f"{right}; not compared: {others}"
     return Check(name=REPORT, passed=problem is None, message=message)
+
+
+def _escaped(data: bytes) -> str:
+    """Text as the page's template writes it."""
+    return html.escape(data.decode("utf-8")).replace("&#x27;", "&#39;").replace("&quot;", "&#34;")
+
+
+def _page_problem(data: bytes, *, own_version: bool) -> str | None:
+    """What a browser would run or fetch beside the script and the style that the page's policy names; None if nothing."""
+    policy, lower = _POLICY.match(data), data.lower()
+    if policy is None:
+        return "it does not begin with the policy that keeps a browser from running and fetching"
+    if [lower.count(word) for word in (b"<script", b"http-equiv", b"<style")] != [2, 1, 1]:
+        return "it has another script, style or directive than its own"
+    for allowed, tag in zip(policy.groups(), (b"script", b"style"), strict=True):
+        text = data.rpartition(b"<%b>" % tag)[2].partition(b"</%b>" % tag)[0]
+        if base64.b64encode(hashlib.sha256(text).digest()) != allowed:
+            return f"its {tag.decode()} is not the one that its policy names"
+        known = {line for file in (templates_folder() / "report").iterdir() for line in file.read_bytes().splitlines()}
+        if own_version and (strange := [line for line in text.splitlines() if line not in known and line not in _FRAME]):
+            return f"its {tag.decode()} is not this version's: {shown(strange[0].decode('latin-1'))}"
+    return None
 
 
 def check_as_built(manifest: Path, tape: Tape) -> list[Check]:
@@ -206,7 +248,8 @@ def check_as_built(manifest: Path, tape: Tape) -> list[Check]:
     sources = ", ".join(dict.fromkeys(str(entry["kind"]) for entry in built.source)) or "a source that it does not name"
     message = (
         f"{len(built.number)} of {tape.part_count} parts measured by {sources}: {built.missing} missing, the others "
-        f"{built.scatter_mm * 1000:.1f} um off the design (rms per axis)"
+        f"{built.scatter_mm * 1000:.1f} um off the design (rms per axis); on the mean {built.mean_mm * 1000:.1f} um, by which "
+        "they move every position; nothing in the kit vouches for them"
     )
     return [Check(name="as-built", passed=True, message=message, figure=built.scatter_mm, unit="mm")]
 
@@ -245,4 +288,6 @@ def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     svg_whole = all(map(_is_drawing, drawn))
     if image is None or not svg_whole:
         return Check(name="previews", passed=False, message=f"the {'PNG' if image is None else 'SVG'} cannot be opened")
-    return Check(name="previews", passed=True, message=f"PNG {image.shape[1]} x {image.shape[0]} px and SVG")
+    return Check(
+        name="previews", passed=True, message=f"PNG {image.shape[1]} x {image.shape[0]} px and SVG; not compared: what they show"
+    )

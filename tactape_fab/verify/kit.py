@@ -44,11 +44,13 @@ from tactape_fab.verify.film import (
     read_role,
 )
 from tactape_fab.verify.layers.board import check_outline
-from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl, check_order_notes
+from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
+from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.film_layers import pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
+from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
@@ -148,7 +150,7 @@ def _check_kit(
     if film is not None:
         yield from () if cpl is None else check_cpl(cpl, tape, film.assembly, film.lands.pads)
         yield check_bom(files["bom"].data, tape.designators(), film.assembly)
-        yield check_order_notes(files, tape)
+        yield check_order_notes(files, tape, order=film.order, assembly=film.assembly, backings=film.film.backings)
         yield from pardoned(_check_film(tape, film, files, cpl, sources, quick=asked.quick), film.film)
     yield check_certificate(files[CERTIFICATE], tape)
     yield check_picture(files)
@@ -227,5 +229,7 @@ def _check_film(
         sources.append(copper_source(flashes_mm, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
     shown = shown_tape(tape, *anchor_lines(film, tape))
     checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands)
+    radius_mm, legend = tape.board.corner_radius_mm, layers.gerbers.get("legend-top")
+    checks += check_drawings(files, tape.name, shown, radius_mm, [], legend, film.order, film.film.backings)
     checks.append(check_job(tape.name, tape.board.size_mm, film.order, files))
     return [*checks, check_zip(files, with_job=film.film.job_in_zip)]

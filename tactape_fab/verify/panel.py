@@ -49,13 +49,15 @@ from tactape_fab.verify.film import (
 )
 from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.layers.board import pen_problem
-from tactape_fab.verify.layers.cpl_rows import Ordered, check_bom, check_cpl, check_order_notes
+from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
+from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.film_layers import pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
 from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, part_data_of_tape, rows_of_tape, whole
+from tactape_fab.verify.layers.order_notes import Ordered, check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
@@ -245,12 +247,15 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
         checks.append(_check_rows(cpl, names))
     checks.append(check_bom(files["bom"].data, names, film.assembly))
     ordered = Ordered(name=record.name, size_mm=panel.size_mm, part_count=count, on_panel=True)
-    checks.append(check_order_notes(files, tapes[0].tape, ordered))
+    backings, shown = film.film.backings, _shown(record, tapes)
+    checks.append(check_order_notes(files, tapes[0].tape, ordered, order=film.order, assembly=film.assembly, backings=backings))
     checks += _check_rails(layers, panel, tapes)
     for on in tapes:
         lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, _shown(record, tapes), film.lands)
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands)
+    slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
+    checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]
     return [*checks, check_picture(files)]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
@@ -40,10 +41,12 @@ from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import WrittenFile, check_listed, check_picture
 from tactape_fab.verify.film import anchor_lines, check_attributes, check_tape, pair_all_lands, read_film_manifest, read_layers
 from tactape_fab.verify.film import read_role as read_of
-from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl, check_order_notes
+from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
+from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
+from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.meshes import check_models
 from tests.fuzz.seeds import Seeds
@@ -198,11 +201,18 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
             return str(error)
         return check_models(tape, form, files, mesh, cpl)
 
+    made: dict[str, Any] = {"order": film.order, "backings": film.film.backings}
+    legend = read_layers(seeds.files, cpl, film.film, []).gerbers.get("legend-top")
+
+    def drawings(files: Files) -> object:
+        return check_drawings(files, tape.name, shown, tape.board.corner_radius_mm, [], legend, **made)
+
     checks: dict[str, Callable[[Files], object]] = {
         **dict.fromkeys(LAYERS, layers),
         "cpl": places,
         "bom": lambda files: check_bom(files["bom"].data, tape.designators(), film.assembly),
-        "order-notes": lambda files: check_order_notes(files, tape),
+        "order-notes": lambda files: check_order_notes(files, tape, **made, assembly=film.assembly),
+        **dict.fromkeys(("fab-dxf", "fab-drawing"), drawings),
         "job": lambda files: check_job(tape.name, tape.board.size_mm, film.order, files),
         "fab-zip": check_zip,
         "kicad-pcb": lambda files: check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands),

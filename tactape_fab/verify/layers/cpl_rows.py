@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,21 +16,14 @@ from tactape_fab.kit.read.gerber_file import ReadbackError
 from tactape_fab.kit.read.readback import read_bom
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, PLACEMENTS, CplContent
 from tactape_fab.texture.tape import Tape
-from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG
 
 DESIGNATORS_PER_ROW = 200
 """Most designators that JLCPCB accepts in one row of a BOM."""
-UPLOADED = ("fab-zip", "cpl", "bom")
 _MOST_SAID = 8
 _CELL = r"[A-Za-z0-9][A-Za-z0-9 ._()+/,:#-]{0,199}"
 _CELL_REMEDY = "a cell begins with a letter or digit and holds no formula"
-_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos)(?!\.?\w)")
-_MOST_NOTES_BYTES = 100_000
-_NUMBER = r"(-?\d+\.\d)"
-_PRINT_AREA = re.compile(
-    rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,49 +160,6 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
         problems += _row_problems(number, row, {**same, "item": str(number), "quantity": str(len(group))})
     message = "; ".join(problems[:_MOST_SAID]) or f"{len(found)} designators in {len(groups)} rows, each once"
     return Check(name="bom", passed=not problems, message=message, figure=float(len(found)))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ordered:
-    """Subject of order notes: a tape, or a panel, which may be printed only in its rails."""
-
-    name: str
-    size_mm: tuple[float, float]
-    part_count: int
-    on_panel: bool = False
-
-
-def check_order_notes(files: Mapping[str, WrittenFile], tape: Tape, of: Ordered | None = None) -> Check:
-    """Check that the notes name this tape, its size, every part and the files to upload, and name only free areas for print.
-
-    For a panel, `tape` is any of its tapes, and `of` describes what is ordered.
-    """
-    if len(files["order-notes"].data) > _MOST_NOTES_BYTES:
-        return Check(name="order-notes", passed=False, message=f"they are longer than {_MOST_NOTES_BYTES} bytes")
-    of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
-    try:
-        text = files["order-notes"].data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        return Check(name="order-notes", passed=False, message=f"they are not UTF-8: {error.reason} at byte {error.start}")
-    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in of.size_mm)
-    facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
-    problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
-    paths = {file.path for file in files.values()}
-    old = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]  # notes of version 0.2.0 and before
-    listed = old or text.partition("\nSTEP 1. ")[2].partition("\nSTEP 10. ")[0]
-    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
-    found = _PRINT_AREA.findall(text)
-    if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:
-        problems.append("they do not say where the fab may print")
-    for area in found:
-        x0, x1, y0, y1 = map(float, area)
-        centres = tape.part_xy_mm()
-        half_mm = max(tape.part.body_mm[:2]) / 2
-        near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
-        if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
-            problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")
-    message = "; ".join(problems[:_MOST_SAID]) or "tape, size, parts and files as the kit has them"
-    return Check(name="order-notes", passed=not problems, message=message)
 
 
 def _row_problems(number: int, row: Mapping[str, str], expected: Mapping[str, str]) -> list[str]:

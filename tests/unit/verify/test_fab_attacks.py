@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import io
 import re
 import struct
@@ -223,6 +225,168 @@ def before(role: str, line: str) -> Edit:
     return text_of(role, lambda text: line + "\n" + text)
 
 
+def notes(old: str, new: str) -> Edit:
+    return bytes_of("order-notes", lambda data: swapped(data, old.encode(), new.encode()))
+
+
+def swapped(data: bytes, old: bytes, new: bytes) -> bytes:
+    assert old in data, old
+    return data.replace(old, new, 1)
+
+
+def pdf(change: Callable[[list[bytes]], object]) -> Edit:
+    """The drawing with changed objects, and a table that fits them."""
+
+    def written(data: bytes) -> bytes:
+        start, end = data.index(b"1 0 obj\n"), data.rindex(b"xref\n0 ")
+        objects = re.split(rb"(?<=endobj\n)(?=\d+ 0 obj\n)", data[start:end])
+        change(objects)
+        out, table = data[:start], b""
+        for body in objects:
+            table += b"%010d 00000 n \n" % len(out)
+            out += body
+        head = b"xref\n0 %d\n0000000000 65535 f \n" % (len(objects) + 1)
+        trailer = re.sub(rb"startxref\n\d+", b"startxref\n%d" % len(out), data[data.index(b"trailer\n") :])
+        return out + head + table + trailer
+
+    return bytes_of("fab-drawing", written)
+
+
+def object_with(word: bytes, change: Callable[[bytes], bytes]) -> Edit:
+    def edit(objects: list[bytes]) -> None:
+        (at,) = (i for i, body in enumerate(objects) if word in body)
+        objects[at] = change(objects[at])
+
+    return pdf(edit)
+
+
+def of_page(change: Callable[[bytes], bytes]) -> Edit:
+    """The drawing with another text of its page."""
+
+    def packed(body: bytes) -> bytes:
+        content = body[body.index(b"stream\n") + 7 : body.index(b"~>")].strip()
+        after = change(zlib.decompress(base64.a85decode(content)))
+        text = base64.a85encode(zlib.compress(after)) + b"~>"
+        number = body[: body.index(b" ")]
+        head = b"%b 0 obj\n<<\n/Filter [ /ASCII85Decode /FlateDecode ] /Length %d\n>>\n" % (number, len(text))
+        return head + b"stream\n" + text + b"endstream\nendobj\n"
+
+    return object_with(b"/ASCII85Decode", packed)
+
+
+def of_report(old: str, new: str) -> Edit:
+    return bytes_of("report", lambda data: swapped(data, old.encode(), new.encode()))
+
+
+def script_with_its_hash(kit: OpenKit) -> None:
+    """Another script that the page's policy allows."""
+    data = kit.data["report"]
+    old = data.rpartition(b"<script>")[2].partition(b"</script>")[0]
+    new = old.replace(b"\n})();", b"\nalert(1);\n})();")
+    a, b = (base64.b64encode(hashlib.sha256(script).digest()) for script in (old, new))
+    kit.data["report"] = swapped(swapped(data, old, new), a, b)
+
+
+FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
+    "notes: 1.6 mm": (notes("0.11 mm", "1.6 mm"), "order-notes"),
+    "notes: a second thickness": (
+        notes("   surface finish", "   thickness of base                  1.6 mm\n   surface finish"),
+        "order-notes",
+    ),
+    "notes: no thickness": (bytes_of("order-notes", lambda b: re.sub(rb"   thickness [^\n]*\n", b"", b)), "order-notes"),
+    "notes: layers": (bytes_of("order-notes", lambda b: re.sub(rb"(   layers +)1", rb"\g<1>2", b)), "order-notes"),
+    "notes: size": (notes("20 x 20 mm, corner", "20 x 21 mm, corner"), "order-notes"),
+    "notes: finish": (notes("ENIG", "HASL"), "order-notes"),
+    "notes: base": (notes("flexible, polyimide", "rigid, FR4"), "order-notes"),
+    "notes: copper": (notes("1/2 oz", "2 oz"), "order-notes"),
+    "notes: colour": (notes("amber, cut", "black, cut"), "order-notes"),
+    "notes: stiffener": (
+        bytes_of("order-notes", lambda b: re.sub(rb"(   stiffener +)none", rb"\g<1>FR4 0.2 mm", b)),
+        "order-notes",
+    ),
+    "notes: adhesive": (
+        bytes_of("order-notes", lambda b: re.sub(rb"(   adhesive +)none", rb"\g<1>3M468 0.13 mm", b)),
+        "order-notes",
+    ),
+    "notes: part number": (notes("none given", "C4711"), "order-notes"),
+    "notes: number in the remark": (
+        notes("parts of a board                   ", "parts of a board                   1"),
+        "order-notes",
+    ),
+    "notes: rotation": (notes("all turned 45 deg", "all turned 135 deg"), "order-notes"),
+    "notes: pitch": (notes("regular grid of 1.5 mm", "regular grid of 1.6 mm"), "order-notes"),
+    "notes: displacement": (notes("differ by 0.25 mm", "differ by 0.2 mm"), "order-notes"),
+    "notes: first part": (bytes_of("order-notes", lambda b: re.sub(rb"R1 at [\d.]+,", b"R1 at 9.9,", b)), "order-notes"),
+    "notes: merge openings": (notes("Do not merge openings", "Please merge openings"), "order-notes"),
+    "notes: quantity": (notes("STEP 8. ", "   96 parts a board, 1960 parts in all\n\nSTEP 8. "), "order-notes"),
+    "dxf: outline": (swap("fab-dxf", "20.000000", "20.100000"), "fab-dxf"),
+    "dxf: no hole": (text_of("fab-dxf", lambda t: re.sub(r"  0\nCIRCLE\n(?:.*\n){10}", "", t)), "fab-dxf"),
+    "dxf: hole": (swap("fab-dxf", " 40\n0.500000", " 40\n0.800000"), "fab-dxf"),
+    "dxf: inches": (swap("fab-dxf", "$INSUNITS\n 70\n4", "$INSUNITS\n 70\n1"), "fab-dxf"),
+    "dxf: another layer": (swap("fab-dxf", "POLYLINE\n  8\nOUTLINE", "POLYLINE\n  8\nCUT"), "fab-dxf"),
+    "dxf: a text": (swap("fab-dxf", "  0\nCIRCLE\n", "  0\nTEXT\n  8\nHOLES\n  1\nFR4\n  0\nCIRCLE\n"), "fab-dxf"),
+    "dxf: not a number": (swap("fab-dxf", "20.000000", "nan"), "fab-dxf"),
+    "dxf: cut off": (text_of("fab-dxf", lambda t: t[: len(t) // 2]), "fab-dxf"),
+    "dxf: a block": (
+        swap("fab-dxf", "  0\nSECTION\n  2\nENT", "  0\nSECTION\n  2\nBLOCKS\n  0\nBLOCK\n  0\nENDSEC\n  0\nSECTION\n  2\nENT"),
+        "fab-dxf",
+    ),
+    "dxf: label": (text_of("fab-dxf", lambda t: re.sub(r"(LABEL\n 10\n)\d+\.", r"\g<1>19.", t, count=1)), "fab-dxf"),
+    "drawing: script": (
+        object_with(
+            b"/Catalog", lambda b: b.replace(b"/PageMode", b"/OpenAction << /S /JavaScript /JS (app.alert) >> /PageMode")
+        ),
+        "fab-drawing",
+    ),
+    "drawing: script in other letters": (object_with(b"/Catalog", lambda b: b.replace(b"/UseNone", b"/A#41")), "fab-drawing"),
+    "drawing: a file": (
+        pdf(lambda o: o.append(b"%d 0 obj\n<<\n/Type /EmbeddedFile\n>>\nendobj\n" % (len(o) + 1))),
+        "fab-drawing",
+    ),
+    "drawing: a second page": (pdf(lambda o: o.append(b"%d 0 obj\n<<\n/Type /Page\n>>\nendobj\n" % (len(o) + 1))), "fab-drawing"),
+    "drawing: hidden in a text": (
+        object_with(b"/Title", lambda b: b.replace(b"(anonymous)", b"() /AA 3 0 R /Author ()")),
+        "fab-drawing",
+    ),
+    "drawing: bytes behind": (bytes_of("fab-drawing", lambda b: b + b"1 0 obj\n<<\n>>\nendobj\n"), "fab-drawing"),
+    "drawing: a table of other places": (
+        bytes_of("fab-drawing", lambda b: re.sub(rb"\n(\d{9})\d 00000 n", rb"\n\g<1>9 00000 n", b, count=1)),
+        "fab-drawing",
+    ),
+    "drawing: 1.6 mm": (of_page(lambda b: swapped(b, b"film 0.11 thick", b"film 1.6 thick")), "fab-drawing"),
+    "drawing: turned": (of_page(lambda b: swapped(b, b"parts turned 45", b"parts turned 90")), "fab-drawing"),
+    "drawing: stiffener": (of_page(lambda b: swapped(b, b"(none) Tj", b"(FR4 0.2 mm, whole underside) Tj")), "fab-drawing"),
+    "report: script": (of_report("</main>", "</main><script>alert(1)</script>"), "report"),
+    "report: no policy": (bytes_of("report", lambda b: re.sub(rb"<meta http-equiv[^>]*>\n", b"", b)), "report"),
+    "report: a script before its policy": (of_report("<head>", "<head><script>alert(1)</script>"), "report"),
+    "report: elsewhere": (of_report("</main>", '</main><meta http-equiv="refresh" content="0; url=//example.org">'), "report"),
+    "report: changed script": (of_report('"use strict";', '"use strict"; alert(1);'), "report"),
+    "report: changed script with its hash": (script_with_its_hash, "report"),
+    "report: other notes": (of_report("0.11 mm\n   surface", "1.6 mm\n   surface"), "report"),
+    "report: of another tape": (of_report('"name":"tactape-s100"', '"name":"tactape-s101"'), "report"),
+}
+"""What somebody at the fab, or on the shop floor, reads or opens."""
+ATTACKS |= FOR_PEOPLE
+
+
+def test_an_unchanged_drawing_is_written_again_the_same(flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    before = dict(kit.data)
+    pdf(lambda objects: None)(kit)
+    assert kit.data == before
+    of_page(lambda content: content)(kit)
+    assert not failed(verify_kit(kit.save(consistent=True), quick=True))
+
+
+def test_what_is_not_compared_is_said(flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    kit.manifest["tool"]["version"] = "0.0.1"
+    script_with_its_hash(kit)
+    said = {check.name: check.message for check in verify_kit(kit.save(consistent=True), quick=True).checks}
+    assert all("not compared: " in said[name] for name in ("order-notes", "fab-drawing", "report"))
+    assert said["report"].endswith(", and the script, of another version")
+
+
 OF_NO_OTHER_READER: dict[str, tuple[Edit, str]] = {
     "cpl: exponent": (first_x(lambda x: f"{float(x) / 10!r}e1"), "cpl"),
     "cpl: sign": (first_x(lambda x: "+" + x), "cpl"),
@@ -281,7 +445,7 @@ def test_the_label_of_another_sector_is_caught(flat_kit: Kit, copied: Copy, tmp_
     guid = re.search(rb"SameCoordinates,([^*]*)", own)
     assert guid is not None
     kit.data["legend-top"] = re.sub(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", guid[1], theirs)
-    assert set(failed(verify_kit(kit.save(consistent=True), quick=True))) == {"label"}
+    assert set(failed(verify_kit(kit.save(consistent=True), quick=True))) == {"fab-dxf", "label"}
 
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1", "-2+3", "@SUM(A1)", "\t=1", "0R\n=1")

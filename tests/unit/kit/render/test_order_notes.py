@@ -24,7 +24,7 @@ from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import FAB_ZIP_ROLES, RENDERERS
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.verify.files import WrittenFile
-from tactape_fab.verify.layers.cpl_rows import check_order_notes
+from tactape_fab.verify.layers.order_notes import check_order_notes
 
 FABS = profile_names("fabs")
 EVERY = pytest.mark.parametrize("fab", FABS)

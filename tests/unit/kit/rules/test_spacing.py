@@ -20,7 +20,8 @@ from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import LIMIT_IDS
-from tactape_fab.kit.rules.spacing import check
+from tactape_fab.kit.rules.spacing import _size_rule, check, hole_rules
+from tactape_fab.texture.tape import Board
 from tests.unit.kit.test_plan import FAB, PAD_ARC_MM, PART, Floats, Shapes, board_shape, draw, edge_gap, grid_centres, placed_mask
 
 FAR_MM = 30.0
@@ -122,6 +123,28 @@ def test_omitted_parts_are_nobodys_neighbours() -> None:
     drawn = draw(parts_of(tape), 45.0)
     for rule, shapes in (("body-body", drawn.largest_body), ("courtyard", drawn.courtyard), ("opening-bridge", drawn.opening)):
         assert findings[rule].value == pytest.approx(worst_pair_gap([shapes]), abs=1e-5)
+
+
+def test_two_parts_alone_are_neighbours() -> None:
+    spec = TapeSpec(sector=7, size_mm=(20.0, 20.0), tag="none")
+    whole = plan(spec, FAB, PART)
+    omitted = [(c, r) for r in range(whole.rows) for c in range(whole.columns) if (c, r) not in ((3, 4), (4, 4))]
+    tape = replace(whole, omitted=np.array(omitted))
+    findings = by_rule(check(build_layout(tape, spec, FAB, PART), FAB, spec))
+    drawn = draw(parts_of(tape), 45.0)
+    assert findings["body-body"].value == pytest.approx(float(shapely.distance(*drawn.largest_body)), abs=1e-5)
+
+
+def test_anchors_keep_their_distance_from_the_outline() -> None:
+    layout = examine(TapeSpec(sector=7, size_mm=(26.0, 22.0), pitch_mm=2.0, coverlay="per-part", anchor="mesh")).layout
+    assert layout.anchors is not None
+    edge_mm = shapely.distance(board_shape(layout.tape).exterior, shapely.linestrings(layout.anchors.lines_mm))
+    wider = replace(layout.anchors, web_mm=2 * float(edge_mm.min()))  # the nearest line touches the outline
+    finding = by_rule(check(replace(layout, anchors=wider), FAB, TapeSpec(sector=7)))["pad-edge"]
+    assert finding.value == pytest.approx(0.0, abs=1e-3)
+    nearest = layout.anchors.lines_mm[edge_mm < edge_mm.min() + 1e-6].reshape(-1, 2)
+    assert finding.at_mm is not None
+    assert np.hypot(*(nearest - finding.at_mm).T).min() < 1e-6
 
 
 @EVERY_DESIGN
@@ -329,10 +352,22 @@ def test_an_overlap_is_negative_by_its_depth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("size_mm", "passed"), [((600.0, 20.0), True), ((601.0, 20.0), False), ((20.0, 600.0), True), ((260.0, 255.0), False)]
+    ("size_mm", "passed", "value_mm", "limit_mm"),
+    [
+        ((600.0, 20.0), True, 600.0, 600.0),
+        ((601.0, 20.0), False, 601.0, 600.0),
+        ((20.0, 600.0), True, 600.0, 600.0),
+        ((260.0, 255.0), False, 255.0, 250.0),
+        ((600.0, 255.0), False, 255.0, 250.0),
+    ],
 )
-def test_a_board_larger_than_the_fab_takes_is_a_warning(size_mm: tuple[float, float], passed: bool) -> None:
-    finding = findings_of(examine(TapeSpec(sector=0, size_mm=size_mm)))["size"]
+def test_a_board_larger_than_the_fab_takes_is_a_warning(
+    size_mm: tuple[float, float], passed: bool, value_mm: float, limit_mm: float
+) -> None:
+    whole = random_design(0)
+    layout = replace(whole.layout, tape=replace(whole.layout.tape, board=replace(whole.layout.tape.board, size_mm=size_mm)))
+    finding = _size_rule(layout.tape, FAB)
+    assert (finding.value, finding.limit) == (value_mm, limit_mm)
     assert (finding.passed, finding.level, finding.blocks) == (passed, "warn", False)
     assert "600 x 250 mm of generic-fpc" in finding.message
 
@@ -341,6 +376,9 @@ def test_a_strip_without_room_says_what_it_left_out() -> None:
     finding = findings_of(examine(TapeSpec(sector=7, size_mm=(20.0, 12.0))))["label"]
     assert (finding.level, finding.passed, finding.blocks) == ("warn", False, False)
     assert "the strip has no room for" in finding.message
+    width_mm, height_mm = map(float, re.findall(r"--size ([\d.]+)x([\d.]+)", finding.message)[0])
+    assert width_mm != height_mm
+    assert "label" not in findings_of(examine(TapeSpec(sector=7, size_mm=(width_mm, height_mm))))
     assert "label" not in findings_of(examine(TapeSpec(sector=7)))
 
 
@@ -367,3 +405,28 @@ def test_holes_stand_well_where_the_remedy_puts_them(holes_mm: list[tuple[float,
     moved = [(float(x), float(y), float(d)) for x, y, d in HOLE_OPTION.findall(broken.message)]
     assert len(moved) == len(holes_mm)
     assert by_rule(examine(TapeSpec(sector=7, holes_mm=moved, models=False)).findings)[rule].passed
+
+
+@pytest.mark.parametrize(
+    ("holes_mm", "size_mm", "rule", "remedy"),
+    [
+        ([(0.8, 25.0, 1.0)], (100.0, 50.0), "hole-edge", "use --hole 1,25,1 in its place"),
+        ([(0.8, 25.0, 1.0), (30.0, 0.6, 0.6)], (100.0, 50.0), "hole-edge", "use --hole 1,25,1, --hole 30,0.8,0.6 in their place"),
+        ([(15.005, 0.6, 0.6)], (30.01, 20.0), "hole-edge", "use --hole 15,0.8,0.6 in its place"),
+        ([(29.999, 19.999, 0.4)], (30.0, 20.0), "hole-edge", "use --hole 29.15,19.2,0.4 in its place"),
+        ([(50.0, 25.0, 0.05), (60.0, 25.0, 0.1)], (100.0, 50.0), "hole-size", "use --hole 50,25,0.1 in its place"),
+        (
+            [(50.0, 25.0, 0.05), (60.0, 25.0, 0.06)],
+            (100.0, 50.0),
+            "hole-size",
+            "use --hole 50,25,0.1, --hole 60,25,0.1 in their place",
+        ),
+        ([(50.0, 25.0, 1.0), (51.4, 25.0, 1.0), (52.8, 25.0, 1.0)], (100.0, 50.0), "hole-hole", "leave out --hole 51.4,25,1"),
+    ],
+)
+def test_what_a_remedy_of_holes_says(
+    holes_mm: list[tuple[float, float, float]], size_mm: tuple[float, float], rule: str, remedy: str
+) -> None:
+    board = Board(size_mm=size_mm, texture_origin_mm=(0.0, 0.0), corner_radius_mm=1.0, thickness_mm=0.1, holes=tuple(holes_mm))
+    (finding,) = (found for found in hole_rules(board, FAB, "film") if found.rule == rule)
+    assert finding.message.endswith(f"; {remedy}")

@@ -20,10 +20,11 @@ from tactape_fab.texture.certify.certificate import (
     closest,
     nearest_distances,
     pair_words,
+    proven_between,
 )
 from tactape_fab.texture.certify.nearest import Pairs, Search, near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import BEYOND, EXACT_TO, NO_WINDOWS, across, conflicts
-from tactape_fab.texture.code import CODE_NAMES, get_plane
+from tactape_fab.texture.code import CODE_NAMES, get_code, get_plane
 from tactape_fab.texture.frames import symbols_to_rows
 from tactape_fab.texture.plane import encode
 from tactape_fab.texture.windows import symbol_distance, windows_of
@@ -116,6 +117,28 @@ def test_smallest_contacts_are_the_smallest_squares(seed: int) -> None:
     for least, found in ((1, certificate.distinct_side), (3, certificate.correcting_side)):
         enough = [side for side, d in distance.items() if d is not None and d >= least]
         assert found == (min(enough) if enough else None)
+
+
+@pytest.mark.parametrize("side", [4, 5, 6])
+def test_windows_may_differ_in_every_symbol(side: int) -> None:
+    tape = replace(tape_at(7, (side, side)), symbols=np.zeros((side, side), dtype=np.uint8))
+    assert closest(tape, side).distance == side**2  # from itself, turned
+
+
+def test_a_contact_of_eight_points_may_be_the_smallest() -> None:
+    symbols = np.zeros((8, 8), dtype=np.uint8)
+    symbols[0, 0] = 1
+    assert certify(replace(tape_at(7, (8, 8)), symbols=symbols)).distinct_side == 8
+
+
+def test_a_contact_of_three_points_may_be_as_good_as_one_of_four() -> None:
+    symbols = np.random.default_rng(0).integers(0, 4, (4, 9)).astype(np.uint8)
+    symbols[:, 5:] = symbols[:, :4]
+    symbols[1, 6] = (symbols[1, 6] + 1) % 4
+    tape = replace(tape_at(7, (9, 4)), symbols=symbols)
+    assert closest(tape, 3).distance == closest(tape, 4).distance == 1
+    assert certify(tape).distinct_side == 3
+    assert certify(tape_at(7, (12, 3))).distinct_side is None  # no window of 4x4
 
 
 @pytest.mark.parametrize(("side", "most"), [(3, 1), (4, 2), (4, 3), (5, 4), (6, 4), (6, 8), (8, 4)])
@@ -252,6 +275,32 @@ def test_24_sectors_have_windows_that_read_the_same_at_origin_0_0() -> None:
 
 
 # The kit's file
+
+
+def test_the_file_has_three_sizes_and_twenty_pairs_of_each() -> None:
+    even = replace(tape_at(7, (9, 9)), symbols=np.zeros((9, 9), dtype=np.uint8))
+    content = certify(even).to_mapping()
+    assert [size["side"] for size in content["windows"]] == [4, 5, 6]
+    assert [len(size["nearest"]) for size in content["windows"]] == [20, 20, 20]
+    assert "patches" not in content
+
+
+@pytest.mark.parametrize(
+    ("distance", "detects", "corrects"), [(None, None, None), (0, 0, 0), (1, 0, 0), (2, 1, 0), (3, 2, 1), (5, 4, 2)]
+)
+def test_a_distance_detects_one_less_and_corrects_half_of_that(
+    distance: int | None, detects: int | None, corrects: int | None
+) -> None:
+    size = replace(closest(tape_at(7, (5, 5)), 4), distance=distance)
+    assert (size.detects, size.corrects) == (detects, corrects)
+
+
+def test_what_a_code_proves_holds_between_its_sectors_alone() -> None:
+    one, other = (tape_at(sector, (6, 6), code="trace-22") for sector in (3, 4))
+    proven = dict(get_code("trace-22").proven)
+    assert proven and proven_between([one, other]) == proven_between([one]) == proven
+    assert proven_between([one, replace(one, name="copy")]) == proven_between([one, tape_at(5, (6, 6))]) == {}
+    assert {patch["shape"] for patch in certify(one).to_mapping()["patches"]} >= set(proven)
 
 
 def test_certificate_of_a_kit_is_its_tape_s(small_kit: Kit) -> None:

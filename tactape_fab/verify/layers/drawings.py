@@ -1,0 +1,251 @@
+"""Checks of the drawings for the people at the fab: the DXF's outlines against the manifest, the PDF's form and words.
+
+Both come to programs that open whatever a file asks for, so they are accepted in the form that this tool writes alone.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown as quoted
+from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.shapes import inset_mm
+from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.layers.job_file import FabOrder
+from tactape_fab.verify.layers.kicad import Shown
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, nearest, point_tree
+
+_MOST_TEXT = 8 << 20
+"""Bytes of the unpacked page; one of 20,000 parts has 1.5 MB."""
+_TAG = re.compile(r" {0,2}(\d{1,4})\n([^\n]*)\n")
+_HEADER = ["0 SECTION", "2 HEADER", "9 $ACADVER", "1 AC1009", "9 $INSUNITS", "70 4", "0 ENDSEC", "0 SECTION", "2 TABLES"]
+"""Release 12 in millimetres."""
+Drawn = dict[str, list[FloatArray]]
+"""Vertices by layer; of a circle x, y and diameter."""
+
+
+def check_drawings(
+    files: Mapping[str, WrittenFile],
+    name: str,
+    expected: Shown,
+    radius_mm: float,
+    slots_mm: Sequence[FloatArray],
+    legend: GerberContent | None,
+    order: FabOrder | None,
+    backings: Mapping[str, str],
+) -> list[Check]:
+    """Check the drawings that are there; `legend` is the layer that the fab prints, `order` what it makes the film of."""
+    checks = []
+    if "fab-dxf" in files:
+        problems = _dxf_problems(files["fab-dxf"].data, expected, radius_mm, slots_mm, legend)
+        right = "outline, slots, holes and ink as the manifest and the legend have them, and every part in a field"
+        checks.append(Check(name="fab-dxf", passed=not problems, message=named(problems) or right))
+    if "fab-drawing" in files:
+        problems = _pdf_problems(files["fab-drawing"].data, name, expected, order, backings)
+        right = (
+            "one page that runs and fetches nothing; name, size, parts and stack as the manifest's; not compared: what it draws"
+        )
+        checks.append(Check(name="fab-drawing", passed=not problems, message=named(problems) or right))
+    return checks
+
+
+# DXF
+
+
+def _dxf_problems(
+    data: bytes, expected: Shown, radius_mm: float, slots_mm: Sequence[FloatArray], legend: GerberContent | None
+) -> list[str]:
+    try:
+        drawn = _read_dxf(data)
+    except (ValueError, OverflowError) as error:
+        return [f"it cannot be read: {error}"]
+    outline, parts = drawn.pop("OUTLINE", []), expected.parts_xy_mm
+    problems = []
+    if len(outline) != 1 or _off_outline_mm(outline[0], expected.size_mm, radius_mm) > PLACE_TOLERANCE_MM:
+        problems.append(f"its outline is not that of {expected.size_mm[0]:g} x {expected.size_mm[1]:g} mm")
+    areas, strokes = ((), ()) if legend is None else (legend.areas_mm, legend.strokes_mm)
+    holes = np.array(expected.holes, dtype=float).reshape(-1, 1, 3)
+    contours: dict[str, Sequence[FloatArray]] = {"SLOTS": slots_mm, "HOLES": [*holes], "TAG": areas, "LABEL": strokes}
+    for layer, wanted in contours.items():
+        found = drawn.pop(layer, [])
+        same = layer == "LABEL" or len(found) == len(wanted)  # a Gerber file may break a line where the DXF does not
+        if not same or _apart_mm(_joined(found), _joined(wanted)) > PLACE_TOLERANCE_MM:
+            problems.append(f"its {layer} are {len(found)} contours that are not the {len(wanted)} of the kit")
+    fields = [_box(line) for line in drawn.pop("FIELD", [])]
+    outside = [not any(inside) for inside in zip(*(_inside(parts, *box) for box in fields), strict=True)] or [True]
+    if any(outside):
+        problems.append(f"{sum(outside)} parts lie in no FIELD of it")
+    for low, high in map(_box, drawn.pop("NUMBER", [])):
+        if _inside(parts, low, high).any() or (low < 0.0).any() or (high > expected.size_mm).any():
+            problems.append("it lets the fab print on parts, or off the board")
+    return problems + [f"it has a layer {quoted(layer)}" for layer in drawn]
+
+
+def _read_dxf(data: bytes) -> Drawn:
+    """Contours of each layer, in the writer's form of release 12."""
+    text = data.decode("ascii")
+    tags = [(int(code), value) for code, value in _TAG.findall(text)]
+    if "".join(f"{code:3d}\n{value}\n" for code, value in tags) != text or tags[-2:] != [(0, "ENDSEC"), (0, "EOF")]:
+        raise ValueError("it is not written as this tool writes it, or it was cut off")
+    said = [f"{code} {value}" for code, value in tags]
+    start = said.index("2 ENTITIES")
+    tables = said[len(_HEADER) : start]
+    if said[: len(_HEADER)] != _HEADER or {row for row in tables if row[:2] == "0 "} - {"0 TABLE", "0 LAYER", *_ENDS}:
+        raise ValueError("it has another unit or release, or holds more than layers before what it draws")
+    drawn: Drawn = {}
+    at, end = start + 1, len(tags) - 2
+    while at < end:
+        kind, (code, layer) = tags[at], tags[at + 1]
+        if code != 8 or kind not in ((0, "CIRCLE"), (0, "POLYLINE")):
+            raise ValueError(f"it draws a {quoted(kind[1])}")
+        points: list[tuple[float, ...]] = []
+        if kind[1] == "CIRCLE":
+            x, y, radius = _numbers(tags[at + 2 : at + 6], (10, 20, 30, 40))
+            points.append((x, y, 2 * radius))
+            at += 6
+        else:
+            _numbers(tags[at + 3 : at + 6], (10, 20, 30))
+            at += 7
+            while tags[at] == (0, "VERTEX") and tags[at + 1] == (8, layer):
+                points.append((*_numbers(tags[at + 2 : at + 5], (10, 20, 30)), 0.0))
+                at += 5
+            if tags[at : at + 2] != [(0, "SEQEND"), (8, layer)] or not points:
+                raise ValueError("a line of it does not end")
+            at += 2
+        drawn.setdefault(layer, []).append(np.array(points))
+    return drawn
+
+
+_ENDS = ("0 ENDTAB", "0 ENDSEC", "0 SECTION")
+
+
+def _numbers(tags: list[tuple[int, str]], codes: tuple[int, ...]) -> tuple[float, ...]:
+    """The finite values of a point or circle; its z, which is 0, is left out."""
+    if tuple(code for code, _ in tags) != codes or tags[2][1] != "0.0":
+        raise ValueError("a point of it is not in the plane")
+    values = tuple(float(value) for code, value in tags if code != 30)
+    if not np.isfinite(values).all():
+        raise ValueError("a point of it is not finite")
+    return values
+
+
+def _joined(lines: Sequence[FloatArray]) -> FloatArray:
+    """Distinct points of all contours, shape (n, 3): contours may be written closed or not."""
+    return np.concatenate(
+        [np.column_stack([line, np.zeros((len(line), 3 - line.shape[1]))]) for line in lines] or [np.empty((0, 3))]
+    )
+
+
+def _apart_mm(points: FloatArray, others: FloatArray) -> float:
+    """Largest distance of a point from the nearest of the others, either way; diameters compared at the nearest point."""
+    if not len(points) or not len(others):
+        return 0.0 if len(points) == len(others) else np.inf
+    far = 0.0
+    for these, those in ((points, others), (others, points)):
+        index, distance = nearest(these[:, :2], point_tree(those[:, :2]))
+        far = max(far, float(distance.max()), float(np.abs(these[:, 2] - those[index, 2]).max()))
+    return far
+
+
+def _off_outline_mm(line: FloatArray, size_mm: tuple[float, float], radius_mm: float) -> float:
+    low, high = _box(line)
+    box_mm = max(np.abs(low).max(), np.abs(high - size_mm).max())
+    return float(max(box_mm, np.abs(inset_mm(line[:, :2], size_mm, radius_mm)).max()))
+
+
+def _box(line: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return line[:, :2].min(axis=0), line[:, :2].max(axis=0)
+
+
+def _inside(xy_mm: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    return np.asarray(((xy_mm > low) & (xy_mm < high)).all(axis=1))
+
+
+# PDF (ISO 32000-1), as ReportLab writes it: objects one behind the other, then the table that says where each begins
+
+_STRING = rb"\((?:[^()\\]|\\.)*\)"
+_DICT = rb"<<(?:[^()<>%]|" + _STRING + rb"|<<[^()<>%]*>>)*>>"
+_OBJECT = re.compile(rb"(\d{1,4}) 0 obj\n(" + _DICT + rb")\n(endobj\n|stream\r?\n)", re.DOTALL)
+_STREAM = re.compile(rb"<<\n/Filter \[ (/ASCII85Decode )?/FlateDecode \] /Length (\d{1,8})(?: /Length1 \d{1,8})?\n>>")
+_END = re.compile(
+    rb"trailer\n<<\n/ID \n\[(?:<[0-9a-f]{32}>){2}\]\n% [^\r\n]*\n\n/Info \d+ 0 R\n/Root \d+ 0 R\n/Size \d+\n>>\n"
+    rb"startxref\n(\d+)\n%%EOF\n"
+)
+_START = re.compile(rb"%PDF-1\.\d\n(?:%[^\r\n]*\n)*")
+_NAMES = frozenset(
+    b"/Type /Page /Pages /Parent /Kids /Count /Catalog /PageMode /UseNone /Contents /MediaBox /Resources /Rotate /Trans /Font "
+    b"/ProcSet /PDF /Text /ImageB /ImageC /ImageI /BaseFont /FirstChar /LastChar /FontDescriptor /Name /Subtype /TrueType "
+    b"/ToUnicode /Widths /Ascent /CapHeight /Descent /Flags /FontBBox /FontFile2 /FontName /ItalicAngle /MissingWidth /StemV "
+    b"/Filter /FlateDecode /ASCII85Decode /Length /Length1 /Author /CreationDate /Creator /Keywords /ModDate /Producer /Subject "
+    b"/Title /Trapped /False".split()
+)
+"""Names of the drawing's objects: none of an action, a script, a file, a form, a link, or of objects packed in a stream."""
+_NAME = re.compile(rb"/[^\s()<>\[\]{}/%]*")
+_OF_FONTS = re.compile(rb"/(?:F\d\+0|AAAAAA\+BitstreamVeraSans-(?:Roman|Bold))")
+
+
+def _pdf_problems(data: bytes, name: str, expected: Shown, order: FabOrder | None, backings: Mapping[str, str]) -> list[str]:
+    try:
+        words = _read_pdf(data)
+    except (ValueError, zlib.error) as error:
+        return [f"it is not in the form that this tool writes: {error}"]
+    width, height = (f"{side_mm:g}" for side_mm in expected.size_mm)
+    facts = [f" Title {name} ", f" {width} ", f" {height} ", f" parts {len(expected.parts_xy_mm)} x "]
+    turned = set(expected.rotation_deg.tolist())
+    facts += [f" All parts turned {turned.pop():g}? "] if len(turned) == 1 else []
+    facts += [f" {role.split('-')[0]} {backing} mm, whole underside " for role, backing in backings.items()]
+    facts += [] if "stiffener-bottom" in backings else [" stiffener none "]
+    if order is not None:
+        facts += [f" copper {order.copper_um:g} ?m, one layer, {order.finish};", f" coverlay {order.coverlay_colour}; "]
+        facts += [f" base {order.base}; film {order.thickness_mm:g} thick in all "]
+    return [f"it lacks {fact.strip()!r}" for fact in facts if fact not in words]
+
+
+def _read_pdf(data: bytes) -> str:
+    """The words of its one page, a blank between them; ValueError if it holds more than the page and its fonts."""
+    start = _START.match(data)
+    if start is None:
+        raise ValueError("it does not begin as one")
+    at, places, kinds, pages = start.end(), [], list[bytes](), list[bytes]()
+    while found := _OBJECT.match(data, at):
+        places.append(at)
+        if int(found[1]) != len(places):
+            raise ValueError("its objects are not in order")
+        bare = re.sub(_STRING, b"", found[2])
+        kinds += re.findall(rb"/Type /(\w+)", bare)
+        strange = [n for n in _NAME.findall(bare) if n not in _NAMES and not _OF_FONTS.fullmatch(n)]
+        if strange:
+            raise ValueError(f"it holds {quoted(strange[0].decode('latin-1'))}")
+        at = found.end()
+        if found[3] != b"endobj\n":
+            stream = _STREAM.fullmatch(found[2])
+            if stream is None:
+                raise ValueError("a stream is packed in another way")
+            packed = data[at : at + int(stream[2])]
+            pages += [packed] if stream[1] else []
+            at += len(packed)
+            if not data.startswith(b"endstream\nendobj\n", at):
+                raise ValueError("a stream does not end where it says")
+            at += len(b"endstream\nendobj\n")
+    table = b"".join(b"%010d 00000 n \n" % place for place in places)
+    table = b"xref\n0 %d\n0000000000 65535 f \n" % (len(places) + 1) + table
+    end = _END.fullmatch(data, at + len(table))
+    if end is None or data[at : at + len(table)] != table or int(end[1]) != at:
+        raise ValueError("its table of objects is not of those, or something stands behind it")
+    if kinds.count(b"Page") != 1 or kinds.count(b"Catalog") != 1 or len(pages) != 1:
+        raise ValueError("it has not one page")
+    inflater = zlib.decompressobj()
+    content = inflater.decompress(base64.a85decode(pages[0].strip().removesuffix(b"~>")), _MOST_TEXT)
+    if not inflater.eof:
+        raise ValueError("its page is too long")
+    lines = b" ".join(before.rpartition(b" (")[2] for before in content.split(b") Tj")[:-1])
+    ascii_alone = re.sub(rb"\\[0-7]{3}", b"?", lines)  # only the font says which characters the others are
+    words = re.sub(rb"\\(.)", rb"\1", ascii_alone).decode("latin-1")
+    return f" {words} "

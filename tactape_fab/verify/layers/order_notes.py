@@ -1,0 +1,163 @@
+"""Check of the order notes: what somebody types into the fab's form by them is what the manifest says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactape_fab.base.errors import Check
+from tactape_fab.base.fields import shown
+from tactape_fab.kit.render.order_notes import COPPER_OZ
+from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.files import WrittenFile, named
+from tactape_fab.verify.layers.cpl_rows import RecordedAssembly
+from tactape_fab.verify.layers.job_file import FabOrder
+
+UPLOADED = ("fab-zip", "cpl", "bom")
+_MOST_SAID = 8
+_PATH = re.compile(r"(?<![\w./-])[\w./-]{1,300}\.(?:zip|csv|xyrs|pos)(?!\.?\w)")
+_MOST_NOTES_BYTES = 100_000
+_NUMBER = r"(-?\d+\.\d)"
+_FIGURE = r"(-?\d+(?:\.\d+)?)"
+_PRINT_AREA = re.compile(
+    rf"^   Order number, [^\n]* only in the strip[^\n]*, x {_NUMBER} to {_NUMBER} mm, y {_NUMBER} to {_NUMBER} mm", re.MULTILINE
+)
+
+_ROW = re.compile(r"^   (\S(?:[^ \n]| (?! ))*) {2,}(\S[^\n]*)$", re.MULTILINE)
+_SPACING = ("least spacing of copper", "Min Track/Spacing", "stencil")
+"""Rows with a length that the manifest does not have."""
+_BASES = {"polyimide": "flexible, polyimide|Flex|Polyimide flex", "FR4": "rigid, FR4|FR-4"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ordered:
+    """Subject of order notes: a tape, or a panel, which may be printed only in its rails."""
+
+    name: str
+    size_mm: tuple[float, float]
+    part_count: int
+    on_panel: bool = False
+
+
+def check_order_notes(
+    files: Mapping[str, WrittenFile],
+    tape: Tape,
+    of: Ordered | None = None,
+    *,
+    order: FabOrder | None = None,
+    assembly: RecordedAssembly | None = None,
+    backings: Mapping[str, str] | None = None,
+) -> Check:
+    """Check that the notes name this tape, its size, every part and the files to upload, and name only free areas for print.
+
+    For a panel, `tape` is the first of its tapes, and `of` describes what is ordered. `order`, `assembly` and `backings` (by
+    role) are what the manifest records; without them the rows of the forms are not compared.
+    """
+    if len(files["order-notes"].data) > _MOST_NOTES_BYTES:
+        return Check(name="order-notes", passed=False, message=f"they are longer than {_MOST_NOTES_BYTES} bytes")
+    of = of or Ordered(name=tape.name, size_mm=tape.board.size_mm, part_count=tape.part_count)
+    try:
+        text = files["order-notes"].data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return Check(name="order-notes", passed=False, message=f"they are not UTF-8: {error.reason} at byte {error.start}")
+    width, height = (f"{side_mm:.3f}".rstrip("0").rstrip(".") for side_mm in of.size_mm)
+    facts = [f"{of.name} at ", f"{width} x {height} mm", f"{of.part_count} parts"]
+    problems = [f"they lack {what!r}" for what in (*facts, *(files[role].path for role in UPLOADED)) if what not in text]
+    paths = {file.path for file in files.values()}
+    old = text.partition("\n1. FILES\n")[2].partition("\n2. THE BOARD")[0]  # notes of version 0.2.0 and before
+    listed = old or text.partition("\nSTEP 1. ")[2].partition("\nSTEP 10. ")[0]
+    problems += [f"they name {path}, which is not in the kit" for path in _PATH.findall(listed) if path not in paths]
+    if order is not None and assembly is not None and not old:
+        problems += _row_problems(text, tape, of, order, assembly, backings or {})
+    found = _PRINT_AREA.findall(text)
+    if not found and ("only in the rails" if of.on_panel else "no room for one") not in text:
+        problems.append("they do not say where the fab may print")
+    for area in found:
+        x0, x1, y0, y1 = map(float, area)
+        centres = tape.part_xy_mm()
+        half_mm = max(tape.part.body_mm[:2]) / 2
+        near = (centres > np.array([x0, y0]) - half_mm).all(axis=1) & (centres < np.array([x1, y1]) + half_mm).all(axis=1)
+        if near.any() or not (0.0 <= x0 < x1 <= tape.board.size_mm[0] and 0.0 <= y0 < y1 <= tape.board.size_mm[1]):
+            problems.append(f"they let the fab print at x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm, on parts or off the board")
+    right = "tape, size, parts, files and rows of the forms as the kit has them; not compared: what else they say"
+    return Check(name="order-notes", passed=not problems, message="; ".join(problems[:_MOST_SAID]) or right)
+
+
+def _row_problems(
+    text: str, tape: Tape, of: Ordered, order: FabOrder, assembly: RecordedAssembly, backings: Mapping[str, str]
+) -> Iterator[str]:
+    """Rows, and sentences of the remarks, that differ from the manifest; thickness, size and layers must be there."""
+    form, rest = text.partition("\nSTEP 5. ")[0], text.partition("\nSTEP 10. ")[0]
+    expected = _expected_rows(tape, of, order, assembly, backings)
+    known = {label: value for labels, value in expected.items() for label in labels}
+    rows = _ROW.findall(rest)
+    for label, value in rows:
+        if label in known and re.fullmatch(known[label], value) is None:
+            yield f"{shown(label)} is {shown(value)}, which is not the manifest's"
+    yield from (
+        f"they ask for {shown(label)} {shown(value)}, which no form of this tool does"
+        for label, value in _ROW.findall(form)
+        if re.search(r"\d ?mm\b", value) and label not in known and label not in _SPACING
+    )
+    told = {label for label, _ in rows}
+    yield from (f"they do not say the {labels[0]}" for labels in [*expected][:3] if told.isdisjoint(labels))
+    if not all(rest.endswith("Do not ", 0, found.start()) for found in re.finditer(r"\bmerge\b", rest)):
+        yield "they say 'merge' without 'Do not'"
+    if of.on_panel:
+        return
+    x, y = map(_length, tape.part_xy_mm()[0].tolist())
+    sentences = {
+        rf"turned {_FIGURE} deg": {_length(tape.part.rotation_deg)},
+        rf"differ by {_FIGURE} mm": {f"{tape.displacement_mm:.4g}"},
+        rf"regular grid of {_FIGURE} mm": {f"{tape.pitch_mm:.4g}"},
+        rf"R1 at {_FIGURE},": {x},
+        rf"R1 at {x}, {_FIGURE} mm": {y},
+        rf"(?<![\d.-]){_FIGURE} parts": {str(of.part_count)},
+    }
+    for pattern, right in sentences.items():
+        if wrong := {*re.findall(pattern, rest)} ^ right:
+            yield f"they say {named(sorted(wrong))} where {pattern.replace(_FIGURE, right.pop())!r} should stand"
+
+
+def _expected_rows(
+    tape: Tape, of: Ordered, order: FabOrder, assembly: RecordedAssembly, backings: Mapping[str, str]
+) -> dict[tuple[str, ...], str]:
+    """Patterns of the values that rows of these labels may have, in the forms of all houses."""
+    width, height, radius = map(_length, (*of.size_mm, tape.board.corner_radius_mm))
+    copper = COPPER_OZ.get(order.copper_um, f"{order.copper_um:g} um")
+    hole = _length(min((hole[2] for hole in tape.board.holes), default=0.0))
+    number, any_part = re.escape(assembly.part_number), re.escape(assembly.description)
+    choose = "none is given: choose one of the house's, |choose one in the library: |not given; any maker: "
+    stiffener, adhesive = (
+        f"{re.escape(backings[role])} mm" if role in backings else "none|Without|No"
+        for role in ("stiffener-bottom", "adhesive-bottom")
+    )
+    return {
+        ("thickness", "PCB Thickness", "Thickness"): f"{_length(order.thickness_mm)} mm",
+        ("size", "Dimensions", "Size (single)", "Size (panel)"): rf"{width} x {height} mm(, corner radius {radius} mm)?",
+        ("layers", "Layers"): str(order.layers),
+        ("copper", "Outer Copper Weight", "Finished Copper"): re.escape(copper),
+        ("surface finish", "Surface Finish"): rf"{re.escape(order.finish)}( \(immersion gold\))?",
+        ("board", "Base Material", "Material"): _BASES.get(order.base, re.escape(order.base)),
+        ("legend", "Silkscreen"): f"(?i:{re.escape(order.legend_colour)})(, top)?",
+        ("coverlay", "Coverlay", "Coverlay Color", "solder mask", "Solder Mask", "PCB Color"): (
+            f"(?i:{re.escape(order.coverlay_colour)})(, cut|, photo-imageable, flexible)?"
+        ),
+        ("stiffener", "Stiffener"): stiffener,
+        ("adhesive", "Adhesive Tape", "3M or tesa Tape"): adhesive,
+        ("smallest hole", "Min Hole Size"): f"{_FIGURE} mm(, unplated)?|no holes"
+        if of.on_panel
+        else (f"{hole} mm(, unplated)?" if tape.board.holes else "no holes"),
+        ("parts of a board", "Number of SMD Parts"): str(of.part_count),
+        ("joints of a board",): str(2 * of.part_count),
+        ("smallest part",): any_part,
+        ("part number", "JLCPCB Part #", "Mfg Part # in the BOM"): number or f"none given|(?:{choose}){any_part}",
+    }
+
+
+def _length(value: float) -> str:
+    """As the notes write a length or an angle."""
+    return f"{value:.3f}".rstrip("0").rstrip(".")
