@@ -141,7 +141,9 @@ TAPE_OPTIONS = (
         metavar="segment|whole",
         help="Base of a cylinder: the tape's, or closed.  [default: segment]",
     ),
-    _TapeOption(["--no-3d"], "models", _off, is_flag=True, help="Leave the 3D models out."),
+    _TapeOption(
+        ["--3d/--no-3d"], "models", bool, default=None, help="Write 3D models.  [default: they are, but for tapes on a panel]"
+    ),
     _TapeOption(
         ["--no-mark"], "mark", _off, is_flag=True, help="Leave sector and arrow out of the back of block, dome and cone."
     ),
@@ -181,11 +183,11 @@ def tape_options(command: F) -> F:
 
 
 def given_values(options: dict[str, Any]) -> dict[str, Any]:
-    """The values of the options that were given."""
+    """The values of the options that were given; a flag that has no opposite is given where it is true."""
     return {
         o.name: o.read(options[o.name])
         for o in (*TAPE_OPTIONS, *PANEL_OPTIONS)
-        if o.name is not None and options[o.name] not in (None, (), False)
+        if o.name is not None and options[o.name] not in (None, ()) and (options[o.name] is not False or o.secondary_opts)
     }
 
 

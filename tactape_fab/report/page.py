@@ -168,4 +168,9 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     yield "part", f"{tape.part.name}, {' x '.join(f'{v:g}' for v in tape.part.body_mm)} mm, turned by {tape.part.rotation_deg:g}°"
     if surface is None:
         yield ("fab" if kit.is_film else "process"), str(kit.manifest["fab"]["name"])
+    for finding in kit.findings:  # pictures show the front alone
+        if finding.rule == "mark":
+            yield "on its back", finding.message
+    if surface is not None:
+        yield "mark", "none: write the sector beside it"
     yield "made by", "{name} {version}".format(**kit.manifest["tool"])

@@ -13,8 +13,8 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import TapePart
 
-CHORD_ERROR_MM = 0.01
-"""Largest distance of a mesh's chords from a dome's circles; printers place their layers and spots some times as coarsely."""
+CHORD_ERROR_MM = 0.015
+"""Largest distance of a mesh's chords from a dome's circles, mm: a third of a printer's layer."""
 _LEAST_POINTS, _LEAST_RINGS = 12, 3
 
 

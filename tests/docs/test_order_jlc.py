@@ -105,6 +105,56 @@ def test_the_form_matches_lists_parts_and_pads(ordered: Path, steps: dict[int, s
     np.testing.assert_allclose(np.array([first, last], dtype=float), centres[[0, -1]], atol=6e-4)
 
 
+def test_every_field_and_tick_is_that_of_the_files(ordered: Path, steps: dict[int, str]) -> None:
+    """No row of the form is left without a file, or a page of the house, that says so."""
+    manifest = json.loads((ordered / "manifest.json").read_bytes())
+    paths = {row["role"]: row["path"] for row in manifest["files"]}
+    job = json.loads((ordered / paths["job"]).read_bytes())
+    layers = {layer["Type"]: layer for layer in job["MaterialStackup"]}
+    panel, parts = manifest["panel"], sum(tape["parts"] for tape in manifest["tapes"])
+    holes = re.findall(r"^X\S+Y\S+$", (ordered / paths["drill-npth"]).read_text(), re.MULTILINE)
+    board = {
+        "Base Material": {"polyimide": "Flex"}[layers["Dielectric"]["Material"]],
+        "Layers": str(job["GeneralSpecs"]["LayerNumber"]),
+        "Dimensions": "{:g} x {:g} mm".format(*panel["size_mm"]),
+        "Different Design": str(len({tape["sector"] for tape in manifest["tapes"]})),
+        "Delivery Format": f"Panel by Customer, {panel['columns']} x {panel['rows']} tapes",
+        "PCB Thickness": f"{job['GeneralSpecs']['BoardThickness']} mm",
+        "Coverlay Color": layers["SolderMask"]["Color"],
+        "Silkscreen": layers["Legend"]["Color"],
+        "Surface Finish": job["GeneralSpecs"]["Finish"],
+        "Outer Copper Weight": {0.018: "1/2 oz", 0.035: "1 oz"}[layers["Copper"]["Thickness"]],
+        "Stiffener": "Without" if "stiffener-bottom" not in paths else "With",
+        "Adhesive Tape": "Without" if "adhesive-bottom" not in paths else "With",
+        "Cutting Method": "Laser",  # slots of 2 mm and tabs of 1 mm; the house's page
+        "Mark on PCB": "Remove Mark",
+        "Confirm Production File": "Yes",
+        "PCB Remark": "the text of step 3; prose in the zip is not read",
+    }
+    assembly = {
+        "PCB Assembly": "yes, Standard (Economic takes no 0201)",
+        "Assembly Side": "Top Side" if {row.split(",")[3] for row in _lines(ordered / paths["cpl"])} == {"Top"} else "Both Sides",
+        "Tooling holes": "in the rails, as drawn" if len(holes) == len(panel["tooling_holes_mm"]) > 1 else "added",
+        "Confirm Parts Placement": "Yes",
+        "Comment in the BOM": manifest["assembly"]["value"],
+        "JLCPCB Part #": manifest["assembly"]["part_number"],
+    }
+    assert fields(steps[1]) == {"Add gerber file": paths["fab-zip"]}
+    assert fields(steps[2]) == board
+    assert fields(steps[5]) == assembly
+    assert {key: fields(steps[6])[key] for key in ("Add BOM File", "Add CPL File")} == {
+        "Add BOM File": paths["bom"],
+        "Add CPL File": paths["cpl"],
+    }
+    for count in (1, 5, 20):
+        typed = fields(steps[7])[f"parts for {count} panel{'s' * (count > 1)}"]
+        assert int(typed.partition(",")[0]) == -(-parts * count * 11 // 10)  # 10 % are lost by the line
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text("utf-8").splitlines()[1:]
+
+
 def test_previews_drawing_and_questions_are_there(ordered: Path, steps: dict[int, str]) -> None:
     for step, pattern in ((4, r"preview/\S+\.png"), (9, r"preview/\S+-placements\.svg"), (10, r"\S+-drawing\.pdf")):
         (path,) = re.findall(pattern, steps[step])

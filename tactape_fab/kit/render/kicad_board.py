@@ -111,38 +111,39 @@ def _footprints(drawing: Drawing) -> Iterator[str]:
 
 
 def _footprint(drawing: Drawing, parts: Parts) -> str:
-    """Text of a part's footprint, to be formatted with its number, place and stamp."""
+    """Text of a part's footprint, to be formatted with its number, place and stamp.
+
+    It stands in the file for every part: what KiCad fills in itself (identifiers of its shapes, a font for the hidden
+    value) or what the library has (its description) would more than double the file.
+    """
     part, turn = drawing.part, _number(parts.rotation_deg)
     body, courtyard = part.body_mm, part.courtyard_mm
     lines = [
         "  (footprint "
         + _text(f"tactape:{part.footprint}").replace("{", "{{").replace("}", "}}")
         + ' (layer "F.Cu") (tstamp {stamp:s}0)',
-        f"    (at {{x:.6f}} {{y:.6f}} {turn})",
-        "    (descr " + _text(_for_format(part.description)) + ") (attr smd)",
-        _hidden_text("reference", "R{n:d}", turn, "1"),
-        _hidden_text("value", _for_format(part.value), turn, "2"),
-        _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none", "3"),
-        _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none", "4"),
+        f"    (at {{x:.10g}} {{y:.10g}} {turn}) (attr smd)",
+        _hidden_text("reference", "R{n:d}", turn),
+        _hidden_text("value", _for_format(part.value), turn),
+        _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none"),
+        _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none"),
         *(_pad(number, "F.Cu", part.pads, turn, k) for k, number in enumerate("12")),
         *(_pad("", "F.Paste", part.paste, turn, k) for k in range(2)),
     ]
     if parts.openings is not None:
-        lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid", "9"))
+        lines.append(_rectangle(drawing.outlines.opening_size_mm, "F.Mask", 0.0, "solid"))
     return "\n".join([*lines, "  )"])
 
 
-def _hidden_text(kind: str, text: str, turn: str, stamp: str) -> str:
-    font = "(effects (font (size 0.2 0.2) (thickness 0.03)))"
-    return f'    (fp_text {kind} {_text(text)} (at 0 0 {turn}) (layer "F.Fab") hide {font} (tstamp {{stamp:s}}{stamp}))'
+def _hidden_text(kind: str, text: str, turn: str) -> str:
+    font = " (effects (font (size 0.2 0.2) (thickness 0.03)))" if kind == "reference" else ""
+    return f'    (fp_text {kind} {_text(text)} (at 0 0 {turn}) (layer "F.Fab") hide{font})'
 
 
-def _rectangle(size_mm: tuple[float, float], layer: str, line_mm: float, fill: str, stamp: str) -> str:
+def _rectangle(size_mm: tuple[float, float], layer: str, line_mm: float, fill: str) -> str:
     x, y = _number(size_mm[0] / 2), _number(size_mm[1] / 2)
-    return (
-        f"    (fp_rect (start -{x} -{y}) (end {x} {y})"
-        f" (layer {_text(layer)}) (width {_number(line_mm)}) (fill {fill}) (tstamp {{stamp:s}}{stamp}))"
-    )
+    line = f"(width {_number(line_mm)}) (fill {fill})"
+    return f"    (fp_rect (start -{x} -{y}) (end {x} {y}) (layer {_text(layer)}) {line})"
 
 
 def _pad(number: str, layer: str, land: LandPattern, turn: str, k: int) -> str:
@@ -150,9 +151,8 @@ def _pad(number: str, layer: str, land: LandPattern, turn: str, k: int) -> str:
     ratio = land.corner_radius_mm / min(land.size_mm)
     shape = f"roundrect (at {_number(x)} 0 {turn})" if ratio > 0 else f"rect (at {_number(x)} 0 {turn})"
     corner = f" (roundrect_rratio {_number(ratio)})" if ratio > 0 else ""
-    stamp = f"{(5 if number else 7) + k:d}"
     size = " ".join(_number(side) for side in land.size_mm)
-    return f"    (pad {_text(number)} smd {shape} (size {size}) (layers {_text(layer)}){corner} (tstamp {{stamp:s}}{stamp}))"
+    return f"    (pad {_text(number)} smd {shape} (size {size}) (layers {_text(layer)}){corner})"
 
 
 def _holes(drawing: Drawing) -> Iterable[str]:
@@ -160,10 +160,10 @@ def _holes(drawing: Drawing) -> Iterable[str]:
         '  (footprint "tactape:Hole" (layer "F.Cu") (tstamp {stamp:s}0)',
         "    (at {x:.6f} {y:.6f})",
         "    (attr exclude_from_pos_files exclude_from_bom)",
-        _hidden_text("reference", "H{n:d}", "0", "1"),
-        _hidden_text("value", "{size:s}", "0", "2"),
+        _hidden_text("reference", "H{n:d}", "0"),
+        _hidden_text("value", "{size:s}", "0"),
         '    (pad "" np_thru_hole circle (at 0 0) (size {size:s} {size:s}) (drill {size:s})',
-        "      (layers *.Cu *.Mask) (tstamp {stamp:s}3))",
+        "      (layers *.Cu *.Mask))",
         "  )",
     ]
     for n, (x_mm, y_mm, diameter_mm) in enumerate(drawing.holes, start=1):
@@ -180,10 +180,10 @@ def _marks(drawing: Drawing) -> Iterable[str]:
         '  (footprint "tactape:Fiducial" (layer "F.Cu") (tstamp {stamp:s}0)',
         "    (at {x:.6f} {y:.6f})",
         "    (attr smd exclude_from_pos_files exclude_from_bom)",
-        _hidden_text("reference", "FID{n:d}", "0", "1"),
-        _hidden_text("value", "Fiducial", "0", "2"),
+        _hidden_text("reference", "FID{n:d}", "0"),
+        _hidden_text("value", "Fiducial", "0"),
         '    (pad "" smd circle (at 0 0) (size {size:s} {size:s}) (layers "F.Cu" "F.Mask")',
-        "      (solder_mask_margin {margin:s}) (clearance {margin:s}) (tstamp {stamp:s}3))",
+        "      (solder_mask_margin {margin:s}) (clearance {margin:s}))",
         "  )",
     ]
     size = _number(drawing.fiducials.copper_mm)
