@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
+from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_drill
+from tactape_fab.kit.read.written_gerber import read_shapes
 from tactape_fab.kit.render.colours import (
     BACKING_COLOURS,
     BASE_FILM,
@@ -97,22 +98,22 @@ def film_shapes(files: Mapping[str, bytes], cpl: CplContent, colours: Mapping[st
     colours : mapping
         The manifest's ``fab``, with the names of coverlay and legend colour.
     """
-    outline, *slots = read_gerber(files["profile"]).strokes_mm
+    outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[str(colours["coverlay_colour"])]
-    openings, copper = read_gerber(files["coverlay-top"]), read_gerber(files["copper-top"])
+    openings, copper = read_shapes(files["coverlay-top"]), read_shapes(files["copper-top"])
     for role in ("stiffener-bottom", "adhesive-bottom"):
         if role in files:
-            areas = read_gerber(files[role]).areas_mm
+            areas = read_shapes(files[role]).areas_mm
             yield Shapes(layer=role, fill=BACKING_COLOURS[role], stroke=BACKING_COLOURS[role], stroke_mm=0.6, polygons=areas)
     yield Shapes(layer="profile", fill=BASE_FILM, polygons=[outline])
     yield Shapes(layer="coverlay-top", fill=film, polygons=[outline])
     yield from _lines("copper-top", edge, copper)
     yield Shapes(layer="coverlay-top", fill=BASE_FILM, stamps=stamps(openings), polygons=openings.areas_mm)
     yield Shapes(layer="copper-top", fill=GOLD, stamps=stamps(copper))
-    paste = read_gerber(files["paste-top"])
+    paste = read_shapes(files["paste-top"])
     yield Shapes(layer="paste-top", fill=PASTE, stamps=stamps(paste), polygons=paste.areas_mm)
     if "legend-top" in files:
-        legend, ink = read_gerber(files["legend-top"]), LEGEND_COLOURS[str(colours["legend_colour"])]
+        legend, ink = read_shapes(files["legend-top"]), LEGEND_COLOURS[str(colours["legend_colour"])]
         yield Shapes(layer="legend-top", fill=ink, polygons=legend.areas_mm)
         yield from _lines("legend-top", ink, legend)
     body = body_outline(files["components-top"])
@@ -142,7 +143,7 @@ def solid_shapes(tape: Tape) -> Iterator[Shapes]:
     yield Shapes(layer="profile", stroke=ELEMENT, stroke_mm=0.1, polygons=[outline])
 
 
-def _lines(layer: str, colour: str, content: GerberContent) -> Iterator[Shapes]:
+def _lines(layer: str, colour: str, content: GerberShapes) -> Iterator[Shapes]:
     """Lines of a layer, those of one width together."""
     for width_mm in np.unique(content.stroke_width_mm).tolist():
         drawn = [content.strokes_mm[i] for i in np.flatnonzero(content.stroke_width_mm == width_mm)]

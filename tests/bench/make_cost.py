@@ -1,7 +1,8 @@
 """What `make` costs, as ratios of one run: `python -m tests.bench.make_cost [--parts N]`.
 
 Processor time of a cold `make`, with and without verification, over that of `import numpy`; and for a kit of N parts (0: none)
-over that of writing as many bytes, with the peak memory of its process.
+over that of writing as many bytes, with the peak memory of its process. All are timed with compiled modules, as an installation
+has them, wherever this one keeps them, and make new folders.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tests.bench.measure import large_spec
@@ -32,9 +33,9 @@ with open(sys.argv[1], "wb") as stream:
 RUNS = 5
 
 
-def cost(command: Sequence[str]) -> tuple[float, float]:
+def cost(command: Sequence[str], env: Mapping[str, str]) -> tuple[float, float]:
     """Processor seconds and peak MB of a command, measured from a small process: a child's peak begins with its parent's."""
-    done = subprocess.run([sys.executable, "-S", "-c", _CHILD, *command], check=True, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-S", "-c", _CHILD, *command], check=True, capture_output=True, text=True, env=env)
     seconds, peak_mb = map(float, done.stdout.split())
     return seconds, peak_mb
 
@@ -43,25 +44,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.make_cost", description=__doc__)
     parser.add_argument("--parts", type=int, default=50_000, metavar="N")
     chosen = parser.parse_args()
-    make = [sys.executable, "-m", "tactape_fab", "make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "--overwrite", "-o"]
+    make = [sys.executable, "-m", "tactape_fab", "make", "--sector", "7", "--w", "1.5", "--delta", "0.25", "-o"]
     with tempfile.TemporaryDirectory() as folder:
-        kit = str(Path(folder, "kit"))
-        commands = {
-            "numpy": [sys.executable, "-c", "import numpy"],
-            "make": [*make, kit],
-            "no-verify": [*make, kit, "--no-verify"],
-        }
-        runs = [{name: cost(command)[0] for name, command in commands.items()} for _ in range(RUNS)]
-        least = {name: min(run[name] for run in runs) for name in commands}
+        env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        env["PYTHONPYCACHEPREFIX"] = str(Path(folder, "modules"))
+
+        def commands(run: int) -> dict[str, list[str]]:
+            kit = str(Path(folder, f"kit-{run}"))
+            numpy = [sys.executable, "-c", "import numpy"]
+            return {"numpy": numpy, "make": [*make, kit], "no-verify": [*make, f"{kit}-0", "--no-verify"]}
+
+        timed = [{name: cost(command, env)[0] for name, command in commands(run).items()} for run in range(RUNS + 1)]
+        runs = timed[1:]  # the first run compiled the modules
+        least = {name: min(run[name] for run in runs) for name in runs[0]}
         print(f"load {os.getloadavg()[0]:.1f}; import numpy {least['numpy']:.3f} s of the processor, best of {RUNS}")
         print(f"make, cold:             {least['make'] / least['numpy']:.1f} x, {least['make']:.2f} s")
         print(f"make --no-verify, cold: {least['no-verify'] / least['numpy']:.1f} x, {least['no-verify']:.2f} s")
         if chosen.parts:
             width_mm, height_mm = large_spec(chosen.parts).size_mm
             large = ["--origin", "0,0", "--size", f"{width_mm:g}x{height_mm:g}", "--no-verify", "--force"]
-            seconds, peak_mb = cost([*make, str(Path(folder, "large")), *large])
+            seconds, peak_mb = cost([*make, str(Path(folder, "large")), *large], env)
             size = sum(file.stat().st_size for file in Path(folder, "large").rglob("*") if file.is_file())
-            written_s, _ = cost([sys.executable, "-c", _WRITE, str(Path(folder, "bytes")), str(size)])
+            written_s, _ = cost([sys.executable, "-c", _WRITE, str(Path(folder, "bytes")), str(size)], env)
             print(f"{chosen.parts} parts, --no-verify: {size / 1e6:.0f} MB, {seconds:.1f} s, {size / 1e6 / seconds:.0f} MB/s")
             print(f"                         {seconds / written_s:.1f} x writing as many bytes, peak {peak_mb:.0f} MB")
 

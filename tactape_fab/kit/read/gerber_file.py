@@ -20,11 +20,11 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.shapes import area_mm2
 
 FURTHEST_MM = 1e5
-_ARC_ERROR_MM = 1e-4
+ARC_ERROR_MM = 1e-4
 _ARC_MISFIT_MM = 1e-5
 _SPARE_CHORDS = 200_000
 """Chords of a file's arcs; half as many as it has bytes are added. A corner of 1 mm has 56."""
-_CIRCLE_POINTS = 64
+CIRCLE_POINTS = 64
 _PLAIN = re.compile(r"\s*(?:(?:1|2|4|20|21|22),[-+.,\d\s]*|5,[01],\d{1,2},[-+.,\d\s]*|0\s[^*%]*)?")
 """Primitives of an aperture macro (Gerber 2024.05 section 4.5.1) whose corners are no more than their bytes say."""
 _STATEMENTS = {"TF", "TA", "TO", "TD", "FS", "MO", "LP", "AM", "AD"}
@@ -45,8 +45,8 @@ def one_line(error: Exception) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GerberContent:
-    """Content of a Gerber file.
+class GerberShapes:
+    """What a Gerber file draws.
 
     Attributes
     ----------
@@ -56,30 +56,40 @@ class GerberContent:
         Index into `aperture_outlines_mm`.
     aperture_outlines_mm : tuple of ndarray, each (k, 2)
         Outline of each flashed aperture about its origin.
-    aperture_functions : tuple of str
-        .AperFunction of each flashed aperture, '' where the file has none.
-    flash_component, flash_pin : tuple of str
-        .P or .C reference of each flash and its pin, '' where the file has none.
     areas_mm : tuple of ndarray
         Regions as polygons.
     strokes_mm : tuple of ndarray, each (k, 2)
         Drawn lines and arcs as polylines, in file order, joined if one begins at the open end of the one before.
     stroke_width_mm : ndarray, shape (s,)
+    """
+
+    flash_xy_mm: FloatArray
+    flash_aperture: IntArray
+    aperture_outlines_mm: tuple[FloatArray, ...]
+    areas_mm: tuple[FloatArray, ...]
+    strokes_mm: tuple[FloatArray, ...]
+    stroke_width_mm: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GerberContent(GerberShapes):
+    """Content of a Gerber file.
+
+    Attributes
+    ----------
+    aperture_functions : tuple of str
+        .AperFunction of each flashed aperture, '' where the file has none.
+    flash_component, flash_pin : tuple of str
+        .P or .C reference of each flash and its pin, '' where the file has none.
     clear : bool
         Whether any object is drawn in clear polarity.
     file_attributes : dict
         .FileFunction and so on, without the leading dot.
     """
 
-    flash_xy_mm: FloatArray
-    flash_aperture: IntArray
-    aperture_outlines_mm: tuple[FloatArray, ...]
     aperture_functions: tuple[str, ...]
     flash_component: tuple[str, ...]
     flash_pin: tuple[str, ...]
-    areas_mm: tuple[FloatArray, ...]
-    strokes_mm: tuple[FloatArray, ...]
-    stroke_width_mm: FloatArray
     clear: bool
     file_attributes: dict[str, tuple[str, ...]]
 
@@ -181,7 +191,7 @@ class _Drawn:
             self.misfit = self.misfit or thing.numeric_error("mm") > _ARC_MISFIT_MM or thing.cx == thing.cy == 0.0
             if self.misfit:
                 return
-            self.chords_left -= thing.sweep_angle() / (2 * acos(max(0.0, 1 - _ARC_ERROR_MM / hypot(thing.cx, thing.cy))))
+            self.chords_left -= thing.sweep_angle() / (2 * acos(max(0.0, 1 - ARC_ERROR_MM / hypot(thing.cx, thing.cy))))
             if not self.chords_left > 0:
                 raise ReadbackError("its arcs are longer than those of any board")
             for chord in _chords(thing):
@@ -231,7 +241,11 @@ def _content(drawn: _Drawn, attributes: Mapping[str, Sequence[str]]) -> GerberCo
         raise ReadbackError("an arc of it does not fit its centre")
     apertures = {id(aperture): aperture for aperture in drawn.flashed}
     index = {key: i for i, key in enumerate(apertures)}
-    strokes, widths = _join_strokes(np.array(drawn.lines_mm, dtype=np.float64).reshape(-1, 4), drawn.drawn_with)
+    strokes, widths = joined_strokes(
+        np.array(drawn.lines_mm, dtype=np.float64).reshape(-1, 4),
+        np.array([id(aperture) for aperture in drawn.drawn_with], dtype=np.int64),
+        _diameters_mm(drawn.drawn_with),
+    )
     return GerberContent(
         flash_xy_mm=np.array(drawn.flashes_mm, dtype=np.float64).reshape(-1, 2),
         flash_aperture=np.array([index[id(aperture)] for aperture in drawn.flashed], dtype=np.int64),
@@ -262,46 +276,52 @@ def _aperture_outline(aperture: Any) -> FloatArray:
             raise ReadbackError("a flashed aperture of it has no area")
         return outline
     if isinstance(shape, Circle):
-        angle = np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS, endpoint=False)
+        angle = np.linspace(0.0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
         return np.asarray(shape.r * np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=np.float64)
     raise ReadbackError(f"aperture shape {type(shape).__name__} is none that this tool writes")
 
 
-def _join_strokes(ends: FloatArray, apertures: Sequence[Any]) -> tuple[tuple[FloatArray, ...], FloatArray]:
+def _diameters_mm(apertures: Sequence[Any]) -> dict[int, float]:
+    """Diameters of the apertures that lines are drawn with, by their identity."""
+    from gerbonara.apertures import CircleAperture
+
+    used = {id(aperture): aperture for aperture in apertures}
+    if not all(isinstance(aperture, CircleAperture) for aperture in used.values()):
+        raise ReadbackError("it draws lines with an aperture that is not round")
+    return {key: aperture.diameter for key, aperture in used.items()}
+
+
+def joined_strokes(
+    ends: FloatArray, apertures: IntArray, diameters_mm: Mapping[int, float]
+) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """Lines as polylines, joined if one begins at the open end of the one before with the same aperture.
 
     Parameters
     ----------
     ends : ndarray, shape (n, 4)
         x and y of where each line begins and ends, mm.
-    apertures : sequence
-        gerbonara's aperture of each line.
+    apertures : ndarray of int, shape (n,)
+        Key of each line's aperture in `diameters_mm`.
 
     Returns
     -------
     tuple of ndarray, each (k, 2), and ndarray of their widths
     """
-    from gerbonara.apertures import CircleAperture
-
     if not len(ends):
         return (), np.empty(0)
-    used = {id(aperture): aperture for aperture in apertures}
-    if not all(isinstance(aperture, CircleAperture) for aperture in used.values()):
-        raise ReadbackError("it draws lines with an aperture that is not round")
-    with_aperture = np.array([id(aperture) for aperture in apertures])
     begins = np.ones(len(ends), dtype=bool)
-    begins[1:] = (with_aperture[1:] != with_aperture[:-1]) | (ends[1:, :2] != ends[:-1, 2:]).any(axis=1)
+    begins[1:] = (apertures[1:] != apertures[:-1]) | (ends[1:, :2] != ends[:-1, 2:]).any(axis=1)
     _split_closed(begins, ends)
     first = np.flatnonzero(begins)
     points = np.insert(ends[:, 2:], first, ends[first, :2], axis=0)
     cuts = [*(first + np.arange(len(first))).tolist(), len(points)]
-    widths = [used[key].diameter for key in with_aperture[first].tolist()]
+    widths = [diameters_mm[key] for key in apertures[first].tolist()]
     return tuple(points[a:b] for a, b in pairwise(cuts)), np.array(widths, dtype=np.float64)
 
 
 def _chords(arc: Any) -> list[Any]:
     """An arc as lines with the same end points."""
-    lines: list[Any] = arc.approximate(max_error=_ARC_ERROR_MM)
+    lines: list[Any] = arc.approximate(max_error=ARC_ERROR_MM)
     lines[0].x1, lines[0].y1, lines[-1].x2, lines[-1].y2 = arc.x1, arc.y1, arc.x2, arc.y2
     return lines
 

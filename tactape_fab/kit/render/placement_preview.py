@@ -12,8 +12,9 @@ import numpy as np
 
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.profiles import FabProfile
-from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
+from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_cpl
+from tactape_fab.kit.read.written_gerber import read_shapes
 from tactape_fab.kit.render.colours import BASE_FILM, BODY, COVERLAY_COLOURS, GOLD, TERMINAL
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
@@ -32,7 +33,7 @@ def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> 
     """The picture of a tape or a panel, from the files already rendered."""
     files = {artifact.role: artifact.data for artifact in artifacts}
     cpl = read_cpl(files["cpl"])
-    copper, coverlay = read_gerber(files["copper-top"]), read_gerber(files["coverlay-top"])
+    copper, coverlay = read_shapes(files["copper-top"]), read_shapes(files["coverlay-top"])
     away = np.hypot(*(cpl.xy_mm - cpl.xy_mm[0]).T)
     pitch_mm = float(away[away > 0.0].min(initial=np.inf)) if len(away) > 1 else 2.0
     side_mm = SHOWN_PITCHES * min(pitch_mm, 20.0)
@@ -57,18 +58,18 @@ def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> 
 
 def _body(components: bytes) -> FloatArray:
     """Length and width of the first part's body, mm, from the component layer."""
-    corners = read_gerber(components.split(b"%TO.C,R2*%")[0] + b"M02*\n").strokes_mm[0][:4]
+    corners = read_shapes(components.split(b"%TO.C,R2*%")[0] + b"M02*\n").strokes_mm[0][:4]
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     return np.array([sides.max(), sides.min()])
 
 
-def _near(content: GerberContent, low: FloatArray, high: FloatArray) -> list[FloatArray]:
+def _near(content: GerberShapes, low: FloatArray, high: FloatArray) -> list[FloatArray]:
     """Flashed shapes in view."""
     inside = np.flatnonzero(((content.flash_xy_mm > low - _BESIDE_MM) & (content.flash_xy_mm < high + _BESIDE_MM)).all(axis=1))
     return [content.aperture_outlines_mm[content.flash_aperture[i]] + content.flash_xy_mm[i] for i in inside]
 
 
-def _near_lines(content: GerberContent, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, float]]:
+def _near_lines(content: GerberShapes, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, float]]:
     pairs = zip(content.strokes_mm, content.stroke_width_mm, strict=True)
     return [(s, float(w)) for s, w in pairs if ((s > low - _BESIDE_MM) & (s < high + _BESIDE_MM)).all(axis=1).any()]
 

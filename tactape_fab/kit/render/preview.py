@@ -11,8 +11,9 @@ import numpy.typing as npt
 from tactape_fab.base.errors import RenderError
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.profiles import FabProfile
-from tactape_fab.kit.read.gerber_file import GerberContent, read_gerber
+from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_cpl, read_drill
+from tactape_fab.kit.read.written_gerber import read_shapes
 from tactape_fab.kit.render.colours import (
     BACKING_COLOURS,
     BASE_FILM,
@@ -53,7 +54,7 @@ class _Shapes:
     edge_mm: float = EDGE_MM
 
 
-def stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]:
+def stamps(content: GerberShapes) -> tuple[tuple[FloatArray, FloatArray], ...]:
     return tuple(
         (outline, content.flash_xy_mm[content.flash_aperture == i]) for i, outline in enumerate(content.aperture_outlines_mm)
     )
@@ -61,9 +62,9 @@ def stamps(content: GerberContent) -> tuple[tuple[FloatArray, FloatArray], ...]:
 
 def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes], FloatArray]:
     """All shapes from the film upward, and the board's outline."""
-    outline, *slots = read_gerber(files["profile"]).strokes_mm
+    outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[fab.coverlay_colour]
-    openings, copper = read_gerber(files["coverlay-top"]), read_gerber(files["copper-top"])
+    openings, copper = read_shapes(files["coverlay-top"]), read_shapes(files["copper-top"])
     shapes = [*_backings(files), _Shapes(name="coverlay", colour=film, polygons=(outline,), edge=edge)]
     if copper.strokes_mm:
         web_mm = float(copper.stroke_width_mm[0])
@@ -71,7 +72,7 @@ def _picture(files: Mapping[str, bytes], fab: FabProfile) -> tuple[list[_Shapes]
     shapes.append(_Shapes(name="openings", colour=BASE_FILM, stamps=stamps(openings), polygons=openings.areas_mm))
     shapes.append(_Shapes(name="pads", colour=GOLD, stamps=stamps(copper)))
     if "legend-top" in files:
-        legend = read_gerber(files["legend-top"])
+        legend = read_shapes(files["legend-top"])
         line_mm = float(legend.stroke_width_mm[0]) if len(legend.stroke_width_mm) else 0.0
         colour = LEGEND_COLOURS[fab.legend_colour]
         shapes.append(_Shapes(name="legend", colour=colour, polygons=legend.areas_mm, lines=legend.strokes_mm, line_mm=line_mm))
@@ -99,14 +100,14 @@ def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
     given = [role for role in ("adhesive-bottom", "stiffener-bottom") if role in files]
     for place, role in enumerate(given):
         rim_mm = _RIM_MM * (len(given) - place)
-        areas = read_gerber(files[role]).areas_mm
+        areas = read_shapes(files[role]).areas_mm
         yield _Shapes(name=role, colour=BACKING_COLOURS[role], polygons=areas, edge=BACKING_COLOURS[role], edge_mm=2 * rim_mm)
 
 
 def body_outline(components: bytes) -> FloatArray:
     """The unturned body as a rectangle, from the first part of the component layer; the others are not read."""
     first_part = components.split(b"%TO.C,R2*%")[0]
-    corners = read_gerber(first_part + b"M02*\n").strokes_mm[0][:4]
+    corners = read_shapes(first_part + b"M02*\n").strokes_mm[0][:4]
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     length, width = max(sides[0], sides[1]) / 2, min(sides[0], sides[1]) / 2
     return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
