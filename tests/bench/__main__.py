@@ -17,7 +17,7 @@ from time import perf_counter
 from tactape_fab.base.pool import Workers, mapped_as_done
 from tests.bench.evidence import counts, readme
 from tests.bench.evidence.job import FULL, QUICK, Job, Result
-from tests.bench.evidence.page import FIGURES_JSON, jobs, page_of, write_page
+from tests.bench.evidence.page import FIGURES_JSON, MEASURED, jobs, page_of, write_page
 from tests.bench.evidence.record import Record, about
 from tests.bench.workers import workers
 
@@ -61,6 +61,9 @@ def main() -> None:
     about_page = "where evidence.json, the page and its plots go; docs/ unless said, and then the README's numbers, too"
     parser.add_argument("--page", type=Path, metavar="FOLDER", help=about_page)
     parser.add_argument("--sources", action="store_true", help="only print the digest of the sources that figures are made with")
+    about_keep = "sections whose figures are not measured anew but taken from docs/evidence.json; the page names their sources"
+    sections = [section.SECTION for section in MEASURED]
+    parser.add_argument("--keep", choices=sections, nargs="+", default=[], metavar="SECTION", help=about_keep)
     chosen = parser.parse_args()
     if chosen.sources:
         print(about()["sources"])
@@ -71,16 +74,20 @@ def main() -> None:
         parser.error(f"--counts: {error}; give files that tests.bench.false_accepts --json wrote")
     size = QUICK if chosen.quick else FULL
     record = Record.opened(chosen.json or Path(f"evidence-{size.name}.jsonl"))
-    wanted = jobs(size)
+    wanted = [job for job in jobs(size) if job.section not in chosen.keep]
     measure(wanted, record, chosen.workers)
     folder = chosen.page or FIGURES_JSON.parent
-    if not counted and FIGURES_JSON.exists():  # counting takes a day: each row names the sources it was counted with
-        earlier = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))["results"]
-        counted = [entry for entry in earlier if entry["section"] == counts.SECTION]
+    kept = []
+    if FIGURES_JSON.exists():
+        earlier = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))
+        sources = {"sources": earlier["about"]["sources"]}
+        kept = [sources | entry for entry in earlier["results"] if entry["section"] in chosen.keep]
+        if not counted:  # counting takes a day: each row names the sources it was counted with
+            counted = [entry for entry in earlier["results"] if entry["section"] == counts.SECTION]
     content = {
         "size": size.name,
         "about": record.about,
-        "results": [record.results[job.key] for job in wanted] + counted,
+        "results": [record.results[job.key] for job in wanted] + kept + counted,
     }
     folder.mkdir(parents=True, exist_ok=True)
     (folder / FIGURES_JSON.name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

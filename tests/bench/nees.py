@@ -5,7 +5,7 @@
 e is the error of (x, y, theta), C the covariance that was said. NEES/3, the mean of e^T C^-1 e / 3, is 1 where C is true and
 errors are normal; of N frames it scatters by sqrt(2 / 3 N). The last columns are errors of aspect and shear,
 `Localization.strain`, over their standard deviation: root mean squares, 1 where that is true. The decoder has the stock profile
-in every row, whatever the truth is, but for the size of the gel's displacement.
+in every row, whatever the truth is, but for the size of the gel's displacement and, where gels are not elastic, the crown.
 """
 
 from __future__ import annotations
@@ -87,7 +87,10 @@ class Figures:
 
 def figures_of(scene: Scene, count: int, refine: Refined, theta_deg: float | None = None) -> Figures:
     """Locate frames of a scene; all dots lie alike in their pixels at a theta of 0 or 90, as 1.5 mm are 24 px."""
-    sensor = replace(load_sensor("gelsight-mini"), gel=Gel(displacement_um=scene.gel_displacement_um or 0.0))
+    stock = load_sensor("gelsight-mini")
+    # the imprint model's gel has no crown: with one a contact off the image's centre would be a tilted one
+    gel = Gel() if scene.elastic is None else stock.gel
+    sensor = replace(stock, gel=replace(gel, displacement_um=scene.gel_displacement_um or 0.0))
     localizer = Localizer([registered_tape()], sensor, refine=refine)
     wrong = 0
     errors, squares, strains = [np.zeros((0, 3))], [np.zeros(0)], [np.full((1, 2), np.nan)]

@@ -17,7 +17,7 @@ from tests.bench.__main__ import main, measure
 from tests.bench.evidence import accuracy, codes, conditions, counts, curves, place, resolution, simulators, table_one, table_two
 from tests.bench.evidence import record as records
 from tests.bench.evidence.job import FULL, QUICK, Job, Result, Size
-from tests.bench.evidence.page import FIGURES_JSON, PAGE, jobs, page_of
+from tests.bench.evidence.page import FIGURES_JSON, MEASURED, PAGE, jobs, page_of
 from tests.bench.evidence.record import Record, results_of
 from tests.bench.false_accepts import Record as Counts
 from tests.bench.false_accepts import about
@@ -145,6 +145,20 @@ def test_the_page_says_of_which_sources_it_is(monkeypatch: pytest.MonkeyPatch, c
     monkeypatch.setattr("sys.argv", ["tests.bench", "--sources"])
     main()
     assert capsys.readouterr().out.strip() == records.about()["sources"]
+
+
+def test_sections_that_are_kept_say_of_which_sources_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = [section.SECTION for section in MEASURED]
+    places = ["--json", str(tmp_path / "new.jsonl"), "--page", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["tests.bench", "--keep", *kept, *places])
+    main()
+    before = json.loads(FIGURES_JSON.read_text(encoding="utf-8"))
+    content = json.loads((tmp_path / FIGURES_JSON.name).read_text(encoding="utf-8"))
+    assert [entry["result"] for entry in content["results"]] == [entry["result"] for entry in before["results"]]
+    assert content["about"]["sources"] == records.about()["sources"]
+    said = (tmp_path / PAGE.name).read_text(encoding="utf-8")
+    older = {entry["section"]: entry.get("sources", before["about"]["sources"]) for entry in before["results"]}
+    assert all(f"Figures of {section} are of the sources `{older[section]}`." in said for section in kept)
 
 
 def test_figures_of_other_sources_are_refused(tmp_path: Path) -> None:

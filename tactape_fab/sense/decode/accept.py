@@ -172,7 +172,7 @@ def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
             cells=place.cells,
             nominal_mm=place.cells * view.pitch_mm + view.displacement_mm * DIRECTIONS_XY[place.x_bits + 2 * place.y_bits],
             offset_px=dots.xy_px - view.centre_px,
-            weights=dots.weights * dots.trust,
+            weights=dots.weights * np.minimum(dots.trust / GOOD_TRUST, 1.0),
             good=int((dots.trust > GOOD_TRUST).sum()),
         )
     n = len(place.cells)

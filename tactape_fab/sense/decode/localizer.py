@@ -266,7 +266,7 @@ class Localizer:
             px_per_mm=self.sensor.px_per_mm[0],
             scale_tolerance=0.0 if fixed_scale else self.sensor.scale_tolerance,
             centre_px=self.sensor.centre_px * np.array([1.0, self._aspect]),
-            beliefs=beliefs_of(self.sensor, fixed_scale=fixed_scale),
+            beliefs=beliefs_of(self.sensor, fixed_scale=fixed_scale, part=part),
             directions=directions,
         )
 

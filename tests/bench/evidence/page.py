@@ -44,6 +44,7 @@ def page_of(content: dict[str, Any]) -> str:
         f"numba {about['numba']}.",
         f"The sources were `{about['sources']}`: `python -m tests.bench --sources` prints those of today. Where they differ, the",
         "figures are older than the code, and CHANGELOG.md says what has changed.",
+        *_kept(content["results"]),
         "",
         *(OLDER if about.get("noise") is None else _about_noise(about["noise"])),
         "",
@@ -53,6 +54,12 @@ def page_of(content: dict[str, Any]) -> str:
         if found:
             out += section.lines(found)
     return "\n".join(out)
+
+
+def _kept(results: list[dict[str, Any]]) -> list[str]:
+    """What was not measured anew, with its sources."""
+    older = {(entry["section"], entry["sources"]) for entry in results if "sources" in entry}
+    return [f"Figures of {section} are of the sources `{sources}`." for section, sources in sorted(older)]
 
 
 OLDER = (

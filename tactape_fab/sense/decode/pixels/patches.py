@@ -26,8 +26,9 @@ from tactape_fab.texture.tape import TapePart
 BOX = "block"
 FINE_PX_PER_MM = 12.0
 """Finer images are averaged down to no less than this; a blur of 0.1 mm is 1.2 px there."""
-HALF_MM = 0.5
-"""Half the side of the patch around a dot: a part of 0.6 x 0.3 mm with its blur, and hardly any of a neighbour 1 mm off."""
+HALF_MM = 0.55
+"""Half the side of the patch around a dot: a part of 0.6 x 0.3 mm with its blur, and little of a neighbour 1 mm off. A pixel more
+at 16 px/mm, 9 of them, makes places of 7x7 mm 1.7 % more exact in 4 % more of a frame's time; one less 6 % less."""
 STEPS = 128
 """Entries of a table in a pixel: a nearest entry is off by 1/256 px, less than 0.1 um of a relief of 0.12 mm."""
 USUAL_BLUR_MM = 0.15

@@ -29,16 +29,17 @@ PULL_MM, PULL_WEIGHT, PULL_REST = 0.2, 0.05, 0.8
 units this belief counts as; and the share that is left when the frame's own figure is taken out. On frames without noise the
 figure is 0.1, 0.2 and 0.3 mm for rims 1.6, 0.8 and 0.4 mm wide, 0.12 mm for a blur of 0.08 mm, each with a scatter of 35 %; noise
 of the heights makes it more: 0.8 gives less error than 0.35 and 0.5, in three scenes of 100 contacts each."""
-LEVEL_ERROR = 0.01
-"""Share of its height by which noise alone makes a whole dot lower."""
+LEVEL_ERROR = 0.02
+"""Share of its height by which noise alone makes a whole dot lower: they scatter by 0.017."""
 LEAST_INNER = 4
 """Dots inside the contact that say what a whole dot is; the higher half of all where they are fewer."""
 MOST_MISFIT = 0.8
 """Share of the slopes' power around a dot that its relief may leave unexplained; more is noise."""
 MOST_EXCESS = 9.0
 """Squared residual over that of the profile's slope noise: three times the noise, by the sensor or by parts of another shape."""
-MOST_SCATTER = 1.1
-"""Largest scatter of refined dots over that of the dots: where parts are placed badly both scatter alike."""
+MOST_SCATTER, FEW_SCATTER = 1.1, 4.0
+"""Largest scatter of refined dots over that of the dots: where parts are placed badly both scatter alike. Of n it is a share of
+FEW_SCATTER / n larger, as that of few is chance: of 7x7 mm, with a dozen whole dots, one in 30 was left to the dots."""
 MOST_MOVE = 25.0
 """Largest squared distance, in the covariance of the dots' pose, by which the pixels may move it: chance has more in 2e-5."""
 MOVE_FLOOR = np.diag([0.003, 0.003, 0.0005]) ** 2
@@ -152,7 +153,7 @@ def _doubt(pose: Pose, refined: Pose) -> str | None:
     """Why a refined pose is not believed; None if it is."""
     if not refined.finite or np.count_nonzero(refined.agree) < LEAST_AGREEING:
         return "the refined dots give no pose"
-    if refined.sigma_mm > MOST_SCATTER * pose.sigma_mm:
+    if refined.sigma_mm > MOST_SCATTER * (1.0 + FEW_SCATTER / np.count_nonzero(refined.agree)) * pose.sigma_mm:
         return f"refined dots scatter by {refined.sigma_mm * 1000:.1f} um, the dots by {pose.sigma_mm * 1000:.1f} um"
     x, y = (refined.position_mm - pose.position_mm).tolist()
     turn = (refined.theta_rad - pose.theta_rad + pi) % (2.0 * pi) - pi

@@ -82,8 +82,10 @@ def parts_under(
     offset_px: FloatArray,
     together: FloatArray,
 ) -> tuple[int, int]:
-    """Fill in which dots are at a part of a tape, and of these cells, nominal places, offsets from the centre, and weight times
-    trust; how many there are, and how many of them are trusted.
+    """Fill in which dots are at a part of a tape, and of these cells, nominal places, offsets from the centre, and weights, less
+    of those that are not trusted; how many there are, and how many of them are trusted.
+
+    Trust is no height: noise that is loud beside few bumps of it makes whole dots no less well placed.
 
     ``around_mm`` are the displacements by symbol, as `shown_by` has them.
     """
@@ -97,7 +99,7 @@ def parts_under(
                 kept[k, axis] = cells[i, axis]
                 nominal_mm[k, axis] = cells[i, axis] * pitch_mm + around_mm[symbol, axis]
                 offset_px[k, axis] = xy_px[i, axis] - centre_px[axis]
-            together[k] = weights[i] * trust[i]
+            together[k] = weights[i] * min(trust[i] / GOOD_TRUST, 1.0)
             good += trust[i] > GOOD_TRUST
             k += 1
     return k, good

@@ -17,7 +17,7 @@ def test_neighbours_draw_a_dot_as_the_decoder_says() -> None:
     weights, theta = rng.uniform(0.2, 1.0, len(texture)), 0.7
     target, out = np.empty((2, len(texture))), np.empty((2, 2, len(texture)))
     middle = texture.mean(axis=0)
-    posterior._drawn(texture, texture, weights, np.cos(theta), np.sin(theta), *middle.tolist(), target, out)
+    posterior._drawn(texture, texture, weights, np.cos(theta), np.sin(theta), *middle.tolist(), 0.0, 0.0, target, out)
     pushed, pulled = drawn(texture, weights, theta)
     assert np.allclose(pushed, out[0].T) and np.allclose(pulled, out[1].T)
 

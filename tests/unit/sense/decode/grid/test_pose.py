@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from tactape_fab.sense import load_sensor
+from tactape_fab.sense.decode.grid import posterior
 from tactape_fab.sense.decode.grid.pose import LEAST_SIGMA_MM, LEAST_WEIGHT, Pose, fit_pose
 from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, RIM_MM, Beliefs, beliefs_of
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.geometry import Gel, Geometry, camera
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.tape import TapePart
 
 R = 16.0
 SENSOR = load_sensor("gelsight-mini")
@@ -321,3 +323,14 @@ def test_refined_places_are_not_pushed_back() -> None:
     assert np.abs(refined.position_mm - PLACE).max() < 1e-9
     assert np.abs(tops.position_mm - PLACE).max() > 1e-5
     assert refined.sigma_mm < tops.sigma_mm
+
+
+def test_long_parts_push_their_neighbours_farther_along_themselves() -> None:
+    part = TapePart(name="r0201", shape="block", body_mm=(0.6, 0.3, 0.23), rotation_deg=45.0)
+    lean = beliefs_of(SENSOR, fixed_scale=False, part=part).lean
+    assert lean == pytest.approx((0.0, -posterior.PUSH_LEAN / 3.0))  # up on the board is towards smaller y of the texture
+    pair, out, theta = np.array([[0.0, 0.0], [1.0, 0.0]]), np.empty((2, 2, 2)), np.radians(90.0)
+    # at 90 degrees all directions are turned by a quarter, and twice those by a half
+    posterior._drawn(pair, pair, np.ones(2), np.cos(theta), np.sin(theta), 0.5, 0.0, -lean[0], -lean[1], np.empty((2, 2)), out)
+    assert out[0, :, 1] == pytest.approx([-lean[1], 1.0])  # along v, and towards the length that is at 45 degrees in the image
+    assert beliefs_of(SENSOR, fixed_scale=False, part=replace(part, shape="pin")).lean == (0.0, 0.0)

@@ -74,7 +74,8 @@ def test_centres_of_whole_dots_are_exact_without_noise(blur_mm: float) -> None:
         assert np.median(found.height) == pytest.approx(0.12, rel=0.1)  # neighbours raise it under a wide blur
     um = np.concatenate(errors)
     assert np.abs(np.median(um, axis=0)).max() < 1.0
-    assert np.median(np.hypot(*um.T)) < 2.0
+    # a wide blur brings the neighbours' flanks into the patch: 2.5 um, in opposite directions
+    assert np.median(np.hypot(*um.T)) < (2.0 if blur_mm < 0.2 else 3.0)
 
 
 def test_variances_of_whole_dots_are_those_of_their_errors() -> None:
@@ -200,7 +201,7 @@ def test_too_few_whole_dots_are_left_as_they_are() -> None:
     frame = next(frames(1))
     fit = pixel_fit(replace(SENSOR, mask=mask))
     assert not fit.usable.any()
-    assert pixel_fit(SENSOR).usable.sum() == (240 - 16) * (320 - 16)
+    assert pixel_fit(SENSOR).usable.sum() == (240 - 18) * (320 - 18)
     fix = Localizer(TAPE, replace(SENSOR, mask=~mask), refine="pixels").locate(frame.depth)
     assert fix.located and fix.refined == "dots" and fix.refine_reason == "only 0 dots have all the pixels around them"
 
