@@ -6,6 +6,8 @@ A pixel sees the film at A^-1 (u, v) plus its line's jitter; coverage of a shape
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import cos, radians, sin
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +18,8 @@ from scipy.special import erf
 from tactape_fab import Tape
 
 F = npt.NDArray[np.float64]
+G = npt.NDArray[np.float32]
+B = npt.NDArray[np.bool_]
 Picture = npt.NDArray[np.uint8]
 
 FILM, BASE, GOLD, SOLDER, TIN, BODY, INK, LID = (
@@ -86,11 +90,11 @@ class Scanner:
     """Height of a camera over the film: what stands up is seen farther from the middle. A scanner has none."""
 
 
-def _edge(distance_mm: F, blur_mm: float) -> F:
-    return np.asarray(0.5 - 0.5 * erf(distance_mm / (blur_mm * np.sqrt(2.0))))
+def _edge(distance_mm: G, blur_mm: float) -> G:
+    return np.asarray(0.5 - 0.5 * erf(distance_mm / (blur_mm * 2.0**0.5)))
 
 
-def _box(x: F, y: F, half_x: float, half_y: float, radius: float = 0.0) -> F:
+def _box(x: G, y: G, half_x: float, half_y: float, radius: float = 0.0) -> G:
     qx, qy = np.abs(x) - half_x + radius, np.abs(y) - half_y + radius
     return np.asarray(np.hypot(np.maximum(qx, 0), np.maximum(qy, 0)) + np.minimum(np.maximum(qx, qy), 0) - radius)
 
@@ -124,6 +128,8 @@ class _Bed:
         return np.asarray(flat * (1 + scanner.lens_k1 * (flat**2).sum(axis=-1, keepdims=True) / (span / 2) ** 2))
 
     def _straight(self, px: F) -> F:
+        if self.scanner.lens_k1 == self.scanner.perspective == 0.0:
+            return px
         flat = px
         for _ in range(8):
             flat = px / (1 + self.scanner.lens_k1 * (flat**2).sum(axis=-1, keepdims=True) / (self.span_px / 2) ** 2)
@@ -142,22 +148,30 @@ class _Bed:
         xy += self.jitter_mm[np.clip(v.astype(int), 0, self.shape[0] - 1)]
         return xy[..., 0], xy[..., 1]
 
-    def window(self, at_mm: F, reach_mm: float) -> tuple[slice, slice, F, F]:
+    def window(self, at_mm: F, reach_mm: float) -> tuple[slice, slice, G, G]:
         u, v = self.to_px(at_mm)
         reach = reach_mm * self.scanner.dpi / 25.4 * 1.02
         rows = slice(max(int(v - reach), 0), max(min(int(v + reach) + 2, self.shape[0]), 0))
         cols = slice(max(int(u - reach), 0), max(min(int(u + reach) + 2, self.shape[1]), 0))
         vv, uu = np.mgrid[rows, cols].astype(np.float64)
         x, y = self.to_board(uu, vv)
-        return rows, cols, x - at_mm[0], y - at_mm[1]
+        return rows, cols, (x - at_mm[0]).astype(np.float32), (y - at_mm[1]).astype(np.float32)
 
 
-def _turned(x: F, y: F, c: float, s: float) -> tuple[F, F]:
+def _turned(x: G, y: G, c: float, s: float) -> tuple[G, G]:
     return x * c + y * s, y * c - x * s
 
 
-def _over(image: npt.NDArray[np.float32], cover: F, colour: F) -> None:
-    image += (cover[..., None] * (colour - image)).astype(np.float32)
+def _shape(x: G, y: G, half_x: float, half_y: float, blur_mm: float, radius: float = 0.0) -> tuple[B, G]:
+    """Pixels that a box may cover, and how far it covers each of them."""
+    reach = 4.5 * blur_mm
+    near = (np.abs(x) < half_x + reach) & (np.abs(y) < half_y + reach)
+    return near, _edge(_box(x[near], y[near], half_x, half_y, radius), blur_mm)
+
+
+def _over(image: G, near: B, cover: G, colour: npt.NDArray[Any]) -> None:
+    below = image[near]
+    image[near] = below + cover[..., None] * (colour.astype(np.float32) - below)
 
 
 def scan(tape: Tape, built: Built, scanner: Scanner | None = None, *, seed: int = 0) -> Picture:
@@ -173,26 +187,26 @@ def scan_with_places(tape: Tape, built: Built, scanner: Scanner | None = None, *
     nominal = tape.part_xy_mm()
     length, width, _ = tape.part.body_mm
     for i, at in enumerate(nominal):
-        rows, cols, x, y = bed.window(at, 0.95)
-        turn = np.radians(tape.part.rotation_deg)
-        a, b = x * np.cos(turn) + y * np.sin(turn), -x * np.sin(turn) + y * np.cos(turn)
+        rows, cols, x, y = bed.window(at, 0.8)
+        turn = radians(tape.part.rotation_deg)
+        a, b = _turned(x, y, cos(turn), sin(turn))
         patch = image[rows, cols]
         blur = scanner.blur_mm
-        _over(patch, _edge(_box(a, b, 0.60, 0.25, 0.05), blur), BASE)
+        _over(patch, *_shape(a, b, 0.60, 0.25, blur, 0.05), BASE)
         for end in (-1, 1):
-            pad = _edge(_box(a - end * 0.32, b, 0.23, 0.20, 0.10), blur)
-            _over(patch, pad, GOLD)
-            _over(patch, pad * rng.uniform(0.6, 0.9), SOLDER * rng.uniform(0.85, 1.1))
+            near, pad = _shape(a - end * 0.32, b, 0.23, 0.20, blur, 0.10)
+            _over(patch, near, pad, GOLD)
+            _over(patch, near, pad * rng.uniform(0.6, 0.9), SOLDER * rng.uniform(0.85, 1.1))
         shift = np.array([built.dx_mm[i], built.dy_mm[i]])
-        spin = turn + np.radians(built.turn_deg[i])
-        turned = np.cos(spin), np.sin(spin)
+        spin = turn + radians(built.turn_deg[i])
+        turned = cos(spin), sin(spin)
         if built.present[i] and np.isfinite(scanner.camera_mm):  # its sides
             for share in (0.0, 0.35, 0.7):
                 side = shift + bed.seen_off_mm(at + shift, share * tape.part.body_mm[2])
-                p, q = _turned(x - side[0], y - side[1], *turned)
-                _over(patch, _edge(_box(p, q, length / 2, width / 2), blur), 0.8 * BODY)
+                p, q = _turned(x - float(side[0]), y - float(side[1]), *turned)
+                _over(patch, *_shape(p, q, length / 2, width / 2, blur), 0.8 * BODY)
             shift = shift + bed.seen_off_mm(at + shift, tape.part.body_mm[2])
-        px, py = x - shift[0], y - shift[1]
+        px, py = x - float(shift[0]), y - float(shift[1])
         p, q = _turned(px, py, *turned)
         if built.tombstoned[i]:
             _part_on_end(patch, p, q, width, blur)
@@ -200,7 +214,8 @@ def scan_with_places(tape: Tape, built: Built, scanner: Scanner | None = None, *
             _part(patch, a, b, p, q, (px, py), length * rng.normal(1, 0.01), width * rng.normal(1, 0.015), scanner, rng)
     for sx, sy, radius in built.specks:
         rows, cols, x, y = bed.window(np.array([sx, sy]), radius + 0.2)
-        _over(image[rows, cols], _edge(np.hypot(x, 0.6 * y) - radius, scanner.blur_mm), np.array([60.0, 62.0, 58.0]))
+        cover = _edge(np.hypot(x, 0.6 * y) - radius, scanner.blur_mm)
+        _over(image[rows, cols], np.ones(x.shape, dtype=bool), cover.ravel(), np.array([60.0, 62.0, 58.0]))
     h, w = bed.shape
     light = 1 + scanner.shading * (np.linspace(-1, 1, w)[None, :] ** 2 * -0.5 + np.linspace(-0.5, 0.5, h)[:, None])
     image *= light[..., None].astype(np.float32)
@@ -209,12 +224,12 @@ def scan_with_places(tape: Tape, built: Built, scanner: Scanner | None = None, *
 
 
 def _part(
-    patch: npt.NDArray[np.float32],
-    a: F,
-    b: F,
-    p: F,
-    q: F,
-    lamp: tuple[F, F],
+    patch: G,
+    a: G,
+    b: G,
+    p: G,
+    q: G,
+    lamp: tuple[G, G],
     length: float,
     width: float,
     scanner: Scanner,
@@ -223,42 +238,46 @@ def _part(
     blur = scanner.blur_mm
     # the lamp stands above the picture's upper edge: a soft shadow falls toward board -y
     x, y = lamp[0], lamp[1] + 0.05
-    c, s = np.cos(np.radians(45.0)), np.sin(np.radians(45.0))
-    shade = _edge(_box(x * c + y * s, -x * s + y * c, length / 2, width / 2), 0.045)
-    patch *= (1 - scanner.shadow * shade[..., None]).astype(np.float32)
+    near, shade = _shape(*_turned(x, y, 0.5**0.5, 0.5**0.5), length / 2, width / 2, 0.045)
+    patch[near] *= 1 - scanner.shadow * shade[..., None]
     for end in (-1, 1):  # fillet: from the end of the part to the end of the pad
-        cover = _edge(_box(p - end * (length / 2 + 0.03), q, 0.09, width / 2 + rng.uniform(-0.01, 0.03), 0.04), blur)
-        pad = _edge(_box(a - end * 0.32, b, 0.23, 0.20, 0.10), blur)
-        _over(
-            patch, cover * pad, SOLDER * (0.75 + 0.5 * np.clip(np.abs(p) * 2 - 0.6, 0, 0.5))[..., None] * rng.uniform(0.8, 1.15)
-        )
-    _over(patch, _edge(_box(p, q, length / 2, width / 2), blur), BODY * rng.uniform(0.85, 1.2))
+        near, cover = _shape(p - end * (length / 2 + 0.03), q, 0.09, width / 2 + rng.uniform(-0.01, 0.03), blur, 0.04)
+        pad = _edge(_box(a[near] - end * 0.32, b[near], 0.23, 0.20, 0.10), blur)
+        tone = (0.75 + 0.5 * np.clip(np.abs(p[near]) * 2 - 0.6, 0, 0.5))[..., None] * rng.uniform(0.8, 1.15)
+        _over(patch, near, cover * pad, SOLDER * tone)
+    _over(patch, *_shape(p, q, length / 2, width / 2, blur), BODY * rng.uniform(0.85, 1.2))
     for end in (-1, 1):
         band = rng.normal(0.14, 0.012)
         mid = end * (length / 2 - band / 2 + 0.005)
-        _over(patch, _edge(_box(p - mid, q, band / 2, width / 2 + 0.006, 0.02), blur), TIN * rng.uniform(0.88, 1.08))
+        _over(patch, *_shape(p - mid, q, band / 2, width / 2 + 0.006, blur, 0.02), TIN * rng.uniform(0.88, 1.08))
         if rng.random() < 0.7 * scanner.glare:
             gp, gq = end * rng.uniform(0.22, 0.42), rng.uniform(-0.1, 0.1)
-            bright = np.exp(-(((p - gp) / rng.uniform(0.02, 0.05)) ** 2) - ((q - gq) / rng.uniform(0.02, 0.07)) ** 2)
-            patch += (bright * rng.uniform(40, 160))[..., None].astype(np.float32)
+            size_p, size_q = rng.uniform(0.02, 0.05), rng.uniform(0.02, 0.07)
+            near = (np.abs(p - gp) < 4 * size_p) & (np.abs(q - gq) < 4 * size_q)
+            bright = np.exp(-(((p[near] - gp) / size_p) ** 2) - ((q[near] - gq) / size_q) ** 2)
+            patch[near] += (bright * rng.uniform(40, 160))[..., None]
 
 
-def _part_on_end(patch: npt.NDArray[np.float32], p: F, q: F, width: float, blur: float) -> None:
-    shade = _edge(_box(p - 0.25, q, 0.30, 0.16), 0.06)
-    patch *= (1 - 0.4 * shade[..., None]).astype(np.float32)
-    _over(patch, _edge(_box(p - 0.32, q, 0.115, width / 2), blur), TIN)
+def _part_on_end(patch: G, p: G, q: G, width: float, blur: float) -> None:
+    near, shade = _shape(p - 0.25, q, 0.30, 0.16, 0.06)
+    patch[near] *= 1 - 0.4 * shade[..., None]
+    _over(patch, *_shape(p - 0.32, q, 0.115, width / 2, blur), TIN)
 
 
-def _film(tape: Tape, bed: _Bed, scanner: Scanner, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+def _film(tape: Tape, bed: _Bed, scanner: Scanner, rng: np.random.Generator) -> G:
     h, w = bed.shape
     image = np.empty((h, w, 3), dtype=np.float32)
     width, height = tape.board.size_mm
     radius = tape.board.corner_radius_mm
     for start in range(0, h, 512):
         v, u = np.mgrid[start : min(start + 512, h), 0:w].astype(np.float64)
-        x, y = bed.to_board(u, v)
-        cover = _edge(_box(x - width / 2, y - height / 2, width / 2, height / 2, radius), scanner.blur_mm)
-        image[start : start + 512] = LID + cover[..., None] * (FILM - LID)
+        x, y = (side.astype(np.float32) for side in bed.to_board(u, v))
+        image[start : start + 512] = LID
+        _over(
+            image[start : start + 512],
+            *_shape(x - width / 2, y - height / 2, width / 2, height / 2, scanner.blur_mm, radius),
+            FILM,
+        )
     coarse = rng.normal(size=(h // 40 + 2, w // 40 + 2)).astype(np.float32)
     image *= 1 + 0.008 * cv2.resize(coarse, (w, h), interpolation=cv2.INTER_CUBIC)[..., None]
     if tape.tag is not None:
@@ -266,15 +285,15 @@ def _film(tape: Tape, bed: _Bed, scanner: Scanner, rng: np.random.Generator) -> 
     return image
 
 
-def _tag(image: npt.NDArray[np.float32], tape: Tape, bed: _Bed, scanner: Scanner) -> None:
+def _tag(image: G, tape: Tape, bed: _Bed, scanner: Scanner) -> None:
     assert tape.tag is not None
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     cells = np.pad(cv2.aruco.generateImageMarker(dictionary, tape.tag.id, 8)[::-1, ::-1] > 127, 1, constant_values=True)
     cell = tape.tag.cell_mm
     rows, cols, x, y = bed.window(np.array(tape.tag.center_mm), 8 * cell)
-    ink = np.zeros(x.shape)
+    ink = np.zeros(x.shape, dtype=np.float32)
     for r, c in zip(*np.nonzero(cells), strict=True):
         ink = np.maximum(
             ink, _edge(_box(x - (c - 4.5) * cell, y + (r - 4.5) * cell, cell / 2 + 0.01, cell / 2 + 0.01), scanner.blur_mm)
         )
-    _over(image[rows, cols], ink, INK)
+    _over(image[rows, cols], np.ones(x.shape, dtype=bool), ink.ravel(), INK)
