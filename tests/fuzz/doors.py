@@ -49,6 +49,7 @@ from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
 from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.meshes import check_models
+from tests.fuzz.recordings import recording_doors
 from tests.fuzz.seeds import Seeds
 
 Read = Callable[[bytes, Path], object]
@@ -101,6 +102,7 @@ def all_doors(seeds: Seeds) -> dict[str, Door]:
         "scan": Door(read=_file("a.png", read_scan), seeds=[other[f"scan.{kind}"] for kind in ("png", "jpg", "tif")]),
         "weights": Door(read=_file("a.pth", load_network), seeds=[other["weights.pth"]]),
         **{f"surface.{kind}": Door(read=_surface(kind), seeds=[other[f"part.{kind}"]]) for kind in ("stl", "obj", "ply", "3mf")},
+        **{name: Door(read=read, seeds=valid) for name, (read, valid) in recording_doors().items()},
         **kit,
     }
 

@@ -33,6 +33,8 @@ NAMES = (
         "frame.png",
     ),
     *("frame.tif", "stream", "colour.png", "colour.jpg", "scan", "weights"),
+    *("recording.mcap", "rosbag2", "dataset: info", "dataset: images", "dataset: arrays", "dataset: film"),
+    *("benchmark: answers", "benchmark: truth", "benchmark: index"),
     *("surface.stl", "surface.obj", "surface.ply", "surface.3mf"),
     *("kit: copper-top", "kit: coverlay-top", "kit: paste-top", "kit: legend-top", "kit: profile", "kit: drill-npth"),
     *("kit: components-top", "kit: cpl", "kit: bom", "kit: order-notes", "kit: job", "kit: fab-zip", "kit: kicad-pcb"),

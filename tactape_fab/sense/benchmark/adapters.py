@@ -70,8 +70,9 @@ def read_index(folder: str | Path) -> dict[str, Any]:
         content = parse_json(read_regular(path, _MOST_BYTES))
         if content.get("format") != FORMAT:
             raise ValueError(f"its format is {shown(content.get('format'))}, not {FORMAT}")
-        files = Fields(content).table("files")
-        if any(safe_path(name) is None or not isinstance(value, str) for name, value in files.values.items()):
+        table = Fields(content)
+        files = table.table("files")
+        if table.problems or any(safe_path(name) is None or not isinstance(value, str) for name, value in files.values.items()):
             raise ValueError("its files are not named by plain paths and sums")
         return dict(content)
     except (OSError, ValueError, AttributeError) as error:

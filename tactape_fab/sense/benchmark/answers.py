@@ -19,7 +19,7 @@ FORMAT = "tactape-answers/1"
 MOST_LINE_BYTES = 1 << 20
 MOST_FRAMES = 1_000_000
 _MOST_PROBLEMS = 10
-_FARTHEST_MM = 1e7
+FARTHEST_MM, MOST_SECTOR = 1e7, 10**9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,10 +108,10 @@ def _answer(content: Mapping[str, Any], frames: int) -> tuple[int, Answer]:
     table = Fields(given)
     frame = table.integer("frame", low=0, high=frames - 1)
     located = table.flag("located")
-    position = tuple(table.numbers("position_mm", 2, low=-_FARTHEST_MM, high=_FARTHEST_MM)) if "position_mm" in given else None
+    position = tuple(table.numbers("position_mm", 2, low=-FARTHEST_MM, high=FARTHEST_MM)) if "position_mm" in given else None
     theta = table.number("theta_deg", low=-1e6, high=1e6, unit="deg") if "theta_deg" in given else None
     tape = table.text("tape") if "tape" in given else None
-    sector = table.integer("sector", low=0, high=10**9) if "sector" in given else None
+    sector = table.integer("sector", low=0, high=MOST_SECTOR) if "sector" in given else None
     p_false = table.number("p_false", low=0.0, high=float("inf"), unit="") if "p_false" in given else None
     elapsed = table.number("elapsed_ms", low=0.0, high=1e9, unit="ms") if "elapsed_ms" in given else None
     if located and (position is None or theta is None or (tape is None and sector is None)):
@@ -138,7 +138,7 @@ def _covariance(value: object, table: Fields) -> FloatArray | None:
         if matrix.shape == (3, 3) and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T):
             np.linalg.cholesky(matrix)
             return matrix
-    except (TypeError, ValueError, np.linalg.LinAlgError):
+    except (TypeError, ValueError, OverflowError, np.linalg.LinAlgError):
         pass
     table.problem("covariance", f"covariance = {shown(value)} is no positive definite matrix of 3 by 3; leave it out")
     return None

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import shown_path
+from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.json_text import parse_json
-from tactape_fab.sense.benchmark.answers import Answer
+from tactape_fab.sense.benchmark.answers import FARTHEST_MM, MOST_SECTOR, Answer
 from tactape_fab.sense.benchmark.conditions import CONDITIONS, PITCH_MM
 from tactape_fab.sense.benchmark.write import TRUTH_FORMAT
 from tactape_fab.texture.frames import FloatArray
@@ -82,13 +82,26 @@ def read_truth(path: str | Path) -> list[Truth]:
         first, *lines = read_regular(path, _MOST_BYTES).splitlines()
         if parse_json(first).get("format") != TRUTH_FORMAT:
             raise ValueError(f"it does not begin with format {TRUTH_FORMAT}")
-        rows = [parse_json(line) for line in lines]
-        if [row.pop("frame") for row in rows] != list(range(len(rows))):
-            raise ValueError("its frames are not all there, in their order")
-        return [Truth(**row) for row in rows]
+        return [_truth(k, parse_json(line)) for k, line in enumerate(lines)]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         message = f"{shown_path(path)} is no truth of a benchmark: {error}; give --truth FILE, or write it again"
         raise SpecError(Problem("truth", message)) from error
+
+
+def _truth(k: int, row: Mapping[str, Any]) -> Truth:
+    """What a row says of frame k; ValueError where it is none."""
+    table = Fields({key: value for key, value in row.items() if value is not None})
+    table.integer("frame", low=k, high=k)
+    condition, registered = table.text("condition"), table.flag("registered")
+    tape = sector = position = theta_deg = None
+    if registered or "tape" in table.values:
+        tape, sector = table.text("tape"), table.integer("sector", low=0, high=MOST_SECTOR)
+        position = table.numbers("position_mm", 2, low=-FARTHEST_MM, high=FARTHEST_MM)
+        theta_deg = table.number("theta_deg", low=-360.0, high=360.0, unit="deg")
+    if table.problems:
+        raise ValueError("; ".join(problem.message for problem in table.problems))
+    place = {"position_mm": position, "theta_deg": theta_deg}
+    return Truth(condition=condition, tape=tape, sector=sector, registered=registered, **place)  # type: ignore[arg-type]
 
 
 def score(answers: Mapping[int, Answer], truth: Sequence[Truth]) -> dict[str, Row]:

@@ -226,12 +226,13 @@ def test_problems_of_a_file_of_answers_are_said_with_their_lines(tmp_path: Path)
         {"frame": 2, "located": True, "sector": 7, "position_mm": [1, 2], "theta_deg": 3, "covariance": [[1, 2, 3]] * 3},
         {"frame": 3, "located": True, "sector": 7, "position_mm": [1, float("nan")], "theta_deg": 3},
         {"frame": 4, "located": False, "p_false": -0.5},
+        {"frame": 5, "located": False, "covariance": [[10**400, 0, 0], [0, 1, 0], [0, 0, 1]]},
     ]
     path.write_text("".join(json.dumps(text) + "\n" for text in lines), encoding="utf-8")
     with pytest.raises(SpecError) as caught:
         read_answers(path, FRAMES)
     said = [problem.message for problem in caught.value.problems]
-    assert [int(text.partition("line ")[2].partition(":")[0]) for text in said] == [3, 4, 5, 6, 7, 8, 9]
+    assert [int(text.partition("line ")[2].partition(":")[0]) for text in said] == [3, 4, 5, 6, 7, 8, 9, 10]
     path.write_text("".join(json.dumps(text) + "\n" for text in lines[:2]), encoding="utf-8")
     method, answers = read_answers(path, FRAMES)
     assert method == "mine" and answers.keys() == {0} and not answers[0].located
@@ -242,8 +243,10 @@ def test_a_truth_or_index_that_is_none_is_refused(folder: Path, located: Path, t
         "",
         "{}",
         "[1]",
+        '{"format": "tactape-benchmark/1"}',
         '{"format": "tactape-truth/1"}\n{"frame": 1}',
         '{"format": "tactape-truth/1"}\n{"frame": 0, "x": 1}',
+        '{"format": "tactape-truth/1"}\n{"frame": 0, "condition": "a", "registered": true, "tape": "b", "sector": 7}',
     ):
         (tmp_path / "truth.jsonl").write_text(text, encoding="utf-8")
         with pytest.raises(SpecError, match="no truth"):

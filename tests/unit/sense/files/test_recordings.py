@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pytest
 from click.testing import CliRunner, Result
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
@@ -28,56 +28,14 @@ from tactape_fab.sense.files.image_message import colour_of, image_of
 from tactape_fab.sense.files.recordings import is_recording, open_recording
 from tactape_fab.sense.live.cdr import IMAGE
 from tests.live import SHAPE, ramp
+from tests.recordings import dataset, film, image_message, mcap, pictures
 
 SENSOR = load_sensor("gelsight-mini")
 COUNT = 4
-pq = pytest.importorskip("pyarrow.parquet")
-pa = pytest.importorskip("pyarrow")
-
-
-def message(image: npt.NDArray[Any], encoding: str, k: int = 0) -> dict[str, Any]:
-    stamp = {"sec": 100 + k, "nanosec": 500_000_000}
-    height, width = image.shape[:2]
-    header = {"stamp": stamp, "frame_id": "gel"}
-    size = {"height": height, "width": width, "encoding": encoding, "is_bigendian": 0, "step": image.nbytes // height}
-    return {"header": header, **size, "data": image.tobytes()}
-
-
-def mcap(path: Path, images: dict[str, list[bytes]], library: str = "other", **options: Any) -> Path:
-    """An MCAP file of CDR messages by topic."""
-    with path.open("wb") as stream:
-        writer: Any = Writer(stream, **options)
-        writer.start(profile="ros2", library=library)
-        schema = writer.register_schema(name=IMAGE.name, encoding="ros2msg", data=IMAGE.definition.encode())
-        for topic, messages in images.items():
-            channel = writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
-            for k, data in enumerate(messages):
-                writer.add_message(channel, log_time=k, publish_time=k, data=data)
-        writer.finish()
-    return path
 
 
 def ramps(encoding: str = "32FC1", kind: str = "<f4") -> list[bytes]:
-    return [IMAGE.encode(message((1000 * ramp(k)).astype(kind), encoding, k)) for k in range(COUNT)]
-
-
-def dataset(folder: Path, feature: dict[str, Any], column: Any, count: int = COUNT) -> Path:
-    """A dataset as LeRobot 3 lays it out."""
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data" / "chunk-000").mkdir(parents=True)
-    info = {"codebase_version": "v3.0", "fps": 25, "features": {"touch": feature, "action": {"dtype": "float32", "shape": [2]}}}
-    (folder / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
-    half = count // 2
-    for k, rows in enumerate((slice(0, half), slice(half, count))):
-        stamps = pa.array((np.arange(count) / 25.0)[rows].astype(np.float32))
-        table = {"timestamp": stamps} if column is None else {"touch": column[rows], "timestamp": stamps}
-        pq.write_table(pa.table(table), folder / "data" / "chunk-000" / f"file-00{k}.parquet")
-    return folder
-
-
-def pictures(images: list[npt.NDArray[Any]]) -> Any:
-    found = [{"bytes": cv2.imencode(".png", image)[1].tobytes(), "path": f"frame-{k}.png"} for k, image in enumerate(images)]
-    return pa.array(found, type=pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
+    return [IMAGE.encode(image_message((1000 * ramp(k)).astype(kind), encoding, k)) for k in range(COUNT)]
 
 
 def run(words: str) -> Result:
@@ -144,10 +102,10 @@ def test_a_folder_of_rosbag2_is_read(mode: CompressionMode | None, tmp_path: Pat
 
 def test_colour_images_have_blue_first() -> None:
     image = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
-    np.testing.assert_array_equal(colour_of(image_of(IMAGE.encode(message(image, "bgr8")))), image)
-    np.testing.assert_array_equal(colour_of(image_of(IMAGE.encode(message(image, "rgb8")))), image[:, :, ::-1])
+    np.testing.assert_array_equal(colour_of(image_of(IMAGE.encode(image_message(image, "bgr8")))), image)
+    np.testing.assert_array_equal(colour_of(image_of(IMAGE.encode(image_message(image, "rgb8")))), image[:, :, ::-1])
     with pytest.raises(FrameError, match="encoding is 'mono8'"):
-        colour_of(image_of(IMAGE.encode(message(image[:, :, 0].copy(), "mono8"))))
+        colour_of(image_of(IMAGE.encode(image_message(image[:, :, 0].copy(), "mono8"))))
 
 
 def test_a_message_that_breaks_off_is_refused() -> None:
@@ -186,12 +144,10 @@ def test_arrays_of_a_dataset_are_decoded(default_kit: Kit, tmp_path: Path) -> No
 
 def test_films_of_a_dataset_are_colour_images(tmp_path: Path) -> None:
     folder = dataset(tmp_path / "set", {"dtype": "video", "shape": [*SHAPE, 3]}, None)
-    place = folder / "videos" / "touch" / "chunk-000"
-    place.mkdir(parents=True)
-    writer = cv2.VideoWriter(str(place / "file-000.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, SHAPE[::-1])
-    for k in range(COUNT):
-        writer.write(np.full((*SHAPE, 3), 50 * k, dtype=np.uint8))
-    writer.release()
+    film(
+        folder / "videos" / "touch" / "chunk-000" / "file-000.mp4",
+        [np.full((*SHAPE, 3), 50 * k, dtype=np.uint8) for k in range(COUNT)],
+    )
     file = open_recording(folder, SENSOR, colour=True)
     assert file.count == COUNT and file.time_of(1) == pytest.approx(0.04)
     assert [round(float(image.mean()) / 50) for image in file.frames()] == list(range(COUNT))
@@ -227,12 +183,19 @@ def _noise(folder: Path) -> Path:
 
 
 def _other_size(folder: Path) -> Path:
-    return mcap(folder / "a.mcap", {"/gel": [*ramps(), IMAGE.encode(message(ramp(0)[:100].copy(), "32FC1"))]})
+    return mcap(folder / "a.mcap", {"/gel": [*ramps(), IMAGE.encode(image_message(ramp(0)[:100].copy(), "32FC1"))]})
 
 
 def _table(folder: Path) -> Path:
     path = dataset(folder / "set", {"dtype": "image", "shape": [*SHAPE, 3]}, pictures([ramp(0).astype(np.uint16)] * COUNT))
     (path / "data" / "chunk-000" / "file-001.parquet").write_bytes(b"PAR1" + bytes(100) + b"PAR1")
+    return path
+
+
+def _statistics(folder: Path) -> Path:
+    path = dataset(folder / "set", {"dtype": "image", "shape": [*SHAPE, 3]}, pictures([ramp(0).astype(np.uint16)] * COUNT))
+    broken = Path(__file__).parents[3] / "data" / "size_statistics.parquet"
+    (path / "data" / "chunk-000" / "file-001.parquet").write_bytes(broken.read_bytes())
     return path
 
 
@@ -264,6 +227,7 @@ def _no_features(folder: Path) -> Path:
         (_noise, "is damaged"),
         (_other_size, "image 4 of /gel has 100 x 320 px"),
         (_table, "cannot be read: .*; record it again"),
+        (_statistics, "cannot be read|is damaged"),
         (_colour, "give --raw"),
         (_beside, "not in the table, but beside it"),
         (_no_features, "names no features"),
