@@ -28,7 +28,7 @@ BEFORE_MB = {
 BOUNDS_MB = {
     "panel of six": {"all": 53.0, "kicad_pcb": 26.0},
     "with models": {"all": 123.0, "step": 54.0, "kicad_pcb": 26.0, "stl": 11.5, "3mf": 2.0},
-    "domes": {"all": 12.5, "stl": 8.5, "step": 2.6, "3mf": 1.5},
+    "domes": {"all": 13.8, "stl": 8.5, "step": 2.6, "3mf": 1.5},
 }
 """Some 5 % above what was measured: a change that costs more is seen."""
 

@@ -117,7 +117,8 @@ class Scene:
             setting = table.numbers(name, 2, low=-most, high=most, unit="" if name == "tilt_mm_per_mm" else "mm")
             object.__setattr__(self, name, setting)
         if min(self.contact_mm) < _LEAST_CONTACT_MM:
-            table.problem("contact_mm", f"contact_mm = {self.contact_mm} is below {_LEAST_CONTACT_MM} mm; give a larger contact")
+            said = f"contact_mm = {list(self.contact_mm)} is below {_LEAST_CONTACT_MM} mm; give a larger contact"
+            table.problem("contact_mm", said)
         for name, (least, most, unit) in _NUMBERS.items():
             if getattr(self, name) is not None:
                 table.number(name, low=least, high=most, unit=unit)

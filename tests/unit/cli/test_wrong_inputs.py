@@ -36,7 +36,7 @@ WRONG = {
     "check --sector 7 --code anoto": "did you mean 'anoto-6x6'?",
     "check nowhere.toml": "nowhere.toml cannot be opened",
     "verify nowhere": "nowhere is no kit: there is no such file; give the folder of a kit or its manifest.json",
-    "verify nowhere --contact 0x5": "--contact = (0.0, 5.0) is below 0.1 mm; give a larger contact",
+    "verify nowhere --contact 0x5": "--contact = '0x5' is below 0.1 mm; give a larger contact",
     "verify nowhere --quick --map map.png": "leave out --quick, or --map",
     "decode frames.npz": "no tape is given; name the kits that can be touched with --tape",
     "registry nowhere": "nowhere is no kit: there is no such file",

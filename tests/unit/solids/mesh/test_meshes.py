@@ -223,7 +223,7 @@ def test_an_element_alone_is_a_closed_body(part: Any) -> None:
     assert mesh_problems(mesh) == []
     assert (vertices[:, 2].min(), vertices[:, 2].max()) == pytest.approx((-0.1, 0.23))
     foot = 0.18 * 0.1 if part.shape == "block" else pi * 0.09 * 0.1
-    assert mesh.volume_mm3 == pytest.approx(element_volume_mm3(part, None, 0.0) + foot, rel=0.06)
+    assert mesh.volume_mm3 == pytest.approx(element_volume_mm3(part, None, 0.0) + foot, rel=0.08)
 
 
 # STL
