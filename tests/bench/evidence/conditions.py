@@ -25,7 +25,7 @@ def jobs(size: Size) -> list[Job]:
 def measure_row(name: str, frames: int) -> Result:
     """Figures of a row, poses fitted to dots."""
     (row,) = (row for row in ROWS if row.name == name)
-    return asdict(figures_of(row.scene, frames, "dots"))
+    return asdict(figures_of(row.scene, frames, "dots", row.theta_deg))
 
 
 def lines(results: Mapping[str, Result]) -> list[str]:
@@ -35,11 +35,11 @@ def lines(results: Mapping[str, Result]) -> list[str]:
         f"## {TITLE}",
         "",
         "The decoder has the stock profile of a GelSight Mini in every row, whatever the truth is, but for the size of the gel's",
-        "displacement. `nees` is the mean of eᵀ C⁻¹ e / 3 over the answers that are right, with e the error of (x, y, θ) and C",
-        "the covariance that was said: 1 where that is true; of N answers it scatters by √(2 / 3N). Of true ones 5 % are beyond",
-        "the last column's limit. Places are of the point under the image centre, so a contact off it adds its distance times",
-        "the angle's error. A tilt of this scene is a slope of the background, which the filter takes out: see [both",
-        "simulators](#two-simulators-side-by-side) for bodies that are tilted.",
+        "displacement, and its crown, which this scene has not. `nees` is the mean of eᵀ C⁻¹ e / 3 over the answers that are",
+        "right, with e the error of (x, y, θ) and C the covariance that was said: 1 where that is true; of N answers it scatters",
+        "by √(2 / 3N). Of true ones 5 % are beyond the last column's limit. Places are of the point under the image centre, so a",
+        "contact off it adds its distance times the angle's error. A tilt of this scene is a slope of the background, which the",
+        "filter takes out: see [both simulators](#two-simulators-side-by-side) for bodies that are tilted.",
         "",
         "| | contacts | located | wrong | place, µm | angle, ° | nees | beyond 95 % |",
         "|---|---|---|---|---|---|---|---|",

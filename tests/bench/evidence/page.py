@@ -58,8 +58,11 @@ def page_of(content: dict[str, Any]) -> str:
 
 def _kept(results: list[dict[str, Any]]) -> list[str]:
     """What was not measured anew, with its sources."""
-    older = {(entry["section"], entry["sources"]) for entry in results if "sources" in entry}
-    return [f"Figures of {section} are of the sources `{sources}`." for section, sources in sorted(older)]
+    older: dict[str, dict[str, None]] = {}
+    for entry in results:
+        if "sources" in entry:
+            older.setdefault(entry["sources"], {})[entry["section"]] = None
+    return [f"Not measured anew, and of the sources `{sources}`: {', '.join(names)}." for sources, names in older.items()]
 
 
 OLDER = (

@@ -2,7 +2,7 @@
 
     python -m tests.bench.evidence.simulators [--frames N] [--only SCENE] [--refine dots|pixels]
 
-prints the table by itself, with as many contacts in the one as in the other.
+prints the table by itself: 3,200 contacts of an elastic gel are 11 minutes of a processor.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ MODELS = ("imprint", "elastic")
 
 
 def jobs(size: Size) -> list[Job]:
-    """Every scene in both, of the elastic gel half as many contacts: one takes a third of a second."""
+    """Every scene in both."""
     return [
         Job(
             section=SECTION,
             name=f"{name}, {model}",
             measure=measure,
-            options={"name": name, "model": model, "frames": size.frames if model == "imprint" else -(-size.frames // 2)},
+            options={"name": name, "model": model, "frames": size.frames},
         )
         for name, scenes in SCENES.items()
         for model, scene in zip(MODELS, scenes, strict=True)
@@ -67,24 +67,26 @@ def measure(name: str, model: str, frames: int, refine: Refined = "dots") -> Res
     """Figures of one scene in one simulator."""
     scene = SCENES[name][MODELS.index(model)]
     assert scene is not None
-    return asdict(figures_of(scene, frames, refine))
+    return asdict(figures_of(scene, frames, refine)) | {"crown": model == "elastic"}
 
 
 def lines(results: Mapping[str, Result]) -> list[str]:
     """The section of the page."""
+    crown = any(one.get("crown") for one in results.values())
     out = [
         f"## {TITLE}",
         "",
         "Our own scene, an imprint that is smoothed, and an elastic layer bonded to the sensor and pressed on the tape by a",
         "contact solver without friction (`simulate --contact-model elastic`), both with the slope noise of a real GelSight",
-        "Mini; the same decoder with the same profile. The second knows nothing of the first, nor of the decoder. In the first",
-        "a tilt is a slope of the background alone.",
+        f"Mini; the same decoder with the same profile, {CROWN if crown else NO_CROWN}. The second knows nothing",
+        "of the first, nor of the decoder. In the first a tilt is a slope of the background alone.",
         "",
         *HEADER,
     ]
     return [*out, *(_row(name, results) for name in SCENES), ""]
 
 
+CROWN, NO_CROWN = "but for the gel's crown, which the first has not", "without the gel's crown: tilts are not known"
 HEADER = (
     "| | imprint: located | wrong | µm | ° | nees | elastic: located | wrong | µm | ° | nees |",
     "|---|---|---|---|---|---|---|---|---|---|---|",
