@@ -110,7 +110,7 @@ def start_of(row: Row) -> SensorProfile:
 
 
 def truth_of(row: Row) -> SensorProfile:
-    """The sensor as it is, with no doubt about its camera."""
+    """The sensor as it is, with no doubt about its camera; its blur is known, so its answers rest on the pixels, too."""
     sensor = load_sensor(row.sensor)
     scale = 1.0 + row.scene.get("scale_error", 0.0)
     geometry = Geometry(
@@ -122,7 +122,7 @@ def truth_of(row: Row) -> SensorProfile:
         sigma_shear=1e-6,
         sigma_k1=1e-6,
     )
-    gel = replace(sensor.gel, displacement_um=row.scene.get("gel_displacement_um", 0.0))
+    gel = replace(sensor.gel, displacement_um=row.scene.get("gel_displacement_um", 0.0), blur_mm=Scene().elastomer_mm)
     return replace(
         sensor,
         px_per_mm=(sensor.px_per_mm[0] * scale, sensor.px_per_mm[1] * scale),
