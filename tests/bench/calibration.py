@@ -19,12 +19,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab import Localizer, SpecError
-from tactape_fab.sense import Scene, SensorProfile, calibrate_sensor, load_sensor, simulate
+from tactape_fab import Localizer, SpecError, Tape
+from tactape_fab.sense import Parts, Scene, SensorProfile, calibrate_sensor, load_sensor, simulate
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.marks import command, write_between
+from tests.measured import measured as measured_places
 from tests.tapes import tape_at
 
 PROTOTYPE = {"aspect_error": 0.03, "shear_error": 0.01, "k1_error": 0.03}
@@ -45,6 +46,8 @@ class Row:
         px/mm of the profile to start from, over the truth's.
     flipped : bool
         Whether the profile to start from has the other sign and mirror.
+    measured : bool
+        Whether parts are placed to 0.05 mm and their places were measured to 3 um, as `inspect` does.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Row:
     scene: dict[str, float] = field(default_factory=dict)
     start_scale: float = 1.0
     flipped: bool = False
+    measured: bool = False
 
 
 ROWS = (
@@ -63,6 +67,7 @@ ROWS = (
     Row(name="as its profile says"),
     Row(name="prototype, noise x2", scene={**PROTOTYPE, "noise": 2.0}),
     Row(name="prototype, placement 0.05 mm", scene={**PROTOTYPE, "placement_mm": 0.05}),
+    Row(name="prototype, placement 0.05 mm measured to 3 µm", scene=PROTOTYPE, measured=True),
     Row(name="prototype, gel displaced 0.05 mm", scene={**PROTOTYPE, "gel_displacement_um": 50.0}),
 )
 
@@ -76,9 +81,15 @@ class Press:
     theta_rad: float
 
 
+def tape_of(row: Row) -> tuple[Tape, Parts | None]:
+    """The tape that is pressed, and where its parts really are."""
+    tape = tape_at(7, (62, 32))
+    return measured_places(tape, 0.05, seed=SEED) if row.measured else (tape, None)
+
+
 def presses_of(row: Row, count: int, seed: int) -> Iterator[Press]:
     """Contacts anywhere: place and turn on the tape, and the contact's centre in view, are uniform."""
-    tape, sensor = tape_at(7, (62, 32)), load_sensor(row.sensor)
+    (tape, parts), sensor = tape_of(row), load_sensor(row.sensor)
     rng = np.random.default_rng([SEED, seed])
     reach = 0.5 * sensor.centre_px / sensor.px_per_mm
     size = np.minimum((11.0, 9.0), 2.2 * sensor.centre_px / sensor.px_per_mm * 0.6)
@@ -86,7 +97,7 @@ def presses_of(row: Row, count: int, seed: int) -> Iterator[Press]:
         offset = rng.uniform(-reach, reach).tolist()
         scene = Scene(contact_offset_mm=tuple(offset), contact_mm=tuple(size.tolist())).changed(row.scene)
         position, theta = rng.uniform((15.0, 12.0), (76.0, 35.0)), float(rng.uniform(-180.0, 180.0))
-        depth = simulate(tape, position.tolist(), theta, sensor=sensor, scene=scene, seed=1000 * seed + k)
+        depth = simulate(tape, position.tolist(), theta, sensor=sensor, scene=scene, seed=1000 * seed + k, parts=parts)
         yield Press(depth=depth, position_mm=position, theta_rad=float(np.radians(theta)))
 
 
@@ -99,7 +110,7 @@ def start_of(row: Row) -> SensorProfile:
 
 
 def truth_of(row: Row) -> SensorProfile:
-    """The sensor as it is, with no doubt about its camera."""
+    """The sensor as it is, with no doubt about its camera; its blur is known, so its answers rest on the pixels, too."""
     sensor = load_sensor(row.sensor)
     scale = 1.0 + row.scene.get("scale_error", 0.0)
     geometry = Geometry(
@@ -111,7 +122,7 @@ def truth_of(row: Row) -> SensorProfile:
         sigma_shear=1e-6,
         sigma_k1=1e-6,
     )
-    gel = replace(sensor.gel, displacement_um=row.scene.get("gel_displacement_um", 0.0))
+    gel = replace(sensor.gel, displacement_um=row.scene.get("gel_displacement_um", 0.0), blur_mm=Scene().elastomer_mm)
     return replace(
         sensor,
         px_per_mm=(sensor.px_per_mm[0] * scale, sensor.px_per_mm[1] * scale),
@@ -145,9 +156,9 @@ def figures_of(errors: list[FloatArray], squares: list[float], frames: int) -> F
     return Figures(frames=frames, located=len(errors), p50_um=p50, p95_um=p95, nees=float(np.mean(squares or [np.nan])) / 3.0)
 
 
-def located_by(sensor: SensorProfile, tests: list[Press]) -> tuple[list[FloatArray], list[float]]:
+def located_by(sensor: SensorProfile, tape: Tape, tests: list[Press]) -> tuple[list[FloatArray], list[float]]:
     """Errors (x mm, y mm, theta rad) of frames located by a profile, and their squares over the covariance."""
-    localizer = Localizer([tape_at(7, (62, 32))], sensor)
+    localizer = Localizer([tape], sensor)
     errors: list[FloatArray] = []
     squares: list[float] = []
     for test in tests:
@@ -164,16 +175,17 @@ def measured(row: Row, sets: int, frames: int, presses: int) -> tuple[dict[str, 
     """Figures by profile, and the calibrations."""
     gathered: dict[str, tuple[list[FloatArray], list[float]]] = {name: ([], []) for name in ("start", "calibrated", "true")}
     made: list[Calibration] = []
+    tape = tape_of(row)[0]
     for k in range(sets):
         drawn = list(presses_of(row, presses + frames, k))
         try:
-            found = calibrate_sensor([p.depth for p in drawn[:presses]], [tape_at(7, (62, 32))], start_of(row))
+            found = calibrate_sensor([p.depth for p in drawn[:presses]], [tape], start_of(row))
         except SpecError as error:  # random contacts may leave out a corner
             print(f"{row.name}, set {k} refused: {error}", file=sys.stderr)
             continue
         made.append(found)
         for name, sensor in (("start", start_of(row)), ("calibrated", found.sensor), ("true", truth_of(row))):
-            errors, squares = located_by(sensor, drawn[presses:])
+            errors, squares = located_by(sensor, tape, drawn[presses:])
             gathered[name][0].extend(errors)
             gathered[name][1].extend(squares)
     return {name: figures_of(*both, len(made) * frames) for name, both in gathered.items()}, made

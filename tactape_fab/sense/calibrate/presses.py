@@ -16,6 +16,7 @@ from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.rule import BACKGROUND_MM
+from tactape_fab.sense.decode.search.built_places import built_of
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
@@ -46,7 +47,7 @@ class Press:
     rim_mm : ndarray, shape (n, 2)
         By what a dot at the rim is put back, on the gel along u and v.
     texture_mm : ndarray, shape (n, 2)
-        Nominal places of their parts.
+        Places of their parts: as built where the answer rests on those, else nominal.
     weights : ndarray, shape (n,)
         Height over that of a whole dot, times trust; at most 1.
     amid : ndarray of bool, shape (n,)
@@ -111,6 +112,9 @@ def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: Se
     cells = cells[used]
     symbols = tape.symbols[cells[:, 1], cells[:, 0]]
     texture_mm = cells * tape.pitch_mm + tape.displacement_mm * DIRECTIONS_XY[symbols]
+    built = built_of(tape) if fix.places == "as-built" else None
+    if built is not None:
+        texture_mm = texture_mm + built.shift_mm[cells[:, 1], cells[:, 0]]
     theta = radians(fix.theta_deg)
     square = squared(dots.seen_px, sensor)
     pushed, pulled = drawn(texture_mm, weights[used], theta)

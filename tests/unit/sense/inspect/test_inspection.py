@@ -79,6 +79,13 @@ def test_scale_and_skew_of_the_scanner_are_said_and_move_no_part(found: Inspecti
     assert 2.0 < facts.jitter_um < 15.0
 
 
+def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_path: Path) -> None:
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, missing=5, seed=1)
+    (one,) = inspect_scans(write(tmp_path / "dull.png", scan(tape, built, Scanner(dpi=2400, glare=0.0), seed=1)), kit_40.path)
+    assert [found.kind for found in one.deviations()] == ["missing"] * 5
+
+
 def test_a_grey_scan_serves(scanned: Scanned, tmp_path: Path) -> None:
     grey = write(tmp_path / "grey.tif", cv2.cvtColor(scanned.picture, cv2.COLOR_BGR2GRAY))
     (one,) = inspect_scans(grey, scanned.kit)
