@@ -109,8 +109,7 @@ def fit_grid(
     nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, directions)), np.empty(4)
     turns, room = 2.0 * np.pi, np.empty((n, 3))
     start = (angle, pitch, phase_a / turns, phase_b / turns)
-    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, directions, free_scale, STARTS, room, grid)
-    _nearest(xy, grid, shift, nodes, squares)
+    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, room, grid, nodes, squares)
     return Fit(grid, nodes, squares, sigma, value, expected)
 
 
@@ -121,18 +120,19 @@ def _best_fit(
     trust: FloatArray,
     start: Grid,
     shift: float,
-    directions: int,
     free_scale: bool,
     starts: FloatArray,
     room: FloatArray,
     out: FloatArray,
+    nodes: Ints,
+    squares: FloatArray,
 ) -> tuple[float, float, bool]:
-    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be.
+    """Fill in the likeliest grid, from all starts where dots are few and the first fit is not as it should be; and `_nearest`.
 
     Returns the error of a good dot, the ln of the likelihood, and whether both are as they should be.
     """
     dots = best_sigma = most = 0.0
-    expected = False
+    directions, expected = squares.shape[1], False
     for i in range(len(trust)):
         dots += trust[i]
     for m in range(-1, len(starts)):
@@ -149,10 +149,11 @@ def _best_fit(
             expected = _as_expected(weights, trust, directions, sigma, value)
         if m < 0 and (expected or dots >= FEW_DOTS):
             break
+    _nearest(xy, out, shift, nodes, squares)
     return best_sigma, most, expected
 
 
-@kernel()
+@inlined_kernel()
 def _nearest(xy: FloatArray, grid: FloatArray, shift: float, nodes: Ints, squares: FloatArray) -> None:
     """Fill in the grid point of each dot and the squared distances from its places."""
     for i in range(len(xy)):

@@ -10,10 +10,10 @@ from functools import cache
 
 import numpy as np
 
-from tactape_fab.base.jit import inlined_kernel, kernel
+from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
 from tactape_fab.sense.decode.search.groups import OVER, Groups, Holes, Weights, X, Y, hole_evidence
-from tactape_fab.sense.decode.search.many_tapes import ManyRoom, many_room, weigh_many
+from tactape_fab.sense.decode.search.many_tapes import ManyRoom, choose, known_columns, many_room, prepare
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.sense.decode.search.tally import BEST, Candidate, Room, Tally, count_bound, least_of, weigh_site
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -22,7 +22,8 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
     """Compare the dots with every place of every site, and add the places to a tally."""
     holes = hole_evidence(tables, sites) if len(sites.holes) else _no_holes(len(sites.table))
-    _weigh(tables, sites, *groups, *weights, tally, _room(sites), many_room(tables, sites), *holes)
+    many = many_room(tables, sites)
+    _weigh(tables, sites, *groups, *weights, tally, _room(sites), many, None if many is None else sites.barred, *holes)
 
 
 @cache
@@ -45,58 +46,65 @@ def _weigh(
     spans: IntArray,
     limits: FloatArray,
     place: FloatArray,
-    turn: FloatArray,
+    turn_terms: FloatArray,
     tally: Tally,
     room: Room,
-    many: ManyRoom,
+    many: ManyRoom | None,
+    barred: IntArray | None,
     starts: IntArray,
     said: Floats,
 ) -> None:
-    """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more."""
-    groups, weights, holes = Groups(fields, spans, limits), Weights(place, turn), Holes(starts, said)
-    if sites.kinds[2] == 1:
-        weigh_many(tables, sites, groups, weights, tally, room, many)
-    if sites.kinds[1] == 1:
-        _weigh_few(tables, sites, groups, weights, tally, room, holes)
+    """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
 
-
-@inlined_kernel()
-def _weigh_few(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, room: Room, holes: Holes) -> None:
-    """The classes of few sites, or of such with holes: one site after the other, places with all dots on a tape first."""
-    pad, said = tables.dots.shape[1], holes.said
-    for over in range(2):
+    First the classes of many sites, then those of few or with holes, each time places with all dots on a tape before others.
+    Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
+    """
+    pad = tables.dots.shape[1]
+    if many is not None and sites.kinds[2] == 1:
+        prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, room, many)
+    for order in range(4):
+        over = order % 2
         for k in range(len(sites.classes)):
             kind = sites.classes[k]
             first, last, size = kind[FIRST], kind[LAST], kind[SIZE]
-            if kind[MANY] == 1 or over > kind[OVERHANG]:
+            if kind[MANY] == order // 2 or over > kind[OVERHANG]:
                 continue
+            # ln of the places of a group on all tapes: together they have to be negligible
+            tapes = np.log(float(kind[TAPES] * (last - first)))
             for turn in range(4):
-                terms = (weights.place[turn, over], weights.turn[turn])
-                for g in range(groups.spans[turn, size, 0], groups.spans[turn, size, 1]):
-                    group, limit = groups.fields[g], groups.limits[g]
+                terms = (place[turn, over], turn_terms[turn])
+                for g in range(spans[turn, size, 0], spans[turn, size, 1]):
+                    group, limit = fields[g], limits[g]
                     if group[OVER] != over:
                         continue
-                    bound = limit[0] + limit[1]
-                    # ln of the places of the group on all tapes: together they have to be negligible
-                    of = limit[2] + np.log(float(kind[TAPES] * (last - first)))
-                    if holes.starts[first] < 0 and bound < least_of(of, terms, tally.sums):
+                    bound, of = limit[0] + limit[1], limit[2] + tapes
+                    least = least_of(of, terms, tally.sums)
+                    if starts[first] < 0 and bound < least:
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
                         continue
-                    for site in range(first, last):
-                        hole, stride = said[turn, :0], np.int64(0)
-                        if holes.starts[site] >= 0:
+                    left = last - first
+                    if many is not None and order < 2:
+                        left = choose(tables, sites, (group, limit), turn, (first, last), least, of, terms, tally, many)
+                    for c in range(left):
+                        site, stride, of_y = first + c, np.int64(0), limit[1]
+                        known, hole = said[turn, :0], said[turn, :0]
+                        if many is not None and order < 2:
+                            site = many.chosen[c]
+                            if over == 0:
+                                known, of_y = known_columns(many, turn, sites.table[site], group), many.of_rows[site]
+                        if starts[site] >= 0:
                             stride = sites.sizes[size, 0] + 2 * pad
-                            hole = said[turn, holes.starts[site] + (group[Y] + pad) * stride + group[X] + pad :]
+                            hole = said[turn, starts[site] + (group[Y] + pad) * stride + group[X] + pad :]
                         candidate = Candidate(
-                            said[turn, :0],
+                            known,
                             tables.lines[turn],
                             sites.table[site],
                             (turn, site),
                             group,
-                            (limit[0], limit[1]),
+                            (limit[0], of_y),
                             of,
                             terms,
                             hole,
                             stride,
                         )
-                        weigh_site(candidate, sites.phases, sites.barred, tally, room)
+                        weigh_site(candidate, sites.phases, barred, tally, room)

@@ -129,7 +129,8 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     n, length = len(q), len(signs) // 3
     cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3 if q.shape[1] == 4 else 4))
     corner, size = np.empty((4, 2), dtype=np.int64), np.empty((4, 2), dtype=np.int64)
-    m = _fill_cells(nodes, q, _CODES_AROUND, cells, evidence, corner, size)
+    codes = None if q.shape[1] == 4 else _CODES_AROUND
+    m = _fill_cells(nodes, q, codes, cells, evidence, corner, size)
     if m > most:
         m = 0
     lines = np.zeros((4, 2, m + 1, m, 2 * length), dtype=np.float32)
@@ -144,17 +145,17 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
 def _fill_cells(
     nodes: IntArray,
     q: FloatArray,
-    codes: IntArray,
+    codes: IntArray | None,
     cells: IntArray,
     evidence: FloatArray,
     corner: IntArray,
     size: IntArray,
 ) -> int:
-    """Fill those fields of `Tables`; the largest size of all."""
+    """Fill those fields of `Tables`; the largest size of all. Of four directions there are no `codes`."""
     most = 0
     for turn in range(4):
         turned(nodes, q, turn, cells[turn], evidence[turn])
-        if q.shape[1] == 8:
+        if codes is not None:
             turned_of_eight(q, turn, codes, evidence[turn])
         for axis in range(2):
             low = high = cells[turn, 0, axis]

@@ -72,6 +72,7 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
             size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
             sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
             holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
+            beside_many=open_world,
         )
         unregistered = _unregistered(code, sizes, members) if open_world else None
         beyond = None if unregistered is None else _over_all_edges(unregistered)

@@ -20,7 +20,7 @@ from tactape_fab.sense.decode.search.bounds import (
 )
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
 from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights
-from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, TAPES, Sites
+from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, Sites
 from tactape_fab.sense.decode.search.tally import (
     BEST,
     LEAST_SHARE,
@@ -28,7 +28,6 @@ from tactape_fab.sense.decode.search.tally import (
     Room,
     Tally,
     count_bound,
-    least_of,
     new_tally,
     weigh_site,
 )
@@ -66,8 +65,10 @@ class ManyRoom(NamedTuple):
     guess: Tally
 
 
-def many_room(tables: Tables, sites: Sites) -> ManyRoom:
-    """Buffers for some dots and sites, no bounds known; empty ones where no class has many sites."""
+def many_room(tables: Tables, sites: Sites) -> ManyRoom | None:
+    """Buffers for some dots and sites, no bounds known; empty ones where no class has many, None where no other sites have."""
+    if sites.kinds[3] == 0:
+        return None
     length = len(sites.signs) // 3
     if sites.kinds[2] == 0:
         return _no_room(length)
@@ -86,55 +87,45 @@ def _room_for(dots: int, length: int, sites: int, lines: int) -> ManyRoom:
 
 
 @inlined_kernel()
-def weigh_many(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, room: Room, more: ManyRoom) -> None:
-    """The classes of many sites, places with all dots on a tape first."""
-    starts, bounds, chosen, most_said = more.starts, more.bounds, more.chosen, NEVER
+def prepare(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, room: Room, more: ManyRoom) -> None:
+    """Bounds of all starts in the plane, and a first guess where nothing that fits is known yet."""
+    most_said = NEVER
     for g in range(len(groups.limits)):
         most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
-    _bounds_of_starts(starts, tables, sites, more.known)
-    if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:  # nothing that fits is known yet
+    _bounds_of_starts(more.starts, tables, sites, more.known)
+    if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
         tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, room, more, most_said))
-    for over in range(2):
-        for k in range(len(sites.classes)):
-            kind = sites.classes[k]
-            first, last, size, count = kind[FIRST], kind[LAST], kind[SIZE], float(kind[LAST] - kind[FIRST])
-            if kind[MANY] == 0 or over > kind[OVERHANG]:
-                continue
-            for turn in range(4):
-                terms, tapes = (weights.place[turn, over], weights.turn[turn]), np.log(kind[TAPES] * count)
-                for g in range(groups.spans[turn, size, 0], groups.spans[turn, size, 1]):
-                    group, limit = groups.fields[g], groups.limits[g]
-                    if group[OVER] != over:
-                        continue
-                    bound, of = limit[0] + limit[1], limit[2] + tapes
-                    least = least_of(of, terms, tally.sums)
-                    if bound < least:
-                        count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
-                        continue
-                    # the group may matter as a whole; the bounds of its single sites are lower
-                    rest = _bound_sites(tables, sites, (group, limit), turn, (first, last), least, more)
-                    left, dropped, most = survivors(chosen, bounds, first, last, least - rest)
-                    count_bound(
-                        dropped / count * np.exp(least + of + terms[0] - tally.sums[BEST]), most + rest + terms[1], tally.sums
-                    )
-                    for c in range(left):
-                        site = chosen[c]
-                        start, width, said = sites.table[site, START, 0], np.int64(0), (limit[0], limit[1])
-                        if over == 0:
-                            width, said = group[COLUMNS], (limit[0], more.of_rows[site])
-                        candidate = Candidate(
-                            starts[turn, 0, start : start + width],
-                            tables.lines[turn],
-                            sites.table[site],
-                            (turn, site),
-                            group,
-                            said,
-                            of,
-                            terms,
-                            starts[turn, 0, :0],
-                            np.int64(0),
-                        )
-                        weigh_site(candidate, sites.phases, sites.barred, tally, room)
+
+
+@inlined_kernel()
+def choose(
+    tables: Tables,
+    sites: Sites,
+    of: tuple[IntArray, FloatArray],
+    turn: int,
+    span: tuple[int, int],
+    least: float,
+    of_all: float,
+    terms: tuple[float, float],
+    tally: Tally,
+    more: ManyRoom,
+) -> int:
+    """Fill `ManyRoom.chosen` with the sites whose own bounds leave them open, of a group that may matter as a whole; how many.
+
+    ``least`` is the ln E that may matter, ``of_all`` ln of how many places the group has; `tally.Candidate` has ``terms``.
+    """
+    rest = _bound_sites(tables, sites, of, turn, span, least, more)
+    left, dropped, most = survivors(more.chosen, more.bounds, span[0], span[1], least - rest)
+    weight = dropped / float(span[1] - span[0]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
+    count_bound(weight, most + rest + terms[1], tally.sums)
+    return int(left)
+
+
+@inlined_kernel()
+def known_columns(more: ManyRoom, turn: int, place: IntArray, group: IntArray) -> Floats:
+    """Bounds of what the x bits say at each column of a group with all dots on the tape."""
+    start = place[START, 0]
+    return more.starts[turn, 0, start : start + group[COLUMNS]]
 
 
 @inlined_kernel()

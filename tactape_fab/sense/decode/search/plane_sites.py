@@ -44,8 +44,9 @@ class Sites(NamedTuple):
     classes : ndarray of int, shape (k, 6)
         Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1 where
         there are so many that bounds are worth their making (`FIRST` ... `MANY`).
-    kinds : ndarray of int, shape (3,)
-        Most columns or rows, and whether there are classes of few and of many sites.
+    kinds : ndarray of int, shape (4,)
+        Most columns or rows; whether there are classes of few and of many sites; and whether there are, here or beside these,
+        of many.
     """
 
     signs: Floats
@@ -70,10 +71,12 @@ def sites_of(
     barred: IntArray | None = None,
     holes: IntArray | None = None,
     overhang: bool = True,
+    beside_many: bool = True,
 ) -> Sites:
     """Sites from the plane origins (n, 2) of their tapes, which of some sizes each has, and u and v of their sectors (n, 2).
 
-    `barred` and `holes` as in `Sites`; `overhang` says whether dots may hang over the tapes' edges.
+    `barred` and `holes` as in `Sites`; `overhang` says whether dots may hang over the tapes' edges, `beside_many` whether the
+    same dots are compared with many sites elsewhere.
     """
     length, table = code.main.length, np.array(sizes, dtype=np.int64)
     pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
@@ -97,6 +100,7 @@ def sites_of(
         )
         for first, last in pairwise(bounds)
     ]
+    many = [found[MANY] for found in classes]
     return Sites(
         signs=signs_of(code),
         phases=phases,
@@ -107,9 +111,7 @@ def sites_of(
         sizes=table,
         size_of=np.asarray(size_of, dtype=np.int64),
         classes=np.array(classes, dtype=np.int64),
-        kinds=np.array(
-            [table.max(), any(not found[MANY] for found in classes), any(found[MANY] for found in classes)], dtype=np.int64
-        ),
+        kinds=np.array([table.max(), not all(many), any(many), any(many) or beside_many], dtype=np.int64),
     )
 
 

@@ -141,8 +141,11 @@ def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
 
 
 @inner_kernel()
-def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray, tally: Tally, room: Room) -> None:
-    """One group of places on one site: the axis with fewer places first, the other only if that may matter."""
+def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, room: Room) -> None:
+    """One group of places on one site: the axis with fewer places first, the other only if that may matter.
+
+    Without `barred` no site holds all sectors.
+    """
     known, place, group, limit, terms = candidate.known, candidate.place, candidate.group, candidate.limit, candidate.terms
     length = room.lines.shape[2]
     every = place[SECTOR, 0] < 0
@@ -172,7 +175,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray, tally: 
         if most == NEVER or (candidate.stride == 0 and drop(bound, places, candidate.of, terms, tally.sums)):
             return
         axis = 1 - axis
-    if every:
+    if barred is not None and every:
         _count_every_sector(candidate, barred, tally, room)
     else:
         _count_sector(candidate, tally, room)

@@ -13,6 +13,8 @@ from tactape_fab.sense.decode import warm
 from tests.thorough import only_thorough
 
 PROGRAM = """
+import sys
+
 import numba.core.event as events
 from tactape_fab import Localizer
 from tests.contacts import tape_of
@@ -25,24 +27,28 @@ class Compiled(events.Listener):
     def on_end(self, event):
         pass
 
+world = sys.argv[1]
 tapes = [tape_of(7), touch(1)]
 depths = [depth for _, depth in contacts(tapes[0], 3, 3)]
 heard = Compiled()
 events.register("numba:compile", heard)
-localizer = Localizer(tapes)
+localizer = Localizer(tapes, world=world)
 ours = [name for name in heard.names if name.startswith("tactape_fab.")]
 assert len(ours) == len(set(ours)), sorted(ours)
 count = len(heard.names)
 assert count > 20
+assert any(".search.bounds." in name for name in ours) == (world == "open")
 assert any(localizer.locate(depth).located for depth in depths)
 assert heard.names[count:] == []
 """
 
 
 @only_thorough
-def test_no_kernel_is_compiled_twice_and_none_by_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("world", ["open", "closed"])
+def test_no_kernel_is_compiled_twice_and_none_by_a_frame(world: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a closed world of few tapes neither are bounds of many of them."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, encoding="utf-8", check=False)
+    done = subprocess.run([sys.executable, "-c", PROGRAM, world], capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     assert "compiles its decoder" in done.stderr
 
