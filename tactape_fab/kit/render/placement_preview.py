@@ -10,7 +10,7 @@ from html import escape
 
 import numpy as np
 
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_cpl
@@ -29,9 +29,9 @@ _TERMINAL_SHARE = 0.2
 _INK, _MARK = "#1a1a1a", "#c00000"
 
 
-def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> tuple[Artifact]:
+def render_placement_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[Artifact]:
     """The picture of a tape or a panel, from the files already rendered."""
-    files = {artifact.role: artifact.data for artifact in artifacts}
+    files = {artifact.role: artifact.data for artifact in artifacts if isinstance(artifact, Artifact)}
     cpl = read_cpl(files["cpl"])
     copper, coverlay = read_shapes(files["copper-top"]), read_shapes(files["coverlay-top"])
     away = np.hypot(*(cpl.xy_mm - cpl.xy_mm[0]).T)
