@@ -14,7 +14,7 @@ from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_cpl, read_drill
-from tactape_fab.kit.read.written_gerber import read_shapes
+from tactape_fab.kit.read.written_gerber import first_body_mm, read_shapes
 from tactape_fab.kit.render.colours import (
     BACKING_COLOURS,
     BASE_FILM,
@@ -109,10 +109,7 @@ def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
 
 def body_outline(components: bytes) -> FloatArray:
     """The unturned body as a rectangle, from the first part of the component layer; the others are not read."""
-    first_part = components.split(b"%TO.C,R2*%")[0]
-    corners = read_shapes(first_part + b"M02*\n").strokes_mm[0][:4]
-    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
-    length, width = max(sides[0], sides[1]) / 2, min(sides[0], sides[1]) / 2
+    length, width = (side / 2 for side in first_body_mm(components))
     return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
 
 

@@ -20,7 +20,7 @@ _PIECE_ROWS = 50_000
 _ROW_BYTES = 60
 """More than a vertex or triangle takes in the XML of a 3MF."""
 _STL_HEADER_BYTES = 80
-_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,7 +66,7 @@ def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
         corners = mesh.vertices_mm[faces].astype("<f4")
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        triangles = np.zeros(len(corners), dtype=_STL_TRIANGLE)
+        triangles = np.zeros(len(corners), dtype=STL_TRIANGLE)
         triangles["normal"] = normals / np.where(lengths > 0, lengths, 1)
         triangles["corners"] = corners
         yield triangles.tobytes()
