@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64decode
 from dataclasses import dataclass, field
+from hashlib import sha256
 from html.parser import HTMLParser
 from typing import Any
 
@@ -22,6 +23,8 @@ def written(spec: TapeSpec) -> Written:
     examined = examine(spec)
     artifacts, content = rendered(examined)
     files = {a.role: a.data for a in artifacts}
+    for row in content["files"]:  # those of files made as they are written are filled in then
+        row |= {"bytes": len(files[row["role"]]), "sha256": sha256(files[row["role"]]).hexdigest()}
     return Written(manifest=content, tape=examined.tape, files=files, findings=examined.findings)
 
 

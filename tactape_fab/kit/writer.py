@@ -35,7 +35,7 @@ from tactape_fab.texture.certify.origin import Choice
 from tactape_fab.texture.manifest import MANIFEST_FORMAT, MANIFEST_NAME, PANEL_FORMAT
 from tactape_fab.texture.tape import Tape
 
-RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[Artifact]]] = {
+RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[AnyArtifact]]] = {
     "copper-top": render_copper,
     "coverlay-top": render_coverlay,
     "paste-top": render_paste,
@@ -61,7 +61,7 @@ FAB_ZIP_ROLES = (
 """Roles in the zip for the fab; the job file only if the profile asks for it, never the component layer."""
 
 
-def render_all(drawing: Drawing, fab: FabProfile) -> list[Artifact]:
+def render_all(drawing: Drawing, fab: FabProfile) -> list[AnyArtifact]:
     """Every file of a film or a panel except models, notes and manifest: layers, lists, previews drawn from those, the zip."""
     artifacts = [artifact for render in RENDERERS.values() for artifact in render(drawing, fab)]
     artifacts += (*render_preview(artifacts, fab), *render_placement_preview(artifacts, fab))
@@ -80,7 +80,7 @@ def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[A
     return [render_assembly(tape, fab), *models]
 
 
-def _fab_zip(name: str, artifacts: Iterable[Artifact]) -> Artifact:
+def _fab_zip(name: str, artifacts: Iterable[AnyArtifact]) -> Artifact:
     """The zip, with fixed dates and order so that its bytes are reproducible."""
     stream = io.BytesIO()
     date = zip_date()
@@ -171,7 +171,7 @@ class PlacedKit:
 
 
 def panel_manifest(
-    name: str, panel: Panel, kits: Iterable[PlacedKit], made_by: Mapping[str, Any], artifacts: Iterable[Artifact]
+    name: str, panel: Panel, kits: Iterable[PlacedKit], made_by: Mapping[str, Any], artifacts: Iterable[AnyArtifact]
 ) -> dict[str, Any]:
     """Content of a panel's manifest.json: its tapes and their places, profiles and options, and its own files."""
     return {

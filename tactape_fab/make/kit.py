@@ -150,21 +150,21 @@ def make_examined(
     target = Path(examined.tape.name if path is None else path)
     blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
     with finished(target, "kit", overwrite=overwrite, signer=signer) as folder:
-        artifacts, checks = fill_kit(folder, examined, blocking, verify=verify, progress=progress)
+        files, checks = fill_kit(folder, examined, blocking, verify=verify, progress=progress)
     return Kit(
         path=target,
         tape=examined.tape,
         findings=examined.findings,
         checks=checks,
-        files={a.role: a.path for a in artifacts},
+        files=files,
         search=examined.search,
     )
 
 
 def fill_kit(
     folder: Path, examined: Examined, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
-) -> tuple[list[AnyArtifact], tuple[Check, ...]]:
-    """Write every file of a kit into a folder, verify them there, and add the report; returns the files and the checks.
+) -> tuple[dict[str, str], tuple[Check, ...]]:
+    """Write every file of a kit into a folder, verify them there, and add the report; returns paths by role, and the checks.
 
     ``blocking`` are the broken rules that the kit is made in spite of.
 
@@ -180,6 +180,8 @@ def fill_kit(
         content["forced"] = [forced(finding) for finding in blocking]
     progress("writing")
     write_kit(folder, content, artifacts)
+    files = {artifact.role: artifact.path for artifact in artifacts}
+    del artifacts  # of 200,000 parts they take as much memory as the report does
     checks: tuple[Check, ...] = ()
     if verify:
         progress("verifying")
@@ -189,8 +191,8 @@ def fill_kit(
         verification.raise_if_failed()
         checks = verification.checks
     progress("reporting")
-    artifacts.append(add_report(folder, content, examined.tape, checks=checks, findings=examined.findings))
-    return artifacts, checks
+    report = add_report(folder, content, examined.tape, checks=checks, findings=examined.findings)
+    return {**files, report.role: report.path}, checks
 
 
 def rendered(examined: Examined) -> tuple[list[AnyArtifact], dict[str, Any]]:

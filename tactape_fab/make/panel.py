@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import Check, Finding
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined
 from tactape_fab.kit.order_facts import panel_order_facts
@@ -143,7 +143,7 @@ def _kit_folder(tape: Examined) -> str:
 
 def fill_panel(
     folder: Path, examined: ExaminedPanel, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
-) -> tuple[list[Artifact], tuple[Check, ...]]:
+) -> tuple[list[AnyArtifact], tuple[Check, ...]]:
     """Write a panel with all its kits into a folder, as `tactape_fab.make.kit.fill_kit` does a kit.
 
     Raises
@@ -174,7 +174,7 @@ def fill_panel(
 
 def _write_panel(
     examined: ExaminedPanel, folder: Path, blocking: Sequence[Finding], *, verify: bool, progress: Callable[[str], None]
-) -> tuple[list[Artifact], dict[str, Any]]:
+) -> tuple[list[AnyArtifact], dict[str, Any]]:
     """The panel's own files, and the content of its manifest."""
     progress("rendering the panel")
     first, film = examined.tapes[0], examined.tapes[0].film

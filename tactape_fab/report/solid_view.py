@@ -66,5 +66,7 @@ def _bounds(points: Corners) -> tuple[FloatArray, FloatArray]:
 
 def _apart(points: Corners, point: npt.NDArray[Any]) -> FloatArray:
     """The largest of the distances along the three axes; shape (n,)."""
-    apart: FloatArray = np.maximum.reduce([np.abs(points[:, axis] - float(point[axis])) for axis in range(3)])
+    apart: FloatArray = np.abs(points[:, 0] - float(point[0]))
+    for axis in (1, 2):  # one after the other: large meshes
+        np.maximum(apart, np.abs(points[:, axis] - float(point[axis])), out=apart)
     return apart

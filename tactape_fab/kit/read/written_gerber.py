@@ -96,6 +96,14 @@ def read_shapes(data: bytes) -> GerberShapes:
     )
 
 
+def first_body_mm(components: bytes) -> tuple[float, float]:
+    """Length and width of the first part's body, mm, from a component layer; the others are not read."""
+    second = components.find(b"%TO.C,R2*%")
+    corners = read_shapes(components[: second if second >= 0 else None] + b"M02*\n").strokes_mm[0][:4]
+    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    return max(sides[0], sides[1]), min(sides[0], sides[1])
+
+
 def in_order_of_use(numbers: IntArray) -> tuple[list[int], IntArray]:
     """The different numbers in the order in which they first occur, and the place of each number among them."""
     values, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)

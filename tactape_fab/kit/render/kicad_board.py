@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
+from functools import partial
+from itertools import chain, islice, pairwise
 from math import isclose, sqrt
 
 import numpy as np
 
 from tactape_fab.base.build_date import build_date
 from tactape_fab.base.version import __version__
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import Artifact, LongArtifact
 from tactape_fab.kit.film.drawing import Drawing, Parts
 from tactape_fab.kit.profiles import FabProfile, LandPattern
 from tactape_fab.texture.frames import FloatArray
 
 SHEET_MARGIN_MM = 20.0
+_PIECE_LINES = 1000
 _EDGE_LINE_MM = 0.05
 _FAB_LINE_MM = 0.05
 _COURTYARD_LINE_MM = 0.05
@@ -43,16 +45,21 @@ _LAYERS = """  (layers
   )"""
 
 
-def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[Artifact, Artifact]:
+def render_kicad(drawing: Drawing, fab: FabProfile) -> tuple[LongArtifact, Artifact]:
     """The board and its project, which KiCad opens together."""
     name = drawing.name
-    pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
-    board = "\n".join([*(line for piece in pieces for line in piece(drawing)), ")", ""])
     project = json.dumps(_project(name, fab, drawing), indent=1) + "\n"
     return (
-        Artifact(role="kicad-pcb", path=f"kicad/{name}.kicad_pcb", data=board.encode("utf-8")),
+        LongArtifact(role="kicad-pcb", path=f"kicad/{name}.kicad_pcb", pieces=partial(_board, drawing)),
         Artifact(role="kicad-project", path=f"kicad/{name}.kicad_pro", data=project.encode("ascii")),
     )
+
+
+def _board(drawing: Drawing) -> Iterator[bytes]:
+    pieces = (_head, _footprints, _marks, _holes, _drawings, _copper)
+    lines = chain(*(piece(drawing) for piece in pieces), [")"])
+    while some := list(islice(lines, _PIECE_LINES)):
+        yield "\n".join([*some, ""]).encode("utf-8")
 
 
 def origin_mm(drawing: Drawing) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.render.colours import BODY, COVERLAY_COLOURS, MOULD, TEXTURE, rgb
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mesh.sheet import texture_mesh
-from tactape_fab.solids.mesh.triangles import stl_bytes, threemf_bytes
+from tactape_fab.solids.mesh.triangles import stl_pieces, threemf_bytes
 from tactape_fab.solids.step.assembly import assembly_step_chunks
 from tactape_fab.solids.step.solid import solid_step_chunks
 from tactape_fab.texture.tape import Tape
@@ -43,7 +43,7 @@ def render_solid(tape: Tape, form: SolidForm) -> list[AnyArtifact]:
     mesh = texture_mesh(tape, form)
     return [
         LongArtifact(role="step-solid", path=f"models/{tape.name}.step", pieces=solid),
-        Artifact(role="stl", path=f"models/{tape.name}.stl", data=stl_bytes(mesh, title)),
+        LongArtifact(role="stl", path=f"models/{tape.name}.stl", pieces=partial(stl_pieces, mesh, title)),
         Artifact(role="3mf", path=f"models/{tape.name}.3mf", data=threemf_bytes(mesh, title, metadata, zip_date())),
     ]
 

@@ -10,11 +10,11 @@ from html import escape
 
 import numpy as np
 
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_cpl
-from tactape_fab.kit.read.written_gerber import read_shapes
+from tactape_fab.kit.read.written_gerber import first_body_mm, read_shapes
 from tactape_fab.kit.render.colours import BASE_FILM, BODY, COVERLAY_COLOURS, GOLD, TERMINAL
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
@@ -29,9 +29,9 @@ _TERMINAL_SHARE = 0.2
 _INK, _MARK = "#1a1a1a", "#c00000"
 
 
-def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> tuple[Artifact]:
+def render_placement_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[Artifact]:
     """The picture of a tape or a panel, from the files already rendered."""
-    files = {artifact.role: artifact.data for artifact in artifacts}
+    files = {artifact.role: artifact.data for artifact in artifacts if isinstance(artifact, Artifact)}
     cpl = read_cpl(files["cpl"])
     copper, coverlay = read_shapes(files["copper-top"]), read_shapes(files["coverlay-top"])
     away = np.hypot(*(cpl.xy_mm - cpl.xy_mm[0]).T)
@@ -40,7 +40,7 @@ def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> 
     low = cpl.xy_mm[0] + np.array([-0.75 * pitch_mm, 0.75 * pitch_mm - side_mm])
     high = low + side_mm
     shown = np.flatnonzero(((cpl.xy_mm > low - _BESIDE_MM) & (cpl.xy_mm < high + _BESIDE_MM)).all(axis=1))
-    body = _body(files["components-top"])
+    body = np.array(first_body_mm(files["components-top"]))
     film, _ = COVERLAY_COLOURS[fab.coverlay_colour]
     lines = [_area(np.array([low, (high[0], low[1]), high, (low[0], high[1])]), film)]
     lines += [_line(stroke, GOLD, width) for stroke, width in _near_lines(copper, low, high)]
@@ -54,13 +54,6 @@ def render_placement_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> 
     text = "\n".join([_head(low, side_mm, cpl.designators[first]), *lines, "</svg>", ""])
     name = next(a.path for a in artifacts if a.role == "kicad-pcb").rsplit("/", 1)[-1].removesuffix(".kicad_pcb")
     return (Artifact(role="placement-preview", path=f"preview/{name}-placements.svg", data=text.encode("utf-8")),)
-
-
-def _body(components: bytes) -> FloatArray:
-    """Length and width of the first part's body, mm, from the component layer."""
-    corners = read_shapes(components.split(b"%TO.C,R2*%")[0] + b"M02*\n").strokes_mm[0][:4]
-    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
-    return np.array([sides.max(), sides.min()])
 
 
 def _near(content: GerberShapes, low: FloatArray, high: FloatArray) -> list[FloatArray]:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import RenderError
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
 from tactape_fab.kit.read.readback import read_cpl, read_drill
-from tactape_fab.kit.read.written_gerber import read_shapes
+from tactape_fab.kit.read.written_gerber import first_body_mm, read_shapes
 from tactape_fab.kit.render.colours import (
     BACKING_COLOURS,
     BASE_FILM,
@@ -35,6 +36,8 @@ OVERSAMPLING = 3
 EDGE_MM = 0.1
 _TERMINAL_SHARE = 0.2
 _SUB_PIXEL_BITS = 4
+_PIECE_STAMPS = 5000
+"""Places that are drawn or written at once: bounds the memory."""
 
 _BACKGROUND = "#ffffff"
 _RIM_MM = 0.3
@@ -106,10 +109,7 @@ def _backings(files: Mapping[str, bytes]) -> Iterator[_Shapes]:
 
 def body_outline(components: bytes) -> FloatArray:
     """The unturned body as a rectangle, from the first part of the component layer; the others are not read."""
-    first_part = components.split(b"%TO.C,R2*%")[0]
-    corners = read_shapes(first_part + b"M02*\n").strokes_mm[0][:4]
-    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
-    length, width = max(sides[0], sides[1]) / 2, min(sides[0], sides[1]) / 2
+    length, width = (side / 2 for side in first_body_mm(components))
     return np.array([(length, -width), (length, width), (-length, width), (-length, -width)])
 
 
@@ -120,7 +120,7 @@ def terminals_of(body: FloatArray) -> tuple[FloatArray, FloatArray]:
     return end, -end
 
 
-def render_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> tuple[Artifact, Artifact]:
+def render_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[LongArtifact, Artifact]:
     """SVG and PNG pictures of the finished tape.
 
     Parameters
@@ -130,12 +130,12 @@ def render_preview(artifacts: Sequence[Artifact], fab: FabProfile) -> tuple[Arti
     fab : FabProfile
         Colours of coverlay and legend.
     """
-    files = {a.role: a.data for a in artifacts}
+    files = {a.role: a.data for a in artifacts if isinstance(a, Artifact)}
     name = next(a.path for a in artifacts if a.role == "cpl").rsplit("/", 1)[-1].removesuffix("-cpl.csv")
     shapes, outline = _picture(files, fab)
     size_mm = outline.max(axis=0)
     return (
-        Artifact(role="preview-svg", path=f"preview/{name}.svg", data=_svg(shapes, size_mm, name)),
+        LongArtifact(role="preview-svg", path=f"preview/{name}.svg", pieces=partial(_svg, shapes, size_mm, name)),
         Artifact(role="preview-png", path=f"preview/{name}.png", data=_png(shapes, size_mm)),
     )
 
@@ -154,34 +154,40 @@ def _path(points: FloatArray, *, closed: bool) -> str:
     return text + "Z" if closed else text
 
 
-def _stamp_uses(outline: FloatArray, xy: FloatArray, key: str) -> list[str]:
+def _stamp_uses(outline: FloatArray, xy: FloatArray, key: str) -> Iterator[str]:
     """An outline defined once and used at every place."""
-    uses = (f'<use href="#{key}" x="%.4f" y="%.4f"/>\n' * len(xy)) % tuple(xy.ravel().tolist())
-    return [f'<defs><path id="{key}" d="{_path(outline, closed=True)}"/></defs>', uses.rstrip("\n")]
+    yield f'<defs><path id="{key}" d="{_path(outline, closed=True)}"/></defs>\n'
+    for i in range(0, len(xy), _PIECE_STAMPS):
+        piece = xy[i : i + _PIECE_STAMPS]
+        yield (f'<use href="#{key}" x="%.4f" y="%.4f"/>\n' * len(piece)) % tuple(piece.ravel().tolist())
 
 
-def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> bytes:
+def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> Iterator[bytes]:
+    return (line.encode("ascii") for line in _svg_lines(shapes, size_mm, name))
+
+
+def _svg_lines(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> Iterator[str]:
     width, height = size_mm + 2 * MARGIN_MM
-    lines = [
+    yield (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
-        f'viewBox="{-MARGIN_MM:.4f} {-size_mm[1] - MARGIN_MM:.4f} {width:.4f} {height:.4f}">',
-        f"<title>{name}</title>",
-    ]
+        f'viewBox="{-MARGIN_MM:.4f} {-size_mm[1] - MARGIN_MM:.4f} {width:.4f} {height:.4f}">\n'
+        f"<title>{name}</title>\n"
+    )
     for shape in shapes:
         edge = f' stroke="{shape.edge}" stroke-width="{shape.edge_mm:g}"' if shape.edge else ""
-        lines.append(f'<g id="{shape.name}" fill="{shape.colour}"{edge}>')
+        yield f'<g id="{shape.name}" fill="{shape.colour}"{edge}>\n'
         for i, (outline, xy) in enumerate(shape.stamps):
-            lines += _stamp_uses(_down(outline), _down(xy), f"{shape.name}-{i}")
-        lines += [f'<path d="{_path(_down(polygon), closed=True)}"/>' for polygon in shape.polygons]
+            yield from _stamp_uses(_down(outline), _down(xy), f"{shape.name}-{i}")
+        for polygon in shape.polygons:
+            yield f'<path d="{_path(_down(polygon), closed=True)}"/>\n'
         if shape.lines:
             stroke = "".join(_path(_down(line), closed=False) for line in shape.lines)
-            lines.append(
+            yield (
                 f'<path d="{stroke}" fill="none" stroke="{shape.colour}" stroke-width="{shape.line_mm:.4f}" '
-                'stroke-linecap="round" stroke-linejoin="round"/>'
+                'stroke-linecap="round" stroke-linejoin="round"/>\n'
             )
-        lines.append("</g>")
-    lines.append("</svg>\n")
-    return "\n".join(lines).encode("ascii")
+        yield "</g>\n"
+    yield "</svg>\n"
 
 
 # PNG
@@ -216,8 +222,9 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
     for shape in shapes:
         colour = _bgr(shape.colour)
         for outline, xy in shape.stamps:
-            for polygon in px(xy[:, None] + outline):
-                cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_8, _SUB_PIXEL_BITS)
+            for i in range(0, len(xy), _PIECE_STAMPS):
+                for polygon in px(xy[i : i + _PIECE_STAMPS, None] + outline):
+                    cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_8, _SUB_PIXEL_BITS)
         for polygon in shape.polygons:
             cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_8, _SUB_PIXEL_BITS)
             if shape.edge:

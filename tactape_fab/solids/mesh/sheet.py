@@ -271,7 +271,8 @@ class _Builder:
         )
         faces = np.concatenate(self._faces)
         own = self._back_first + len(self._back) + len(self._sunk)
-        faces = np.where(faces < 0, own - 1 - faces, faces)
+        self._faces = []
+        np.subtract(own - 1, faces, out=faces, where=faces < 0)
         used = np.zeros(len(vertices), dtype=bool)
         used[faces.ravel()] = True
         renumbered = np.cumsum(used) - 1

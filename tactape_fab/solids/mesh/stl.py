@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import TactapeError
-from tactape_fab.solids.mesh.triangles import Mesh
+from tactape_fab.solids.mesh.triangles import STL_TRIANGLE, Mesh
 from tactape_fab.texture.frames import IntArray
 
 _HEADER_BYTES, _TRIANGLE_BYTES = 84, 50
@@ -33,7 +33,7 @@ def read_stl(data: bytes) -> Mesh:
 
 
 def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
-    """Corners of every triangle of a binary STL; shape (f, 3, 3).
+    """Corners of every triangle of a binary STL, which they are a view of; shape (f, 3, 3).
 
     Raises
     ------
@@ -45,8 +45,7 @@ def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
     count = int.from_bytes(data[80:84], "little")
     if len(data) != _HEADER_BYTES + count * _TRIANGLE_BYTES or not 0 < count <= MOST_TRIANGLES:
         raise MeshError(f"its header announces {count} triangles, its {len(data)} bytes do not fit them")
-    rows = np.frombuffer(data, dtype=np.uint8, offset=_HEADER_BYTES).reshape(count, _TRIANGLE_BYTES)
-    corners = np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(-1, 3, 3)
+    corners: npt.NDArray[np.float32] = np.frombuffer(data, dtype=STL_TRIANGLE, offset=_HEADER_BYTES)["corners"]
     if not np.isfinite(corners).all():
         raise MeshError("it holds coordinates that are not finite numbers")
     return corners

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from html import escape
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.texture.frames import FloatArray, IntArray
 
+_PIECE_ROWS = 50_000
+"""Vertices or triangles that are written at once: bounds the memory."""
+_ROW_BYTES = 60
+"""More than a vertex or triangle takes in the XML of a 3MF."""
 _STL_HEADER_BYTES = 80
-_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,18 +51,29 @@ class Mesh:
 
 
 def stl_bytes(mesh: Mesh, title: str) -> bytes:
-    """Binary STL in mm; `title` stands in the header, which must not begin with "solid".
+    """Binary STL in mm; see `stl_pieces`."""
+    return b"".join(stl_pieces(mesh, title))
+
+
+def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
+    """Binary STL in mm, piece by piece; `title` stands in the header, which must not begin with "solid".
 
     Corners are the vertices rounded to float32, equal vertices to equal corners: a closed mesh stays closed.
     """
-    corners = mesh.corners_mm.astype("<f4")
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    triangles = np.zeros(len(corners), dtype=_STL_TRIANGLE)
-    triangles["normal"] = normals / np.where(lengths > 0, lengths, 1)
-    triangles["corners"] = corners
     header: bytes = f"binary STL, mm: {title}".encode("ascii", "replace")[:_STL_HEADER_BYTES].ljust(_STL_HEADER_BYTES)
-    return b"".join([header, len(triangles).to_bytes(4, "little"), triangles.tobytes()])
+    yield header + len(mesh.faces).to_bytes(4, "little")
+    for faces in _pieces(mesh.faces):
+        corners = mesh.vertices_mm[faces].astype("<f4")
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        triangles = np.zeros(len(corners), dtype=STL_TRIANGLE)
+        triangles["normal"] = normals / np.where(lengths > 0, lengths, 1)
+        triangles["corners"] = corners
+        yield triangles.tobytes()
+
+
+def _pieces(rows: npt.NDArray[Any]) -> Iterator[npt.NDArray[Any]]:
+    return (rows[i : i + _PIECE_ROWS] for i in range(0, len(rows), _PIECE_ROWS))
 
 
 # 3MF Core Specification 1.3: one object, one build item, millimetres
@@ -88,28 +105,33 @@ def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: dat
     """
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for path, text in (
-            ("[Content_Types].xml", _CONTENT_TYPES.encode("ascii")),
-            ("_rels/.rels", _RELATIONSHIPS.encode("ascii")),
+        for path, pieces in (
+            ("[Content_Types].xml", [_CONTENT_TYPES]),
+            ("_rels/.rels", [_RELATIONSHIPS]),
             ("3D/3dmodel.model", _model_xml(mesh, title, metadata)),
         ):
             entry = zipfile.ZipInfo(path, date.timetuple()[:6])
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system = 3
             entry.external_attr = 0o644 << 16
-            archive.writestr(entry, text)
+            entry.file_size = _ROW_BYTES * (len(mesh.vertices_mm) + len(mesh.faces))  # beyond 2 GB a longer entry is needed
+            with archive.open(entry, "w") as member:
+                for piece in pieces:
+                    member.write(piece.encode("utf-8"))
     return stream.getvalue()
 
 
-def _model_xml(mesh: Mesh, title: str, metadata: Mapping[str, str]) -> bytes:
-    head = [
+def _model_xml(mesh: Mesh, title: str, metadata: Mapping[str, str]) -> Iterator[str]:
+    yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<model unit="millimeter" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
-    ]
+    )
     for name, value in {"Title": title, **metadata}.items():
-        head.append(f'<metadata name="{escape(name)}">{escape(value, quote=False)}</metadata>\n')
-    head.append(f'<resources>\n<object id="1" type="model" name="{escape(title)}">\n<mesh>\n<vertices>\n')
-    vertices = '<vertex x="%.6f" y="%.6f" z="%.6f"/>\n' * len(mesh.vertices_mm) % tuple(mesh.vertices_mm.ravel().tolist())
-    faces = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(mesh.faces) % tuple(mesh.faces.ravel().tolist())
-    tail = '</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'
-    return "".join([*head, vertices, "</vertices>\n<triangles>\n", faces, tail]).encode("utf-8")
+        yield f'<metadata name="{escape(name)}">{escape(value, quote=False)}</metadata>\n'
+    yield f'<resources>\n<object id="1" type="model" name="{escape(title)}">\n<mesh>\n<vertices>\n'
+    for rows in _pieces(mesh.vertices_mm):
+        yield '<vertex x="%.6f" y="%.6f" z="%.6f"/>\n' * len(rows) % tuple(rows.ravel().tolist())
+    yield "</vertices>\n<triangles>\n"
+    for corners in _pieces(mesh.faces):
+        yield '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(corners) % tuple(corners.ravel().tolist())
+    yield '</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'

@@ -16,7 +16,7 @@ import shapely
 from tactape_fab import Kit, TapeSpec
 from tactape_fab.base.errors import Finding
 from tactape_fab.base.templates import profile_names
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.order_facts import OrderFacts, order_facts
 from tactape_fab.kit.profiles import COVERLAY_MODES, FabProfile, load_fab
@@ -35,7 +35,7 @@ def examined(**values: Any) -> Examined:
     return examine(TapeSpec(**{"sector": 7, "size_mm": (40.0, 30.0), "models": False, **values}))
 
 
-def files_of(made: Examined) -> list[Artifact]:
+def files_of(made: Examined) -> list[AnyArtifact]:
     film = [artifact for role in ("cpl", "bom") for artifact in RENDERERS[role](made.drawing, made.fab)]
     others = {"fab-zip": "-fab.zip", "preview-png": ".png", "placement-preview": "-placements.svg"}
     return [*film, *(Artifact(role=role, path=made.tape.name + ending, data=b"") for role, ending in others.items())]

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from tactape_fab import TapeSpec
-from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.artifact import AnyArtifact, Artifact
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.profiles import load_fab
 from tactape_fab.kit.render.placement_preview import render_placement_preview
@@ -19,24 +19,24 @@ FAB = load_fab("generic-fpc")
 _SVG = "{http://www.w3.org/2000/svg}"
 
 
-def artifacts(**values: object) -> list[Artifact]:
+def artifacts(**values: object) -> list[AnyArtifact]:
     made = examine(TapeSpec(**{"sector": 7, "size_mm": (30.0, 20.0), "models": False, **values}))  # type: ignore[arg-type]
     return render_all(made.drawing, made.fab)
 
 
-def drawn(files: list[Artifact]) -> ElementTree.Element:
+def drawn(files: list[AnyArtifact]) -> ElementTree.Element:
     (picture,) = render_placement_preview(files, FAB)
     assert (picture.role, picture.path) == ("placement-preview", "preview/tactape-s007-placements.svg")
     return ElementTree.fromstring(picture.data)
 
 
-def changed(files: list[Artifact], role: str, old: str, new: str) -> list[Artifact]:
+def changed(files: list[AnyArtifact], role: str, old: str, new: str) -> list[AnyArtifact]:
     def edited(data: bytes) -> bytes:
         text, count = re.subn(old, new, data.decode("ascii"), flags=re.MULTILINE)
         assert count
         return text.encode("ascii")
 
-    return [replace(a, data=edited(a.data)) if a.role == role else a for a in files]
+    return [replace(a, data=edited(a.data)) if isinstance(a, Artifact) and a.role == role else a for a in files]
 
 
 def words(picture: ElementTree.Element) -> list[str]:
