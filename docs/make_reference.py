@@ -50,7 +50,7 @@ def command_lines(name: str, command: click.Command) -> list[str]:
 
 
 def option_line(option: click.Option) -> str:
-    names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
+    names = ", ".join(f"`{name}`" for name in option.opts)
     if option.is_flag:
         return f"{names}: {option.help}"
     return f"{names} `{option.metavar or (option.name or '').upper()}`: {option.help}"

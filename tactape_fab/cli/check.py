@@ -141,9 +141,7 @@ TAPE_OPTIONS = (
         metavar="segment|whole",
         help="Base of a cylinder: the tape's, or closed.  [default: segment]",
     ),
-    _TapeOption(
-        ["--3d/--no-3d"], "models", bool, default=None, help="Write 3D models.  [default: they are, but for tapes on a panel]"
-    ),
+    _TapeOption(["--no-3d"], "models", _off, is_flag=True, help="Leave the 3D models out."),
     _TapeOption(
         ["--no-mark"], "mark", _off, is_flag=True, help="Leave sector and arrow out of the back of block, dome and cone."
     ),
@@ -183,11 +181,11 @@ def tape_options(command: F) -> F:
 
 
 def given_values(options: dict[str, Any]) -> dict[str, Any]:
-    """The values of the options that were given; a flag that has no opposite is given where it is true."""
+    """The values of the options that were given."""
     return {
         o.name: o.read(options[o.name])
         for o in (*TAPE_OPTIONS, *PANEL_OPTIONS)
-        if o.name is not None and options[o.name] not in (None, ()) and (options[o.name] is not False or o.secondary_opts)
+        if o.name is not None and options[o.name] not in (None, (), False)
     }
 
 

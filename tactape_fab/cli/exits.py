@@ -39,8 +39,7 @@ def _options() -> dict[str, tuple[str, Any]]:
     typed = {}
     for given in context.command.params:
         if given.name is not None and context.get_parameter_source(given.name) is ParameterSource.COMMANDLINE:
-            names = given.secondary_opts if context.params.get(given.name) is False else given.opts
-            option = (names or given.opts)[0] if isinstance(given, click.Option) else given.make_metavar(context).strip("[]")
+            option = given.opts[0] if isinstance(given, click.Option) else given.make_metavar(context).strip("[]")
             for name in (given.name, given.opts[0].lstrip("-").replace("-", "_")):
                 typed[name] = (option, context.params.get(given.name))
     return typed

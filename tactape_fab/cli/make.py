@@ -183,7 +183,6 @@ def _make_list(
 ) -> None:
     """Make the kits of a list and print a row for each, with its errors; the exit status is the highest of all."""
     from tactape_fab.kit.examine.tape_lists import list_tapes
-    from tactape_fab.kit.spec.solid_options import NO_MODELS_REMARK
     from tactape_fab.make.many import DEFAULT_FOLDER, FailedKit, make_kits, make_packed, pack_tapes
     from tactape_fab.make.panel import PanelKit
 
@@ -193,8 +192,6 @@ def _make_list(
     listed = list_tapes(values, given, folder, workers=count, overwrite=overwrite, force=force, packed=pack)
     say_rules(listed.findings, force=force)
     packed = pack_tapes(listed.tapes) if pack else []
-    if pack and not any(tape.spec.models for tape in listed.tapes) and "models" not in {**values, **given}:
-        echo_line(NO_MODELS_REMARK, err=True)
     names = [name for film in packed for name in film.names] if pack else [tape.spec.name for tape in listed.tapes]
     make = make_packed(packed, folder, workers=listed.workers, **settings) if pack else None
     table, begin = _KitTable(listed.tapes), time.monotonic()

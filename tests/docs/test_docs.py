@@ -54,7 +54,7 @@ def test_numbers_of_the_default_kit_are_its_own(default_kit: Kit) -> None:
 def test_reference_names_every_option(name: str) -> None:
     reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     for parameter in command(name).params:
-        for option in (*parameter.opts, *parameter.secondary_opts):
+        for option in parameter.opts:
             if option.startswith("--"):
                 assert f"`{option}" in reference or f"[{option}]" in reference, option
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, tried
@@ -17,7 +17,6 @@ from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.kit.profiles.confirm import Trial
 from tactape_fab.kit.rules.film_rules import assembly_findings
 from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_panel_request
-from tactape_fab.kit.spec.solid_options import NO_MODELS_REMARK, values_on_panel
 from tactape_fab.kit.spec.tape_spec import read_spec
 from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import get_code
@@ -118,19 +117,16 @@ def examine_order(
         message = f"avoid = {len(avoid)} tapes cannot be used with a panel; leave --avoid out, or use --panel none"
         problems.append(Problem("avoid", message))
     first = request.sectors[0] if request.sectors else tape_values.get("sector")
-    values_of = _Naming(values=values_on_panel(tape_values), name=tape_values.get("name"))
+    values_of = _Naming(values=tape_values, name=tape_values.get("name"))
     if request.sectors is None and "sectors" in values and "sector" not in tape_values:
         first = 0  # faults of the sectors are among the problems
     place = output if output is not None or not isinstance(first, int) else values_of.panel_name(first)
-    sector = {} if first is None else {"sector": first}
-    base = examine({**values_of.values, **sector}, output=place, overwrite=overwrite, known=problems)
+    base_values = {**tape_values, **({} if first is None else {"sector": first})}
+    base = examine(base_values, output=place, overwrite=overwrite, known=problems)
     size_mm = base.tape.board.size_mm
     if by_profile and not arrangements(size_mm, base.fab):
-        alone = examine({**tape_values, **sector}, output=output, overwrite=overwrite, avoid=avoid)
-        return alone, (_no_panel(size_mm, base.fab),)
+        return examine(base_values, output=output, overwrite=overwrite, avoid=avoid), (_no_panel(size_mm, base.fab),)
     examined = _examine_panel(base, request, values_of, by_profile=by_profile)
-    if len(values_of.values) > len(tape_values):
-        examined = replace(examined, remarks=(*examined.remarks, NO_MODELS_REMARK))
     return examined, examined.remarks
 
 

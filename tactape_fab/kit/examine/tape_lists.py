@@ -17,7 +17,6 @@ from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.panel.packing import misfit
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.grid_options import BEST
-from tactape_fab.kit.spec.solid_options import values_on_panel
 from tactape_fab.kit.spec.tape_list import TapeEntry, read_list
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.certify.origin import choose_origin
@@ -103,7 +102,7 @@ def list_tapes(
     entries, of_list = read_list(values, options)
     tally = _Tally(packed=packed)
     for entry in entries:
-        tally.take(replace(entry, values=values_on_panel(entry.values)) if packed else entry)
+        tally.take(entry)
     of_folder = _folder_problems(folder)
     problems = [*of_workers, *of_folder, *of_list, *tally.problems()]
     if not of_list:  # otherwise some of the tapes are substitutes

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-from tactape_fab.base.errors import tried
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem, read_part
+from tactape_fab.kit.profiles import LARGEST_BODY_MM, LEAST_BODY_MM, ElementProfile, PartProfile, element_problem
 from tactape_fab.solids.forms import AXES, DEFAULT_BASE_MM, SHELLS, TOPS
 from tactape_fab.texture.frames import snap_mm
 
@@ -34,16 +32,7 @@ _OF_A_FILM = ("fab", "assembly", "part_number", "x2", "tag_id")
 _OF_MODELS = ("process", "base_mm", "top", "cylinder_mm", "around", "shell")
 _OF_A_CYLINDER = ("around", "shell")
 
-NO_MODELS_REMARK = "panel: its kits have no 3D models, which no fab takes; --3d adds them"
-
 Part = PartProfile | ElementProfile
-
-
-def values_on_panel(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a panel's tape: it is made to be ordered, so that its kit has 3D models only where something asks for them."""
-    asked = any(key in values for key in ("models", "negative", *_OF_MODELS))
-    solid = isinstance(tried(lambda: read_part(str(values["part"])), []), ElementProfile) if "part" in values else False
-    return {**({} if asked or solid else {"models": False}), **values}
 
 
 def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:

@@ -19,10 +19,11 @@ COMMANDS = {
     "profiles": "profiles confirm coupon --held 0 -o profile.toml",
 }
 FREE = {"--json", "--overwrite", "--discard-edits", "--no-verify", "--force", "--help", "--sim", "--output", "--simulate"}
-FREE |= {"--explain", "--3d"}
+FREE |= {"--explain"}
 """Options that take no value, or any."""
 BESIDE = {
     "--negative": "--no-3d",
+    "--no-3d": "--negative",
     "--contact": "--order jlcpcb",
     "--jobs": "--sectors 1-2",
     "--tabs": "--panel 2x1",

@@ -17,7 +17,6 @@ from tactape_fab.cli import main
 from tactape_fab.cli.exits import RULES, USAGE
 from tactape_fab.kit.examine.order import ExaminedPanel, examine_order
 from tactape_fab.kit.examine.tape import Examined
-from tactape_fab.kit.examine.tape_lists import list_tapes
 from tactape_fab.kit.panel.arrange import Panel, arrangements, choose_arrangement, plan_panel
 from tactape_fab.kit.panel.panel_drawing import slots_mm
 from tactape_fab.kit.profiles import FabProfile, load_fab
@@ -263,29 +262,6 @@ def test_a_panel_is_made_where_it_is_asked_for_or_the_profile_says_so(values: di
         assert [tape.tape.sector for tape in examined.tapes] == list(range(7, 7 + count))
     aloud = values.get("fab") == "jlcpcb-fpc" and "panel" not in values
     assert bool(remarks) == aloud
-
-
-@pytest.mark.parametrize(
-    ("asked", "models"),
-    [({}, False), ({"models": True}, True), ({"models": False}, False), ({"base_mm": 1.0}, True), ({"cylinder_mm": 60.0}, True)],
-)
-def test_kits_on_a_panel_have_models_only_where_one_asks(asked: dict[str, Any], models: bool, tmp_path: Path) -> None:
-    values = {"size_mm": [60.0, 30.0], "corner_radius_mm": 0.0, **asked}
-    examined, remarks = examine_order({"sector": 7, "panel": "auto", **values})
-    assert isinstance(examined, ExaminedPanel)
-    assert {tape.spec.models for tape in examined.tapes} == {models}
-    assert any("--3d adds them" in remark for remark in remarks) == (not asked)
-    packed = list_tapes({**values, "sectors": "7-8"}, {}, tmp_path, packed=True)
-    assert {tape.spec.models for tape in packed.tapes} == {models}
-    alone = list_tapes({**values, "sectors": "7-8"}, {}, tmp_path)
-    assert all(tape.spec.models for tape in alone.tapes) == (asked != {"models": False})
-
-
-def test_a_flag_is_named_as_it_was_typed(tmp_path: Path) -> None:
-    command = ["check", "--sector", "7", "--panel", "auto", "--size", "60x30"]
-    for flag, said in (("--no-3d", "--negative contradicts --no-3d"), ("--3d", "")):
-        answer = CliRunner().invoke(main, [*command, flag, "--negative"])
-        assert (said in answer.stderr, answer.exit_code == USAGE) == (True, bool(said)), answer.stderr
 
 
 def test_copies_are_said_to_be_copies() -> None:
