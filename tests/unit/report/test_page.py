@@ -224,7 +224,7 @@ def test_of_a_large_mesh_a_connected_piece_is_shown() -> None:
     assert (view["shown"], view["total"]) == (MOST_TRIANGLES, total)
     corners = corners_of(view)
     middle = np.abs(corners[:, 0, :2] - (30.0, 20.0)).max(axis=1)
-    assert np.sort(middle)[-MOST_TRIANGLES // 10] < 15.0  # round the middle of the board, on top
+    assert np.sort(middle)[-MOST_TRIANGLES // 10] < 17.5  # round the middle of the board, on top; chords of 0.015 mm
     moved = solid_view(data, (0.0, 0.0, 0.0))
     assert corners_of(moved)[:, 0, :2].min() == pytest.approx(0.0, abs=0.01)
     assert np.median(corners_of(moved)[:, 0, :2]) < np.median(corners[:, 0, :2])
