@@ -17,7 +17,6 @@ from tactape_fab.report.html import allowed, asset, embedded, script_json, scrip
 from tactape_fab.report.layers import TITLES, Shapes, film_shapes, layer_switches, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid_view import solid_view
-from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.tape import Tape
 
 REPORT_NAME = "report.html"
@@ -113,6 +112,8 @@ def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
     """Everything on the map, and its parts."""
     tape, files = kit.tape, kit.files
     if not kit.is_film:
+        from tactape_fab.solids.surface.placements import read_placements  # imported here: a film has none
+
         on_part = read_placements(files["placements"], tape.part_count) if "placements" in files else None
         return list(solid_shapes(tape)), nominal_places(tape, on_part)
     cpl = read_cpl(files["cpl"])
