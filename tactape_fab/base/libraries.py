@@ -5,12 +5,12 @@ A robot installs numpy, numba and click alone; what reads and draws pictures, bu
 
 from __future__ import annotations
 
-import os
 import sys
 import zlib
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import MissingLibraryError
@@ -72,10 +72,10 @@ def versions_in_kits() -> dict[str, str]:
     found: dict[str, str] = {}
     for folder in sys.path:
         with suppress(OSError):  # a path that is no folder
-            for entry in os.listdir(folder or "."):
-                if entry.endswith(".dist-info"):
-                    name, _, version = entry.removesuffix(".dist-info").partition("-")
-                    found.setdefault(name.replace("_", "-").lower(), version)
+            for entry in Path(folder).iterdir():
+                if entry.suffix == ".dist-info":
+                    name, _, number = entry.stem.partition("-")
+                    found.setdefault(name.replace("_", "-").lower(), number)
     known = {name: version for name in _IN_KITS if (version := found.get(name.lower()) or _version(name)) is not None}
     return {**known, "zlib": zlib.ZLIB_RUNTIME_VERSION}
 

@@ -65,7 +65,6 @@ class Drawn:
     regions: list[IntArray] = field(default_factory=list)
 
 
-@lru_cache(maxsize=8)
 def read_shapes(data: bytes) -> GerberShapes:
     """What a Gerber file draws, as `gerber_file.read_gerber` finds it, which reads a file that is in another form.
 
@@ -75,11 +74,23 @@ def read_shapes(data: bytes) -> GerberShapes:
         If neither reads it.
     """
     try:
-        drawn = read_written(data)
-        if len(drawn.arcs) > _MOST_ARCS:
-            raise FormError("it has more arcs than an outline")
+        return written_shapes(data)
     except FormError:
         return read_gerber(data)
+
+
+@lru_cache(maxsize=8)
+def written_shapes(data: bytes) -> GerberShapes:
+    """What a Gerber file in the writer's grammar draws. Equal bytes are read once: preview, report and verification share them.
+
+    Raises
+    ------
+    FormError
+        At a line that the writer would not write there, or if it has more arcs than an outline.
+    """
+    drawn = read_written(data)
+    if len(drawn.arcs) > _MOST_ARCS:
+        raise FormError("it has more arcs than an outline")
     used, index = in_order_of_use(drawn.flashes[:, 2])
     ends, number = drawn.lines[:, :4] / 1e6, drawn.lines[:, 4]
     for *arc, aperture, before in reversed(drawn.arcs):
