@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import asin, atan2, ceil, cos, hypot, pi, sin, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ _VERTEX = re.compile(rb"(%b),(%b)," % (_DECIMAL, _DECIMAL))
 _PIECE_LINES = 50_000
 """Lines whose coordinates are taken apart at once: bounds the memory."""
 _MOST_ARCS = 100
+_SECOND_PART, _BEGINNING_BYTES = b"%TO.C,R2*%", 1 << 16
 _NONE = -1
 _FOREIGN = "is none that the writer writes there"
 
@@ -109,10 +111,17 @@ def written_shapes(data: bytes) -> GerberShapes:
 
 def first_body_mm(components: bytes) -> tuple[float, float]:
     """Length and width of the first part's body, mm, from a component layer; the others are not read."""
-    second = components.find(b"%TO.C,R2*%")
+    second = components.find(_SECOND_PART)
     corners = read_shapes(components[: second if second >= 0 else None] + b"M02*\n").strokes_mm[0][:4]
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     return max(sides[0], sides[1]), min(sides[0], sides[1])
+
+
+def first_part(path: Path) -> bytes:
+    """The beginning of a component layer, with its first part at least."""
+    with path.open("rb") as stream:
+        begun = stream.read(_BEGINNING_BYTES)
+        return begun if _SECOND_PART in begun else begun + stream.read()
 
 
 def in_order_of_use(numbers: IntArray) -> tuple[list[int], IntArray]:
