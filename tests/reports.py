@@ -25,7 +25,7 @@ def written(spec: TapeSpec) -> Written:
     files = {a.role: a.data for a in artifacts}
     for row in content["files"]:  # those of files made as they are written are filled in then
         row |= {"bytes": len(files[row["role"]]), "sha256": sha256(files[row["role"]]).hexdigest()}
-    return Written(manifest=content, tape=examined.tape, files=files, findings=examined.findings)
+    return Written(manifest=content, tape=examined.tape, files=files, stl=files.get("stl"), findings=examined.findings)
 
 
 def unpacked(text: str, kind: str, *shape: int) -> npt.NDArray[Any]:

@@ -114,7 +114,6 @@ def make(
     with answers():
         from tactape_fab.kit.examine.tape import Examined
         from tactape_fab.make.kit import make_examined
-        from tactape_fab.make.panel import make_panel
 
         values, given = spec_values(spec_file), given_values(options)
         given = _ordered(values, given, house, contact)
@@ -139,6 +138,8 @@ def make(
             kit = make_examined(examined, output, **how)
             echo_json(kit.to_mapping()) if as_json else echo_lines(_kit_lines(kit))
         else:
+            from tactape_fab.make.panel import make_panel
+
             panel = make_panel(examined, output, **how)
             echo_json(panel.to_mapping()) if as_json else echo_lines(_panel_lines(panel))
 

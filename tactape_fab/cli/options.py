@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.cli.printing import echo_lines_err
 
 if TYPE_CHECKING:
+    from tactape_fab.base.pool import Workers
     from tactape_fab.sense.objects.taped_object import TapedObject
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -71,6 +71,8 @@ def workers_of(text: str | None, usual: Workers | None = None) -> Workers:
     SpecError
         For what is neither a number of processes nor an address.
     """
+    from tactape_fab.base.pool import checked_workers
+
     problems: list[Problem] = []
     chosen = checked_workers(None if text is None else number(text), problems, usual=usual)
     if problems:

@@ -16,7 +16,6 @@ from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.fab_dxf import render_fab_dxf
 from tactape_fab.kit.render.order_notes import render_order_notes
-from tactape_fab.kit.render.sim import render_sim
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.kit.writer import (
     film_record,
@@ -206,6 +205,8 @@ def rendered(examined: Examined) -> tuple[list[AnyArtifact], dict[str, Any]]:
     if spec.form is not None:
         artifacts += render_models(tape, spec.form, None if film is None else film.fab)
     if spec.sim:
+        from tactape_fab.kit.render.sim import render_sim  # imported here: few kits have it
+
         artifacts += render_sim(tape, spec.form, None if film is None else film.fab)
     if film is not None:
         record = film_record(film.layout, spec, film.fab, process)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,12 @@ from tactape_fab.report.html import allowed, asset, embedded, script_json, scrip
 from tactape_fab.report.layers import TITLES, Shapes, film_shapes, layer_switches, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid_view import solid_view
-from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.tape import Tape
 
 REPORT_NAME = "report.html"
 READ_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
-    *("components-top", "cpl", "bom", "order-notes", "certificate", "stl", "placements", "preview-png", "placement-preview"),
+    *("components-top", "cpl", "bom", "order-notes", "certificate", "placements", "preview-png", "placement-preview"),
 )
 """Roles of the files that the page is made from."""
 _SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.js", "begin.js")
@@ -39,7 +39,9 @@ class Written:
         Its content; ``files`` lists all files but the report and the manifest itself.
     tape : Tape
     files : mapping of str to bytes
-        By role: those of `READ_ROLES` that the kit has.
+        By role: those of `READ_ROLES` that the kit has; of the component layer no more than its first part is needed.
+    stl : bytes or Path, optional
+        The mesh, if it has one.
     checks : sequence of Check
         Lines of its verification; empty if it was not verified.
     findings : sequence of Finding
@@ -49,6 +51,7 @@ class Written:
     manifest: Mapping[str, Any]
     tape: Tape
     files: Mapping[str, bytes]
+    stl: bytes | Path | None = None
     checks: Sequence[Check] = ()
     findings: Sequence[Finding] = ()
 
@@ -113,6 +116,8 @@ def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
     """Everything on the map, and its parts."""
     tape, files = kit.tape, kit.files
     if not kit.is_film:
+        from tactape_fab.solids.surface.placements import read_placements  # imported here: a film has none
+
         on_part = read_placements(files["placements"], tape.part_count) if "placements" in files else None
         return list(solid_shapes(tape)), nominal_places(tape, on_part)
     cpl = read_cpl(files["cpl"])
@@ -122,13 +127,13 @@ def _drawn(kit: Written) -> tuple[list[Shapes], Places]:
 
 def _solid(kit: Written, places: Places) -> dict[str, Any] | None:
     """The written mesh, and for a texture on a part of the user's where on it the texture is."""
-    if "stl" not in kit.files:
+    if kit.stl is None:
         return None
     on_part = places.on_part
     if on_part is None:
-        return solid_view(kit.files["stl"])
+        return solid_view(kit.stl)
     middle = (on_part.points_mm.min(axis=0) + on_part.points_mm.max(axis=0)) / 2
-    view = solid_view(kit.files["stl"], middle)
+    view = solid_view(kit.stl, middle)
     reach = float(np.linalg.norm(on_part.points_mm - middle, axis=1).max()) + kit.tape.pitch_mm
     texture = {"middle_mm": middle.tolist(), "reach_mm": reach, "normal": on_part.normal.mean(axis=0).tolist()}
     return {**view, "texture": texture}

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.report.arrays import packed
-from tactape_fab.solids.surface.placements import Placed
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray, SymbolArray, board_to_texture
 from tactape_fab.texture.tape import Tape
+
+if TYPE_CHECKING:
+    from tactape_fab.solids.surface.placements import Placed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.report.arrays import packed
-from tactape_fab.solids.mesh.stl import stl_corners
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.solids.mesh.stl import stl_corner_pieces
+from tactape_fab.texture.frames import BoolArray, FloatArray
 
 Corners = npt.NDArray[np.float32]
 
@@ -17,20 +19,25 @@ MOST_TRIANGLES = 40_000
 _STEPS = 0xFFFF
 
 
-def solid_view(data: bytes, centre_mm: npt.ArrayLike | None = None) -> dict[str, Any]:
+def solid_view(file: bytes | Path, centre_mm: npt.ArrayLike | None = None) -> dict[str, Any]:
     """Triangles of an STL on a grid of 65,535 steps along each axis of their own extent.
 
     Parameters
     ----------
-    data : bytes
-        The STL file.
+    file : bytes or Path
+        The STL; of a path, what is drawn and one corner of each triangle are in memory at most.
     centre_mm : array_like, shape (3,), optional
         What is shown of a larger mesh lies round this point; its upper middle where none is given.
     """
-    corners = stl_corners(data)
-    total = len(corners)
-    if total > MOST_TRIANGLES:
-        corners = corners[_nearest(corners, centre_mm)]
+    with BytesIO(file) if isinstance(file, bytes) else file.open("rb") as stream:
+        first = np.concatenate([corners[:, 0] for corners in stl_corner_pieces(stream)])
+        total = len(first)
+        shown = np.ones(total, dtype=bool) if total <= MOST_TRIANGLES else _nearest(first, centre_mm)
+        pieces, begin = [], 0
+        for piece in stl_corner_pieces(stream):
+            pieces.append(piece[shown[begin : begin + len(piece)]])
+            begin += len(piece)
+    corners = np.concatenate(pieces)
     low, high = _bounds(corners)
     step = np.maximum((high - low) / _STEPS, 1e-9)
     steps = np.rint((corners - low) / step).astype(np.uint64).reshape(-1, 3)
@@ -45,16 +52,16 @@ def solid_view(data: bytes, centre_mm: npt.ArrayLike | None = None) -> dict[str,
     }
 
 
-def _nearest(corners: Corners, centre_mm: npt.ArrayLike | None) -> IntArray:
-    """Indices, in file order, of the triangles whose first corners are nearest to a point."""
-    first = corners[:, 0]
+def _nearest(first: Corners, centre_mm: npt.ArrayLike | None) -> BoolArray:
+    """Whether each triangle is one of those whose first corners, shape (n, 3), are nearest to a point."""
     if centre_mm is None:
         low, high = _bounds(first)
         above = np.append((low[:2] + high[:2]) / 2, high[2])
         point = first[_apart(first, above).argmin()]
     else:
         point = np.asarray(centre_mm)
-    chosen: IntArray = np.sort(np.argpartition(_apart(first, point), MOST_TRIANGLES)[:MOST_TRIANGLES])
+    chosen = np.zeros(len(first), dtype=bool)
+    chosen[np.argpartition(_apart(first, point), MOST_TRIANGLES)[:MOST_TRIANGLES]] = True
     return chosen
 
 

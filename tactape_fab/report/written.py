@@ -8,6 +8,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
+from tactape_fab.kit.read.written_gerber import first_part
 from tactape_fab.kit.writer import with_file, write_kit
 from tactape_fab.report.page import READ_ROLES, Written, render_report
 from tactape_fab.report.panel_page import PANEL_READ_ROLES, WrittenPanel, render_panel_report
@@ -34,7 +35,8 @@ def add_report(
         The report as it was written.
     """
     files = _read(folder, content, READ_ROLES)
-    report = render_report(Written(manifest=content, tape=tape, files=files, checks=checks, findings=findings))
+    stl = next((folder / row["path"] for row in content["files"] if row["role"] == "stl"), None)
+    report = render_report(Written(manifest=content, tape=tape, files=files, stl=stl, checks=checks, findings=findings))
     write_kit(folder, with_file(content, report), [report])
     return report
 
@@ -55,5 +57,6 @@ def add_panel_report(
 
 
 def _read(folder: Path, content: Mapping[str, Any], roles: Sequence[str]) -> dict[str, bytes]:
-    """Files of some roles."""
-    return {row["role"]: (folder / row["path"]).read_bytes() for row in content["files"] if row["role"] in roles}
+    """Files of some roles; of the component layer, the largest of them, its first part."""
+    paths = {row["role"]: folder / row["path"] for row in content["files"] if row["role"] in roles}
+    return {role: first_part(path) if role == "components-top" else path.read_bytes() for role, path in paths.items()}

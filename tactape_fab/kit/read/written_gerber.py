@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import asin, atan2, ceil, cos, hypot, pi, sin, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ _VERTEX = re.compile(rb"(%b),(%b)," % (_DECIMAL, _DECIMAL))
 _PIECE_LINES = 50_000
 """Lines whose coordinates are taken apart at once: bounds the memory."""
 _MOST_ARCS = 100
+_SECOND_PART, _BEGINNING_BYTES = b"%TO.C,R2*%", 1 << 16
 _NONE = -1
 _FOREIGN = "is none that the writer writes there"
 
@@ -65,7 +67,6 @@ class Drawn:
     regions: list[IntArray] = field(default_factory=list)
 
 
-@lru_cache(maxsize=8)
 def read_shapes(data: bytes) -> GerberShapes:
     """What a Gerber file draws, as `gerber_file.read_gerber` finds it, which reads a file that is in another form.
 
@@ -75,11 +76,23 @@ def read_shapes(data: bytes) -> GerberShapes:
         If neither reads it.
     """
     try:
-        drawn = read_written(data)
-        if len(drawn.arcs) > _MOST_ARCS:
-            raise FormError("it has more arcs than an outline")
+        return written_shapes(data)
     except FormError:
         return read_gerber(data)
+
+
+@lru_cache(maxsize=8)
+def written_shapes(data: bytes) -> GerberShapes:
+    """What a Gerber file in the writer's grammar draws. Equal bytes are read once: preview, report and verification share them.
+
+    Raises
+    ------
+    FormError
+        At a line that the writer would not write there, or if it has more arcs than an outline.
+    """
+    drawn = read_written(data)
+    if len(drawn.arcs) > _MOST_ARCS:
+        raise FormError("it has more arcs than an outline")
     used, index = in_order_of_use(drawn.flashes[:, 2])
     ends, number = drawn.lines[:, :4] / 1e6, drawn.lines[:, 4]
     for *arc, aperture, before in reversed(drawn.arcs):
@@ -98,10 +111,17 @@ def read_shapes(data: bytes) -> GerberShapes:
 
 def first_body_mm(components: bytes) -> tuple[float, float]:
     """Length and width of the first part's body, mm, from a component layer; the others are not read."""
-    second = components.find(b"%TO.C,R2*%")
+    second = components.find(_SECOND_PART)
     corners = read_shapes(components[: second if second >= 0 else None] + b"M02*\n").strokes_mm[0][:4]
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     return max(sides[0], sides[1]), min(sides[0], sides[1])
+
+
+def first_part(path: Path) -> bytes:
+    """The beginning of a component layer, with its first part at least."""
+    with path.open("rb") as stream:
+        begun = stream.read(_BEGINNING_BYTES)
+        return begun if _SECOND_PART in begun else begun + stream.read()
 
 
 def in_order_of_use(numbers: IntArray) -> tuple[list[int], IntArray]:

@@ -66,7 +66,7 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
             middle = ((field[0] + field[2]) / 2, (field[1] + field[3]) / 2)
             sheet.text(view(middle), str(number), size_mm=3.5, bold=True, align="middle")
     if len(drawing.parts_xy_mm) <= _MOST_BODIES and facts.panel is None:
-        sheet.outlines([view(drawing.parts[0].bodies.outline_mm + xy) for xy in drawing.parts_xy_mm], fill=_BODY, stroke=None)
+        sheet.outlines(view(drawing.parts[0].bodies.outline_mm + drawing.parts_xy_mm[:, None]), fill=_BODY, stroke=None)
     sheet.outlines([view(area) for area in drawing.legend.areas_mm], fill=0.15, stroke=None)
     sheet.strokes([view(stroke) for stroke in drawing.legend.strokes_mm], drawing.legend.line_mm * view.scale)
     for x, y, diameter in drawing.holes:
@@ -120,10 +120,10 @@ def _corner(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
     _grid(sheet, facts, low, high, view)
     centres = first.xy_mm[parts]
     if first.openings is not None:
-        sheet.outlines([view(first.openings.outline_mm + xy) for xy in centres], stroke=0.3, width_mm=0.1)
+        sheet.outlines(view(first.openings.outline_mm + centres[:, None]), stroke=0.3, width_mm=0.1)
     lands = first.pads.xy_mm.reshape(-1, 2, 2)[parts]
-    sheet.outlines([view(first.pads.outline_mm + xy) for xy in lands.reshape(-1, 2)], fill=_COPPER, stroke=None)
-    sheet.outlines([view(first.bodies.outline_mm + xy) for xy in centres], fill=_BODY, stroke=None)
+    sheet.outlines(view(first.pads.outline_mm + lands.reshape(-1, 1, 2)), fill=_COPPER, stroke=None)
+    sheet.outlines(view(first.bodies.outline_mm + centres[:, None]), fill=_BODY, stroke=None)
     across = rotate([(0.0, -1.0)], first.rotation_deg)[0] * (0.5 * drawing.outlines.opening_size_mm[1] * view.scale + 2.0)
     for part, centre, (land, _) in zip(parts, centres, lands, strict=True):
         sheet.circle(view(land + 0.3 * (land - centre)), 0.45, fill=1.0, width_mm=0.1)

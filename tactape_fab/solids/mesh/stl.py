@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from io import SEEK_END
+from typing import BinaryIO
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +14,8 @@ from tactape_fab.solids.mesh.triangles import STL_TRIANGLE, Mesh
 from tactape_fab.texture.frames import IntArray
 
 _HEADER_BYTES, _TRIANGLE_BYTES = 84, 50
+_PIECE_TRIANGLES = 100_000
+"""Triangles that are read at once: bounds the memory."""
 MOST_TRIANGLES = 20_000_000
 _JOINED_MM = 1e-6
 """Vertices nearer than a nanometre are one to many programs, trimesh (1e-8) among them: the mesh is another one to each."""
@@ -40,12 +46,29 @@ def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
     MeshError
         As `read_stl` does.
     """
-    if len(data) < _HEADER_BYTES:
-        raise MeshError(f"{len(data)} bytes are too few for a binary STL")
-    count = int.from_bytes(data[80:84], "little")
-    if len(data) != _HEADER_BYTES + count * _TRIANGLE_BYTES or not 0 < count <= MOST_TRIANGLES:
-        raise MeshError(f"its header announces {count} triangles, its {len(data)} bytes do not fit them")
-    corners: npt.NDArray[np.float32] = np.frombuffer(data, dtype=STL_TRIANGLE, offset=_HEADER_BYTES)["corners"]
+    _check_size(data[:_HEADER_BYTES], len(data))
+    return _finite_corners(data, _HEADER_BYTES)
+
+
+def stl_corner_pieces(stream: BinaryIO) -> Iterator[npt.NDArray[np.float32]]:
+    """The same of a file, piece by piece, each of shape (k, 3, 3)."""
+    size = stream.seek(0, SEEK_END)
+    stream.seek(0)
+    _check_size(stream.read(_HEADER_BYTES), size)
+    while data := stream.read(_PIECE_TRIANGLES * _TRIANGLE_BYTES):
+        yield _finite_corners(data)
+
+
+def _check_size(header: bytes, size: int) -> None:
+    if size < _HEADER_BYTES:
+        raise MeshError(f"{size} bytes are too few for a binary STL")
+    count = int.from_bytes(header[80:84], "little")
+    if size != _HEADER_BYTES + count * _TRIANGLE_BYTES or not 0 < count <= MOST_TRIANGLES:
+        raise MeshError(f"its header announces {count} triangles, its {size} bytes do not fit them")
+
+
+def _finite_corners(data: bytes, offset: int = 0) -> npt.NDArray[np.float32]:
+    corners: npt.NDArray[np.float32] = np.frombuffer(data, dtype=STL_TRIANGLE, offset=offset)["corners"]
     if not np.isfinite(corners).all():
         raise MeshError("it holds coordinates that are not finite numbers")
     return corners

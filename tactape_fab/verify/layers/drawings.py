@@ -213,13 +213,14 @@ def _read_pdf(data: bytes) -> str:
     start = _START.match(data)
     if start is None:
         raise ValueError("it does not begin as one")
-    at, places, kinds, pages = start.end(), [], list[bytes](), list[bytes]()
+    at, places, kinds, contents, pages = start.end(), [], list[bytes](), list[int](), list[bytes]()
     while found := _OBJECT.match(data, at):
         places.append(at)
         if int(found[1]) != len(places):
             raise ValueError("its objects are not in order")
         bare = re.sub(_STRING, b"", found[2])
         kinds += re.findall(rb"/Type /(\w+)", bare)
+        contents += [int(number or 0) for number in re.findall(rb"/Contents(?: (\d{1,4}) 0 R )?", bare)]
         strange = [n for n in _NAME.findall(bare) if n not in _NAMES and not _OF_FONTS.fullmatch(n)]
         if strange:
             raise ValueError(f"it holds {quoted(strange[0].decode('latin-1'))}")
@@ -229,7 +230,8 @@ def _read_pdf(data: bytes) -> str:
             if stream is None:
                 raise ValueError("a stream is packed in another way")
             packed = data[at : at + int(stream[2])]
-            pages += [packed] if stream[1] else []
+            if len(places) in contents:
+                pages.append(base64.a85decode(packed.strip().removesuffix(b"~>")) if stream[1] else packed)
             at += len(packed)
             if not data.startswith(b"endstream\nendobj\n", at):
                 raise ValueError("a stream does not end where it says")
@@ -239,10 +241,10 @@ def _read_pdf(data: bytes) -> str:
     end = _END.fullmatch(data, at + len(table))
     if end is None or data[at : at + len(table)] != table or int(end[1]) != at:
         raise ValueError("its table of objects is not of those, or something stands behind it")
-    if kinds.count(b"Page") != 1 or kinds.count(b"Catalog") != 1 or len(pages) != 1:
+    if kinds.count(b"Page") != 1 or kinds.count(b"Catalog") != 1 or not len(contents) == len(pages) == 1:
         raise ValueError("it has not one page")
     inflater = zlib.decompressobj()
-    content = inflater.decompress(base64.a85decode(pages[0].strip().removesuffix(b"~>")), _MOST_TEXT)
+    content = inflater.decompress(pages[0], _MOST_TEXT)
     if not inflater.eof:
         raise ValueError("its page is too long")
     lines = b" ".join(before.rpartition(b" (")[2] for before in content.split(b") Tj")[:-1])

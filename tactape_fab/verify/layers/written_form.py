@@ -9,8 +9,8 @@ import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown
-from tactape_fab.kit.read.gerber_file import GerberContent
-from tactape_fab.kit.read.written_gerber import Drawn, FormError, in_order_of_use, read_written
+from tactape_fab.kit.read.gerber_file import GerberContent, GerberShapes
+from tactape_fab.kit.read.written_gerber import FormError, written_shapes
 from tactape_fab.verify.files import WrittenFile, named
 
 _NAME = "written form"
@@ -43,7 +43,7 @@ def check_form(files: Mapping[str, WrittenFile], gerbers: Mapping[str, GerberCon
     problems = []
     for role, content in gerbers.items():
         try:
-            problems += [f"{role}: {problem}" for problem in _differences(read_written(files[role].data), content)]
+            problems += [f"{role}: {problem}" for problem in _differences(written_shapes(files[role].data), content)]
             if others := set(_FUNCTION.findall(files[role].data)) - _FUNCTIONS.get(role, _OTHER_FUNCTIONS):
                 problems.append(f"{role}: an aperture of it is for {shown(others.pop().decode('ascii'))}")
         except FormError as error:
@@ -66,42 +66,29 @@ def drill_problems(data: bytes) -> list[str]:
     return [] if defined == right == taken else ["its tools are not each defined and taken once, in order"]
 
 
-def _differences(drawn: Drawn, content: GerberContent) -> list[str]:
+def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
     """What the two readings of a file see differently."""
-    used, index = in_order_of_use(drawn.flashes[:, 2])
     problems = []
-    if not _same(drawn.flashes[:, :2] / 1e6, content.flash_xy_mm) or not np.array_equal(index, content.flash_aperture):
+    same_apertures = np.array_equal(drawn.flash_aperture, content.flash_aperture)
+    if not same_apertures or not _same(drawn.flash_xy_mm, content.flash_xy_mm):
         problems.append("gerbonara reads other flashes than the grammar")
-    shapes = [drawn.apertures[number] for number in used]
-    if len(shapes) != len(content.aperture_outlines_mm) or not all(
-        _same_shape(shape, outline) for shape, outline in zip(shapes, content.aperture_outlines_mm, strict=True)
+    for what, these, those in (
+        ("apertures", drawn.aperture_outlines_mm, content.aperture_outlines_mm),
+        ("regions", drawn.areas_mm, content.areas_mm),
+        ("lines", (segments(drawn.strokes_mm),), (segments(content.strokes_mm),)),
+        ("widths of lines", (drawn.stroke_width_mm,), (content.stroke_width_mm,)),
     ):
-        problems.append("gerbonara reads other apertures than the grammar")
-    regions = [region / 1e6 for region in drawn.regions]
-    if len(regions) != len(content.areas_mm) or not all(map(_same_area, regions, content.areas_mm)):
-        problems.append("gerbonara reads other regions than the grammar")
-    if not drawn.arcs and not _same(drawn.lines[:, :4] / 1e6, segments(content.strokes_mm)):
-        problems.append("gerbonara reads other lines than the grammar")
+        if len(these) != len(those) or not all(map(_same, these, those)):
+            problems.append(f"gerbonara reads other {what} than the grammar")
     return problems
 
 
 def segments(strokes_mm: Sequence[np.ndarray]) -> np.ndarray:
     """Begin and end of each line of some polylines; shape (n, 4), mm."""
-    pieces = [np.concatenate([stroke[:-1], stroke[1:]], axis=1) for stroke in strokes_mm]
-    return np.concatenate([np.empty((0, 4)), *pieces])
+    points = np.concatenate([np.empty((0, 2)), *strokes_mm])
+    ends = np.cumsum([len(stroke) for stroke in strokes_mm], dtype=np.int64)[:-1]
+    return np.delete(np.concatenate([points[:-1], points[1:]], axis=1), ends - 1, axis=0)
 
 
 def _same(a: np.ndarray, b: np.ndarray) -> bool:
     return a.shape == b.shape and bool((np.abs(a - b) <= _SAME_MM).all())
-
-
-def _same_area(a: np.ndarray, b: np.ndarray) -> bool:
-    return _same(a, b[:-1] if len(b) == len(a) + 1 else b)
-
-
-def _same_shape(shape: tuple[str, tuple[float, ...]], outline_mm: np.ndarray) -> bool:
-    kind, values = shape
-    if kind == "M":
-        return _same(np.array(values).reshape(-1, 2), outline_mm)
-    radius = np.hypot(*outline_mm.T)
-    return bool((np.abs(radius - values[0] / 2) <= _SAME_MM).all())
