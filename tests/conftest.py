@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.kit.examine.coupon import examine_coupon
@@ -25,6 +26,9 @@ from tests.panels import SIX, TWO, packed_panel, panel_of
 from tests.thorough import AT_DESK, THOROUGH, spread
 
 _COMPILE = "from tests.contacts import TAPE; from tactape_fab import Localizer; Localizer([TAPE])"
+
+settings.register_profile("any machine", deadline=None, derandomize=True)
+settings.load_profile("any machine")  # property tests try the same cases everywhere, as slowly as it may be
 
 
 _compiling: list[int] = []

@@ -71,14 +71,14 @@ def distortion_lines(made: Embossed) -> list[str]:
         return []
     return [
         f"warning: distortion: the pitch is off by up to {worst:.0%}, more than {MOST_PITCH_ERROR:.0%}; the texture reaches "
-        f"{distortion['reach_mm']:.1f} mm, usable are {distortion['usable_radius_mm']:.1f} mm; leave out --at, or use a kit of a "
-        "smaller --size"
+        f"{distortion['reach_mm']:.1f} mm, usable are {distortion['usable_radius_mm']:.1f} mm; use a kit of a smaller --size, "
+        "or leave out --at to look for a better place"
     ]
 
 
 def embossed_lines(made: Embossed) -> list[str]:
     surface, distortion = made.surface, made.surface["distortion"]
-    centre = ", ".join(f"{v:.3f}" for v in surface["centre_mm"])
+    centre = ", ".join(f"{round(v, 3) + 0.0:.3f}" for v in surface["centre_mm"])
     return [
         f"{made.path}: {made.tape.part_count} elements of {made.tape.name} on {surface['source']} round ({centre}) mm",
         f"pitch error {distortion['pitch_error_min']:+.2%} to {distortion['pitch_error_max']:+.2%}, median "

@@ -262,7 +262,7 @@ def laid_well(
     best = min(laid, key=lambda one: worst_pitch_error(one.distortion.to_mapping()))
     if (worst := worst_pitch_error(best.distortion.to_mapping())) <= MOST_PITCH_ERROR:
         return best
-    at = ",".join(f"{value:.6g}" for value in best.centre.points_mm[0])
+    at = ",".join(f"{value:g}" for value in (best.centre.points_mm[0].round(3) + 0.0).tolist())  # + 0.0: no minus before 0
     message = (
         f"the pitch is off by up to {worst:.0%} at the best of {1 + len(others_mm)} places, more than {MOST_PITCH_ERROR:.0%}; "
         f"the texture reaches {best.distortion.reach_mm:.1f} mm, usable are {best.distortion.usable_radius_mm:.1f} mm; "

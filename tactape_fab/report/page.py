@@ -164,7 +164,7 @@ def _facts(kit: Written) -> Iterator[tuple[str, str]]:
     yield "parts", f"{tape.part_count} on {tape.columns} x {tape.rows} grid points"
     yield "pitch W, displacement Δ", f"{tape.pitch_mm:g} mm, {tape.displacement_mm:g} mm{tape.in_directions}"
     if surface is not None:
-        yield "on", f"{surface['source']}, round ({', '.join(f'{v:.3f}' for v in surface['centre_mm'])}) mm"
+        yield "on", f"{surface['source']}, round ({', '.join(f'{round(v, 3) + 0.0:.3f}' for v in surface['centre_mm'])}) mm"
         distortion = surface["distortion"]
         yield "pitch error", f"{distortion['pitch_error_min']:+.1%} to {distortion['pitch_error_max']:+.1%}"
         yield "reach", f"{distortion['reach_mm']:.1f} mm from the middle, usable are {distortion['usable_radius_mm']:.1f} mm"

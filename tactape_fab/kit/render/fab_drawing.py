@@ -92,7 +92,7 @@ def _outline(sheet: Sheet, facts: OrderFacts, drawing: Drawing) -> float:
         )
         _corner_mark(sheet, facts, view)
     if drawing.corner_radius_mm > 0:
-        sheet.text((high[0] + 1.0, high[1] - 1.0), f"R{drawing.corner_radius_mm:g} (4x)", size_mm=_SMALL_MM)
+        sheet.text((high[0] + 1.0, high[1] - 1.0), f"radius {drawing.corner_radius_mm:g} (4x)", size_mm=_SMALL_MM)
     sheet.text(
         (13.0, 97.0),
         "Grey: the field of parts. Nothing may be added there."
