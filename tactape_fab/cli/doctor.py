@@ -196,7 +196,8 @@ def _required() -> dict[str, list[str]]:
         if found is None or not _of_this_python(condition):
             continue
         names = rows.setdefault(extra["extra"] if extra else "", [])
-        names += [f"[{inner.strip()}]" for inner in found["extras"].split(",")] if found["extras"] else [found["name"]]
+        own = found["extras"] if found["name"] == PACKAGE else None
+        names += [f"[{inner.strip()}]" for inner in own.split(",")] if own else [found["name"]]
     return {extra: sorted({found for name in names for found in _spread(name, rows)}) for extra, names in rows.items()}
 
 
