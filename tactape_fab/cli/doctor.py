@@ -33,6 +33,7 @@ EXTRAS = {
     "raw": "decode and watch read colour images of the gel",
     "live": "watch writes MCAP files",
     "rerun": "watch shows what it sees in the Rerun viewer",
+    "lerobot": "LeRobot, which records what the plugin in docs/examples sees; decode reads its datasets",
     "zenoh": "watch publishes its messages over Zenoh",
     "slam": "located contacts as factors of GTSAM",
     "sign": "make signs a kit, and verify asks for the signature",
@@ -195,7 +196,8 @@ def _required() -> dict[str, list[str]]:
         if found is None or not _of_this_python(condition):
             continue
         names = rows.setdefault(extra["extra"] if extra else "", [])
-        names += [f"[{inner.strip()}]" for inner in found["extras"].split(",")] if found["extras"] else [found["name"]]
+        own = found["extras"] if found["name"] == PACKAGE else None
+        names += [f"[{inner.strip()}]" for inner in own.split(",")] if own else [found["name"]]
     return {extra: sorted({found for name in names for found in _spread(name, rows)}) for extra, names in rows.items()}
 
 
@@ -268,6 +270,8 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     extras = []
     for extra in found.extras:
         remedy = "" if extra.installed else f'; pip install "tactape-fab[{extra.name}]"'
+        if found.libraries and not extra.packages:  # its markers leave nothing of it here
+            remedy = "; not for this Python"
         extras.append((extra.name, "yes" if extra.installed else "no", f"{extra.adds}{remedy}"))
     return [
         f"tactape-fab {found.version}, {found.python}, {found.machine}, {found.cores} cores",

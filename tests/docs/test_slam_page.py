@@ -28,6 +28,7 @@ def test_fixes_bound_the_drift_and_the_page_says_by_how_much(monkeypatch: pytest
     assert np.diff(turn) == pytest.approx(slam.DRIFT_DEG, abs=1.0)  # a turn's drift, again and again
     last = found["fused"][-1]
     assert last[0] < 0.02 and last[1] < 0.1
+    assert (found["at"].max(axis=0) < np.multiply(1.5, found["own"].max(axis=0))).all()  # a fix brings all down to its own error
     angle_deg = slam.STEP_DEG * np.arange(len(found["fused"]))
     seen = (angle_deg < slam.BARE_DEG[0]) | (angle_deg > slam.BARE_DEG[1] + 40)
     assert found["fused"][seen, 1].max() < 0.7 and found["alone"][-1, 1] > 6

@@ -1,8 +1,8 @@
 """The plugin in LeRobot itself: found by its name, made of its configuration, and a dataset written and read back.
 
-LeRobot brings PyTorch and is no part of the development environment. In one of its own, with Python 3.12 for LeRobot 0.6, after
-``pip install "lerobot[dataset]" pytest hypothesis .``:
-``PYTHONPATH=. python -m pytest -o addopts= -o filterwarnings= tests/readers/test_lerobot.py``.
+LeRobot brings PyTorch and is no part of the development environment. In one of its own with Python 3.12, after
+``pip install ".[lerobot]" pytest pytest-benchmark pytest-xdist hypothesis``:
+``python -m pytest -n 0 -o filterwarnings= tests/readers/test_lerobot.py``.
 """
 
 from __future__ import annotations

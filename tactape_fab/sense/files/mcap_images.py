@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from tactape_fab.base.errors import SpecError
@@ -12,7 +13,7 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
-from tactape_fab.sense.files.recordings import BAG, MCAP, Opened, Stamped
+from tactape_fab.sense.files.recordings import MCAP, OTHER_BAGS, Opened, Stamped
 from tactape_fab.sense.raw.colour_images import by_number
 
 MOST_CHUNK_BYTES = 1 << 28
@@ -34,7 +35,9 @@ def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
     if path.suffix.lower() != MCAP:
         files = sorted(path.glob(f"*{MCAP}"), key=lambda file: by_number(file.name))
         if not files:
-            raise SpecError(f"its {BAG} names no {MCAP} file; convert it: ros2 bag convert, with storage_id: mcap")
+            bag = path if path.suffix.lower() != OTHER_BAGS[0] else path.absolute().parent
+            words = f"--src {quote(shown_path(bag))} --dst {quote(f'{shown_path(bag)}-mcap')} --dst-storage mcap"
+            raise SpecError(f"it is a bag without an {MCAP} file; with pip install rosbags, rosbags-convert {words} makes one")
     topics, ours = dict[str, None](), True
     for file in files:
         for kind, record in _records(file):

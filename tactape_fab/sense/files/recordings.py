@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
 """What tells a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
+OTHER_BAGS = (".db3", ".bag")
+"""Endings of bags that nothing here reads: SQLite, and those of ROS 1."""
 MOST_FRAMES = 1_000_000
 _OF_OURS = 1000.0
 """Millimetres in one unit of the depth images that `watch --mcap` writes (REP 118)."""
@@ -97,7 +99,7 @@ def is_recording(path: str | Path) -> bool:
     """Whether a path is that of a recording: an .mcap, or a folder of rosbag2 or of a LeRobot dataset."""
     path = Path(path)
     try:
-        return path.suffix.lower() == MCAP or (path / BAG).is_file() or (path / DATASET).is_file()
+        return path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file() or (path / DATASET).is_file()
     except (OSError, ValueError):
         return False
 
@@ -125,7 +127,7 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
     from tactape_fab.sense.files.mcap_images import open_bag
 
     path = Path(path)
-    opened = open_dataset if path.suffix.lower() != MCAP and not (path / BAG).is_file() else open_bag
+    opened = open_bag if path.suffix.lower() in (MCAP, *OTHER_BAGS) or (path / BAG).is_file() else open_dataset
     topic, ours, read = _named(path, partial(opened, path, topic, colour))
     stamps, shape = list[float](), (0, 0)
     for stamp, image in _refused(path, read):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _NS = 1_000_000_000
 _DIAGNOSED_S, _PATIENCE_S, _SAID_EACH_S = 1.0, 0.1, 10.0
 _OK, _WARN, _STALE = b"\x00", b"\x01", b"\x03"
-"""Encodings of depth images, and what a pixel is; any unit, as the sensor delivers it."""
+"""Levels of diagnostic_msgs/DiagnosticStatus."""
 PARAMETERS: Mapping[str, Any] = {
     "kits": ["tactape-s007"],
     "sensor": "gelsight-mini",

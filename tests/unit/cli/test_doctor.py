@@ -26,6 +26,8 @@ REQUIRES = [
     "no-such-library>=1",
     'pupil-apriltags>=1.0.4; extra == "verify"',
     'no-such-plotter>=3.9 ; extra == "evidence"',
+    'no-such-solver>=4; python_version >= "9.0" and extra == "slam"',
+    'no-such-recorder[files]>=0.6; extra == "lerobot"',
     'tactape-fab[evidence,verify]; extra == "dev"',
     'pytest>=8.3; extra == "dev"',
 ]
@@ -44,10 +46,11 @@ def test_what_is_there_is_said_with_its_version(monkeypatch: pytest.MonkeyPatch)
     extras = {extra.name: extra for extra in found.extras}
     assert extras["verify"].installed and not extras["evidence"].installed
     assert set(extras["dev"].packages) == {"no-such-plotter", "pupil-apriltags", "pytest"}
-    assert not extras["dev"].installed
+    assert not extras["dev"].installed and extras["lerobot"].packages == {"no-such-recorder": None}
     text = "\n".join(diagnosis_lines(found))
     assert "no-such-library MISSING" in text
     assert 'pip install "tactape-fab[evidence]"' in text and "tactape-fab[verify]" not in text
+    assert "GTSAM; not for this Python" in text and "tactape-fab[slam]" not in text
 
 
 def test_without_a_single_program_each_says_what_it_would_add(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,7 @@ import pyarrow as pa
 import pytest
 from click.testing import CliRunner, Result
 from mcap.writer import CompressionType
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
@@ -97,6 +101,30 @@ def test_a_folder_of_rosbag2_is_read(mode: CompressionMode | None, tmp_path: Pat
     file = open_recording(tmp_path / "bag", SENSOR)
     assert (file.topic, [file.time_of(k) for k in range(COUNT)]) == ("/gel/depth", [7.0, 8.0, 9.0, 10.0])
     for k, frame in enumerate(file.frames()):
+        np.testing.assert_array_equal(frame, ramp(k))
+
+
+@pytest.mark.parametrize("kind", ["folder", ".db3", ".bag"])
+def test_a_bag_of_another_kind_is_refused_with_the_line_that_converts_it(kind: str, small_kit: Kit, tmp_path: Path) -> None:
+    """ROS 2's SQLite and ROS 1; the line is run as it is said."""
+    store = get_typestore(Stores.ROS1_NOETIC if kind == ".bag" else Stores.ROS2_HUMBLE)
+    types, bag = store.types, tmp_path / ("a b.bag" if kind == ".bag" else "a bag")
+    order = (0,) if kind == ".bag" else ()  # the sequence number
+    writer: Any = Ros1Writer(bag) if kind == ".bag" else BagWriter(bag, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    with writer:
+        depth = writer.add_connection("/gel/depth", "sensor_msgs/msg/Image", typestore=store)
+        for k in range(COUNT):
+            header = types["std_msgs/msg/Header"](*order, types["builtin_interfaces/msg/Time"](7 + k, 0), "gel")
+            image = types["sensor_msgs/msg/Image"](header, *SHAPE, "32FC1", 0, 4 * SHAPE[1], ramp(k).reshape(-1).view(np.uint8))
+            write = store.serialize_ros1 if kind == ".bag" else store.serialize_cdr
+            writer.write(depth, k, write(image, "sensor_msgs/msg/Image"))
+    given = next(bag.glob("*.db3")) if kind == ".db3" else bag
+    refused = run(f"decode {shlex.quote(str(given))} --tape {small_kit.path}")
+    said = re.search(r"rosbags-convert (--src .* --dst (.*) --dst-storage mcap) makes one", refused.stderr)
+    assert refused.exit_code == 2 and said is not None, refused.output
+    command = [sys.executable, "-c", "from rosbags.convert.cli import main; main()", *shlex.split(said[1])]
+    subprocess.run(command, check=True)
+    for k, frame in enumerate(open_recording(shlex.split(said[2])[0], SENSOR).frames()):
         np.testing.assert_array_equal(frame, ramp(k))
 
 
@@ -222,7 +250,7 @@ def _no_features(folder: Path) -> Path:
     [
         (_several, "give --topic NAME, one of: /left, /right"),
         (_cut, "is damaged"),
-        (_no_file, "ros2 bag convert"),
+        (_no_file, "rosbags-convert --src .* --dst-storage mcap"),
         (_bomb, "unpacks to more than"),
         (_noise, "is damaged"),
         (_other_size, "image 4 of /gel has 100 x 320 px"),

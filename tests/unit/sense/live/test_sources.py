@@ -379,6 +379,24 @@ def test_a_camera_s_images_have_the_driver_s_time(monkeypatch: pytest.MonkeyPatc
         assert isinstance(frame, Frame) and frame.timestamp == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_camera_of_25_hz_keeps_its_times_however_late_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a GelSight Mini ticks; a fake device, read up to 35 ms late."""
+    late_s, now = [0.001, 0.035, 0.0, 0.02, 0.009], {"s": 0.0}
+
+    class Ticking(Shots):
+        def grab(self) -> bool:
+            k = len(late_s) - len(self.images)
+            self.driver_ms = 500_000.0 + 40.0 * k
+            now["s"] = self.driver_ms / 1000 + late_s[k]
+            return True
+
+    monkeypatch.setattr("tactape_fab.sense.live.camera.monotonic", lambda: now["s"])
+    shots = Ticking([coloured(k) for k in range(len(late_s))])
+    found = camera_source(Path("/dev/video7"), (240, 320), opened=lambda _: shots, clock=lambda: 1e9 + now["s"])(Event())
+    stamps = [frame.timestamp for _, frame in zip(late_s, found, strict=False) if isinstance(frame, Frame)]
+    np.testing.assert_allclose(stamps, 1e9 + 500.0 + 0.04 * np.arange(len(late_s)), rtol=0, atol=1e-6)
+
+
 def devices(folder: Path, *names: tuple[str, int]) -> Path:
     """Names and indices of cameras as Linux has them in /sys/class/video4linux."""
     for k, (name, index) in enumerate(names):
