@@ -161,6 +161,7 @@ class _Drawn:
         from gerbonara.graphic_objects import Arc, Flash, Line, Region
 
         self._kinds = Flash, Line, Arc, Region
+        self._unit: Any = self  # of the last object
         self.units: dict[int, Any] = {}
         self.clear = False
         self.misfit = False
@@ -176,18 +177,21 @@ class _Drawn:
     def append(self, thing: Any) -> None:
         """Called by gerbonara's parser for each object."""
         flash, line, arc, region = self._kinds
-        self.units[id(thing.unit)] = thing.unit
-        self.clear = self.clear or not thing.polarity_dark
-        if isinstance(thing, flash):
+        if thing.unit is not self._unit:
+            self._unit = self.units[id(thing.unit)] = thing.unit
+        if not thing.polarity_dark:
+            self.clear = True
+        kind = type(thing)
+        if kind is flash:
             pin = thing.attrs.get(".P", ())
             self.flashes_mm += (thing.x, thing.y)
             self.flashed.append(thing.aperture)
             self.components.append((pin or thing.attrs.get(".C") or ("",))[0])
-            self.pins.append((*pin, "", "")[1])
-        elif isinstance(thing, line):
+            self.pins.append(pin[1] if len(pin) > 1 else "")
+        elif kind is line:
             self.lines_mm += (thing.x1, thing.y1, thing.x2, thing.y2)
             self.drawn_with.append(thing.aperture)
-        elif isinstance(thing, arc):
+        elif kind is arc:
             self.misfit = self.misfit or thing.numeric_error("mm") > _ARC_MISFIT_MM or thing.cx == thing.cy == 0.0
             if self.misfit:
                 return
@@ -196,7 +200,7 @@ class _Drawn:
                 raise ReadbackError("its arcs are longer than those of any board")
             for chord in _chords(thing):
                 self.append(chord)
-        elif isinstance(thing, region):
+        elif kind is region:
             self.areas.append(thing)
 
 
