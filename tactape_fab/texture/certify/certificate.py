@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -202,14 +201,7 @@ def _smallest(tape: Tape, known: tuple[Closest, ...], least: int) -> int | None:
 
 def closest(tape: Tape, side: int, at_least: int = 0) -> Closest:
     """The nearest windows of one size, whatever their distance; see `closest_windows`."""
-    return _closest(tape.symbols.tobytes(), tape.present.tobytes(), tape.symbols.shape, side, tape.directions, at_least)
-
-
-@lru_cache(maxsize=16)
-def _closest(symbols: bytes, present: bytes, shape: tuple[int, int], side: int, directions: int, at_least: int) -> Closest:
-    """`closest` of a grid of parts. Equal ones are searched once: a kit is certified when it is made and when it is verified."""
-    grid, placed = np.frombuffer(symbols, dtype=np.uint8), np.frombuffer(present, dtype=np.bool_)
-    return closest_windows(windows_of(grid.reshape(shape), placed.reshape(shape), side, directions=directions), at_least)
+    return closest_windows(windows_of(tape.symbols, tape.present, side, directions=tape.directions), at_least)
 
 
 def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
