@@ -65,13 +65,15 @@ def distortion_lines(made: Embossed) -> list[str]:
     """Warning of a texture that its place distorts by more than is good."""
     from tactape_fab.make.emboss import worst_pitch_error
     from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
+    from tactape_fab.solids.surface.place import smaller_kit
 
     distortion = made.surface["distortion"]
+    reach, usable = distortion["reach_mm"], distortion["usable_radius_mm"]
     if (worst := worst_pitch_error(distortion)) <= MOST_PITCH_ERROR:
         return []
     return [
         f"warning: distortion: the pitch is off by up to {worst:.0%}, more than {MOST_PITCH_ERROR:.0%}; the texture reaches "
-        f"{distortion['reach_mm']:.1f} mm, usable are {distortion['usable_radius_mm']:.1f} mm; use a kit of a smaller --size, "
+        f"{reach:.1f} mm, usable are {usable:.1f} mm; use {smaller_kit(made.tape, reach, usable)}, "
         "or leave out --at to look for a better place"
     ]
 

@@ -39,7 +39,7 @@ from tactape_fab.solids.surface.part_files import (
 )
 from tactape_fab.solids.surface.part_mesh import Facets, MeshChart
 from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
-from tactape_fab.solids.surface.place import LaidOut, lay_out, record, refuse_tape, texture_size_mm
+from tactape_fab.solids.surface.place import LaidOut, lay_out, record, refuse_tape, smaller_kit, texture_size_mm
 from tactape_fab.solids.surface.placements import placements_csv
 from tactape_fab.texture.certify.certificate import certify
 from tactape_fab.texture.manifest import find_manifest, read_manifest
@@ -263,10 +263,11 @@ def laid_well(
     if (worst := worst_pitch_error(best.distortion.to_mapping())) <= MOST_PITCH_ERROR:
         return best
     at = ",".join(f"{value:g}" for value in (best.centre.points_mm[0].round(3) + 0.0).tolist())  # + 0.0: no minus before 0
+    reach, usable = best.distortion.reach_mm, best.distortion.usable_radius_mm
     message = (
         f"the pitch is off by up to {worst:.0%} at the best of {1 + len(others_mm)} places, more than {MOST_PITCH_ERROR:.0%}; "
-        f"the texture reaches {best.distortion.reach_mm:.1f} mm, usable are {best.distortion.usable_radius_mm:.1f} mm; "
-        f"use --at {at} to have it so, or a kit of a smaller --size"
+        f"the texture reaches {reach:.1f} mm, usable are {usable:.1f} mm; "
+        f"use --at {at} to have it so, or {smaller_kit(tape, reach, usable)}"
     )
     raise SpecError(Problem("surface", message))
 

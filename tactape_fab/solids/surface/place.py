@@ -154,7 +154,7 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
     if problems:
         problems[-1] += (
             f"; the largest usable radius here is {usable:.1f} mm, the texture reaches {reach:.1f} mm; "
-            "use a kit of a smaller --size, or another place"
+            f"use {smaller_kit(tape, reach, usable)}, or another place"
         )
         raise SpecError([Problem("surface", message) for message in problems])
     volume, volume_error = _volumes_mm3(tape.part, height_mm)
@@ -179,6 +179,14 @@ def lay_out(tape: Tape, chart: Chart) -> LaidOut:
             deepest_sink_mm=float(sink_mm.max()),
         ),
     )
+
+
+def smaller_kit(tape: Tape, reach_mm: float, usable_mm: float) -> str:
+    """The kit to use where a texture reaches too far: its outline smaller by the same share, if a window fits."""
+    sides_mm = np.floor(usable_mm / reach_mm * np.array(tape.board.size_mm))
+    if sides_mm.min() < 6 * tape.pitch_mm:
+        return "a kit of a smaller --size"
+    return f"a kit of --size {sides_mm[0]:g}x{sides_mm[1]:g}"
 
 
 def foot_outline_mm(part: TapePart) -> FloatArray:

@@ -353,6 +353,10 @@ def test_a_part_that_distorts_everywhere_is_refused_with_a_place_that_can_be_tak
     assert way is not None
     x, y, z = map(float, way.groups())
     assert emboss(kit, None, placement=Placement(at_mm=(x, y, z))).checks
+    size = re.search(r"or a kit of --size (\d+)x(\d+)$", str(caught.value))
+    assert size is not None
+    smaller = kit_folder(tmp_path / "smaller", planned((float(size[1]), float(size[2]))))
+    assert distortion_lines(emboss(smaller, None, overwrite=True)) == []
     assert not list(tmp_path.glob("*.tmp"))
 
 
