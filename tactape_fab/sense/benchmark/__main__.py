@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +26,7 @@ def _progress(what: str, done: int, total: int) -> None:
 
 
 def _write(given: argparse.Namespace) -> int:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # SIGTERM removes the unfinished folder
     sums = write_benchmark(given.folder, frames=given.frames, seed=given.seed, only=given.only, progress=_progress)
     print("\n".join(f"{value}  {name}" for name, value in sums.items()))
     return 0
@@ -81,7 +84,12 @@ def main(words: Sequence[str] | None = None) -> int:
     """Do what the words say; the exit status (as the other commands: 1 failed, 2 a value that is refused)."""
     given = _parser().parse_args(words)
     try:
-        return int(given.act(given))
+        done = int(given.act(given))
+        sys.stdout.flush()
+        return done
+    except BrokenPipeError:  # whoever reads has enough; nothing is left to flush at the end of the process
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _FAILED
     except TactapeError as error:
         problems = [problem.message for problem in error.problems] if isinstance(error, SpecError) else str(error).splitlines()
         print("\n".join(f"error: {problem}" for problem in problems), file=sys.stderr)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -155,6 +156,23 @@ def _exact(truth: list[Truth], **changed: Any) -> dict[int, Answer]:
         k: replace(Answer(located=True, tape=one.tape, position_mm=one.position_mm, theta_deg=one.theta_deg), **changed)
         for k, one in names.items()
     }
+
+
+def test_a_reader_that_has_enough_ends_it_without_a_traceback(folder: Path, located: Path) -> None:
+    command = [sys.executable, "-m", "tactape_fab.sense.benchmark", "score", str(folder), str(located)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as ended:
+        assert ended.stdout is not None and ended.stderr is not None
+        ended.stdout.close()
+        assert ended.stderr.read() == ""
+    assert ended.returncode == 1
+
+
+def test_a_signal_leaves_no_unfinished_folder(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tactape_fab.sense.benchmark", "write", "set", "--frames", "64", "--only", ONLY[0]]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as stopped:
+        assert stopped.stderr is not None and "50 of 64" in stopped.stderr.readline()
+        stopped.terminate()
+    assert stopped.returncode == 128 + signal.SIGTERM and list(tmp_path.iterdir()) == []
 
 
 def test_the_truth_scores_without_error(truth: list[Truth]) -> None:
