@@ -9,7 +9,6 @@ from functools import cache
 from typing import Any
 
 from tactape_fab.base.templates import templates_folder
-from tactape_fab.kit.text_templates import template_environment
 
 
 def script_json(content: Any) -> str:
@@ -41,6 +40,17 @@ def script_of(names: tuple[str, ...]) -> str:
     return f'(() => {{\n"use strict";\n{parts}}})();\n'
 
 
+@cache
 def template(name: str) -> Any:
     """A page's template; what it is given is escaped."""
-    return template_environment("report", autoescape=True).get_template(name)
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(templates_folder() / "report"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    return environment.get_template(name)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from functools import cache
 from math import ceil
+from pathlib import Path
 from typing import Any
 
+from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.order_facts import OrderFacts
 from tactape_fab.kit.profiles import COSTS, Assumption, Ordering
-from tactape_fab.kit.text_templates import template_environment
 from tactape_fab.texture.cpl import PLACEMENTS
 
 COPPER_OZ = {12.0: "1/3 oz", 18.0: "1/2 oz", 35.0: "1 oz", 70.0: "2 oz"}
@@ -28,7 +29,7 @@ def _one_line(value: object) -> str:
 
 def render_order_notes(facts: OrderFacts) -> tuple[Artifact]:
     """The notes of one order; for people, and never in the fab's zip."""
-    template = _environment().get_template(f"{facts.fab.order.template}.j2")
+    template = _environment(templates_folder() / "order").get_template(f"{facts.fab.order.template}.j2")
     text = template.render(
         f=facts,
         tape=facts.tape,
@@ -73,15 +74,21 @@ def _reels(order: Ordering, parts: int) -> str:
 
 
 @cache
-def _environment() -> Any:
-    """Templates of the notes, with the words that they lay out lines by."""
-    environment = template_environment("order", autoescape=False, finalize=_printed)
+def _environment(folder: Path) -> Any:
+    """Template environment: loads and compiles templates once for all notes of a process."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(folder),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+        finalize=lambda value: value if isinstance(value, _Row) else _one_line(value),
+    )
     environment.globals["row"] = lambda label, value: _Row(f"   {_one_line(label):<34} {_one_line(value)}")
     environment.filters["figures"] = lambda a: f"{a.value:g}" if a.least == a.value else f"{a.least:g} to {a.value:g}"
     environment.filters["length"] = lambda value_mm: f"{value_mm:.3f}".rstrip("0").rstrip(".")
     environment.filters["box"] = lambda box: f"x {box[0]:.1f} to {box[2]:.1f} mm, y {box[1]:.1f} to {box[3]:.1f} mm"
     return environment
-
-
-def _printed(value: object) -> str:
-    return value if isinstance(value, _Row) else _one_line(value)
