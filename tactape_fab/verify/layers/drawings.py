@@ -64,7 +64,7 @@ def _dxf_problems(
 ) -> list[str]:
     try:
         drawn = _read_dxf(data)
-    except (ValueError, OverflowError) as error:
+    except (ValueError, IndexError, OverflowError) as error:
         return [f"it cannot be read: {error}"]
     outline, parts = drawn.pop("OUTLINE", []), expected.parts_xy_mm
     problems = []
@@ -124,15 +124,16 @@ def _read_dxf(data: bytes) -> Drawn:
 
 
 _ENDS = ("0 ENDTAB", "0 ENDSEC", "0 SECTION")
+_FAR_MM = 10_000.0
 
 
 def _numbers(tags: list[tuple[int, str]], codes: tuple[int, ...]) -> tuple[float, ...]:
-    """The finite values of a point or circle; its z, which is 0, is left out."""
+    """The values of a point or circle, none of them far away; its z, which is 0, is left out."""
     if tuple(code for code, _ in tags) != codes or tags[2][1] != "0.0":
         raise ValueError("a point of it is not in the plane")
     values = tuple(float(value) for code, value in tags if code != 30)
-    if not np.isfinite(values).all():
-        raise ValueError("a point of it is not finite")
+    if not all(abs(value) <= _FAR_MM for value in values):  # nor is NaN; squares of distances stay finite
+        raise ValueError(f"a point of it is farther away than {_FAR_MM:g} mm")
     return values
 
 

@@ -327,6 +327,7 @@ FOR_PEOPLE: dict[str, tuple[Edit, str]] = {
     "dxf: another layer": (swap("fab-dxf", "POLYLINE\n  8\nOUTLINE", "POLYLINE\n  8\nCUT"), "fab-dxf"),
     "dxf: a text": (swap("fab-dxf", "  0\nCIRCLE\n", "  0\nTEXT\n  8\nHOLES\n  1\nFR4\n  0\nCIRCLE\n"), "fab-dxf"),
     "dxf: not a number": (swap("fab-dxf", "20.000000", "nan"), "fab-dxf"),
+    "dxf: very far": (text_of("fab-dxf", lambda t: re.sub(r"(LABEL\n 10\n)[\d.]+", r"\g<1>1e300", t, count=1)), "fab-dxf"),
     "dxf: cut off": (text_of("fab-dxf", lambda t: t[: len(t) // 2]), "fab-dxf"),
     "dxf: a block": (
         swap("fab-dxf", "  0\nSECTION\n  2\nENT", "  0\nSECTION\n  2\nBLOCKS\n  0\nBLOCK\n  0\nENDSEC\n  0\nSECTION\n  2\nENT"),
