@@ -5,12 +5,10 @@ A robot installs numpy, numba and click alone; what reads and draws pictures, bu
 
 from __future__ import annotations
 
-import sys
 import zlib
-from contextlib import suppress
 from functools import cache
 from importlib import import_module
-from pathlib import Path
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from tactape_fab.base.errors import MissingLibraryError
@@ -69,22 +67,10 @@ def missing(module: str, use: str) -> str:
 @cache
 def versions_in_kits() -> dict[str, str]:
     """Versions of the libraries that the bytes of a kit depend on, as its manifest records them; those not installed left out."""
-    found: dict[str, str] = {}
-    for folder in sys.path:
-        with suppress(OSError):  # a path that is no folder
-            for entry in Path(folder).iterdir():
-                if entry.suffix == ".dist-info":
-                    name, _, number = entry.stem.partition("-")
-                    found.setdefault(name.replace("_", "-").lower(), number)
-    known = {name: version for name in _IN_KITS if (version := found.get(name.lower()) or _version(name)) is not None}
-    return {**known, "zlib": zlib.ZLIB_RUNTIME_VERSION}
-
-
-def _version(name: str) -> str | None:
-    """A version by `importlib.metadata`, which takes as long to load as three of these libraries' folders to list."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version(name)
-    except PackageNotFoundError:  # the same modules from a distribution of another name
-        return None
+    found = {}
+    for name in _IN_KITS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # the same modules from a distribution of another name
+            continue
+    return {**found, "zlib": zlib.ZLIB_RUNTIME_VERSION}

@@ -118,7 +118,10 @@ class Sheet:
         self._canvas.setLineCap(0)
 
     def _path(self, lines_mm: Sequence[FloatArray] | FloatArray, end: str, *, stroke: bool, fill: bool) -> None:
-        """One path of polylines, written at once: ReportLab's own takes 7 us for each point."""
+        """One path of polylines, written at once: ReportLab's own methods take 7 us for each point.
+
+        The path's list of operators is not in ReportLab's public interface: pyproject.toml has an upper bound for it.
+        """
         path = self._canvas.beginPath()
         if len(lines_mm):
             points = np.concatenate([np.asarray(line, dtype=float) for line in lines_mm])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pytest
 from tactape_fab import Kit
 from tactape_fab.base.errors import MissingLibraryError, TactapeError
 from tactape_fab.base.launch import python_command, run
-from tactape_fab.base.libraries import library, versions_in_kits
+from tactape_fab.base.libraries import library
 from tests.thorough import thorough
 
 NOT_BY_DEFAULT = ("build123d", "OCP", "manifold3d", "scipy", "matplotlib", "mcap", "rerun", "pupil_apriltags")
@@ -109,15 +108,3 @@ def test_a_library_that_is_there_is_given_and_one_that_is_not_is_an_error_of_our
         library("manifold3d", "emboss")
     assert str(caught.value) == 'emboss needs manifold3d, which is not installed; pip install "tactape-fab[cad]"'
     assert isinstance(caught.value, TactapeError) and isinstance(caught.value, ImportError)
-
-
-def test_versions_are_those_of_the_installed_distributions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    versions_in_kits.cache_clear()
-    found = versions_in_kits()
-    assert found["numpy"] == np.__version__
-    assert {name: version(name) for name in found if name != "zlib"} == {k: v for k, v in found.items() if k != "zlib"}
-    (tmp_path / "Numpy-0.1+local.dist-info").mkdir()  # the first of the path is the one that is imported
-    monkeypatch.syspath_prepend(tmp_path)
-    versions_in_kits.cache_clear()
-    assert versions_in_kits() == {**found, "numpy": "0.1+local"}
-    versions_in_kits.cache_clear()
