@@ -68,13 +68,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def _all_cases(config: pytest.Config) -> bool:
     """Whether all cases of a test are tried: in a thorough run, and where files, words or options say which are meant."""
     options = ("keyword", "update_golden", "benchmark_only")
-    return THOROUGH or any(map(config.getoption, options)) or any(".py" in word for word in config.args)
+    return THOROUGH or any(map(config.getoption, options)) or any(".py" in word or "bench" in word for word in config.args)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     if not _all_cases(config):
-        said = f"at most {AT_DESK} cases of each test were tried: all are where a file is named, or TACTAPE_THOROUGH=1 is set"
-        terminalreporter.write_line(said)
+        said = f"at most {AT_DESK} cases of each test were tried, none of tests/bench: all are where a file is named, or"
+        terminalreporter.write_line(f"{said} TACTAPE_THOROUGH=1 is set")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

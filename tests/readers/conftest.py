@@ -70,10 +70,11 @@ def reader(request: pytest.FixtureRequest, tmp_path: Path) -> Reader:
 
 
 @pytest.fixture(scope="session")
-def solid_variants(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Variant]:
-    """Every kind of solid, written once; not to be changed."""
+def solid_variants(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Variant]:
+    """Every kind of solid that a test of this run asks for, written once; not to be changed."""
     folder = tmp_path_factory.mktemp("solids")
-    return {name: write_variant(name, folder) for name in NAMES}
+    asked = {call.params.get("name") for item in request.session.items if (call := getattr(item, "callspec", None))}
+    return {name: write_variant(name, folder) for name in NAMES if name in asked}
 
 
 @pytest.fixture(scope="session")

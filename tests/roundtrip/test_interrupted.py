@@ -24,9 +24,9 @@ from click.testing import CliRunner
 from tactape_fab import Tape, TapeSpec, make_kit, verify_kit
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
-from tests.thorough import THOROUGH, some
+from tests.thorough import only_thorough, some
 
-KILLS = 24 if THOROUGH else 8
+KILLS = 24
 AT_A_TIME = 2
 NEW, OLD = 7, 8
 SIZE_MM = (40.0, 30.0)
@@ -120,6 +120,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory, whole: dict[int, Files]) ->
     return results
 
 
+@only_thorough
 def test_kills_hit_before_during_and_after(killed: list[Killed], whole: dict[int, Files]) -> None:
     assert sum(k.early for k in killed) >= KILLS // 4
     assert any(not k.early for k in killed)
@@ -127,18 +128,21 @@ def test_kills_hit_before_during_and_after(killed: list[Killed], whole: dict[int
     assert any(k.strays for k in killed), "no kill hit while the kit was being built"
 
 
+@only_thorough
 def test_a_kill_leaves_no_kit_or_a_whole_one(killed: list[Killed], whole: dict[int, Files]) -> None:
     fresh = [k for k in killed if not k.had_old]
     assert [k for k in fresh if k.kit is not None and k.kit != whole[NEW]] == []
     assert any(k.kit is None for k in fresh)
 
 
+@only_thorough
 def test_a_kill_leaves_the_old_kit_or_the_new_one(killed: list[Killed], whole: dict[int, Files]) -> None:
     over = [k for k in killed if k.had_old]
     assert [k for k in over if k.kit not in (whole[OLD], whole[NEW])] == []
     assert any(k.kit == whole[OLD] for k in over)
 
 
+@only_thorough
 def test_what_a_kill_leaves_behind_is_never_taken_for_a_kit(killed: list[Killed]) -> None:
     for stray in (stray for k in killed for stray in k.strays):
         for path in (stray, stray / "manifest.json"):
@@ -159,6 +163,7 @@ def test_an_unfinished_folder_is_no_kit_however_far_it_came(tmp_path: Path) -> N
         assert "is an unfinished kit that an interrupted run left behind; delete it" in result.stderr
 
 
+@only_thorough
 def test_make_works_beside_what_a_kill_left_behind(killed: list[Killed], whole: dict[int, Files]) -> None:
     folder = next(stray for k in killed for stray in k.strays).parent
     assert start_make(folder).wait() == 0

@@ -79,6 +79,7 @@ def test_scale_and_skew_of_the_scanner_are_said_and_move_no_part(found: Inspecti
     assert 2.0 < facts.jitter_um < 15.0
 
 
+@only_thorough
 def test_good_parts_that_no_glare_makes_differ_are_not_covered(kit_40: Kit, tmp_path: Path) -> None:
     tape = Tape.load(kit_40.path)
     built = assembled(tape, missing=5, seed=1)
@@ -166,6 +167,7 @@ def test_all_tapes_of_a_panel_are_inspected(panel_2: PanelKit, panel_scan: tuple
         assert rms(errors_um(one, built)) < 6.0
 
 
+@only_thorough
 def test_a_photograph_of_a_panel_is_inspected(panel_2: PanelKit, panel_scan: tuple[Picture, list[Built]], tmp_path: Path) -> None:
     """Slanted and turned; each tape loses the mean and growth of its own shifts, as that of a photograph by itself does."""
     picture, builts = panel_scan
