@@ -69,18 +69,9 @@ def tapes_to_certify(
 ) -> tuple[list[Tape], tuple[str, ...]]:
     """Tapes of kits, or of a code's sectors as `make` plans them, and a label for each.
 
-    Parameters
-    ----------
-    kits : sequence of path
-    options : mapping
-        ``code`` and ``size_mm``, if given.
-    as_built : sequence of path
-        As `texture.registry.read_tapes` takes it.
-
-    Raises
-    ------
-    SpecError
-        With every problem of all of them.
+    options: ``code`` and ``size_mm``, if given.
+    as_built: As `texture.registry.read_tapes` takes it.
+    Raises SpecError with every problem of all of them.
     """
     if kits and options:
         raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))

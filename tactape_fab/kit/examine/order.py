@@ -27,18 +27,10 @@ from tactape_fab.texture.tape import Tape
 class ExaminedPanel:
     """A panel with everything derived from its spec before anything is written.
 
-    Attributes
-    ----------
-    name : str
-    tapes : tuple of Examined
-        In the order of `panel.offsets_mm`.
-    panel : Panel
-    remarks : tuple of str
-        Remarks for the user: why there is a panel, and copies of tapes.
-    together : tuple of Finding
-        What tapes of the panel share that they should not.
-    trials : tuple of Trial
-        What each tape tests, if the panel is a coupon.
+    tapes: In the order of `panel.offsets_mm`.
+    remarks: Remarks for the user: why there is a panel, and copies of tapes.
+    together: What tapes of the panel share that they should not.
+    trials: What each tape tests, if the panel is a coupon.
     """
 
     name: str

@@ -193,10 +193,7 @@ def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Probl
 def profiles_of(spec: TapeSpec) -> Profiles:
     """The profiles that a spec names, as it asks for them.
 
-    Raises
-    ------
-    SpecError
-        If one cannot be read, or does not offer an option of the spec.
+    Raises SpecError if one cannot be read, or does not offer an option of the spec.
     """
     problems: list[Problem] = []
     _, profiles = _profiles(spec, problems)

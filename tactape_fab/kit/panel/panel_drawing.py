@@ -58,10 +58,7 @@ def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:
 def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
     """Outlines of the slots, counter-clockwise, not closed, snapped to 1 nm; from the lower left on.
 
-    Raises
-    ------
-    SpecError
-        If a tape would not be held by any tab.
+    Raises SpecError if a tape would not be held by any tab.
     """
     inner = _cut_area(panel)
     tapes = [shapely.Polygon(place.outline_mm) for place in panel.places]

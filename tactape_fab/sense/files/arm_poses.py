@@ -54,19 +54,10 @@ class ArmPose:
 def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> list[ArmPose]:
     """Poses of a robot's flange in its base.
 
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the columns of `COLUMNS` in any order, and those of `OPTIONAL` if they are there.
-    key : str
-        The option that names it, for messages.
-    frames : int, optional
-        How many frames there are.
-
-    Raises
-    ------
-    SpecError
-        With every row that cannot be read, twenty at most.
+    path: CSV with the columns of `COLUMNS` in any order, and those of `OPTIONAL` if they are there.
+    key: The option that names it, for messages.
+    frames: How many frames there are.
+    Raises SpecError with every row that cannot be read, twenty at most.
     """
     data = _bytes_of(path, key, "give a CSV file")
     rows = csv.reader(io.StringIO(data.decode("utf-8-sig", errors="replace")))
@@ -174,10 +165,7 @@ class HandEyeFile:
 def read_hand_eye(path: str | Path) -> HandEyeFile:
     """A file `…-hand-eye.json`.
 
-    Raises
-    ------
-    SpecError
-        If it cannot be read, is of another format, or a transform is no rotation with a place.
+    Raises SpecError if it cannot be read, is of another format, or a transform is no rotation with a place.
     """
     key = "hand_eye"
     data = _bytes_of(path, key, "give the -hand-eye.json that calibrate wrote")

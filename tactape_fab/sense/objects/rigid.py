@@ -54,16 +54,10 @@ def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
 def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Least-squares rotation and translation from points to others (Kabsch); never a reflection.
 
-    Parameters
-    ----------
-    points, to_points : ndarray, shape (n, 3)
-
-    Returns
-    -------
-    rotation : ndarray, shape (3, 3)
-    translation : ndarray, shape (3,)
-    rms : float
-        Root mean square of the remaining distances.
+    points, to_points (n, 3)
+    Returns rotation (3, 3).
+    Returns translation (3,).
+    Returns rms: Root mean square of the remaining distances.
     """
     middle, to_middle = points.mean(axis=0), to_points.mean(axis=0)
     u, _, vt = np.linalg.svd((to_points - to_middle).T @ (points - middle))
