@@ -169,7 +169,7 @@ def _bits(bits: int | None, pairs: int) -> str:
 
 
 def proven_lines(tapes: Sequence[Tape]) -> list[str]:
-    """What the code of several tapes proves of any two of them."""
+    """Distances that the code of several tapes proves for any two of them, as lines."""
     from tactape_fab.texture.certify.certificate import proven_between
 
     proven = proven_between(tapes)

@@ -115,7 +115,7 @@ class _Order:
 
 
 class Ordered(Protocol):
-    """What a process is asked to make."""
+    """A kit that a process is to make."""
 
     @property
     def name(self) -> str: ...

@@ -15,7 +15,7 @@ _NEWTON_STEPS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
-    """What a sensor's image has beside its scale, and the standard deviation of each parameter.
+    """A sensor's camera beside its scale, and the standard deviation of each parameter.
 
     A point q (mm right and down of the centre) is seen at p = centre + (1 + k1 r^2 / r_corner^2) M q, with r = |M q| and r_corner
     half the image's diagonal, both in px, and M = [[R_u (1 + aspect / 2), R_u shear], [0, R_v (1 - aspect / 2)]] for the

@@ -500,7 +500,7 @@ def _read_source(table: Fields) -> tuple[Mapping[str, Any], ...]:
 
 
 def _array_problems(built: AsBuilt) -> list[Problem]:
-    """What is wrong with arrays that a program gives."""
+    """Faults of arrays that a program gives."""
     n = len(built.number)
     arrays: list[tuple[str, npt.NDArray[Any]]] = [(key, getattr(built, key)) for key in (*_COLUMNS, "present")]
     problems = [

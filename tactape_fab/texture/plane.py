@@ -49,7 +49,7 @@ class Plane(Protocol):
 
 
 class TapesOfPlane(ABC):
-    """What all codes with a plane have in common: a tape shows the patch at its origin, and needs no other proof of it."""
+    """Methods of all codes with a plane: a tape shows the patch at its origin, and needs no other proof of it."""
 
     directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)
     """Two bits, x and y, say four."""

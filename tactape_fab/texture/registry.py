@@ -137,7 +137,7 @@ class _Measured:
         self._used: set[str] = set()
 
     def of(self, manifest: Path) -> Given:
-        """What `Tape.with_as_built` is to take."""
+        """The argument of `Tape.with_as_built`."""
         if self._nominal or not self._files:
             return NOMINAL if self._nominal else None
         digest = manifest_digest(manifest)

@@ -204,7 +204,7 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
 
 
 def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
-    """What tapes of a panel share that they should not, with sectors at which they do not."""
+    """Windows or places that tapes of a panel share, with sectors at which they share none."""
 
     def remedy(found: Sequence[Conflict]) -> str:
         drawn = [tape.tape for tape in tapes]

@@ -1,4 +1,4 @@
-"""What is made or ordered together is certified together, before anything is written: tapes that share places or windows."""
+"""Tapes that are made or ordered together are certified together, before anything is written: none share places or windows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What came back of a coupon, as a fab profile: limits that its tapes confirmed or moved, with source and date."""
+"""A fab profile from a returned coupon: limits that its tapes confirmed or moved, with source and date."""
 
 from __future__ import annotations
 

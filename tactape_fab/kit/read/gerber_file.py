@@ -46,7 +46,7 @@ def one_line(error: Exception) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GerberShapes:
-    """What a Gerber file draws.
+    """The shapes of a Gerber file.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ _MOST_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Benchmark:
-    """What a method may see of a data set: frames, their sensor, and the tapes that may be touched."""
+    """The part of a data set that a method may see: frames, their sensor, and the tapes that may be touched."""
 
     frames: FrameFile
     sensor: SensorProfile

@@ -29,7 +29,7 @@ _MOST_BYTES = 1 << 28
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What one frame shows; nothing to locate where the tape is None, and nothing that may be located unless it is registered."""
+    """The truth of one frame; nothing to locate where the tape is None, nothing that may be located unless it is registered."""
 
     condition: str
     tape: str | None
@@ -78,7 +78,7 @@ def read_truth(path: str | Path) -> list[Truth]:
 
 
 def _truth(k: int, row: Mapping[str, Any]) -> Truth:
-    """What a row says of frame k; ValueError where it is none."""
+    """The truth of frame k in a row; ValueError where it is none."""
     table = Fields({key: value for key, value in row.items() if value is not None})
     table.integer("frame", low=k, high=k)
     condition, registered = table.text("condition"), table.flag("registered")

@@ -80,7 +80,7 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """What is adjusted: presses, the profile to start from, the errors of dots, and which of the camera's parameters are free."""
+    """An adjustment to be made: presses, the profile to start from, the errors of dots, the camera's free parameters."""
 
     presses: Sequence[Press]
     sensor: SensorProfile
@@ -112,7 +112,7 @@ def start(problem: Problem) -> FloatArray:
 
 
 def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What is left of the dots of a press, mm on the gel, and its derivatives by the shared unknowns and by the press's own.
+    """Residuals of a press's dots, mm on the gel, and their derivatives by the shared unknowns and by the press's own.
 
     Shapes (n, 2), (n, 2, 7) and (n, 2, 4).
     """
@@ -229,7 +229,7 @@ def agreeing(presses: Sequence[Press], bundle: Bundle, problem: Problem) -> list
 
 
 def designs_of(problem: Problem, bundle: Bundle) -> tuple[list[Design], FloatArray, FloatArray]:
-    """What `errors.estimate_errors` takes: presses at a solution, and the precision of their unknowns before anything is seen."""
+    """Input of `errors.estimate_errors`: presses at a solution, and the precision of their unknowns before anything is seen."""
     kept, seen = np.append(problem.free, True), camera.seen_by(problem.sensor, bundle.values)
     designs = []
     for press, pose in zip(problem.presses, bundle.poses, strict=True):

@@ -38,7 +38,7 @@ class FrameLook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstFrames:
-    """What a user's first frames show.
+    """The findings of a user's first frames.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
 
 
 def _of_values(images: Sequence[Frame]) -> list[str]:
-    """What looks wrong in the numbers themselves."""
+    """Faults of the values themselves."""
     said = []
     whole = [image for image in images if frame_fault(image) is None]
     few = [len(np.unique(image[np.isfinite(image)])) for image in whole[:5]]
@@ -136,7 +136,7 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
 
 
 def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> list[str]:
-    """What in the profile keeps all frames from being located, where something of it does."""
+    """The fault of the profile that keeps all frames from being located, if it is one."""
     valid = None if sensor.mask is None else valid_pixels(images)
     found = find_orientation(images, tapes, sensor, valid)
     if found is None:

@@ -169,7 +169,7 @@ class _Joint:
         return np.concatenate([rows_of(self.problem, self.white, z[:-12])[0], self.arm_rows(z)])
 
     def arm_rows(self, z: FloatArray) -> FloatArray:
-        """What is left of each pose of the arm, over its error, and the priors of both places."""
+        """Residual of each pose of the arm, over its error, and the priors of both places."""
         poses = z[OF_ALL:-12].reshape(-1, OF_PRESS)[self.which]
         left = misfits(self.arm, poses, self.origin, z[-12:]) / self.sigmas
         return np.concatenate([left.ravel(), z[-12:-9] / FAR_MM, z[-6:-3] / FAR_MM])
@@ -239,7 +239,7 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
 
 
 def _remarks(covariance: FloatArray) -> list[str]:
-    """What poses of the arm leave open."""
+    """Remarks on motions that the arm's poses do not determine."""
     said = []
     # the directions that matter: across and along the sensor's axis
     sigma = np.sqrt(np.diag(covariance))

@@ -98,7 +98,7 @@ def located(frames: Iterable[Frame], tapes: Sequence[Tape], sensor: SensorProfil
 
 
 def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: SensorProfile) -> Press:
-    """What the dots of a located frame say."""
+    """The press of a located frame's dots."""
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None and fix.tape is not None
     seen = detected(frame, sensor)
     dots = settled(seen, tape.pitch_mm * sensor.px_per_mm[0], tape.displacement_mm / tape.pitch_mm)

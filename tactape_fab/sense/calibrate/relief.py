@@ -26,7 +26,7 @@ MOST_PRESSES = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """What parts leave in the gel.
+    """The relief of parts in the gel.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What each dot of a located answer says: where it is seen, its part, its symbol, and how far it is off."""
+"""The dots of a located answer: where each is seen, its part, its symbol, and its residual."""
 
 from __future__ import annotations
 

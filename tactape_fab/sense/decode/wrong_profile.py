@@ -1,4 +1,4 @@
-"""What a frame that is not located shows once the sensor profile is put right: a word for sign, mirror and scale.
+"""Wrong sign, mirror or scale of a sensor profile, found by trying a frame that is not located with each put right.
 
 Nothing here locates a frame. A quarter turn cannot be told: the tape's answer is as good with another angle.
 """
@@ -45,7 +45,7 @@ _ANY_BOUND = inf
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """What is known where a frame was not located."""
+    """A frame that was not located, and how it was looked at."""
 
     sensor: SensorProfile
     view: View

@@ -105,7 +105,7 @@ def _bytes_of(path: str | Path, key: str, remedy: str) -> bytes:
 
 
 def _other_columns(names: Sequence[str]) -> str:
-    """What is wrong with the first line, and how poses in a plane are written in this format."""
+    """The fault of the first line, and how poses in a plane are written in this format."""
     message = f"has the columns {shown(','.join(names))}; its first line must be {','.join(COLUMNS)}"
     if set(names) >= _PLANE:
         return (
@@ -116,7 +116,7 @@ def _other_columns(names: Sequence[str]) -> str:
 
 
 def _pose(row: Mapping[str, str], whole: bool, frames: int | None) -> tuple[list[str], ArmPose | None]:
-    """What is wrong with a row, or its pose."""
+    """The pose of a row, or its fault."""
     if not whole:
         return ["it does not have one value a column; correct it"], None
     values: dict[str, float] = dict(OPTIONAL)
@@ -155,7 +155,7 @@ def rotation(quaternion: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HandEyeFile:
-    """What `calibrate --hand-eye` wrote: both transforms, (4, 4), mm, and the tape's name."""
+    """A file of `calibrate --hand-eye`: both transforms, (4, 4), mm, and the tape's name."""
 
     tape: str
     sensor_to_flange: FloatArray

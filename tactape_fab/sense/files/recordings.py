@@ -127,7 +127,7 @@ Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
 
 
 def _named(path: Path, opened: Callable[[], Opened]) -> Opened:
-    """What a function returns; any failure becomes a SpecError that names the file."""
+    """Call a function; any failure becomes a SpecError that names the file."""
     try:
         return opened()
     except MissingLibraryError:
@@ -137,7 +137,7 @@ def _named(path: Path, opened: Callable[[], Opened]) -> Opened:
 
 
 def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stamped]:
-    """What is read; any failure becomes a SpecError that names the file."""
+    """Iterate over a reader; any failure becomes a SpecError that names the file."""
     try:
         yield from read()
     except (MissingLibraryError, GeneratorExit):

@@ -20,7 +20,7 @@ _MOST_PATCHES = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Template:
-    """What a patch looks like where it is aligned, and how much each sample says.
+    """An aligned patch, and the weight of each sample.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ _COVERED_SIGMA_MM = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies:
-    """What a scan says of every part that it shows.
+    """The parts that a scan shows.
 
     Attributes
     ----------

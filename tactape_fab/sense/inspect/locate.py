@@ -83,7 +83,7 @@ def _frame(tape: Tape) -> tuple[FloatArray, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadByCode:
-    """What the parts of a scan say: the tape, or the sector of a tape that is not among those given, and the warp near there."""
+    """The tape that a scan's parts encode, or the sector of one that is not among those given, and the warp near there."""
 
     tape: Tape | None
     sector: int | None

@@ -43,7 +43,7 @@ _READABLE_DPI = (50.0, 20_000.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanHeader:
-    """What the header of a scan says: ``dpi`` and ``quality`` (of a JPEG) are None where it says nothing."""
+    """The header of a scan: ``dpi`` and ``quality`` (of a JPEG) are None where it says nothing."""
 
     width_px: int
     height_px: int

@@ -1,4 +1,4 @@
-"""What is inspected: the tape of a kit, the tapes of a panel with their places on it, or kits of which a scan shows one."""
+"""The tapes to inspect: that of a kit, those of a panel with their places on it, or kits of which a scan shows one."""
 
 from __future__ import annotations
 

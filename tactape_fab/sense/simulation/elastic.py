@@ -149,7 +149,7 @@ def _surface_mm(view: View, elastic: ElasticContact, at_mm: FloatArray, relief_m
 
 
 def _measured(surface_mm: FloatImage, px_per_mm: tuple[float, float], at_mm: FloatArray, elastic: ElasticContact) -> FloatImage:
-    """What a photometric sensor makes of the gel's surface: smoothed, its slopes measured up to their limit, and integrated."""
+    """The gel's surface as a photometric sensor measures it: smoothed, its slopes cut at their limit, and integrated."""
     u, v = px_per_mm
     if elastic.blur_mm * min(u, v) >= 0.05:
         surface_mm = smooth(surface_mm, gaussian_kernel(elastic.blur_mm * u), gaussian_kernel(elastic.blur_mm * v), "edge")

@@ -48,7 +48,7 @@ PATCH_MM, PATCHES = 4.0, 50
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """What is known of the parts before: shift (n, 2) from the design, texture frame, mm; sigma (n,), None if it is estimated."""
+    """Prior of the parts: shift (n, 2) from the design, texture frame, mm; sigma (n,), None if it is estimated."""
 
     shift_mm: FloatArray
     sigma_mm: FloatArray | None

@@ -81,7 +81,7 @@ def ground_of(tape: Tape) -> Ground:
 def contact_of(
     frame: int, depth: npt.ArrayLike, fix: Localization, ground: Ground, sensor: SensorProfile, built_mm: FloatArray
 ) -> Contact | None:
-    """What the dots of a located frame say; None where they are too few.
+    """The contact of a located frame's dots; None where they are too few.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ MOST_CORRELATED = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Beliefs:
-    """What is known of a sensor's camera and gel before the dots are seen.
+    """Priors of a sensor's camera and gel.
 
     The camera is the profile's; the parameters below are what it may be off by.
 

@@ -49,7 +49,7 @@ FARTHEST_MM = 0.09
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelFit:
-    """What does not depend on the frame.
+    """The constants of a fit, which do not depend on the frame.
 
     Attributes
     ----------
