@@ -36,10 +36,6 @@ Box = tuple[float, float, float, float]
 """Least x, least y, largest x, largest y: board frame, mm."""
 
 
-def moved(box: Box, offset: tuple[float, float]) -> Box:
-    return box[0] + offset[0], box[1] + offset[1], box[2] + offset[0], box[3] + offset[1]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """A relevant threshold that no fab has confirmed."""

@@ -95,11 +95,6 @@ class Drawing:
         """Places of all parts, shape (n, 2)."""
         return np.concatenate([parts.xy_mm for parts in self.parts])
 
-    @property
-    def rotations_deg(self) -> FloatArray:
-        """Rotations of all parts, shape (n,)."""
-        return np.concatenate([np.full(len(parts.xy_mm), parts.rotation_deg) for parts in self.parts])
-
     def designators(self) -> list[str]:
         """R1 ... Rn."""
         return [f"R{i}" for i in range(1, sum(len(parts.xy_mm) for parts in self.parts) + 1)]

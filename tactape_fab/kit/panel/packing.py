@@ -28,14 +28,12 @@ _UNITS_PER_MM = 1_000_000
 class Packing:
     """Places of n tapes on sheets.
 
-    sheet_mm: Area of a sheet for tapes, without rails.
     sizes_mm (n, 2): Outlines of the tapes as given.
     sheet (n,): Sheet of each tape, from 0.
     xy_mm (n, 2): Lower left corner of its occupied area, relative to the lower left corner of the sheet's area.
     turned (n,): Whether it is rotated by 90 degrees, counter-clockwise.
     """
 
-    sheet_mm: tuple[float, float]
     sizes_mm: FloatArray
     sheet: IntArray
     xy_mm: FloatArray
@@ -51,10 +49,6 @@ class Packing:
         """Place of each tape's board origin, mm, so that p_sheet = offset + R_ccw(0 or 90 degrees) p_board; shape (n, 2)."""
         turn_mm = np.stack([np.where(self.turned, self.sizes_mm[:, 1], 0.0), np.zeros(len(self.sheet))], axis=1)
         return np.asarray(self.xy_mm + turn_mm)
-
-    def tape_area_mm2(self) -> FloatArray:
-        """Area of the tapes on each sheet, mm^2; shape (sheets,)."""
-        return np.bincount(self.sheet, weights=self.sizes_mm.prod(axis=1)).astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +104,6 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
     ]
     places = _in_order(min(found, key=lambda rows: _cost(rows, sides)), sizes)
     return Packing(
-        sheet_mm=sheet_mm,
         sizes_mm=sizes,
         sheet=places[:, 0],
         xy_mm=places[:, 1:3] / _UNITS_PER_MM,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import radians
-
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +9,7 @@ from tactape_fab.texture.frames import FloatArray
 
 
 def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
-    """Rotation matrix of roll, pitch and yaw, rad: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
+    """Rotation matrix of roll, pitch and yaw: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
     out = np.eye(3)
     for axis, angle in enumerate(np.radians(np.asarray(rpy_deg, dtype=np.float64))):
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -65,9 +63,3 @@ def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, Fl
     translation: FloatArray = to_middle - rotation @ middle
     left = points @ rotation.T + translation - to_points
     return rotation, translation, float(np.sqrt((left * left).sum(axis=1).mean()))
-
-
-def about_z(angle_deg: float) -> FloatArray:
-    """Rotation matrix of a turn about z, counter-clockwise seen from its tip; shape (3, 3)."""
-    c, s = np.cos(radians(angle_deg)), np.sin(radians(angle_deg))
-    return np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
