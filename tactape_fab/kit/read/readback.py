@@ -54,7 +54,7 @@ def read_drill(data: bytes) -> FloatArray:
 def read_cpl(data: bytes) -> CplContent:
     """Read a pick-and-place file of any known assembly format, which has that format's columns and no other.
 
-    Raises ReadbackError: naming every column or row that cannot be read.
+    Raises ReadbackError naming every column or row that cannot be read.
     """
     problems: list[Problem] = []
     content = texture_cpl.read_cpl(data, problems)

@@ -70,10 +70,7 @@ class Drawn:
 def read_shapes(data: bytes) -> GerberShapes:
     """The shapes of a Gerber file, as of `gerber_file.read_gerber`, which reads a file that is in another form.
 
-    Raises
-    ------
-    ReadbackError
-        If neither reads it.
+    Raises ReadbackError if neither reads it.
     """
     try:
         return written_shapes(data)
@@ -85,10 +82,7 @@ def read_shapes(data: bytes) -> GerberShapes:
 def written_shapes(data: bytes) -> GerberShapes:
     """The shapes of a Gerber file in the writer's grammar. Equal bytes are read once, for preview, report and verification.
 
-    Raises
-    ------
-    FormError
-        At a line that the writer would not write there, or if it has more arcs than an outline.
+    Raises FormError at a line that the writer would not write there, or if it has more arcs than an outline.
     """
     drawn = read_written(data)
     if len(drawn.arcs) > _MOST_ARCS:
@@ -152,13 +146,7 @@ def _chords(x: float, y: float, x_end: float, y_end: float, i: float, j: float) 
 
 
 def read_written(data: bytes) -> Drawn:
-    """Read a Gerber file by the writer's grammar.
-
-    Raises
-    ------
-    FormError
-        At a line that the writer would not write there.
-    """
+    """Read a Gerber file by the writer's grammar. Raises FormError at a line that the writer would not write there."""
     if not data.isascii():
         raise FormError("it is not ASCII")
     if not data.endswith(b"\n") or b"\r" in data:

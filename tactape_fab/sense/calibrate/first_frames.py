@@ -40,12 +40,7 @@ class FrameLook:
 class FirstFrames:
     """The findings of a user's first frames.
 
-    Attributes
-    ----------
-    frames : tuple of FrameLook
-    wrong : tuple of str
-        What looks wrong, each with its remedy; nothing where all is well.
-    next_step : str
+    wrong: What looks wrong, each with its remedy; nothing where all is well.
     """
 
     frames: tuple[FrameLook, ...]
@@ -60,18 +55,9 @@ class FirstFrames:
 def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like: SensorProfile) -> FirstFrames:
     """Say what looks wrong in frames.
 
-    Parameters
-    ----------
-    frames : iterable of array_like, each of shape (h, w)
-        As the sensor delivers them.
-    tapes : sequence of Tape
-        That were pressed; none: only the frames themselves are looked at.
-    like : SensorProfile
-
-    Raises
-    ------
-    SpecError, FrameError
-        If they are no depth maps of one shape, or all of them are empty.
+    frames each (h, w): As the sensor delivers them.
+    tapes: That were pressed; none: only the frames themselves are looked at.
+    Raises SpecError, FrameError if they are no depth maps of one shape, or all of them are empty.
     """
     images, bad = checked_frames(frames)
     images = images[:MOST_FRAMES]

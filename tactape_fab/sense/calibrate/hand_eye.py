@@ -84,20 +84,10 @@ class HandEye:
 def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape], arm_poses: Sequence[ArmPose]) -> HandEye:
     """Solve both transforms together with the camera and the presses.
 
-    Parameters
-    ----------
-    bundle : Bundle
-        To start from.
-    presses : sequence of Press
-        Its presses.
-    tapes : sequence of Tape
-    arm_poses : sequence of ArmPose
-        Those of frames that are no press are not used.
-
-    Raises
-    ------
-    SpecError
-        For fewer than five presses with a pose on one tape.
+    bundle: To start from.
+    presses: Its presses.
+    arm_poses: Those of frames that are no press are not used.
+    Raises SpecError for fewer than five presses with a pose on one tape.
     """
     flange = {pose.frame: pose.flange_to_base for pose in arm_poses}
     names = [press.tape for press in presses if press.frame in flange]

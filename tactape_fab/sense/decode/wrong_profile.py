@@ -56,20 +56,10 @@ class Seen:
 def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots] | None) -> str | None:
     """A reason that names what is wrong in the sensor profile, for a frame that is not located.
 
-    Parameters
-    ----------
-    seen : Seen
-    dots : Dots
-        Of the contact, as they were decoded.
-    raw : Dots
-        As they were detected, in square pixels.
-    negated : callable or None
-        Detects the dots of the negated frame; None where there are only dots.
-
-    Returns
-    -------
-    str or None
-        None where the dots show nothing of the kind.
+    dots: Of the contact, as they were decoded.
+    raw: As they were detected, in square pixels.
+    negated: Detects the dots of the negated frame; None where there are only dots.
+    Returns: None where the dots show nothing of the kind.
     """
     behind = _decoded(seen, seen.view, _flipped(seen, dots), seen.limits.on_tape)
     if behind is not None:

@@ -53,13 +53,7 @@ class ScanHeader:
 
 
 def read_header(data: bytes) -> ScanHeader:
-    """The header of a picture.
-
-    Raises
-    ------
-    SpecError
-        If it is no picture, or too large to be unpacked.
-    """
+    """The header of a picture. Raises SpecError if it is no picture, or too large to be unpacked."""
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         header = _png(data)
     elif data.startswith(b"\xff\xd8"):
@@ -87,13 +81,7 @@ def read_header(data: bytes) -> ScanHeader:
 
 
 def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
-    """A scan and its header; see `read_header`.
-
-    Raises
-    ------
-    SpecError
-        That names the file and says why it is no scan.
-    """
+    """A scan and its header; see `read_header`. Raises SpecError that names the file and says why it is no scan."""
     path = Path(path)
     try:
         data = _bytes_of(path)

@@ -111,7 +111,7 @@ def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Even
 def _array(source: _Bytes) -> npt.NDArray[Any]:
     """The array that begins here.
 
-    Raises EOFError: at the end, with a message where that is in the middle of an array.
+    Raises EOFError at the end, with a message where that is in the middle of an array.
     Raises ValueError if the array is invalid.
     """
     mark = source.read(len(MAGIC))

@@ -83,10 +83,7 @@ def contact_of(
 ) -> Contact | None:
     """The contact of a located frame's dots; None where they are too few.
 
-    Parameters
-    ----------
-    built_mm : ndarray, shape (n, 2)
-        Places of parts that the answer rests on, texture frame.
+    built_mm (n, 2): Places of parts that the answer rests on, texture frame.
     """
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
     tape = ground.tape
