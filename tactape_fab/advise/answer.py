@@ -44,18 +44,11 @@ class Simulated:
 class Line:
     """A design, and its predicted performance.
 
-    Attributes
-    ----------
-    least_mm : float or None
-        Diameter of the smallest round contact of which 9 in 10 are located; None if none within the sensor's field is.
-    error_um, angle_deg : float
-        Median errors of contacts of the requested size, or of `least_mm` if that is larger.
-    parts : int
-        Parts of one tape.
-    once, each : float or None
-        Estimated assembly cost, for an order and for each tape; None without assembly.
-    height_um, noise_um : float
-        Height of a dot, and rms of the noise about it, after the decoder's smoothing.
+    least_mm: Diameter of the smallest round contact of which 9 in 10 are located; None if none within the sensor's field is.
+    error_um, angle_deg: Median errors of contacts of the requested size, or of `least_mm` if that is larger.
+    parts: Parts of one tape.
+    once, each: Estimated assembly cost, for an order and for each tape; None without assembly.
+    height_um, noise_um: Height of a dot, and rms of the noise about it, after the decoder's smoothing.
     """
 
     design: Design
@@ -133,10 +126,7 @@ class Advice:
 def advise(question: Question) -> Advice:
     """Find the designs within the rules, and the contacts that each locates by the model.
 
-    Raises
-    ------
-    SpecError
-        If no design gives a tape of the requested size.
+    Raises SpecError if no design gives a tape of the requested size.
     """
     making = question.making
     if isinstance(making, FabProfile):

@@ -28,18 +28,10 @@ _SIDE_MM, _SIDE_PITCHES = 15.0, 8.0
 class MapPoint:
     """A part at a pitch.
 
-    Attributes
-    ----------
-    part : str
-    body_mm : (float, float, float)
-    pitch_mm : float
-    least_mm : dict of str to float or None
-        By code, the smallest contact of which 9 in 10 are located, mm, with the best Δ; None where none in the sensor's field is.
-        Empty where the rules refuse every Δ, or no tape of that size can be planned.
-    parts : int
-        Of one tape; 0 where there is none.
-    once, each : float or None
-        Estimated assembly cost, for an order and for each tape; None where it is not known.
+    least_mm: By code, the smallest contact of which 9 in 10 are located, mm, with the best Δ; None where none in the sensor's
+        field is. Empty where the rules refuse every Δ, or no tape of that size can be planned.
+    parts: Of one tape; 0 where there is none.
+    once, each: Estimated assembly cost, for an order and for each tape; None where it is not known.
     """
 
     part: str
@@ -68,13 +60,8 @@ def map_of(
 ) -> tuple[MapPoint, ...]:
     """Every part that is tried, at every pitch; parts in turn, pitches ascending.
 
-    Parameters
-    ----------
-    question : Question
-    workers : int or str
-        Number of processes, or the address of a Dask scheduler.
-    progress : callable
-        Called with a text, the number of points done and their total.
+    workers: Number of processes, or the address of a Dask scheduler.
+    progress: Called with a text, the number of points done and their total.
     """
     if isinstance(question.making, FabProfile):
         parts = [(name, read_part(name).body_mm) for name in FILM_PARTS]

@@ -83,20 +83,12 @@ dots."""
 class Loss:
     """Loss of information in frames, relative to the random dots.
 
-    Attributes
-    ----------
-    share : float
-        Fraction of the information that remains.
-    noise : float
-        Median height of the tops of noise over its rms.
-    clutter_um : float
-        Rms of what else has tops: rims, and the contact's own shape.
-    tops : float
-        Number of such tops per squared correlation length of the noise.
-    scatter : float
-        Fraction by which a contact must be larger per displacement of dot error beyond `CLEAN`, because grids are missed.
-    eight : float
-        Factor by which a contact must be larger for eight directions: a grid is fitted to dots at any of eight places.
+    share: Fraction of the information that remains.
+    noise: Median height of the tops of noise over its rms.
+    clutter_um: Rms of what else has tops: rims, and the contact's own shape.
+    tops: Number of such tops per squared correlation length of the noise.
+    scatter: Fraction by which a contact must be larger per displacement of dot error beyond `CLEAN`, because grids are missed.
+    eight: Factor by which a contact must be larger for eight directions: a grid is fitted to dots at any of eight places.
     """
 
     share: float
@@ -119,22 +111,12 @@ chosen so that the predictions for 10 designs of eight directions hold with that
 class Seen:
     """A design as seen by a sensor.
 
-    Attributes
-    ----------
-    pitch_mm, displacement_mm : float
-    shape : {"block", "dome"}
-    body_mm : (float, float, float)
-    points : int
-        Grid points of one tape.
-    tapes : int
-        Registered tapes.
-    sensor : SensorProfile
-    blur_mm, placement_mm : float
-        Standard deviations of the gel's smoothing, and of the parts' places along each axis.
-    top_mm : float or None
-        Diameter of a dome's flat top.
-    directions : int
-        Number of displacement directions.
+    shape {"block", "dome"}
+    points: Grid points of one tape.
+    tapes: Registered tapes.
+    blur_mm, placement_mm: Standard deviations of the gel's smoothing, and of the parts' places along each axis.
+    top_mm: Diameter of a dome's flat top.
+    directions: Number of displacement directions.
     """
 
     pitch_mm: float
@@ -154,14 +136,9 @@ class Seen:
 class Signal:
     """Height of a dot and the noise about it.
 
-    Attributes
-    ----------
-    height_um : float
-        Height of its top over the background.
-    noise_um, alike_mm : float
-        Rms of the noise about it, and its correlation length, after the decoder's filter.
-    error_mm, pull_mm : float
-        Standard deviations of its top's displacement along one axis, by noise and by its neighbours.
+    height_um: Height of its top over the background.
+    noise_um, alike_mm: Rms of the noise about it, and its correlation length, after the decoder's filter.
+    error_mm, pull_mm: Standard deviations of its top's displacement along one axis, by noise and by its neighbours.
     """
 
     height_um: float

@@ -26,20 +26,11 @@ _DEFAULTS = {"blur_mm": Scene().elastomer_mm, "placement_mm": Scene().placement_
 class Question:
     """Contacts to be located, and the process that makes the tape.
 
-    Attributes
-    ----------
-    contact_mm : float
-        Diameter of the smallest contact to be located.
-    sensor : SensorProfile
-    making : FabProfile or ProcessProfile
-    profile : str
-        Its name, or the path of its file, as it was given: what a spec and a command line take.
-    blur_mm, placement_mm : float
-        Standard deviations of the gel's smoothing, and of the parts' places along each axis.
-    tapes : int
-        Registered tapes.
-    size_mm : (float, float)
-        Outline of one.
+    contact_mm: Diameter of the smallest contact to be located.
+    profile: Its name, or the path of its file, as it was given: what a spec and a command line take.
+    blur_mm, placement_mm: Standard deviations of the gel's smoothing, and of the parts' places along each axis.
+    tapes: Registered tapes.
+    size_mm: Outline of one.
     """
 
     contact_mm: float
@@ -53,13 +44,7 @@ class Question:
 
 
 def read_question(values: Mapping[str, Any]) -> Question:
-    """Read a question from untrusted values; missing keys have their defaults.
-
-    Raises
-    ------
-    SpecError
-        Every problem found.
-    """
+    """Read a question from untrusted values; missing keys have their defaults. Raises SpecError: every problem found."""
     table = Fields({**_DEFAULTS, **values})
     problems = table.problems
     problems += [unknown_key(key, KEYS) for key in values if key not in KEYS]

@@ -32,10 +32,7 @@ def dated(date: datetime) -> Iterator[None]:
 def build_date() -> datetime:
     """Date of all written files: SOURCE_DATE_EPOCH (reproducible-builds.org), else 1980-01-01, in UTC.
 
-    Raises
-    ------
-    SpecError
-        If SOURCE_DATE_EPOCH is not a whole number of seconds since 1970.
+    Raises SpecError if SOURCE_DATE_EPOCH is not a whole number of seconds since 1970.
     """
     given = _GIVEN.get()
     if given is not None:

@@ -38,12 +38,8 @@ class OtherWorkerError(TactapeError):
 class ClusterPool(Executor):
     """Calls functions in the workers of a Dask scheduler; a call whose worker dies is given to another one.
 
-    Raises
-    ------
-    MissingLibraryError
-        Without the extra ``cluster``.
-    LostClusterError
-        If nothing answers at the address, or there is no worker; by a call, once the scheduler is gone.
+    Raises MissingLibraryError without the extra ``cluster``.
+    Raises LostClusterError if nothing answers at the address, or there is no worker; by a call, once the scheduler is gone.
     """
 
     def __init__(self, address: str) -> None:

@@ -66,13 +66,8 @@ class Fields:
     Every reader returns a usable value even after a problem, so that all problems come together;
     the caller looks at `problems` when it has read everything.
 
-    Parameters
-    ----------
-    values : mapping
-    where : str
-        Prefix of the key in messages, such as ``"board."``.
-    problems : list of Problem, optional
-        Where problems are collected (shared with nested tables).
+    where: Prefix of the key in messages, such as ``"board."``.
+    problems: Where problems are collected (shared with nested tables).
     """
 
     def __init__(self, values: Mapping[str, Any], where: str = "", problems: list[Problem] | None = None) -> None:

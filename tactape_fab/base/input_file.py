@@ -16,10 +16,7 @@ from pathlib import Path
 def open_regular(path: Path) -> BufferedReader:
     """Open a regular file for reading, through links.
 
-    Raises
-    ------
-    OSError
-        If it cannot be opened, or is a FIFO, a device, a socket or a folder.
+    Raises OSError if it cannot be opened, or is a FIFO, a device, a socket or a folder.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0))
     try:
@@ -34,10 +31,7 @@ def open_regular(path: Path) -> BufferedReader:
 def read_regular(path: Path, most_bytes: int) -> bytes:
     """The bytes of a regular file, one more than `most_bytes` at most, so that the caller can tell a file that is larger.
 
-    Raises
-    ------
-    OSError
-        As `open_regular`.
+    Raises OSError as `open_regular`.
     """
     with open_regular(path) as stream:
         return stream.read(most_bytes + 1)
@@ -48,12 +42,9 @@ def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: in
 
     `ZipFile.read` unpacks all that the compressed bytes hold before it looks at the size that the directory gives.
 
-    Raises
-    ------
-    ValueError
-        If it unpacks to more, or to other than the zip announces.
-    zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError
-        If it is damaged, encrypted, or packed in a way that Python does not know.
+    Raises ValueError if it unpacks to more, or to other than the zip announces.
+    Raises zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError if it is damaged, encrypted, or packed in a
+        way that Python does not know.
     """
     with archive.open(entry) as member:
         data = member.read(most_bytes + 1)

@@ -11,12 +11,8 @@ from typing import Any
 def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """``__getattr__``, ``__dir__`` and ``__all__`` of a package.
 
-    Parameters
-    ----------
-    package : str
-        Its ``__name__``.
-    homes : mapping
-        Module, relative to `tactape_fab`, to the public names that it defines, with blanks between them.
+    package: Its ``__name__``.
+    homes: Module, relative to `tactape_fab`, to the public names that it defines, with blanks between them.
     """
     module_of = {name: f"tactape_fab.{module}" for module, names in homes.items() for name in names.split()}
 

@@ -39,16 +39,8 @@ _IN_KITS = ("numpy", "shapely", "gerbonara", "jinja2", "Hershey-Fonts", "trimesh
 def library(module: str, use: str) -> Any:
     """Import a library by the name of its module.
 
-    Parameters
-    ----------
-    module : str
-    use : str
-        What needs it, as the beginning of a sentence: ``"drawing pictures"``.
-
-    Raises
-    ------
-    MissingLibraryError
-        When it is not installed.
+    use: What needs it, as the beginning of a sentence: ``"drawing pictures"``.
+    Raises MissingLibraryError when it is not installed.
     """
     try:
         return import_module(module)

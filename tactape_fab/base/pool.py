@@ -200,20 +200,11 @@ def mapped(
     Items are drawn as workers become free, and results are not kept. Close the generator to stop: what is at work is ended, on a
     cluster what has not begun.
 
-    Parameters
-    ----------
-    function : callable
-        Of a module's top level: it is pickled, as items and results are.
-    items : iterable
-    workers : int or str
-        One works in this process, unless `isolated`.
-    lost : callable, optional
-        Result of an item of which a process died `TRIES` times; an error of the package if left out.
-
-    Raises
-    ------
-    TactapeError
-        For a lost process, and for a cluster that is lost or has other versions; and whatever the function raises.
+    function: Of a module's top level: it is pickled, as items and results are.
+    workers: One works in this process, unless `isolated`.
+    lost: Result of an item of which a process died `TRIES` times; an error of the package if left out.
+    Raises TactapeError for a lost process, and for a cluster that is lost or has other versions; and whatever the function
+        raises.
     """
     for _, result in _mapped(function, items, workers, lost or _refuse_lost, isolated=isolated, ordered=True):
         yield result

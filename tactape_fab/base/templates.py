@@ -47,13 +47,7 @@ def profile_names(kind: str) -> list[str]:
 
 
 def read_toml(path: Path, key: str) -> dict[str, Any]:
-    """A TOML file of bounded size as a mapping.
-
-    Raises
-    ------
-    SpecError
-        If it cannot be opened, is too large, or is not TOML.
-    """
+    """A TOML file of bounded size as a mapping. Raises SpecError if it cannot be opened, is too large, or is not TOML."""
     try:
         data = read_regular(path, _PROFILE_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path that is invalid on every system

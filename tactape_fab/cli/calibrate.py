@@ -108,7 +108,7 @@ def _known(text: str) -> tuple[int, float]:
 
 
 def calibration_lines(found: Calibration) -> list[str]:
-    """What was found, as lines."""
+    """The calibration as lines."""
     sensor = found.sensor
     dots = sum(len(press.weights) for press in found.presses)
     valid = 1.0 if found.valid is None else float(found.valid.mean())

@@ -69,18 +69,9 @@ def tapes_to_certify(
 ) -> tuple[list[Tape], tuple[str, ...]]:
     """Tapes of kits, or of a code's sectors as `make` plans them, and a label for each.
 
-    Parameters
-    ----------
-    kits : sequence of path
-    options : mapping
-        ``code`` and ``size_mm``, if given.
-    as_built : sequence of path
-        As `texture.registry.read_tapes` takes it.
-
-    Raises
-    ------
-    SpecError
-        With every problem of all of them.
+    options: ``code`` and ``size_mm``, if given.
+    as_built: As `texture.registry.read_tapes` takes it.
+    Raises SpecError with every problem of all of them.
     """
     if kits and options:
         raise SpecError(Problem("code", "kits and --code or --size are given, but a kit says all of it; give either"))
@@ -178,7 +169,7 @@ def _bits(bits: int | None, pairs: int) -> str:
 
 
 def proven_lines(tapes: Sequence[Tape]) -> list[str]:
-    """What the code of several tapes proves of any two of them."""
+    """Distances that the code of several tapes proves for any two of them, as lines."""
     from tactape_fab.texture.certify.certificate import proven_between
 
     proven = proven_between(tapes)

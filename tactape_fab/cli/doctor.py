@@ -74,7 +74,7 @@ def doctor(frames: Sequence[str], kits: Sequence[str], like: str | None, as_json
 
 
 def _look(frames: Sequence[str], kits: Sequence[str], like: str | None) -> FirstFrames:
-    """What a sensor's frames show; all invalid values are refused together."""
+    """Examine a sensor's frames; all invalid values are refused together."""
     library("scipy", "doctor --sensor")
     from tactape_fab.sense.calibrate.first_frames import look_at_frames
     from tactape_fab.sense.files.depth_maps import open_frame_file
@@ -94,7 +94,7 @@ def _look(frames: Sequence[str], kits: Sequence[str], like: str | None) -> First
 
 
 def frames_lines(found: FirstFrames) -> list[str]:
-    """What frames show as lines: one for each, what looks wrong, and what to do next."""
+    """The findings of frames as lines: one for each frame, then faults, then the next step."""
     verdicts = {None: "", True: "located", False: "not located"}
     rows = [(str(look.frame), str(look.dots), verdicts[look.located], look.reason or "") for look in found.frames]
     wrong = [f"wrong: {line}" for line in found.wrong] or ["nothing looks wrong"]

@@ -66,10 +66,7 @@ def workers_option(what: str, usual: str, *others: str) -> Callable[[F], F]:
 def workers_of(text: str | None, usual: Workers | None = None) -> Workers:
     """The workers of --workers; `usual`, or one for each processor, if it is left out.
 
-    Raises
-    ------
-    SpecError
-        For what is neither a number of processes nor an address.
+    Raises SpecError for what is neither a number of processes nor an address.
     """
     from tactape_fab.base.pool import checked_workers
 

@@ -84,7 +84,7 @@ def verified_line(checks: Sequence[Check]) -> str:
 
 
 def _why(checks: Sequence[Check]) -> str:
-    """What the checks that were not run are waiting for."""
+    """Reasons why checks were not run."""
     names = [check.name for check in checks if check.skipped]
     return f"{', '.join(names[:_MOST_NAMED])}{' and others' * (len(names) > _MOST_NAMED)}"
 

@@ -60,7 +60,7 @@ def survey(
 
 
 def survey_lines(found: Survey) -> list[str]:
-    """What a survey found, in words."""
+    """The result of a survey as lines."""
     said = found.to_mapping()
     return [
         f"{said['tape']}: {said['contacts']} of {counted(said['frames'], 'frame')} located and used",

@@ -36,10 +36,6 @@ Box = tuple[float, float, float, float]
 """Least x, least y, largest x, largest y: board frame, mm."""
 
 
-def moved(box: Box, offset: tuple[float, float]) -> Box:
-    return box[0] + offset[0], box[1] + offset[1], box[2] + offset[0], box[3] + offset[1]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """A relevant threshold that no fab has confirmed."""
@@ -108,40 +104,23 @@ class OrderedPanel:
 class OrderFacts:
     """Values available to a template of order notes.
 
-    Attributes
-    ----------
-    name, size_mm, part_count
-        Of the ordered item: the tape, or the panel described by `panel`; `tape` is then its first tape.
-    designs : int
-        Number of different tapes in it.
-    files : mapping of str to str
-        Role to path in the kit.
-    part_number : str
-        In the assembly house's format; '' without one.
-    field_mm : Box
-        Holds every coverlay opening, rounded outward to 0.1 mm; nothing may be added in it.
-    number_mm : Box or None
-        Area where the fab may print its order number: in the strip, clear of tag and label; rounded inward,
-        None if there is no space.
-    slash : str
-        Direction of a part seen from above: one of ``- / | \\``.
-    fits_panel : bool
-        Whether the board alone is within the assembly line's limits.
-    questions, broken, warnings, close : tuples
-        Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), warnings without a threshold, and those of
-        the questions that are met by less than `_CLOSE`.
-    coverlays : tuple of str
-        Ways in which the tapes' coverlay is opened, each once.
-    rotation_deg, turned_slash
-        Of the parts on tapes that are not turned, and how parts lean on turned ones; "" without any.
-    pitch_words, displacement_words : str
-        W and Δ, of all tapes.
-    first_mm, last_mm : (float, float)
-        Places of the first and the last part.
-    stiffener, adhesive : str or None
-        Layer laminated to the underside: material and thickness in mm.
-    anchors : str
-        Kind of the copper that extends from the pads under the coverlay, or ``none``.
+    name, size_mm, part_count: Of the ordered item: the tape, or the panel described by `panel`; `tape` is then its first tape.
+    designs: Number of different tapes in it.
+    files: Role to path in the kit.
+    part_number: In the assembly house's format; '' without one.
+    field_mm: Holds every coverlay opening, rounded outward to 0.1 mm; nothing may be added in it.
+    number_mm: Area where the fab may print its order number: in the strip, clear of tag and label; rounded inward, None if there
+        is no space.
+    slash: Direction of a part seen from above: one of ``- / | \\``.
+    fits_panel: Whether the board alone is within the assembly line's limits.
+    questions, broken, warnings, close: Relevant unconfirmed thresholds, broken blocking rules (the tape was forced), warnings
+        without a threshold, and those of the questions that are met by less than `_CLOSE`.
+    coverlays: Ways in which the tapes' coverlay is opened, each once.
+    rotation_deg, turned_slash: Of the parts on tapes that are not turned, and how parts lean on turned ones; "" without any.
+    pitch_words, displacement_words: W and Δ, of all tapes.
+    first_mm, last_mm: Places of the first and the last part.
+    stiffener, adhesive: Layer laminated to the underside: material and thickness in mm.
+    anchors: Kind of the copper that extends from the pads under the coverlay, or ``none``.
     """
 
     name: str

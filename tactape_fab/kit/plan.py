@@ -134,12 +134,8 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
     plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
     The grid has as many columns and rows as the margins allow; the remaining width is at the right end.
 
-    Raises
-    ------
-    SpecError
-        If not even one window of the code fits, or the tag does not.
-    CapacityError
-        If the grid exceeds the code's range.
+    Raises SpecError if not even one window of the code fits, or the tag does not.
+    Raises CapacityError if the grid exceeds the code's range.
     """
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
     claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
@@ -149,10 +145,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
 def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
     """Decide a texture of solid elements on a base of the spec's thickness; the grid is decided as in `plan`, without strip.
 
-    Raises
-    ------
-    SpecError, CapacityError
-        As `plan`.
+    Raises SpecError, CapacityError as `plan`.
     """
     assert spec.base_mm is not None
     tape_part = TapePart(

@@ -97,10 +97,7 @@ def _fab_zip(name: str, artifacts: Iterable[AnyArtifact]) -> Artifact:
 def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[AnyArtifact]) -> dict[str, Any]:
     """Content of manifest.json: the tape, profiles and options, and every file with size and SHA-256.
 
-    Parameters
-    ----------
-    made_by : mapping
-        Result of `film_record` or `texture_record`.
+    made_by: Result of `film_record` or `texture_record`.
     """
     return {
         "format": MANIFEST_FORMAT,
@@ -114,12 +111,8 @@ def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[AnyArti
 def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
     """Record of what the bytes of a kit depend on beside its spec, so that it can be made again.
 
-    Parameters
-    ----------
-    spec : TapeSpec
-        As it was asked for.
-    verified : bool
-        Whether the kit was read back when it was made, which its report tells.
+    spec: As it was asked for.
+    verified: Whether the kit was read back when it was made, which its report tells.
     """
     return {
         "made": {

@@ -61,17 +61,10 @@ Point = tuple[float, float, float]
 class Embossed:
     """A finished embossed part.
 
-    Attributes
-    ----------
-    path : Path
-        Its folder.
-    tape : Tape
-    surface : dict
-        The manifest's ``surface``: source, place, radius, distortion, volumes.
-    checks : tuple of Check
-        Every line of its verification.
-    files : dict of str to str
-        Role to path, relative to the folder.
+    path: Its folder.
+    surface: The manifest's ``surface``: source, place, radius, distortion, volumes.
+    checks: Every line of its verification.
+    files: Role to path, relative to the folder.
     """
 
     path: Path
@@ -123,37 +116,17 @@ def emboss_kit(
 ) -> Embossed:
     """Put a kit's texture on the user's own part.
 
-    Parameters
-    ----------
-    kit_path : str or Path
-        Folder of a kit, or its manifest.json.
-    surface_path : str or Path
-        The part: a closed mesh (STL, 3MF, OBJ, PLY) or a STEP file of one solid.
-    output : str or Path, optional
-        Folder of the result; by default ``<part>-<tape>`` beside the part.
-    placement : Placement
-        Place on the part, and direction of board +y.
-    overwrite : bool or "edits"
-        Replace an older result at `output`, as for `make_kit`. Anything else there is refused.
-    unit : {"mm", "cm", "m", "inch"}
-        Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
-    sim : bool
-        Add assets for simulators.
-    progress : callable
-        Called with the name of the step, the number of finished elements and their total.
-
-    Returns
-    -------
-    Embossed
-
-    Raises
-    ------
-    SpecError
-        If the kit or the part cannot be read, the part is not a solid, or the texture does not fit on it.
-    MissingLibraryError
-        If the extra ``cad`` is not installed.
-    VerifyError
-        If the written files fail the verification; nothing is left at `output`.
+    kit_path: Folder of a kit, or its manifest.json.
+    surface_path: The part: a closed mesh (STL, 3MF, OBJ, PLY) or a STEP file of one solid.
+    output: Folder of the result; by default ``<part>-<tape>`` beside the part.
+    placement: Place on the part, and direction of board +y.
+    overwrite: Replace an older result at `output`, as for `make_kit`. Anything else there is refused.
+    unit {"mm", "cm", "m", "inch"}: Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
+    sim: Add assets for simulators.
+    progress: Called with the name of the step, the number of finished elements and their total.
+    Raises SpecError if the kit or the part cannot be read, the part is not a solid, or the texture does not fit on it.
+    Raises MissingLibraryError if the extra ``cad`` is not installed.
+    Raises VerifyError if the written files fail the verification; nothing is left at `output`.
     """
     manifest_file = find_manifest(kit_path)
     content = read_manifest(manifest_file)
@@ -237,17 +210,9 @@ def laid_well(
 ) -> LaidOut:
     """The texture where it was asked to be, or else at a place where its pitch is right within `MOST_PITCH_ERROR`.
 
-    Parameters
-    ----------
-    chart_at : callable
-        The chart at a point; None for the surface's usual place, which is taken if it is good.
-    others_mm : sequence of (float, float, float)
-        Places that are tried beside it; the one of least error is taken.
-
-    Raises
-    ------
-    SpecError
-        If the texture fits nowhere, or nowhere without a larger error and no place was asked for.
+    chart_at: The chart at a point; None for the surface's usual place, which is taken if it is good.
+    others_mm: Places that are tried beside it; the one of least error is taken.
+    Raises SpecError if the texture fits nowhere, or nowhere without a larger error and no place was asked for.
     """
     if placement.at_mm is not None or placement.face is not None:
         return lay_out(tape, chart_at(placement.at_mm))

@@ -167,10 +167,7 @@ def fill_kit(
 
     ``blocking`` are the broken rules that the kit is made in spite of.
 
-    Raises
-    ------
-    VerifyError
-        If the written files fail the verification.
+    Raises VerifyError if the written files fail the verification.
     """
     progress("rendering")
     artifacts, content = rendered(examined)

@@ -115,7 +115,7 @@ class _Order:
 
 
 class Ordered(Protocol):
-    """What a process is asked to make."""
+    """A kit that a process is to make."""
 
     @property
     def name(self) -> str: ...
@@ -294,10 +294,7 @@ def make_packed(
 ) -> Generator[PanelKit | FailedKit]:
     """Make packed panels with all their kits, each in the folder under its name; as `make_kits` does kits.
 
-    Raises
-    ------
-    SpecError
-        If the path of a panel is taken; nothing is made.
+    Raises SpecError if the path of a panel is taken; nothing is made.
     """
     how = {"overwrite": overwrite, "verify": verify, "force": force, "signer": signer}
     orders = [

@@ -146,10 +146,7 @@ def fill_panel(
 ) -> tuple[list[AnyArtifact], tuple[Check, ...]]:
     """Write a panel with all its kits into a folder, as `tactape_fab.make.kit.fill_kit` does a kit.
 
-    Raises
-    ------
-    VerifyError
-        If the written files of a kit or of the panel fail the verification.
+    Raises VerifyError if the written files of a kit or of the panel fail the verification.
     """
     checks: list[Check] = []
     for number, tape in enumerate(examined.tapes, start=1):

@@ -28,20 +28,10 @@ _AT_FDCWD = -100
 def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | None = None) -> Iterator[Path]:
     """Context manager: a new folder beside `target` that replaces it at the end of the block, or is removed after an error.
 
-    Parameters
-    ----------
-    target : Path
-    what : str
-        Kind of the written folder, for the error message.
-    overwrite : bool or "edits"
-        Replace an older kit of this tool.
-    signer : Signer, optional
-        Signs what the folder holds at the end.
-
-    Raises
-    ------
-    TactapeError
-        If the folder or a file in it cannot be written.
+    what: Kind of the written folder, for the error message.
+    overwrite: Replace an older kit of this tool.
+    signer: Signs what the folder holds at the end.
+    Raises TactapeError if the folder or a file in it cannot be written.
     """
     folder = target.parent / f".{target.name}.{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
     new_parents = [parent for parent in target.parents if not parent.exists()]

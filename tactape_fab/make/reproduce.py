@@ -51,23 +51,11 @@ class NotReproducibleError(TactapeError):
 def reproduce_kit(path: str | Path, *, required: bool = True) -> Verification:
     """Make a kit, or a panel with its kits, again from its manifest, and compare every byte.
 
-    Parameters
-    ----------
-    path : str or Path
-        Folder of a kit or panel, or its manifest.json.
-    required : bool
-        Whether the line of a kit that this version cannot make again is a failure; a warning otherwise. Such are kits of
+    path: Folder of a kit or panel, or its manifest.json.
+    required: Whether the line of a kit that this version cannot make again is a failure; a warning otherwise. Such are kits of
         other versions, of the user's own profiles, on the user's own part, and designs that avoid other tapes.
-
-    Returns
-    -------
-    Verification
-        With one line.
-
-    Raises
-    ------
-    SpecError
-        When there is no kit at `path`.
+    Returns: With one line.
+    Raises SpecError when there is no kit at `path`.
     """
     file = find_manifest(path)
     try:
@@ -103,13 +91,7 @@ def _reproduced(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]
 
 
 def _read_made(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The record of how a kit was made.
-
-    Raises
-    ------
-    NotReproducibleError
-        If another version made it.
-    """
+    """The record of how a kit was made. Raises NotReproducibleError if another version made it."""
     tool = content.get("tool")
     version = tool.get("version") if isinstance(tool, Mapping) else None
     if version != __version__:

@@ -14,12 +14,8 @@ def bom_lines(data: bytes, manifest: Mapping[str, Any]) -> list[list[str]]:
 
     A file has at most 200 designators a row. Rows of one part are joined: designators in a row, quantities added.
 
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    manifest : mapping
-        Its ``assembly`` names the format.
+    data: The file.
+    manifest: Its ``assembly`` names the format.
     """
     head, *rows = csv_lines(data.decode("utf-8-sig"))
     table = FORMATS[str(manifest["assembly"]["format"])].bom

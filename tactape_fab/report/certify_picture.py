@@ -31,10 +31,7 @@ _NAMED = 24
 def draw_certified(result: Certified) -> Picture:
     """Picture of certificates: for one tape a map for each window size, for several a matrix for each.
 
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        Blue first.
+    Returns (height, width, 3): Blue first.
     """
     if len(result.certificates) == 1:
         certificate = result.certificates[0]
@@ -53,12 +50,8 @@ def draw_certified(result: Certified) -> Picture:
 def write_picture(path: Path, picture: Picture, *, overwrite: bool = False) -> None:
     """Write a picture as PNG, whole or not at all.
 
-    Raises
-    ------
-    SpecError
-        When something else is there, or another file without `overwrite`.
-    TactapeError
-        When it cannot be written.
+    Raises SpecError when something else is there, or another file without `overwrite`.
+    Raises TactapeError when it cannot be written.
     """
     import cv2
 

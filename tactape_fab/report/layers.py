@@ -89,14 +89,9 @@ def layer_switches(shapes: Sequence[Shapes], titles: Mapping[str, str] = TITLES)
 def film_shapes(files: Mapping[str, bytes], cpl: CplContent, colours: Mapping[str, Any]) -> Iterator[Shapes]:
     """A film from its lowest layer up, as its Gerber files, drill file and CPL draw it.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        By role.
-    cpl : CplContent
-        The CPL among them, already read.
-    colours : mapping
-        The manifest's ``fab``, with the names of coverlay and legend colour.
+    files: By role.
+    cpl: The CPL among them, already read.
+    colours: The manifest's ``fab``, with the names of coverlay and legend colour.
     """
     outline, *slots = read_shapes(files["profile"]).strokes_mm
     film, edge = COVERLAY_COLOURS[str(colours["coverlay_colour"])]

@@ -33,19 +33,11 @@ _SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.j
 class Written:
     """A kit as it was written.
 
-    Attributes
-    ----------
-    manifest : mapping
-        Its content; ``files`` lists all files but the report and the manifest itself.
-    tape : Tape
-    files : mapping of str to bytes
-        By role: those of `READ_ROLES` that the kit has; of the component layer no more than its first part is needed.
-    stl : bytes or Path, optional
-        The mesh, if it has one.
-    checks : sequence of Check
-        Lines of its verification; empty if it was not verified.
-    findings : sequence of Finding
-        Its design rules, measured; empty without any.
+    manifest: Its content; ``files`` lists all files but the report and the manifest itself.
+    files: By role: those of `READ_ROLES` that the kit has; of the component layer no more than its first part is needed.
+    stl: The mesh, if it has one.
+    checks: Lines of its verification; empty if it was not verified.
+    findings: Its design rules, measured; empty without any.
     """
 
     manifest: Mapping[str, Any]

@@ -33,18 +33,11 @@ _SCRIPTS = ("arrays.js", "map.js", "parts.js", "begin.js")
 class WrittenPanel:
     """A panel as it was written.
 
-    Attributes
-    ----------
-    manifest : mapping
-        Its content; ``files`` lists all its own files but the report and the manifest itself.
-    tapes : sequence of Tape
-        In the order of the manifest's ``tapes``.
-    files : mapping of str to bytes
-        By role: those of `PANEL_READ_ROLES`.
-    checks : sequence of Check
-        Lines of its own verification, not of the kits on it; empty where it was not verified.
-    findings : sequence of Finding
-        Its design rules, as the worst tape measures them.
+    manifest: Its content; ``files`` lists all its own files but the report and the manifest itself.
+    tapes: In the order of the manifest's ``tapes``.
+    files: By role: those of `PANEL_READ_ROLES`.
+    checks: Lines of its own verification, not of the kits on it; empty where it was not verified.
+    findings: Its design rules, as the worst tape measures them.
     """
 
     manifest: Mapping[str, Any]

@@ -21,20 +21,12 @@ if TYPE_CHECKING:
 class Places:
     """Parts in the order of the list they were read from.
 
-    Attributes
-    ----------
-    designators : sequence of str
-    xy_mm : ndarray, shape (n, 2)
-        Board frame.
-    cells : ndarray of int64, shape (n, 2)
-        Column and row.
-    symbols : ndarray of uint8, shape (n,)
-    rotation_deg : ndarray, shape (n,)
-        Counter-clockwise.
-    on_part : Placed or None
-        Place of each element on a user's own part, for a texture on one.
-    tapes : ndarray of uint16, shape (n,), or None
-        On a panel, which of its tapes a part belongs to.
+    xy_mm (n, 2): Board frame.
+    cells (n, 2): Column and row.
+    symbols (n,)
+    rotation_deg (n,): Counter-clockwise.
+    on_part: Place of each element on a user's own part, for a texture on one.
+    tapes (n,): On a panel, which of its tapes a part belongs to.
     """
 
     designators: Sequence[str]

@@ -22,12 +22,8 @@ _STEPS = 0xFFFF
 def solid_view(file: bytes | Path, centre_mm: npt.ArrayLike | None = None) -> dict[str, Any]:
     """Triangles of an STL on a grid of 65,535 steps along each axis of their own extent.
 
-    Parameters
-    ----------
-    file : bytes or Path
-        The STL; of a path, what is drawn and one corner of each triangle are in memory at most.
-    centre_mm : array_like, shape (3,), optional
-        What is shown of a larger mesh lies round this point; its upper middle where none is given.
+    file: The STL; of a path, what is drawn and one corner of each triangle are in memory at most.
+    centre_mm (3,): What is shown of a larger mesh lies round this point; its upper middle where none is given.
     """
     with BytesIO(file) if isinstance(file, bytes) else file.open("rb") as stream:
         first = np.concatenate([corners[:, 0] for corners in stl_corner_pieces(stream)])

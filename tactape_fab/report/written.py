@@ -20,19 +20,9 @@ def add_report(
 ) -> Artifact:
     """Write the report of the kit in `folder`, and its manifest again.
 
-    Parameters
-    ----------
-    folder : Path
-    content : mapping
-        What its manifest holds.
-    tape : Tape
-    checks, findings : sequences
-        How it was verified, and which rules it keeps.
-
-    Returns
-    -------
-    Artifact
-        The report as it was written.
+    content: What its manifest holds.
+    checks, findings: How it was verified, and which rules it keeps.
+    Returns: The report as it was written.
     """
     files = _read(folder, content, READ_ROLES)
     stl = next((folder / row["path"] for row in content["files"] if row["role"] == "stl"), None)

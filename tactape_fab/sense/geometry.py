@@ -15,26 +15,19 @@ _NEWTON_STEPS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
-    """What a sensor's image has beside its scale, and the standard deviation of each parameter.
+    """A sensor's camera beside its scale, and the standard deviation of each parameter.
 
     A point q (mm right and down of the centre) is seen at p = centre + (1 + k1 r^2 / r_corner^2) M q, with r = |M q| and r_corner
     half the image's diagonal, both in px, and M = [[R_u (1 + aspect / 2), R_u shear], [0, R_v (1 - aspect / 2)]] for the
     profile's px/mm (R_u, R_v). Horizontal lines stay horizontal: theta is the turn of image u.
 
-    Attributes
-    ----------
-    aspect : float
-        Stretch along u over that along v, less 1.
-    shear : float
-        Shift along u for each unit along v.
-    k1 : float
-        Radial distortion at the image's corner; positive is pincushion.
-    center_px : (float, float) or None
-        Centre of the distortion, canonical image; None: the image centre.
-    sigma_px_per_mm : float or None
-        Standard deviation of the scale, px/mm; None: half the profile's `scale_tolerance`.
-    sigma_aspect, sigma_shear, sigma_k1 : float
-        Standard deviations of the other parameters. The defaults are those of a sensor that nobody calibrated.
+    aspect: Stretch along u over that along v, less 1.
+    shear: Shift along u for each unit along v.
+    k1: Radial distortion at the image's corner; positive is pincushion.
+    center_px: Centre of the distortion, canonical image; None: the image centre.
+    sigma_px_per_mm: Standard deviation of the scale, px/mm; None: half the profile's `scale_tolerance`.
+    sigma_aspect, sigma_shear, sigma_k1: Standard deviations of the other parameters. The defaults are those of a sensor that
+        nobody calibrated.
     """
 
     aspect: float = 0.0
@@ -51,22 +44,14 @@ class Geometry:
 class Gel:
     """Elastomer of a sensor; None where it is not known.
 
-    Attributes
-    ----------
-    thickness_mm : float or None
-        Thickness of the layer.
-    modulus_kpa : float or None
-        Young's modulus.
-    displacement_um : float
-        Smooth displacement of the gel's surface along itself under load: root mean square along each axis, micrometres.
-    correlation_mm : float
-        Standard deviation of the Gaussian that correlates it from place to place.
-    blur_mm : float or None
-        Standard deviation of the Gaussian by which the gel smooths what is pressed into it.
-    poisson : float or None
-        Poisson's ratio; None: 0.485.
-    crown_mm : (float, float) or None
-        Radii of the undeformed surface along image u and v, highest in the image's centre; 1e9 for a plane gel.
+    thickness_mm: Thickness of the layer.
+    modulus_kpa: Young's modulus.
+    displacement_um: Smooth displacement of the gel's surface along itself under load: root mean square along each axis,
+        micrometres.
+    correlation_mm: Standard deviation of the Gaussian that correlates it from place to place.
+    blur_mm: Standard deviation of the Gaussian by which the gel smooths what is pressed into it.
+    poisson: Poisson's ratio; None: 0.485.
+    crown_mm: Radii of the undeformed surface along image u and v, highest in the image's centre; 1e9 for a plane gel.
     """
 
     thickness_mm: float | None = None
@@ -82,15 +67,9 @@ class Gel:
 class Camera:
     """The camera model with its numbers put in.
 
-    Attributes
-    ----------
-    centre_px : ndarray, shape (2,)
-        Centre of the distortion.
-    matrix, inverse : ndarray, shape (2, 2)
-        M, px/mm, and its inverse.
-    k1 : float
-    corner_px : float
-        r_corner, half the image's diagonal.
+    centre_px (2,): Centre of the distortion.
+    matrix, inverse (2, 2): M, px/mm, and its inverse.
+    corner_px: r_corner, half the image's diagonal.
     """
 
     centre_px: FloatArray
@@ -102,15 +81,8 @@ class Camera:
     def to_px(self, at_mm: npt.ArrayLike) -> FloatArray:
         """Pixels of points on the gel.
 
-        Parameters
-        ----------
-        at_mm : array_like, shape (..., 2)
-            Right and down of the centre, mm.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            (u, v) of the canonical image, px.
+        at_mm (..., 2): Right and down of the centre, mm.
+        Returns (..., 2): (u, v) of the canonical image, px.
         """
         straight = np.asarray(at_mm, dtype=np.float64) @ self.matrix.T
         if self.k1 == 0.0:
@@ -122,15 +94,8 @@ class Camera:
     def from_px(self, px: npt.ArrayLike) -> FloatArray:
         """Points on the gel that are seen at pixels: the inverse of `to_px`.
 
-        Parameters
-        ----------
-        px : array_like, shape (..., 2)
-            (u, v) of the canonical image, px.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            Right and down of the centre, mm.
+        px (..., 2): (u, v) of the canonical image, px.
+        Returns (..., 2): Right and down of the centre, mm.
         """
         seen = np.asarray(px, dtype=np.float64) - self.centre_px
         if self.k1 != 0.0:

@@ -39,17 +39,9 @@ _ERROR_PX = 78
 def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Tape], fix: Localization, frame: int) -> Picture:
     """Picture of a frame and its answer.
 
-    Parameters
-    ----------
-    depth : array_like, shape (h, w)
-        As the sensor delivers it.
-    tapes : sequence of Tape
-        The registry. Of the answer's tape the grid, the symbols and the whole outline are drawn.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        Text, the enlarged canonical image, and the tape with the contact beside the error; BGR.
+    depth (h, w): As the sensor delivers it.
+    tapes: The registry. Of the answer's tape the grid, the symbols and the whole outline are drawn.
+    Returns (height, width, 3): Text, the enlarged canonical image, and the tape with the contact beside the error; BGR.
     """
     from tactape_fab.sense.decode.dots.detect import band_pass, detect
 
@@ -81,13 +73,7 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
 
 
 def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
-    """Write a picture as ``frame-NNNNNN.png``.
-
-    Raises
-    ------
-    TactapeError
-        When it cannot be written.
-    """
+    """Write a picture as ``frame-NNNNNN.png``. Raises TactapeError when it cannot be written."""
     cv2 = library("cv2", "drawing a picture")
 
     try:

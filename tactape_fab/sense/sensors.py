@@ -233,10 +233,7 @@ def _read_gel(table: Fields) -> Gel:
 def as_sensor(sensor: object) -> SensorProfile:
     """A profile itself, or read by name or path; the package's own are read once.
 
-    Raises
-    ------
-    SpecError
-        As `load_sensor`, and if it is none of the three.
+    Raises SpecError as `load_sensor`, and if it is none of the three.
     """
     if isinstance(sensor, SensorProfile):
         return sensor

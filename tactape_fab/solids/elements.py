@@ -62,10 +62,7 @@ def element_rings_mm(part: TapePart) -> FloatArray:
 
     The top ring of a block and of a truncated cone bounds a flat face, that of a spherical cap is closed by its apex.
 
-    Returns
-    -------
-    ndarray, shape (rings, points, 3)
-        In the part's frame; the foot is at z = 0.
+    Returns (rings, points, 3): In the part's frame; the foot is at z = 0.
     """
     length_mm, _, height_mm = part.body_mm
     if part.shape == "block":
@@ -110,12 +107,8 @@ def cap_faces(first: int, points: int, apex: int | None) -> IntArray:
 def closed_element(part: TapePart, sink_mm: float) -> tuple[FloatArray, IntArray]:
     """One element as a closed mesh that reaches `sink_mm` below its foot, for a boolean with a surface.
 
-    Returns
-    -------
-    vertices : ndarray, shape (v, 3)
-        In the part's frame, mm.
-    faces : ndarray, shape (f, 3)
-        Counter-clockwise seen from outside.
+    Returns vertices (v, 3): In the part's frame, mm.
+    Returns faces (f, 3): Counter-clockwise seen from outside.
     """
     rings = element_rings_mm(part)
     buried = rings[:1] - (0.0, 0.0, sink_mm)

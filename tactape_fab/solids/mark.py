@@ -71,15 +71,9 @@ def read_raster(cells: BoolArray) -> int | None:
 class Mark:
     """The cells of a mark on the back, in board coordinates.
 
-    Attributes
-    ----------
-    cells : ndarray of bool, shape (5, columns)
-        Row by row from board +y, from the left as seen from the back.
-    cell_mm, depth_mm : float
-    middle_mm : (float, float)
-        Board place of its middle.
-    mirrored : bool
-        Whether the back is seen from below, so that columns run to board -x; not so on a mould.
+    cells (5, columns): Row by row from board +y, from the left as seen from the back.
+    middle_mm: Board place of its middle.
+    mirrored: Whether the back is seen from below, so that columns run to board -x; not so on a mould.
     """
 
     cells: BoolArray

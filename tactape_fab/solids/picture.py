@@ -39,32 +39,15 @@ def shaded(
 ) -> Image:
     """Draw a mesh.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Closed; only its outside is drawn.
-    direction : (float, float, float)
-        From the object towards the viewer, in the mesh's frame.
-    up : (float, float, float)
-        What points up in the picture, in the mesh's frame; not parallel to `direction`.
-    width_px : int
-        The height follows from the object's extent. Where it would exceed MOST_PX the picture is narrower.
-    rgb : (float, float, float)
-        Colour of the surface in full light, each from 0 to 1.
-    margin : float
-        White border, as a share of the longer side.
-    supersampling : int
-        Samples along each axis of a pixel.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        Red, green, blue.
-
-    Raises
-    ------
-    RenderError
-        When the mesh is empty or has no extent, or the view has no direction.
+    mesh: Closed; only its outside is drawn.
+    direction: From the object towards the viewer, in the mesh's frame.
+    up: What points up in the picture, in the mesh's frame; not parallel to `direction`.
+    width_px: The height follows from the object's extent. Where it would exceed MOST_PX the picture is narrower.
+    rgb: Colour of the surface in full light, each from 0 to 1.
+    margin: White border, as a share of the longer side.
+    supersampling: Samples along each axis of a pixel.
+    Returns (height, width, 3): Red, green, blue.
+    Raises RenderError when the mesh is empty or has no extent, or the view has no direction.
     """
     import cv2
 
@@ -99,13 +82,7 @@ def shaded(
 
 
 def png_bytes(image: Image) -> bytes:
-    """The picture as a PNG file.
-
-    Raises
-    ------
-    RenderError
-        When it cannot be encoded.
-    """
+    """The picture as a PNG file. Raises RenderError when it cannot be encoded."""
     import cv2
 
     written, data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])
@@ -117,10 +94,7 @@ def png_bytes(image: Image) -> bytes:
 def view_frame(direction: tuple[float, float, float], up: tuple[float, float, float]) -> FloatArray:
     """Right, up and towards the viewer as the rows of a rotation; shape (3, 3).
 
-    Raises
-    ------
-    RenderError
-        When one of both is zero or they are parallel.
+    Raises RenderError when one of both is zero or they are parallel.
     """
     towards = np.asarray(direction, dtype=np.float64)
     right = np.cross(np.asarray(up, dtype=np.float64), towards)
@@ -243,10 +217,7 @@ def _darken_creases(picture: npt.NDArray[np.float32], seen: _Seen, normals: Floa
 def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.float32]:
     """1 where something nearer stands between a pixel and the light, 0 elsewhere, softened.
 
-    Parameters
-    ----------
-    depth : ndarray, shape (height, width)
-        Of one sample in each pixel, in samples; a pixel has `samples` of them along each axis.
+    depth (height, width): Of one sample in each pixel, in samples; a pixel has `samples` of them along each axis.
     """
     import cv2
 

@@ -71,10 +71,7 @@ def foot_loop_mm(part: TapePart, radius_mm: float, points: int) -> FloatArray:
 def wrapped_volume_mm3(part: TapePart, radius_mm: float, rotation_deg: float) -> float:
     """Volume of an element between a cylinder and itself, by Gauss quadrature.
 
-    Parameters
-    ----------
-    rotation_deg : float
-        Of the element about its normal, from the direction that runs round the cylinder.
+    rotation_deg: Of the element about its normal, from the direction that runs round the cylinder.
     """
     x, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     length_mm, width_mm, height_mm = part.body_mm

@@ -29,19 +29,11 @@ def world(form: SolidForm) -> FloatArray:
 class Wrap:
     """A cylinder with the board on it.
 
-    Attributes
-    ----------
-    radius_mm : float
-    length_mm : float
-        Of the board along a.
-    b_mm : (float, float)
-        Ends of the board along the cylinder.
-    turn : ndarray, shape (3, 3)
-        From the working frame to the file's frame.
-    from_board : ndarray, shape (2, 2)
-        From board (x, y) to (a, b).
-    part : TapePart
-        The tape's element, its rotation counted from a.
+    length_mm: Of the board along a.
+    b_mm: Ends of the board along the cylinder.
+    turn (3, 3): From the working frame to the file's frame.
+    from_board (2, 2): From board (x, y) to (a, b).
+    part: The tape's element, its rotation counted from a.
     """
 
     cylinder: Cylinder

@@ -67,15 +67,12 @@ class Film:
 class BuiltParts:
     """Every part of a tape in designator order, measured or not; what the decoder and the simulator use.
 
-    Attributes
-    ----------
-    shift_mm : ndarray, shape (n, 2)
-        Real less nominal place, stretch of the film included, board frame; 0 where nobody measured a part of an even film.
-    rotation_deg : ndarray, shape (n,)
-        Turn from the nominal rotation, counter-clockwise seen from above.
-    present : ndarray of bool, shape (n,)
-    sigma_mm : ndarray, shape (n,)
-        Standard deviation of the place along each axis. That of a part which is not listed is the scatter of the listed ones.
+    shift_mm (n, 2): Real less nominal place, stretch of the film included, board frame; 0 where nobody measured a part of an even
+        film.
+    rotation_deg (n,): Turn from the nominal rotation, counter-clockwise seen from above.
+    present (n,)
+    sigma_mm (n,): Standard deviation of the place along each axis. That of a part which is not listed is the scatter of the
+        listed ones.
     """
 
     shift_mm: FloatArray
@@ -310,22 +307,11 @@ Given = AsBuilt | str | Path | None
 def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, most_mm: float = inf) -> AsBuilt | None:
     """Measured places of the kit of a manifest; None where there are none, or nobody asks for them.
 
-    Parameters
-    ----------
-    manifest : Path
-    name : str
-        The tape's name.
-    parts : int
-        Number of its parts.
-    given : AsBuilt, str, Path or None
-        As `Tape.load` takes it.
-    most_mm : float
-        As `AsBuilt.problems_for` takes it.
-
-    Raises
-    ------
-    SpecError
-        If the file cannot be read, is that of another kit, or has all parts together too far off.
+    name: The tape's name.
+    parts: Number of its parts.
+    given: As `Tape.load` takes it.
+    most_mm: As `AsBuilt.problems_for` takes it.
+    Raises SpecError if the file cannot be read, is that of another kit, or has all parts together too far off.
     """
     if given is None and not (manifest.parent / AS_BUILT_NAME).is_file():
         return None
@@ -500,7 +486,7 @@ def _read_source(table: Fields) -> tuple[Mapping[str, Any], ...]:
 
 
 def _array_problems(built: AsBuilt) -> list[Problem]:
-    """What is wrong with arrays that a program gives."""
+    """Faults of arrays that a program gives."""
     n = len(built.number)
     arrays: list[tuple[str, npt.NDArray[Any]]] = [(key, getattr(built, key)) for key in (*_COLUMNS, "present")]
     problems = [

@@ -24,32 +24,18 @@ from tactape_fab.texture.trace import TraceCode
 class Code(Protocol):
     """Interface of a code.
 
-    Attributes
-    ----------
-    name : str
-    window : int
-        Columns and rows that a tape has at least.
-    sectors : int
-    range : int
-        Columns and rows that a tape has at most.
-    most_points : int
-        Grid points that a tape has at most.
-    directions : tuple of int
-        Allowed numbers of displacement directions.
-    plane : Plane or None
-        The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
+    window: Columns and rows that a tape has at least.
+    range: Columns and rows that a tape has at most.
+    most_points: Grid points that a tape has at most.
+    directions: Allowed numbers of displacement directions.
+    plane: The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
         its origin is (0, 0), another size gives another texture, and its symbols are stored only in the tape itself.
-    sequences : PlaneCode or None
-        The plane, if it is made of number sequences along its axes.
-    half_turns : bool
-        Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
-    proven : mapping of str to int
-        Least number of bits, by shape of `touch.patches.PATCHES`, in which patches at any two places of all sectors differ, the
-        turn being known; empty where nothing is proven.
-    vouched : str
-        Proof of a tape's symbols, for messages after "symbols ...".
-    another : str
-        Option that gives a tape another texture.
+    sequences: The plane, if it is made of number sequences along its axes.
+    half_turns: Whether its distances are promised to tapes whose parts show their quarter turn, as long parts do.
+    proven: Least number of bits, by shape of `touch.patches.PATCHES`, in which patches at any two places of all sectors differ,
+        the turn being known; empty where nothing is proven.
+    vouched: Proof of a tape's symbols, for messages after "symbols ...".
+    another: Option that gives a tape another texture.
     """
 
     @property
@@ -105,12 +91,7 @@ class Code(Protocol):
         """Manifest entries that prove the symbols."""
 
     def check_symbols(self, symbols: SymbolArray, sector: int, origin: tuple[int, int], table: Fields) -> None:
-        """Refuse symbols of a manifest that are not the code's at that place, or do not match their proof.
-
-        Raises
-        ------
-        SpecError
-        """
+        """Refuse symbols of a manifest that are not the code's at that place, or do not match their proof. Raises SpecError."""
 
 
 DEFAULT_CODE = "microdots-4x4"
@@ -166,26 +147,14 @@ CODE_NAMES = tuple(code.name for code in _CODES if code.plane is not None)
 
 
 def get_code(name: str) -> Code:
-    """The code of that name.
-
-    Raises
-    ------
-    SpecError
-        If no code has that name.
-    """
+    """The code of that name. Raises SpecError if no code has that name."""
     if name not in CODES:
         raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(ALL_CODE_NAMES)}"))
     return CODES[name]
 
 
 def get_plane(name: str) -> Plane:
-    """The code of that name, which has a plane.
-
-    Raises
-    ------
-    SpecError
-        If no code with a plane has that name.
-    """
+    """The code of that name, which has a plane. Raises SpecError if no code with a plane has that name."""
     plane = CODES[name].plane if name in CODES else None
     if plane is None and name in CODES:
         said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit with --tape"

@@ -32,25 +32,15 @@ _OF_NUMBERS = frozenset("0123456789+-.eE")
 class PlacementTable:
     """Format of a pick-and-place list.
 
-    Attributes
-    ----------
-    columns : tuple of (str, str)
-        Keys of the content: ``designator``, ``x``, ``y``, ``rotation``, ``side``, ``value``, ``footprint``,
-        ``part_number``, ``length`` and ``width`` (of the unturned lands), or a key of ``fixed``.
-    ending : str
-        Text after the tape's name in the file name.
-    style : {"csv", "tab", "kicad"}
-        Commas, tabs with the header as a comment, or aligned columns as in KiCad.
-    unit : {"mm", "mil"}
-        Unit of coordinates and lengths.
-    side : str
-        The house's word for the top side.
-    clockwise : bool
-        Rotations are clockwise instead of counter-clockwise; both seen from above, 0 is the long axis along board x.
-    half_turns : bool
-        Rotations are in (-180, 180] instead of [0, 360).
-    fixed : tuple of (str, str)
-        Cells that are the same for every part of every tape.
+    columns: Keys of the content: ``designator``, ``x``, ``y``, ``rotation``, ``side``, ``value``, ``footprint``, ``part_number``,
+        ``length`` and ``width`` (of the unturned lands), or a key of ``fixed``.
+    ending: Text after the tape's name in the file name.
+    style {"csv", "tab", "kicad"}: Commas, tabs with the header as a comment, or aligned columns as in KiCad.
+    unit {"mm", "mil"}: Unit of coordinates and lengths.
+    side: The house's word for the top side.
+    clockwise: Rotations are clockwise instead of counter-clockwise; both seen from above, 0 is the long axis along board x.
+    half_turns: Rotations are in (-180, 180] instead of [0, 360).
+    fixed: Cells that are the same for every part of every tape.
     """
 
     columns: Columns
@@ -146,22 +136,13 @@ ASSEMBLY_FORMATS = tuple(PLACEMENTS)
 class CplContent:
     """Rows of a pick-and-place file, converted to the board frame.
 
-    Attributes
-    ----------
-    table : PlacementTable
-        The known format that the file's header fits best.
-    headers : tuple of str
-        The file's own columns, in its order.
-    lines : tuple of int
-        Line number of each row in the file, from 1.
-    designators : tuple of str
-    xy_mm : ndarray, shape (n, 2)
-    sides : tuple of str
-        ``Top``, or the file's word if it is not the house's word for the top.
-    rotation_deg : ndarray, shape (n,)
-        Counter-clockwise.
-    texts : dict of str to tuple of str
-        Cells of the table's other columns, by the key of their content.
+    table: The known format that the file's header fits best.
+    headers: The file's own columns, in its order.
+    lines: Line number of each row in the file, from 1.
+    xy_mm (n, 2)
+    sides: ``Top``, or the file's word if it is not the house's word for the top.
+    rotation_deg (n,): Counter-clockwise.
+    texts: Cells of the table's other columns, by the key of their content.
     """
 
     table: PlacementTable

@@ -14,17 +14,11 @@ from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray, IntAr
 class Directions:
     """The symbols of tapes with `count` displacement directions: the first `count` values of `frames.LETTERS`.
 
-    Attributes
-    ----------
-    gray_codes : ndarray of uint8, shape (count,)
-        Bits of each symbol value as one number; neighbouring directions differ in one bit.
-    clockwise : ndarray of int64, shape (count,)
-        Symbol values in clockwise order from E.
-    reads_within : float
-        Largest distance, in displacements, of a part from a symbol's place at which it shows the symbol: less than half the
-        distance of neighbouring places.
-    usual : bool
-        Whether these are the paper's four, which manifests, commands and reports do not mention.
+    gray_codes (count,): Bits of each symbol value as one number; neighbouring directions differ in one bit.
+    clockwise (count,): Symbol values in clockwise order from E.
+    reads_within: Largest distance, in displacements, of a part from a symbol's place at which it shows the symbol: less than half
+        the distance of neighbouring places.
+    usual: Whether these are the paper's four, which manifests, commands and reports do not mention.
     """
 
     gray_codes: SymbolArray

@@ -82,10 +82,7 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
 def board_to_picture(xy_mm: npt.ArrayLike, upper_left_mm: tuple[float, float], px_per_mm: float) -> FloatArray:
     """Map board points to a picture of the board whose corner is at `upper_left_mm`.
 
-    Returns
-    -------
-    ndarray, shape (..., 2)
-        Pixels: u right, v down, integers at pixel centres.
+    Returns (..., 2): Pixels: u right, v down, integers at pixel centres.
     """
     return board_to_texture(xy_mm, upper_left_mm) * px_per_mm - 0.5
 
@@ -108,10 +105,7 @@ def symbols_to_rows(symbols: SymbolArray) -> list[str]:
 def rows_to_symbols(rows: Sequence[str], directions: int = 4) -> SymbolArray:
     """Strings of N/E/S/W, one per row and of equal length, as symbol values of shape (rows, columns); of eight, n/e/s/w as well.
 
-    Raises
-    ------
-    ValueError
-        If the rows differ in length or hold another letter.
+    Raises ValueError if the rows differ in length or hold another letter.
     """
     known = ", ".join("NESWnesw"[:directions])
     if not rows or len({len(row) for row in rows}) != 1:

@@ -34,10 +34,7 @@ MOST_MANIFEST_BYTES = 16 * 1024 * 1024
 def find_manifest(path: str | Path) -> Path:
     """The manifest file of a kit, given its folder or the file itself.
 
-    Raises
-    ------
-    SpecError
-        If there is no manifest, or the folder was left unfinished by an interrupted run.
+    Raises SpecError if there is no manifest, or the folder was left unfinished by an interrupted run.
     """
     place = Path(path)
     try:
@@ -59,10 +56,7 @@ def find_manifest(path: str | Path) -> Path:
 def read_manifest(file: Path) -> dict[str, Any]:
     """The content of a kit's manifest.json as a mapping, its size and format checked.
 
-    Raises
-    ------
-    SpecError
-        If the file is too large, not JSON, or not of this format.
+    Raises SpecError if the file is too large, not JSON, or not of this format.
     """
     content = read_any_manifest(file)
     if content["format"] == PANEL_FORMAT:
@@ -73,10 +67,7 @@ def read_manifest(file: Path) -> dict[str, Any]:
 def read_any_manifest(file: Path) -> dict[str, Any]:
     """The content of a manifest.json of a kit or of a panel.
 
-    Raises
-    ------
-    SpecError
-        If the file is too large, not JSON, or of neither format.
+    Raises SpecError if the file is too large, not JSON, or of neither format.
     """
     try:
         data = read_regular(file, MOST_MANIFEST_BYTES)

@@ -38,10 +38,7 @@ _OWN = ("name", "sector", "origin", "symbols", "symbols_sha256")
 def pack(tapes: Sequence[Tape], fabs: Sequence[str]) -> bytes:
     """The packed registry of some tapes, each with the name of the fab profile that it was made for.
 
-    Raises
-    ------
-    SpecError
-        If a tape was measured: a packed registry holds designs.
+    Raises SpecError if a tape was measured: a packed registry holds designs.
     """
     measured = [tape.name for tape in tapes if tape.as_built is not None]
     if measured:
@@ -77,10 +74,7 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
     Every value is checked as that of a manifest, and symbols against the code. The file may be replaced meanwhile by another one
     of its name, as `registry --pack` does it, but not be written to.
 
-    Raises
-    ------
-    SpecError
-        If it cannot be read, is damaged, too large, or a tape is impossible.
+    Raises SpecError if it cannot be read, is damaged, too large, or a tape is impossible.
     """
     try:
         with open_regular(path) as stream:

@@ -21,16 +21,9 @@ _KIT_PATH = rf"{KITS_FOLDER}/[A-Za-z0-9][A-Za-z0-9._-]{{0,63}}/{MANIFEST_NAME}"
 class PlacedTape:
     """A tape on a panel: p_panel = offset_mm + R_ccw(rotation_deg) p_board.
 
-    Attributes
-    ----------
-    manifest : str
-        Path of its kit's manifest, relative to the panel's folder.
-    sha256 : str
-        Digest of that manifest.
-    offset_mm : (float, float)
-    rotation_deg : float
-    first_designator : str
-        The panel's designator of the tape's R1.
+    manifest: Path of its kit's manifest, relative to the panel's folder.
+    sha256: Digest of that manifest.
+    first_designator: The panel's designator of the tape's R1.
     """
 
     manifest: str
@@ -83,10 +76,7 @@ def _turn(entry: Fields) -> float:
 def kits_of(path: Path) -> list[Path]:
     """The kits of a panel, given its folder or manifest; only the path itself if it is not a panel.
 
-    Raises
-    ------
-    SpecError
-        If it is a panel whose manifest cannot be read.
+    Raises SpecError if it is a panel whose manifest cannot be read.
     """
     try:
         file = find_manifest(path)

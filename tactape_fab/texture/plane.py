@@ -49,7 +49,7 @@ class Plane(Protocol):
 
 
 class TapesOfPlane(ABC):
-    """What all codes with a plane have in common: a tape shows the patch at its origin, and needs no other proof of it."""
+    """Methods of all codes with a plane: a tape shows the patch at its origin, and needs no other proof of it."""
 
     directions: ClassVar[tuple[int, ...]] = (USUAL_DIRECTIONS,)
     """Two bits, x and y, say four."""
@@ -94,17 +94,10 @@ class TapesOfPlane(ABC):
 class PlaneCode(TapesOfPlane):
     """A `Plane` made of number sequences along its axes. `texture.code.Code` is the interface of every code.
 
-    Attributes
-    ----------
-    name : str
-    main : NumberSequence
-        The binary main sequence M; its order is the window's side.
-    secondary : tuple of NumberSequence
-        Sequences of order ``main.order - 1`` and pairwise coprime lengths whose digits make up the differences.
-    least_difference : int
-        The difference where all secondary digits are 0.
-    origin_stride : int
-        Step of the default origins from one sector to the next, in grid points.
+    main: The binary main sequence M; its order is the window's side.
+    secondary: Sequences of order ``main.order - 1`` and pairwise coprime lengths whose digits make up the differences.
+    least_difference: The difference where all secondary digits are 0.
+    origin_stride: Step of the default origins from one sector to the next, in grid points.
     """
 
     name: str
@@ -200,25 +193,11 @@ class PlaneCode(TapesOfPlane):
 def encode(code: Plane, sector: int, origin: tuple[int, int], shape: tuple[int, int]) -> SymbolArray:
     """Symbols of a patch of the code plane.
 
-    Parameters
-    ----------
-    code : Plane
-    sector : int
-        0 ... code.sectors - 1.
-    origin : (int, int)
-        Column and row of the patch's first point in the code plane.
-    shape : (int, int)
-        Rows and columns of the patch. No array longer than the patch is built, at any origin.
-
-    Returns
-    -------
-    ndarray of uint8, shape (rows, columns)
-        Values ``x_bit + 2 * y_bit``.
-
-    Raises
-    ------
-    CapacityError
-        If the patch exceeds the code's range or the sector does not exist.
+    sector: 0 ... code.sectors - 1.
+    origin: Column and row of the patch's first point in the code plane.
+    shape: Rows and columns of the patch. No array longer than the patch is built, at any origin.
+    Returns (rows, columns): Values ``x_bit + 2 * y_bit``.
+    Raises CapacityError if the patch exceeds the code's range or the sector does not exist.
     """
     rows, columns = shape
     if not 0 <= sector < code.sectors:
@@ -236,12 +215,7 @@ def encode(code: Plane, sector: int, origin: tuple[int, int], shape: tuple[int, 
 
 
 def refuse_other_symbols(code: Plane, symbols: SymbolArray, sector: int, origin: tuple[int, int]) -> None:
-    """Refuse symbols that a code does not have at a place.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Refuse symbols that a code does not have at a place. Raises SpecError."""
     expected = encode(code, sector, origin, (len(symbols), len(symbols[0])))
     wrong = np.argwhere(symbols != expected)
     if len(wrong) == 0:
@@ -259,12 +233,8 @@ def refuse_other_symbols(code: Plane, symbols: SymbolArray, sector: int, origin:
 class WindowPlaces:
     """Decoded place of each window of a patch, all arrays of shape (rows - n + 1, columns - n + 1).
 
-    Attributes
-    ----------
-    valid : ndarray of bool
-        Whether the code contains the window in this rotation.
-    column, row, sector : ndarray of int64
-        Place of the window's first point in the code plane, and its sector; -1 where not valid.
+    valid: Whether the code contains the window in this rotation.
+    column, row, sector: Place of the window's first point in the code plane, and its sector; -1 where not valid.
     """
 
     valid: BoolArray
@@ -296,11 +266,7 @@ def _places_along_columns(code: PlaneCode, bits: IntArray) -> tuple[IntArray, In
 def locate_windows(code: Plane, symbols: SymbolArray) -> WindowPlaces:
     """Decode the place and sector of every n x n window of a patch, each by table look-ups of constant cost.
 
-    Parameters
-    ----------
-    code : Plane
-    symbols : ndarray of uint8, shape (rows, columns)
-        Symbol values in the texture's own rotation; at least n x n.
+    symbols (rows, columns): Symbol values in the texture's own rotation; at least n x n.
     """
     n = code.window
     if min(symbols.shape) < n:

@@ -58,10 +58,7 @@ def read_tapes(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ())
 def as_tapes(tapes: object) -> list[Tape]:
     """List of tapes from tapes or paths (see `read_tapes`), or from a single one.
 
-    Raises
-    ------
-    SpecError
-        What is wrong with any of them, all together.
+    Raises SpecError: what is wrong with any of them, all together.
     """
     given = [tapes] if isinstance(tapes, Tape | str | PathLike) or not isinstance(tapes, Iterable) else tapes
     found: list[Tape] = []
@@ -82,17 +79,9 @@ def as_tapes(tapes: object) -> list[Tape]:
 def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Registered]:
     """The registry: kits, in the order given.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        As for `read_tapes`.
-    as_built : sequence of path
-        As for `read_tapes`.
-
-    Raises
-    ------
-    SpecError
-        What is wrong with any of them, all together.
+    paths: As for `read_tapes`.
+    as_built: As for `read_tapes`.
+    Raises SpecError: what is wrong with any of them, all together.
     """
     entries: list[Registered] = []
     problems: list[Problem] = []
@@ -137,7 +126,7 @@ class _Measured:
         self._used: set[str] = set()
 
     def of(self, manifest: Path) -> Given:
-        """What `Tape.with_as_built` is to take."""
+        """The argument of `Tape.with_as_built`."""
         if self._nominal or not self._files:
             return NOMINAL if self._nominal else None
         digest = manifest_digest(manifest)

@@ -17,14 +17,9 @@ from tactape_fab.texture.frames import IntArray
 class NumberSequence:
     """A cyclic sequence of digits whose windows of length `order` are all different.
 
-    Attributes
-    ----------
-    digits : ndarray of int64, shape (length,)
-        Read-only; values 0 ... base - 1.
-    base : int
-        Number of different digits, k.
-    order : int
-        Window length n.
+    digits (length,): Read-only; values 0 ... base - 1.
+    base: Number of different digits, k.
+    order: Window length n.
     """
 
     digits: IntArray

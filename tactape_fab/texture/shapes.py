@@ -68,16 +68,9 @@ def inset_mm(xy_mm: FloatArray, size_mm: tuple[float, float], corner_radius_mm: 
 
     The outline is convex, so the least value over a polygon's vertices is the polygon's own distance.
 
-    Parameters
-    ----------
-    xy_mm : ndarray, shape (..., 2)
-        Points in the board frame.
-    size_mm, corner_radius_mm
-        The board: lower-left corner at the origin.
-
-    Returns
-    -------
-    ndarray, shape (...)
+    xy_mm (..., 2): Points in the board frame.
+    size_mm, corner_radius_mm: The board: lower-left corner at the origin.
+    Returns (...).
     """
     half = np.array(size_mm) / 2
     beyond = np.abs(xy_mm - half) - (half - corner_radius_mm)

@@ -19,15 +19,8 @@ LEAST_CELL_MM = 0.30
 def tag_cells(tag_id: int) -> BoolArray:
     """Light cells of a tag with its ring, seen upright in AprilRobotics' orientation.
 
-    Parameters
-    ----------
-    tag_id : int
-        0 ... 586.
-
-    Returns
-    -------
-    ndarray of bool, shape (10, 10)
-        True where light; row 0 is the top.
+    tag_id: 0 ... 586.
+    Returns (10, 10): True where light; row 0 is the top.
 
     Notes
     -----

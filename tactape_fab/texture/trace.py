@@ -30,24 +30,13 @@ class TraceCode(TapesOfPlane):
 
     `texture.code.Code` is the interface of every code.
 
-    Attributes
-    ----------
-    name : str
-    degree : int
-        m.
-    polynomial : int
-        P without its highest term: bit t is the coefficient of x^t.
-    columns_apart : int
-        C: the exponent of the place one row further on, less that of its own; at least `range`.
-    y_exponent : int
-        G.
-    range : int
-        Columns and rows of a sector, R.
-    sectors : int
-    window : int
-        Columns and rows that a tape has at least; such a window determines its place.
-    proven : mapping of str to int
-        See `texture.code.Code`; counted over the whole field.
+    degree: m.
+    polynomial: P without its highest term: bit t is the coefficient of x^t.
+    columns_apart: C: the exponent of the place one row further on, less that of its own; at least `range`.
+    y_exponent: G.
+    range: Columns and rows of a sector, R.
+    window: Columns and rows that a tape has at least; such a window determines its place.
+    proven: See `texture.code.Code`; counted over the whole field.
     """
 
     name: str

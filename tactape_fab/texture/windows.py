@@ -24,17 +24,11 @@ _PAIRS, _FOURS, _EIGHTS, _BYTES = (
 class Windows:
     """All whole windows of one size: those with a part at every grid point.
 
-    Attributes
-    ----------
-    side : int
-        Grid points along a side.
-    corner_rc : ndarray of int64, shape (n, 2)
-        Row and column of each window's upper left grid point, row-major.
-    words : tuple of ndarray of uint64, each of shape (turns, n)
-        Two bits per symbol, 32 symbols per word, row-major; for eight directions three bits, 21 symbols: Gray codes. ``[k]``
-        is the window turned by k times 90 degrees counter-clockwise, seen from above: its points and its symbols.
-    bits : int
-        Of a symbol.
+    side: Grid points along a side.
+    corner_rc (n, 2): Row and column of each window's upper left grid point, row-major.
+    words each (turns, n): Two bits per symbol, 32 symbols per word, row-major; for eight directions three bits, 21 symbols: Gray
+        codes. ``[k]`` is the window turned by k times 90 degrees counter-clockwise, seen from above: its points and its symbols.
+    bits: Of a symbol.
     """
 
     side: int
@@ -50,18 +44,11 @@ class Windows:
 def windows_of(symbols: SymbolArray, placed: BoolArray, side: int, *, turns: int = 3, directions: int = 4) -> Windows:
     """Cut every whole window out of a grid.
 
-    Parameters
-    ----------
-    symbols : ndarray of uint8, shape (rows, columns)
-        Values as in `tactape_fab.texture.frames`.
-    placed : ndarray of bool, shape (rows, columns)
-        Whether a grid point carries a part.
-    side : int
-    turns : int
-        Number of turns, from 0 on. Three suffice to compare windows with each other: turning both by the same
-        angle changes nothing, so three quarter turns of one are a quarter turn of the other.
-    directions : int
-        Number of directions of the symbols, or of other windows that these are compared with.
+    symbols (rows, columns): Values as in `tactape_fab.texture.frames`.
+    placed (rows, columns): Whether a grid point carries a part.
+    turns: Number of turns, from 0 on. Three suffice to compare windows with each other: turning both by the same angle changes
+        nothing, so three quarter turns of one are a quarter turn of the other.
+    directions: Number of directions of the symbols, or of other windows that these are compared with.
     """
     high, wide = symbols.shape[0] - side + 1, symbols.shape[1] - side + 1
     bits = DIRECTIONS[directions].bits

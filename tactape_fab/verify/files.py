@@ -223,7 +223,7 @@ def _escaped(data: bytes) -> str:
 
 
 def _page_problem(data: bytes, *, own_version: bool) -> str | None:
-    """What a browser would run or fetch beside the script and the style that the page's policy names; None if nothing."""
+    """A script or address that a browser would run or fetch against the page's policy; None if there is none."""
     policy, lower = _POLICY.match(data), data.lower()
     if policy is None:
         return "it does not begin with the policy that keeps a browser from running and fetching"

@@ -192,7 +192,7 @@ def _check_part(manifest: Mapping[str, Any], tape: Tape, files: dict[str, Writte
 
 
 def _expected(record: _Record, files: dict[str, WrittenFile]) -> Expected | None:
-    """What other programs must find in the models; None if there are none, or the manifest's numbers of them are invalid."""
+    """Values that other programs must find in the models; None without models, or if the manifest has no valid ones."""
     if record.kind != "embossed":
         valid = record.form is not None and not form_problems(record.tape, record.form)
         return expected_of_kit(record.tape, record.form, files) if valid and record.form is not None else None

@@ -95,10 +95,7 @@ def verify_panel_folder(
 ) -> Verification:
     """Verify the panel of `manifest_file`; with `kits` also every kit on it, one line each, by so many workers.
 
-    Returns
-    -------
-    Verification
-        One line for each tape of the panel if all its checks hold, else every line that failed.
+    Returns: One line for each tape of the panel if all its checks hold, else every line that failed.
     """
     folder = manifest_file.parent
     try:

@@ -33,12 +33,7 @@ class Signer:
     key: bytes = field(repr=False)
 
     def sign(self, folder: Path) -> None:
-        """Write the signatures of a finished kit, or of a panel and of each kit on it, beside their manifests.
-
-        Raises
-        ------
-        OSError
-        """
+        """Write the signatures of a finished kit, or of a panel and of each kit on it, beside their manifests. Raises OSError."""
         key = _private_key(self.key)
         for manifest in (folder / MANIFEST_NAME, *sorted(folder.glob(f"{KITS_FOLDER}/*/{MANIFEST_NAME}"))):
             manifest.with_name(SIGNATURE_NAME).write_bytes(key.sign(manifest.read_bytes()))
@@ -47,12 +42,8 @@ class Signer:
 def read_signer(path: str | Path) -> Signer:
     """The private key of a file.
 
-    Raises
-    ------
-    SpecError
-        If it is no Ed25519 key in PEM, of openssl or ssh-keygen, or is locked by a password.
-    MissingLibraryError
-        If the extra ``sign`` is not installed.
+    Raises SpecError if it is no Ed25519 key in PEM, of openssl or ssh-keygen, or is locked by a password.
+    Raises MissingLibraryError if the extra ``sign`` is not installed.
     """
     signer = Signer(key=_read(path, "sign", _PRIVATE))
     try:
@@ -65,20 +56,11 @@ def read_signer(path: str | Path) -> Signer:
 def check_signed(kit: str | Path, key: str | Path | None) -> list[Check]:
     """Check who made a kit.
 
-    Parameters
-    ----------
-    kit : str or Path
-        Folder of a kit or panel, or its manifest.json.
-    key : str, Path or None
-        File of the public key of who is said to have made it: without their signature the line fails. Without a key an unsigned
+    kit: Folder of a kit or panel, or its manifest.json.
+    key: File of the public key of who is said to have made it: without their signature the line fails. Without a key an unsigned
         kit has no line, a signed one a warning.
-
-    Raises
-    ------
-    SpecError
-        If there is no kit, or the key is no public Ed25519 key.
-    MissingLibraryError
-        If the extra ``sign`` is not installed and a key is given.
+    Raises SpecError if there is no kit, or the key is no public Ed25519 key.
+    Raises MissingLibraryError if the extra ``sign`` is not installed and a key is given.
     """
     manifest = find_manifest(kit)
     place = manifest.with_name(SIGNATURE_NAME)

@@ -15,20 +15,11 @@ from tactape_fab.texture.windows import windows_of
 def symbols_of_positions(tape: Tape, xy_mm: FloatArray) -> tuple[SymbolArray, BoolArray, int]:
     """Read the symbols that part positions show on the tape's grid.
 
-    Parameters
-    ----------
-    tape : Tape
-        Only its grid is used: texture origin, pitch, displacement, directions, columns and rows.
-    xy_mm : ndarray, shape (n, 2)
-        Part centres in the board frame, in any order.
-
-    Returns
-    -------
-    symbols : ndarray of uint8, shape (rows, columns)
-    found : ndarray of bool, shape (rows, columns)
-        Where exactly one part shows a symbol.
-    strays : int
-        Parts that are not at a grid point, not at a symbol's place, or at a point already taken.
+    tape: Only its grid is used: texture origin, pitch, displacement, directions, columns and rows.
+    xy_mm (n, 2): Part centres in the board frame, in any order.
+    Returns symbols (rows, columns).
+    Returns found (rows, columns): Where exactly one part shows a symbol.
+    Returns strays: Parts that are not at a grid point, not at a symbol's place, or at a point already taken.
     """
     texture_mm = board_to_texture(xy_mm, tape.board.texture_origin_mm)
     cell = np.rint(texture_mm / tape.pitch_mm).astype(np.int64)

@@ -17,10 +17,7 @@ MOST_SECTORS = 256
 def default_tapes(code: str, size_mm: Any = (100.0, 50.0)) -> list[Tape]:
     """The tapes of a code's first `MOST_SECTORS` sectors at their default origins, as `make` plans them.
 
-    Raises
-    ------
-    SpecError
-        If there is no such code, or no tape of that size.
+    Raises SpecError if there is no such code, or no tape of that size.
     """
     if not has_plane(code):
         message = f"code = '{code}' has no tapes but those that were made: each is designed; name their kits"

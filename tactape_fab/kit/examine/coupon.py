@@ -45,17 +45,9 @@ class _Wanted:
 def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None) -> ExaminedPanel:
     """The coupon of a fab profile, with a `Trial` for each of its tapes.
 
-    Parameters
-    ----------
-    fab_name : str
-        A profile, or its file.
-    first_sector : int
-        Sector of the first tape; the others follow.
-
-    Raises
-    ------
-    SpecError
-        If there is no such profile, or the sectors do not exist.
+    fab_name: A profile, or its file.
+    first_sector: Sector of the first tape; the others follow.
+    Raises SpecError if there is no such profile, or the sectors do not exist.
     """
     fab, part = load_fab(fab_name), read_part(_PART)
     assert isinstance(part, PartProfile)

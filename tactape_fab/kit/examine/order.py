@@ -27,18 +27,10 @@ from tactape_fab.texture.tape import Tape
 class ExaminedPanel:
     """A panel with everything derived from its spec before anything is written.
 
-    Attributes
-    ----------
-    name : str
-    tapes : tuple of Examined
-        In the order of `panel.offsets_mm`.
-    panel : Panel
-    remarks : tuple of str
-        Remarks for the user: why there is a panel, and copies of tapes.
-    together : tuple of Finding
-        What tapes of the panel share that they should not.
-    trials : tuple of Trial
-        What each tape tests, if the panel is a coupon.
+    tapes: In the order of `panel.offsets_mm`.
+    remarks: Remarks for the user: why there is a panel, and copies of tapes.
+    together: What tapes of the panel share that they should not.
+    trials: What each tape tests, if the panel is a coupon.
     """
 
     name: str
@@ -212,7 +204,7 @@ def _examine_panel(base: Examined, request: PanelRequest, values_of: _Naming, *,
 
 
 def _together(tapes: Sequence[Examined], *, named: bool) -> tuple[Finding, ...]:
-    """What tapes of a panel share that they should not, with sectors at which they do not."""
+    """Windows or places that tapes of a panel share, with sectors at which they share none."""
 
     def remedy(found: Sequence[Conflict]) -> str:
         drawn = [tape.tape for tape in tapes]

@@ -193,10 +193,7 @@ def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Probl
 def profiles_of(spec: TapeSpec) -> Profiles:
     """The profiles that a spec names, as it asks for them.
 
-    Raises
-    ------
-    SpecError
-        If one cannot be read, or does not offer an option of the spec.
+    Raises SpecError if one cannot be read, or does not offer an option of the spec.
     """
     problems: list[Problem] = []
     _, profiles = _profiles(spec, problems)
@@ -292,7 +289,7 @@ def _planned(
 
 
 def _beside(spec: TapeSpec, tape: Tape, profiles: Profiles, avoid: Sequence[Tape]) -> tuple[Finding, ...]:
-    """What a tape shares with those to avoid although its place was chosen away from them, and a sector at which it does not."""
+    """Windows or places that a tape shares with those to avoid although it was placed away from them, and a sector without."""
 
     def elsewhere(_: int, sector: int) -> Tape | None:
         if not has_plane(spec.code):

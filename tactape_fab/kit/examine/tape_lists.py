@@ -119,7 +119,7 @@ def list_tapes(
 
 
 def _together(tally: _Tally, *, by_table: bool) -> tuple[Finding, ...]:
-    """What tapes of a list share that they should not, with sectors, or a search for origins, by which they do not."""
+    """Windows or places that tapes of a list share, with sectors, or a search for origins, by which they share none."""
     if len(tally.drawn) > _MOST_SEARCHED and any(drawn.spec.origin == BEST for drawn in tally.drawn):
         return (too_many(len(tally.drawn)),)
     tapes = [drawn.tape() for drawn in tally.drawn]

@@ -1,4 +1,4 @@
-"""What is made or ordered together is certified together, before anything is written: tapes that share places or windows."""
+"""Tapes that are made or ordered together are certified together, before anything is written: none share places or windows."""
 
 from __future__ import annotations
 
@@ -24,15 +24,9 @@ def together_findings(
 ) -> tuple[Finding, ...]:
     """The finding of tapes that cannot be told apart somewhere, or whose tags are the same; none if they can.
 
-    Parameters
-    ----------
-    tapes : sequence of Tape
-    remedy : callable
-        Function of the conflicts that gives what to type, or "".
-    new : int, optional
-        How many tapes, the first ones, are new; conflicts among the others are not told.
-    copies : bool
-        Whether tapes that are the same are meant to be, or told elsewhere.
+    remedy: Function of the conflicts that gives what to type, or "".
+    new: How many tapes, the first ones, are new; conflicts among the others are not told.
+    copies: Whether tapes that are the same are meant to be, or told elsewhere.
     """
     if len(tapes) < 2:
         return ()
@@ -70,17 +64,9 @@ def other_sectors(
 ) -> list[int]:
     """Sectors at which the tapes do not conflict: each tape keeps its own, but for one of every two that conflict.
 
-    Parameters
-    ----------
-    moved_to : callable
-        The tape at an index with another sector; None if there is none.
-    tries : int
-        Most sectors that are tried for each.
-
-    Returns
-    -------
-    list of int
-        In the order of the tapes; empty if none were found.
+    moved_to: The tape at an index with another sector; None if there is none.
+    tries: Most sectors that are tried for each.
+    Returns: In the order of the tapes; empty if none were found.
     """
     moved = {c.tapes[1] for c in found}
     kept = [tape for i, tape in enumerate(tapes) if i not in moved]

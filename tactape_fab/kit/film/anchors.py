@@ -26,16 +26,10 @@ _REACHES_MM = (0.3, 0.6, 2.0, 20.0)
 class Anchors:
     """Copper lines of the anchors.
 
-    Attributes
-    ----------
-    mode : str
-        ``spur`` or ``mesh``.
-    web_mm : float
-        Width of every line.
-    spurs_mm : ndarray, shape (2 n, 2, 2)
-        From the centre of each pad outward; R1 land 1, R1 land 2, R2 land 1 ...
-    webs_mm : ndarray, shape (m, 2, 2)
-        The mesh between the openings; empty for spurs.
+    mode: ``spur`` or ``mesh``.
+    web_mm: Width of every line.
+    spurs_mm (2 n, 2, 2): From the centre of each pad outward; R1 land 1, R1 land 2, R2 land 1 ...
+    webs_mm (m, 2, 2): The mesh between the openings; empty for spurs.
     """
 
     mode: str

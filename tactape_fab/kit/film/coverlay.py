@@ -73,16 +73,10 @@ def least_pitch_mm(
 ) -> float:
     """Least pitch, mm, above which no shift of a neighbour lies in a rounded box, over all pairs of symbols.
 
-    Parameters
-    ----------
-    half_mm : (float, float)
-        Half the sides of the box along and across the part, before the offset.
-    radius_mm : float
-        Outward offset of the box, and the radius of its corners.
-    centre_mm : (float, float)
-        Its centre, along and across the part.
-    directions : int
-        Of the symbols.
+    half_mm: Half the sides of the box along and across the part, before the offset.
+    radius_mm: Outward offset of the box, and the radius of its corners.
+    centre_mm: Its centre, along and across the part.
+    directions: Of the symbols.
     """
     steps, apart = _neighbour_shifts(directions)
     d = rotate(steps, -rotation_deg)
@@ -156,16 +150,9 @@ def first_legal(modes: Sequence[Mode], fab: FabProfile) -> CoverlayMode:
 def gang_window(board: Board, parts_xy_mm: FloatArray, opening_mm: FloatArray) -> FloatArray:
     """One opening for all parts: the box round their openings, within the outline offset inward as far as they allow.
 
-    Parameters
-    ----------
-    parts_xy_mm : ndarray, shape (n, 2)
-    opening_mm : ndarray, shape (k, 2)
-        One part's opening about its centre.
-
-    Returns
-    -------
-    ndarray, shape (m, 2)
-        A convex polygon, not closed, counter-clockwise, snapped to 1 nm.
+    parts_xy_mm (n, 2)
+    opening_mm (k, 2): One part's opening about its centre.
+    Returns (m, 2): A convex polygon, not closed, counter-clockwise, snapped to 1 nm.
     """
     low, high = parts_xy_mm.min(axis=0) + opening_mm.min(axis=0), parts_xy_mm.max(axis=0) + opening_mm.max(axis=0)
     window = shapely.box(*low, *high)

@@ -25,11 +25,8 @@ Offset = tuple[float, float]
 class Fiducials:
     """Fiducial marks for the assembly line's cameras: discs of bare copper in wider openings.
 
-    Attributes
-    ----------
-    xy_mm : ndarray, shape (k, 2)
-    copper_mm, opening_mm : float
-        Diameters.
+    xy_mm (k, 2)
+    copper_mm, opening_mm: Diameters.
     """
 
     xy_mm: FloatArray
@@ -61,24 +58,14 @@ class Parts:
 class Drawing:
     """One set of fabrication files, in the frame of its own outline: x right, y up from the lower left corner, mm.
 
-    Attributes
-    ----------
-    project : Project
-        Name and identity of its files.
-    size_mm, corner_radius_mm, outline_mm
-        The outline, and the same with rounded corners as polylines, shape (k, 2).
-    holes : tuple of (x, y, diameter)
-    parts : tuple of Parts
-        Those of each tape, with designators R1 ... Rn that run on through them.
-    outlines : PartOutlines
-        Of a part of the first tape.
-    windows_mm : tuple of ndarray
-        One coverlay opening in place of those of each part, for tapes in mode gang.
-    backed_mm : tuple of ndarray
-        Areas that stiffener and adhesive are laminated to.
-    slots_mm : tuple of ndarray, each (k, 2)
-        Slots cut round the tapes of a panel; empty for a single tape.
-    fiducials : Fiducials or None
+    project: Name and identity of its files.
+    size_mm, corner_radius_mm, outline_mm: The outline, and the same with rounded corners as polylines, shape (k, 2).
+    holes (x, y, diameter)
+    parts: Those of each tape, with designators R1 ... Rn that run on through them.
+    outlines: Of a part of the first tape.
+    windows_mm: One coverlay opening in place of those of each part, for tapes in mode gang.
+    backed_mm: Areas that stiffener and adhesive are laminated to.
+    slots_mm each (k, 2): Slots cut round the tapes of a panel; empty for a single tape.
     """
 
     project: Project
@@ -107,11 +94,6 @@ class Drawing:
     def parts_xy_mm(self) -> FloatArray:
         """Places of all parts, shape (n, 2)."""
         return np.concatenate([parts.xy_mm for parts in self.parts])
-
-    @property
-    def rotations_deg(self) -> FloatArray:
-        """Rotations of all parts, shape (n,)."""
-        return np.concatenate([np.full(len(parts.xy_mm), parts.rotation_deg) for parts in self.parts])
 
     def designators(self) -> list[str]:
         """R1 ... Rn."""

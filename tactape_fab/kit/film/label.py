@@ -58,12 +58,8 @@ def _glyph(character: str) -> tuple[tuple[FloatArray, ...], float]:
 def stroke_text(text: str, cap_height_mm: float) -> Text:
     """A line of text in the Hershey simplex font (Greek simplex for the letter Delta).
 
-    Parameters
-    ----------
-    text : str
-        ASCII characters and ``Δ``.
-    cap_height_mm : float
-        Height of a capital letter.
+    text: ASCII characters and ``Δ``.
+    cap_height_mm: Height of a capital letter.
     """
     scale = cap_height_mm / _CAP_UNITS
     strokes: list[FloatArray] = []
@@ -113,14 +109,9 @@ def compose_label(fields: Sequence[str], *, x_mm: tuple[float, float], y_mm: tup
 
     If there is not enough space for both, at most one field of text is left out for the arrow.
 
-    Parameters
-    ----------
-    fields : sequence of str
-        What to print, most important first.
-    x_mm, y_mm : (float, float)
-        Available area: left and right, low and high.
-    cap_mm : float
-        Height of a capital letter.
+    fields: What to print, most important first.
+    x_mm, y_mm: Available area: left and right, low and high.
+    cap_mm: Height of a capital letter.
     """
     line_mm = LINE_PITCH * cap_mm
     lines = int((x_mm[1] - x_mm[0] - cap_mm) / line_mm + 1e-9) + 1

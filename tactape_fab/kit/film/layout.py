@@ -31,12 +31,8 @@ _MOST_HIGHER_MM = 120
 class Flashes:
     """One outline repeated by translation.
 
-    Attributes
-    ----------
-    outline_mm : ndarray, shape (k, 2)
-        Relative to the flash's own origin, counter-clockwise, not closed.
-    xy_mm : ndarray, shape (m, 2)
-        Places of the flashes, snapped to 1 nm.
+    outline_mm (k, 2): Relative to the flash's own origin, counter-clockwise, not closed.
+    xy_mm (m, 2): Places of the flashes, snapped to 1 nm.
     """
 
     outline_mm: FloatArray
@@ -76,24 +72,14 @@ class LegendSizes(Protocol):
 class Layout:
     """The drawn layers of a tape.
 
-    Attributes
-    ----------
-    parts_xy_mm : ndarray, shape (n, 2)
-        Part centres in designator order.
-    pads, paste : Flashes
-        2 n flashes: R1 land 1, R1 land 2, R2 land 1 ...
-    openings, bodies : Flashes
-        n flashes in designator order.
-    outline_mm : ndarray, shape (k, 2)
-        The board's outline with its rounded corners as polylines.
-    coverlay : str
-        How it is opened: ``per-part``, ``lpi`` or ``gang``.
-    window_mm : ndarray, shape (m, 2), or None
-        The one coverlay opening in place of `openings`, in mode gang.
-    anchors : Anchors or None
-        Copper that extends from the pads under the coverlay.
-    stiffener, adhesive : str or None
-        Layer laminated to the whole underside: material and thickness in mm.
+    parts_xy_mm (n, 2): Part centres in designator order.
+    pads, paste: 2 n flashes: R1 land 1, R1 land 2, R2 land 1 ...
+    openings, bodies: n flashes in designator order.
+    outline_mm (k, 2): The board's outline with its rounded corners as polylines.
+    coverlay: How it is opened: ``per-part``, ``lpi`` or ``gang``.
+    window_mm (m, 2): The one coverlay opening in place of `openings`, in mode gang.
+    anchors: Copper that extends from the pads under the coverlay.
+    stiffener, adhesive: Layer laminated to the whole underside: material and thickness in mm.
     """
 
     tape: Tape
@@ -152,13 +138,8 @@ def _board_outline(tape: Tape) -> FloatArray:
 def tape_legend(tape: Tape, rules: LegendSizes, *, light: bool) -> Legend:
     """Tag and label of a tape's strip; empty without a strip.
 
-    Parameters
-    ----------
-    tape : Tape
-    rules : LegendSizes
-        Sizes of what the fab's legend printer prints.
-    light : bool
-        Whether the ink is lighter than the film.
+    rules: Sizes of what the fab's legend printer prints.
+    light: Whether the ink is lighter than the film.
     """
     if tape.tag is None:
         return Legend()

@@ -28,15 +28,9 @@ def tag_ink(tag_id: int, *, cell_mm: float, gap_mm: float, bleed_mm: float, lege
     A light legend prints the light cells and the ring, a dark one the dark cells. Where two inked cells meet in a
     corner only, both are chamfered, so that `gap_mm` stays free between them after an ink bleed of `bleed_mm`.
 
-    Parameters
-    ----------
-    tag_id : int
-    cell_mm : float
-        Side of a cell.
-    gap_mm, bleed_mm : float
-        Least gap between inked areas, and ink bleed per edge.
-    legend_is_light : bool
-        Whether the legend ink is lighter than what it is printed on.
+    cell_mm: Side of a cell.
+    gap_mm, bleed_mm: Least gap between inked areas, and ink bleed per edge.
+    legend_is_light: Whether the legend ink is lighter than what it is printed on.
     """
     light = tag_cells(tag_id)
     inked = light if legend_is_light else ~light

@@ -77,18 +77,11 @@ class Place:
 class Panel:
     """Geometry of a panel.
 
-    Attributes
-    ----------
-    size_mm : (float, float)
-    places : tuple of Place
-    grid : (int, int) or None
-        Columns and rows of equal tapes that share the slots between them; None if every tape lies in a frame of its own.
-    rail_mm, gap_mm, tab_mm : float
-        Widths of the rails, of the slot round every tape, and of a tab.
-    fiducials_mm : tuple of (x, y)
-    fiducial_mm, fiducial_opening_mm : float
-        Diameters of their copper and of its opening.
-    tooling_holes_mm : tuple of (x, y, diameter)
+    grid: Columns and rows of equal tapes that share the slots between them; None if every tape lies in a frame of its own.
+    rail_mm, gap_mm, tab_mm: Widths of the rails, of the slot round every tape, and of a tab.
+    fiducials_mm (x, y)
+    fiducial_mm, fiducial_opening_mm: Diameters of their copper and of its opening.
+    tooling_holes_mm (x, y, diameter)
     """
 
     size_mm: Size
@@ -200,10 +193,7 @@ def arrangements(tape_mm: Size, fab: FabProfile) -> list[tuple[int, int]]:
 def choose_arrangement(tape_mm: Size, fab: FabProfile, count: int | None) -> tuple[int, int]:
     """The arrangement of the fewest tapes that assembly accepts, or of exactly `count`.
 
-    Raises
-    ------
-    SpecError
-        If there is no such arrangement.
+    Raises SpecError if there is no such arrangement.
     """
     fitting = arrangements(tape_mm, fab)
     size = f"{tape_mm[0]:g} x {tape_mm[1]:g} mm"
@@ -252,15 +242,8 @@ def arrangement_problem(tape_mm: Size, arrangement: tuple[int, int], fab: FabPro
 def plan_panel(tape_mm: Size, tape_radius_mm: float, arrangement: tuple[int, int], tabs: str, fab: FabProfile) -> Panel:
     """Decide a panel.
 
-    Parameters
-    ----------
-    tabs : str
-        Sides of a tape with tabs: ``x`` left and right, ``y`` lower and upper, ``xy`` all, ``auto`` those with enough space.
-
-    Raises
-    ------
-    SpecError
-        If there is not enough space for the tabs, or for the marks in the rails.
+    tabs: Sides of a tape with tabs: ``x`` left and right, ``y`` lower and upper, ``xy`` all, ``auto`` those with enough space.
+    Raises SpecError if there is not enough space for the tabs, or for the marks in the rails.
     """
     rules = fab.panel
     counts = [_tabs_along(side_mm, tape_radius_mm, fab) for side_mm in tape_mm]
@@ -275,18 +258,9 @@ def plan_packed(
 ) -> Panel:
     """A panel with every tape in a frame of its own.
 
-    Parameters
-    ----------
-    size_mm : (float, float)
-    tapes : sequence of (size, radius)
-        Outlines of the tapes as boards.
-    offsets : sequence of (offset, turned)
-        Their places, see `Place`, two gaps and a web apart: see `packing`.
-
-    Raises
-    ------
-    SpecError
-        If there is not enough space for the tabs, or for the marks in the rails.
+    tapes (size, radius): Outlines of the tapes as boards.
+    offsets (offset, turned): Their places, see `Place`, two gaps and a web apart: see `packing`.
+    Raises SpecError if there is not enough space for the tabs, or for the marks in the rails.
     """
     places = []
     for (tape_mm, radius_mm), (offset_mm, turned) in zip(tapes, offsets, strict=True):

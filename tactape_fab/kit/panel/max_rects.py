@@ -33,20 +33,10 @@ def bottom_left(free: IntArray, _: int, height: int) -> IntArray:
 def fill_sheets(sides: IntArray, sheet: tuple[int, int], order: Sequence[int], rule: Rule) -> IntArray:
     """Put each rectangle into the first sheet with enough space, rotated by 90 degrees if that has a lower cost.
 
-    Parameters
-    ----------
-    sides : ndarray of int64, shape (n, 2)
-        Widths and heights; each fits a sheet in at least one orientation.
-    sheet : (int, int)
-    order : sequence of int
-        Indices of the rectangles in the order of packing.
-    rule : callable
-        `short_side_fit` or `bottom_left`.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 4)
-        Sheet, x, y, and whether turned, of every rectangle.
+    sides (n, 2): Widths and heights; each fits a sheet in at least one orientation.
+    order: Indices of the rectangles in the order of packing.
+    rule: `short_side_fit` or `bottom_left`.
+    Returns (n, 4): Sheet, x, y, and whether turned, of every rectangle.
     """
     sheets: list[IntArray] = []
     places = np.empty((len(sides), 4), dtype=np.int64)

@@ -28,21 +28,12 @@ _UNITS_PER_MM = 1_000_000
 class Packing:
     """Places of n tapes on sheets.
 
-    Attributes
-    ----------
-    sheet_mm : (float, float)
-        Area of a sheet for tapes, without rails.
-    sizes_mm : ndarray, shape (n, 2)
-        Outlines of the tapes as given.
-    sheet : ndarray of int64, shape (n,)
-        Sheet of each tape, from 0.
-    xy_mm : ndarray, shape (n, 2)
-        Lower left corner of its occupied area, relative to the lower left corner of the sheet's area.
-    turned : ndarray of bool, shape (n,)
-        Whether it is rotated by 90 degrees, counter-clockwise.
+    sizes_mm (n, 2): Outlines of the tapes as given.
+    sheet (n,): Sheet of each tape, from 0.
+    xy_mm (n, 2): Lower left corner of its occupied area, relative to the lower left corner of the sheet's area.
+    turned (n,): Whether it is rotated by 90 degrees, counter-clockwise.
     """
 
-    sheet_mm: tuple[float, float]
     sizes_mm: FloatArray
     sheet: IntArray
     xy_mm: FloatArray
@@ -58,10 +49,6 @@ class Packing:
         """Place of each tape's board origin, mm, so that p_sheet = offset + R_ccw(0 or 90 degrees) p_board; shape (n, 2)."""
         turn_mm = np.stack([np.where(self.turned, self.sizes_mm[:, 1], 0.0), np.zeros(len(self.sheet))], axis=1)
         return np.asarray(self.xy_mm + turn_mm)
-
-    def tape_area_mm2(self) -> FloatArray:
-        """Area of the tapes on each sheet, mm^2; shape (sheets,)."""
-        return np.bincount(self.sheet, weights=self.sizes_mm.prod(axis=1)).astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,19 +85,10 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
 
     Tapes may be rotated by 90 degrees. Tapes of one size keep the given order: by sheet, from the top row down, left to right.
 
-    Parameters
-    ----------
-    sizes_mm : sequence of (float, float)
-        Width and height of each tape's outline.
-    sheet_mm : (float, float)
-        Area for tapes on a sheet.
-    gap_mm : float
-        Least gap between two tapes.
-
-    Raises
-    ------
-    SpecError
-        If there is no tape, or one fits no sheet.
+    sizes_mm: Width and height of each tape's outline.
+    sheet_mm: Area for tapes on a sheet.
+    gap_mm: Least gap between two tapes.
+    Raises SpecError if there is no tape, or one fits no sheet.
     """
     sizes = np.asarray(sizes_mm, dtype=np.float64).reshape(-1, 2)
     if not len(sizes):
@@ -126,7 +104,6 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
     ]
     places = _in_order(min(found, key=lambda rows: _cost(rows, sides)), sizes)
     return Packing(
-        sheet_mm=sheet_mm,
         sizes_mm=sizes,
         sheet=places[:, 0],
         xy_mm=places[:, 1:3] / _UNITS_PER_MM,
@@ -137,15 +114,8 @@ def pack(sizes_mm: Sequence[tuple[float, float]], sheet_mm: tuple[float, float],
 def pack_panels(outlines: Sequence[tuple[tuple[float, float], float]], fab: FabProfile) -> tuple[Packing, list[PackedPanel]]:
     """Pack tapes into panels of a fab, each no larger than it needs and than assembly asks for.
 
-    Parameters
-    ----------
-    outlines : sequence of (size, radius)
-        Outlines of the tapes as boards, mm.
-
-    Raises
-    ------
-    SpecError
-        If there is no tape, one fits no sheet, or a panel has no room for its tabs or marks.
+    outlines (size, radius): Outlines of the tapes as boards, mm.
+    Raises SpecError if there is no tape, one fits no sheet, or a panel has no room for its tabs or marks.
     """
     packing = pack([size_mm for size_mm, _ in outlines], sheet_room_mm(fab), FRAME_GAPS * fab.panel.gap_mm)
     panels = []

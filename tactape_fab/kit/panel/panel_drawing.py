@@ -35,7 +35,7 @@ def tab_middles_mm(panel: Panel) -> tuple[FloatArray, FloatArray]:
 
 
 def _cut_area(panel: Panel) -> Any:
-    """What the slots and the tapes take: all within the rails of a grid, a frame round each packed tape."""
+    """Area of slots and tapes: all within the rails of a grid, a frame round each packed tape."""
     frames = [((panel.rail_mm,) * 2, tuple(side - 2 * panel.rail_mm for side in panel.size_mm))]
     if panel.grid is None:
         gap_mm = panel.gap_mm
@@ -58,10 +58,7 @@ def _tab(middle: FloatArray, panel: Panel, *, upright: bool) -> Any:
 def slots_mm(panel: Panel) -> tuple[FloatArray, ...]:
     """Outlines of the slots, counter-clockwise, not closed, snapped to 1 nm; from the lower left on.
 
-    Raises
-    ------
-    SpecError
-        If a tape would not be held by any tab.
+    Raises SpecError if a tape would not be held by any tab.
     """
     inner = _cut_area(panel)
     tapes = [shapely.Polygon(place.outline_mm) for place in panel.places]

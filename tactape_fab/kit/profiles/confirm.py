@@ -1,4 +1,4 @@
-"""What came back of a coupon, as a fab profile: limits that its tapes confirmed or moved, with source and date."""
+"""A fab profile from a returned coupon: limits that its tapes confirmed or moved, with source and date."""
 
 from __future__ import annotations
 
@@ -34,13 +34,7 @@ class Trial:
 
 
 def read_trials(content: Mapping[str, Any]) -> tuple[str, tuple[Trial, ...]]:
-    """Fab profile and trials of a coupon, from its panel's manifest.
-
-    Raises
-    ------
-    SpecError
-        If it is no coupon, or cannot be read.
-    """
+    """Fab profile and trials of a coupon, from its panel's manifest. Raises SpecError if it is no coupon, or cannot be read."""
     if not isinstance(content.get("coupon"), Mapping):
         raise SpecError(Problem("coupon", "COUPON is no coupon; give the folder that tactape-fab coupon wrote"))
     table = Fields(content).table("coupon", ("fab", "trials"))
@@ -76,19 +70,11 @@ def confirm(
 ) -> Confirmed:
     """The profile of a coupon's fab with what its tapes showed.
 
-    Parameters
-    ----------
-    held, failed : collections of int
-        Sectors of the tapes that came back whole, and of those that did not; others are not judged.
-    date, source : str
-        When, and which coupon.
-    place : Path
-        File of the new profile.
-
-    Raises
-    ------
-    SpecError
-        If a sector is not the coupon's or is given twice, a narrower bridge held where a wider one failed, or nothing held.
+    held, failed: Sectors of the tapes that came back whole, and of those that did not; others are not judged.
+    date, source: When, and which coupon.
+    place: File of the new profile.
+    Raises SpecError if a sector is not the coupon's or is given twice, a narrower bridge held where a wider one failed, or
+        nothing held.
     """
     known = {trial.sector for trial in trials}
     problems = []

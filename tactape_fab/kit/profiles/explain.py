@@ -11,10 +11,7 @@ from tactape_fab.kit.profiles.fabs import FabProfile
 def explain_fab(fab: FabProfile) -> dict[str, Any]:
     """Content of a profile as JSON-compatible data.
 
-    Returns
-    -------
-    dict
-        ``thresholds`` is a list of mappings with id, value, unit, level, source, date and confirmed.
+    Returns: ``thresholds`` is a list of mappings with id, value, unit, level, source, date and confirmed.
     """
     material = fab.material
     return {

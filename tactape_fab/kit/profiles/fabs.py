@@ -188,10 +188,7 @@ class FabProfile:
 def load_fab(name: str) -> FabProfile:
     """A fab profile by name, or by the path of a TOML file, with what it inherits by ``extends``.
 
-    Raises
-    ------
-    SpecError
-        Every problem found in it.
+    Raises SpecError: every problem found in it.
     """
     table = fab_table(name)
     table.refuse_unknown(_TABLES)
@@ -263,10 +260,7 @@ def _file_name(files: Fields, role: str) -> str:
 def house_fab(house: str) -> str:
     """The fab profile of a house, its films before its boards; a profile's name or file is itself.
 
-    Raises
-    ------
-    SpecError
-        If no profile is of that house.
+    Raises SpecError if no profile is of that house.
     """
     known = profile_names("fabs")
     own = [name for name in known if name.partition("-")[0] == house]

@@ -23,10 +23,7 @@ def fab_table(name: str) -> Fields:
     Tables are merged key by key; any other value, including a list, replaces the inherited one. The name is not inherited: a
     profile that extends another and gives no name is named after its file.
 
-    Raises
-    ------
-    SpecError
-        A file that cannot be read, an unknown profile, a cycle, or more than `MOST_ANCESTORS` of them.
+    Raises SpecError: a file that cannot be read, an unknown profile, a cycle, or more than `MOST_ANCESTORS` of them.
     """
     table = profile_table("fabs", "fab", name)
     path = Path(name) if name.endswith(".toml") else _built_in(name)

@@ -76,10 +76,7 @@ class ElementProfile:
 def read_part(name: str) -> PartProfile | ElementProfile:
     """A part profile by name, or by the path of a TOML file; one without ``[pads]`` is a solid element.
 
-    Raises
-    ------
-    SpecError
-        Every problem found in it.
+    Raises SpecError: every problem found in it.
     """
     table = profile_table("parts", "part", name)
     profile = _part_with_lands(table) if {"pads", "paste", "courtyard"} & table.values.keys() else _element(table)
@@ -88,13 +85,7 @@ def read_part(name: str) -> PartProfile | ElementProfile:
 
 
 def load_part(name: str) -> PartProfile:
-    """A part profile with lands; see `read_part`.
-
-    Raises
-    ------
-    SpecError
-        Every problem found in it, or that it is a solid element.
-    """
+    """A part profile with lands; see `read_part`. Raises SpecError: every problem found in it, or that it is a solid element."""
     part = read_part(name)
     if isinstance(part, ElementProfile):
         raise SpecError(Problem("part", f"part = {shown(name)} is a solid element without lands; give a part with [pads]"))
@@ -151,12 +142,8 @@ def element_problem(
 ) -> tuple[str, str] | None:
     """Reason why an element of this shape cannot have this size: (key, fault and remedy); None if it can.
 
-    Parameters
-    ----------
-    size_mm : sequence of 3 floats
-        Length, width, height in mm; for a dome the diameter twice and the height.
-    size_key, top_key : str
-        Names of the two values in messages.
+    size_mm: Length, width, height in mm; for a dome the diameter twice and the height.
+    size_key, top_key: Names of the two values in messages.
     """
     length_mm, width_mm, height_mm = size_mm
     if shape == "block":

@@ -41,13 +41,7 @@ class ProcessProfile:
 
 @read_once("processes")
 def load_process(name: str) -> ProcessProfile:
-    """A process profile by name, or by the path of a TOML file.
-
-    Raises
-    ------
-    SpecError
-        Every problem found in it.
-    """
+    """A process profile by name, or by the path of a TOML file. Raises SpecError: every problem found in it."""
     table = profile_table("processes", "process", name)
     table.refuse_unknown(("name", "title", "limits"))
     limits = table.table("limits", PROCESS_LIMIT_IDS)

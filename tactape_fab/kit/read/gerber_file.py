@@ -46,21 +46,15 @@ def one_line(error: Exception) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GerberShapes:
-    """What a Gerber file draws.
+    """The shapes of a Gerber file.
 
-    Attributes
-    ----------
-    flash_xy_mm : ndarray, shape (m, 2)
-        Flashes in file order.
-    flash_aperture : ndarray of int64, shape (m,)
-        Index into `aperture_outlines_mm`.
-    aperture_outlines_mm : tuple of ndarray, each (k, 2)
-        Outline of each flashed aperture about its origin.
-    areas_mm : tuple of ndarray
-        Regions as polygons.
-    strokes_mm : tuple of ndarray, each (k, 2)
-        Drawn lines and arcs as polylines, in file order, joined if one begins at the open end of the one before.
-    stroke_width_mm : ndarray, shape (s,)
+    flash_xy_mm (m, 2): Flashes in file order.
+    flash_aperture (m,): Index into `aperture_outlines_mm`.
+    aperture_outlines_mm each (k, 2): Outline of each flashed aperture about its origin.
+    areas_mm: Regions as polygons.
+    strokes_mm each (k, 2): Drawn lines and arcs as polylines, in file order, joined if one begins at the open end of the one
+        before.
+    stroke_width_mm (s,)
     """
 
     flash_xy_mm: FloatArray
@@ -75,16 +69,10 @@ class GerberShapes:
 class GerberContent(GerberShapes):
     """Content of a Gerber file.
 
-    Attributes
-    ----------
-    aperture_functions : tuple of str
-        .AperFunction of each flashed aperture, '' where the file has none.
-    flash_component, flash_pin : tuple of str
-        .P or .C reference of each flash and its pin, '' where the file has none.
-    clear : bool
-        Whether any object is drawn in clear polarity.
-    file_attributes : dict
-        .FileFunction and so on, without the leading dot.
+    aperture_functions: .AperFunction of each flashed aperture, '' where the file has none.
+    flash_component, flash_pin: .P or .C reference of each flash and its pin, '' where the file has none.
+    clear: Whether any object is drawn in clear polarity.
+    file_attributes: .FileFunction and so on, without the leading dot.
     """
 
     aperture_functions: tuple[str, ...]
@@ -98,10 +86,7 @@ class GerberContent(GerberShapes):
 def read_gerber(data: bytes) -> GerberContent:
     """Read a Gerber file. Equal bytes are parsed once: the preview and the verification of a kit read the same files.
 
-    Raises
-    ------
-    ReadbackError
-        If gerbonara refuses the file, warns about it, or finds a unit other than millimetres.
+    Raises ReadbackError if gerbonara refuses the file, warns about it, or finds a unit other than millimetres.
     """
     try:
         with collection_paused(), warnings.catch_warnings():
@@ -300,16 +285,9 @@ def joined_strokes(
 ) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """Lines as polylines, joined if one begins at the open end of the one before with the same aperture.
 
-    Parameters
-    ----------
-    ends : ndarray, shape (n, 4)
-        x and y of where each line begins and ends, mm.
-    apertures : ndarray of int, shape (n,)
-        Key of each line's aperture in `diameters_mm`.
-
-    Returns
-    -------
-    tuple of ndarray, each (k, 2), and ndarray of their widths
+    ends (n, 4): x and y of where each line begins and ends, mm.
+    apertures (n,): Key of each line's aperture in `diameters_mm`.
+    Returns each (k, 2).
     """
     if not len(ends):
         return (), np.empty(0)

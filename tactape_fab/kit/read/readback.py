@@ -23,10 +23,7 @@ _DIGITS = frozenset("0123456789.-")
 def read_drill(data: bytes) -> FloatArray:
     """Holes of an Excellon file in file order, (x, y, diameter); shape (m, 3), mm.
 
-    Raises
-    ------
-    ReadbackError
-        If gerbonara refuses the file or finds anything but round, unplated holes in millimetres.
+    Raises ReadbackError if gerbonara refuses the file or finds anything but round, unplated holes in millimetres.
     """
     from gerbonara.excellon import ExcellonFile
     from gerbonara.graphic_objects import Flash
@@ -57,10 +54,7 @@ def read_drill(data: bytes) -> FloatArray:
 def read_cpl(data: bytes) -> CplContent:
     """Read a pick-and-place file of any known assembly format, which has that format's columns and no other.
 
-    Raises
-    ------
-    ReadbackError
-        Naming every column or row that cannot be read.
+    Raises ReadbackError naming every column or row that cannot be read.
     """
     problems: list[Problem] = []
     content = texture_cpl.read_cpl(data, problems)
@@ -84,10 +78,7 @@ def read_cpl(data: bytes) -> CplContent:
 def read_bom(data: bytes, table: BomTable) -> list[dict[str, str]]:
     """Rows of a bill of materials, by the keys of its columns.
 
-    Raises
-    ------
-    ReadbackError
-        If it is not CSV, its header is not the table's, or a row has another number of cells.
+    Raises ReadbackError if it is not CSV, its header is not the table's, or a row has another number of cells.
     """
     lines = _plain_lines(_decoded(data))
     _refuse_header(lines[0], table.headers)

@@ -25,17 +25,10 @@ _ESCAPED = re.compile(r"\\(.)", re.DOTALL)
 def read_s_expression(data: bytes, without: Sequence[str]) -> Tree:
     """Parse the single list of a file; its words are kept as written, without quotes.
 
-    Parameters
-    ----------
-    data : bytes
-        UTF-8. A backslash, or a '#', which starts a comment in KiCad, is allowed only within quotes.
-    without : sequence of str
-        Names of one-word lists that are left out everywhere, such as ``tstamp``, whose values are all different.
-
-    Raises
-    ------
-    ReadbackError
-        If brackets or quotes do not match, lists are nested more than 16 deep, or there is text outside the single list.
+    data: UTF-8. A backslash, or a '#', which starts a comment in KiCad, is allowed only within quotes.
+    without: Names of one-word lists that are left out everywhere, such as ``tstamp``, whose values are all different.
+    Raises ReadbackError if brackets or quotes do not match, lists are nested more than 16 deep, or there is text outside the
+        single list.
     """
     if without:  # quotes are removed in pairs only, so that the quoting of the rest does not change
         names = "|".join(without).encode()

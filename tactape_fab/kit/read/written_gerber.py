@@ -53,7 +53,7 @@ class FormError(Exception):
 
 @dataclass(slots=True, kw_only=True)
 class Drawn:
-    """What the statements of a Gerber file draw, in nm, in file order.
+    """The shapes of a Gerber file's statements, nm, in file order.
 
     ``apertures`` are the shape (M an outline, in mm; C or P a diameter) of each, by its number; ``flashes`` x, y and aperture;
     ``lines`` begin and end of each straight line outside of regions, and its aperture; ``arcs`` the same of each arc, its
@@ -68,12 +68,9 @@ class Drawn:
 
 
 def read_shapes(data: bytes) -> GerberShapes:
-    """What a Gerber file draws, as `gerber_file.read_gerber` finds it, which reads a file that is in another form.
+    """The shapes of a Gerber file, as of `gerber_file.read_gerber`, which reads a file that is in another form.
 
-    Raises
-    ------
-    ReadbackError
-        If neither reads it.
+    Raises ReadbackError if neither reads it.
     """
     try:
         return written_shapes(data)
@@ -83,12 +80,9 @@ def read_shapes(data: bytes) -> GerberShapes:
 
 @lru_cache(maxsize=8)
 def written_shapes(data: bytes) -> GerberShapes:
-    """What a Gerber file in the writer's grammar draws. Equal bytes are read once: preview, report and verification share them.
+    """The shapes of a Gerber file in the writer's grammar. Equal bytes are read once, for preview, report and verification.
 
-    Raises
-    ------
-    FormError
-        At a line that the writer would not write there, or if it has more arcs than an outline.
+    Raises FormError at a line that the writer would not write there, or if it has more arcs than an outline.
     """
     drawn = read_written(data)
     if len(drawn.arcs) > _MOST_ARCS:
@@ -152,13 +146,7 @@ def _chords(x: float, y: float, x_end: float, y_end: float, i: float, j: float) 
 
 
 def read_written(data: bytes) -> Drawn:
-    """Read a Gerber file by the writer's grammar.
-
-    Raises
-    ------
-    FormError
-        At a line that the writer would not write there.
-    """
+    """Read a Gerber file by the writer's grammar. Raises FormError at a line that the writer would not write there."""
     if not data.isascii():
         raise FormError("it is not ASCII")
     if not data.endswith(b"\n") or b"\r" in data:

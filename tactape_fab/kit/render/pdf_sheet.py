@@ -36,12 +36,8 @@ Grey = float | tuple[float, float, float]
 class View:
     """A part of the drawing on the sheet.
 
-    Attributes
-    ----------
-    scale : float
-        Millimetres on paper for each millimetre of the board.
-    at_mm : (x, y)
-        Place on the sheet of the board's point `origin_mm`.
+    scale: Millimetres on paper for each millimetre of the board.
+    at_mm (x, y): Place on the sheet of the board's point `origin_mm`.
     """
 
     scale: float

@@ -123,12 +123,8 @@ def terminals_of(body: FloatArray) -> tuple[FloatArray, FloatArray]:
 def render_preview(artifacts: Sequence[AnyArtifact], fab: FabProfile) -> tuple[LongArtifact, Artifact]:
     """SVG and PNG pictures of the finished tape.
 
-    Parameters
-    ----------
-    artifacts : sequence of Artifact
-        The files already rendered; only their bytes are looked at.
-    fab : FabProfile
-        Colours of coverlay and legend.
+    artifacts: The files already rendered; only their bytes are looked at.
+    fab: Colours of coverlay and legend.
     """
     files = {a.role: a.data for a in artifacts if isinstance(a, Artifact)}
     name = next(a.path for a in artifacts if a.role == "cpl").rsplit("/", 1)[-1].removesuffix("-cpl.csv")

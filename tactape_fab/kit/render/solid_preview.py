@@ -32,14 +32,9 @@ View = tuple[tuple[float, float, float], tuple[float, float, float]]
 def render_solid_preview(models: Iterable[AnyArtifact], tape: Tape, form: SolidForm) -> tuple[Artifact, Artifact]:
     """SVG and PNG pictures of a solid.
 
-    Parameters
-    ----------
-    models : iterable of Artifact
-        With the STL; only its bytes are drawn.
-    tape : Tape
-        Names the files; its element's height tells elements from base.
-    form : SolidForm
-        Where the surface is: flat or on a cylinder, upward or turned over.
+    models: With the STL; only its bytes are drawn.
+    tape: Names the files; its element's height tells elements from base.
+    form: Where the surface is: flat or on a cylinder, upward or turned over.
     """
     mesh = read_stl(next(a.data for a in models if a.role == "stl"))
     colour = MOULD if form.negative else TEXTURE

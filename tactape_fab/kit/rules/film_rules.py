@@ -310,7 +310,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
 
 
 def _size_remedy(size_mm: Sequence[float], level: bool, fab: FabProfile, *, small: bool, large: bool) -> str:
-    """What helps an item that assembly does not take: a panel where it fits on one with its rails, else a smaller size."""
+    """Remedy for an item that assembly does not take: a panel where it fits on one with its rails, else a smaller size."""
     panel = fab.panel
     around_mm = 2 * (panel.rail_mm + panel.gap_mm)
     room_mm = [most - around_mm for most in panel.largest_mm]

@@ -62,7 +62,7 @@ def check_texture(tape: Tape, form: SolidForm, process: ProcessProfile, spec: Ta
 
 
 def _mark_rule(tape: Tape, form: SolidForm) -> Finding:
-    """What the back says, or why it says nothing."""
+    """Rule of the mark in the back: its text, or why there is none."""
     mark = mark_of(tape, form)
     if mark is None:
         message = f"the back has no place for figures of {LEAST_CELL_MM:g} mm strokes: write the sector on it by hand"
@@ -94,7 +94,7 @@ def _model_rules(tape: Tape, form: SolidForm, process: ProcessProfile, remedies:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Remedies:
-    """What to type where an element is too narrow, too low, or too near to another."""
+    """Options to type where an element is too narrow, too low, or too near to another."""
 
     spec: TapeSpec
     process: ProcessProfile

@@ -155,14 +155,9 @@ def film_remedy(
 ) -> Remedy:
     """Remedy by which these rules hold without a warning, and every rule that blocks, the models' included.
 
-    Parameters
-    ----------
-    fab : FabProfile
-        In the mode of coverlay of the spec.
-    rules : sequence of str
-        Of GAPS, ``anchor-spur``, ``anchor-mesh``.
-    more : sequence of Pitch
-        Other rules that must hold.
+    fab: In the mode of coverlay of the spec.
+    rules: Of GAPS, ``anchor-spur``, ``anchor-mesh``.
+    more: Other rules that must hold.
     """
     anchored = spec.anchor != "none" or any(rule.startswith("anchor-") for rule in rules)
     if anchored and _gang(fab):  # coverlay is what holds an anchor

@@ -31,10 +31,7 @@ Remedies = str | Callable[[float], str]
 def check(layout: Layout, fab: FabProfile, spec: TapeSpec) -> list[Finding]:
     """Measure a layout against its fab's limits; remedies are for the spec.
 
-    Returns
-    -------
-    list of Finding
-        One for every rule that has something to measure, broken or not.
+    Returns: One for every rule that has something to measure, broken or not.
     """
     findings = [
         *_gap_rules(layout, fab, spec),
@@ -88,10 +85,7 @@ def gap_mm(outline_mm: FloatArray, shift_mm: FloatArray) -> FloatArray:
 def neighbours(tape: Tape, reach: float) -> tuple[FloatArray, FloatArray]:
     """Centre distances, as vectors, of placed parts that may come nearer than `reach`, and the first place of each.
 
-    Returns
-    -------
-    shifts, places : ndarray, shape (m, 2)
-        One row for each grid offset and each pair of symbols that occurs at it; board frame.
+    Returns shifts, places (m, 2): One row for each grid offset and each pair of symbols that occurs at it; board frame.
     """
     found = [*_neighbours(tape, reach), (np.empty((0, 2)), np.empty((0, 2)))]
     shifts, places = (np.concatenate(rows) for rows in zip(*found, strict=True))

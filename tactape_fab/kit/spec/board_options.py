@@ -17,14 +17,9 @@ DEFAULT_CORNER_RADIUS_MM = 1.0
 def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool) -> dict[str, Any]:
     """Values of these options in their final form; a refused one is replaced by a usable value.
 
-    Parameters
-    ----------
-    table : Fields
-        All values given; problems are collected in it.
-    values : mapping
-        Values that are already in their final form.
-    solid : bool
-        Whether the part is a solid element.
+    table: All values given; problems are collected in it.
+    values: Values that are already in their final form.
+    solid: Whether the part is a solid element.
     """
     return {
         "tag_id": _tag_id(table, values["tag"], values["sector"]),

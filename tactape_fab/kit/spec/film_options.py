@@ -21,12 +21,8 @@ _BACKING = r"[A-Za-z0-9]{1,20}[ :]\d{1,2}(\.\d{1,3})?( ?mm)?"
 def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
     """Values of these options in their final form; None for an option that is not set.
 
-    Parameters
-    ----------
-    table : Fields
-        All values given; problems are collected in it.
-    solid : bool
-        Whether the part is a solid element, which has no film.
+    table: All values given; problems are collected in it.
+    solid: Whether the part is a solid element, which has no film.
     """
     if solid:
         for key in (k for k in FILM_KEYS if k in table.values and table.values[k] != "none"):

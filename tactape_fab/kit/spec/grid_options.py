@@ -27,10 +27,7 @@ PITCH_PER_DISPLACEMENT = 6.0
 def read_grid_options(table: Fields) -> dict[str, Any]:
     """Values of these options in their final form, without directions; a refused one is replaced by a usable value.
 
-    Parameters
-    ----------
-    table : Fields
-        All values given; problems are collected in it.
+    table: All values given; problems are collected in it.
     """
     code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     if table.refused("code"):  # check the others against the code with most sectors

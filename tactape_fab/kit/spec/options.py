@@ -32,17 +32,9 @@ NAMES = "use 1 to 64 letters, digits, '.', '_', '-'"
 def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     """Read the values of every option.
 
-    Parameters
-    ----------
-    given : mapping
-        Untrusted; None means not given.
-
-    Returns
-    -------
-    dict of str to value
-        Every option in its final form; a usable value if it was refused or depends on a refused one.
-    list of Problem
-        Every problem.
+    given: Untrusted; None means not given.
+    Returns: Every option in its final form; a usable value if it was refused or depends on a refused one.
+    Returns: Every problem.
     """
     table = Fields({key: value for key, value in given.items() if value is not None})
     values = read_grid_options(table)

@@ -23,18 +23,11 @@ _ARRANGEMENT = re.compile(r"(\d{1,3})x(\d{1,3})")
 class PanelRequest:
     """Checked options of a panel.
 
-    Attributes
-    ----------
-    mode : {"auto", "none", "given"} or None
-        None if not given: the fab profile decides.
-    arrangement : (int, int) or None
-        Columns and rows, if given.
-    sectors : tuple of int or None
-        Sectors of the tapes, if given.
-    same_sector : bool
-        Whether every tape shows the same sector.
-    tabs : str
-        Sides of a tape that tabs hold, one of TAB_SIDES.
+    mode {"auto", "none", "given"}: None if not given: the fab profile decides.
+    arrangement: Columns and rows, if given.
+    sectors: Sectors of the tapes, if given.
+    same_sector: Whether every tape shows the same sector.
+    tabs: Sides of a tape that tabs hold, one of TAB_SIDES.
     """
 
     mode: str | None

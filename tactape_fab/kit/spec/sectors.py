@@ -17,19 +17,10 @@ _RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 def read_sectors(value: object, sectors: int, key: str = "sectors") -> tuple[int, ...]:
     """The sectors of ``"0-9,20"``, or of a list of whole numbers, in the order given.
 
-    Parameters
-    ----------
-    value : object
-        Untrusted.
-    sectors : int
-        How many sectors the code has.
-    key : str
-        What the list is called in messages.
-
-    Raises
-    ------
-    SpecError
-        With every problem: invalid sectors or ranges, reversed ranges, sectors outside the code, repetitions.
+    value: Untrusted.
+    sectors: How many sectors the code has.
+    key: What the list is called in messages.
+    Raises SpecError with every problem: invalid sectors or ranges, reversed ranges, sectors outside the code, repetitions.
     """
     problems: list[Problem] = []
 

@@ -38,12 +38,8 @@ Part = PartProfile | ElementProfile
 def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
     """Values of these options in their final form; None for an option that does not apply.
 
-    Parameters
-    ----------
-    table : Fields
-        All values given; problems are collected in it.
-    part : PartProfile, ElementProfile or None
-        The spec's part; None if it cannot be read, and then nothing is checked against it.
+    table: All values given; problems are collected in it.
+    part: The spec's part; None if it cannot be read, and then nothing is checked against it.
     """
     models = table.flag("models", default=True)
     negative, sim = table.flag("negative"), table.flag("sim")

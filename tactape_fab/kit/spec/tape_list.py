@@ -38,10 +38,7 @@ def is_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> bool:
 def read_list_file(path: Path) -> dict[str, Any]:
     """The values of a spec TOML, of one tape or of several; profile paths in it are relative to the file.
 
-    Raises
-    ------
-    SpecError
-        If the file cannot be read as TOML.
+    Raises SpecError if the file cannot be read as TOML.
     """
     values = read_spec_file(path)
     tapes = values.get("tapes")

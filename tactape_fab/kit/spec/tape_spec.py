@@ -240,10 +240,7 @@ def _plain(value: Any) -> Any:
 def read_spec_file(path: Path) -> dict[str, Any]:
     """The values of a spec TOML; profile paths in it are relative to the file.
 
-    Raises
-    ------
-    SpecError
-        If the file cannot be read as TOML.
+    Raises SpecError if the file cannot be read as TOML.
     """
     values = read_toml(path, "SPEC.toml")
     for key in PROFILE_KEYS:

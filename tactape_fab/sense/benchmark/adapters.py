@@ -32,7 +32,7 @@ _MOST_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Benchmark:
-    """What a method may see of a data set: frames, their sensor, and the tapes that may be touched."""
+    """The part of a data set that a method may see: frames, their sensor, and the tapes that may be touched."""
 
     frames: FrameFile
     sensor: SensorProfile
@@ -59,12 +59,7 @@ ADAPTERS: Mapping[str, Adapter] = {
 
 
 def read_index(folder: str | Path) -> dict[str, Any]:
-    """The content of a data set's benchmark.json.
-
-    Raises
-    ------
-    SpecError
-    """
+    """The content of a data set's benchmark.json. Raises SpecError."""
     path = Path(folder) / INDEX
     try:
         content = parse_json(read_regular(path, _MOST_BYTES))
@@ -81,12 +76,7 @@ def read_index(folder: str | Path) -> dict[str, Any]:
 
 
 def open_benchmark(folder: str | Path) -> Benchmark:
-    """Open a data set for a method.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Open a data set for a method. Raises SpecError."""
     files, folder = read_index(folder)["files"], Path(folder)
     sensor = load_sensor(folder / SENSOR)
     (frames,) = open_frames([folder / FRAMES], sensor)
@@ -95,12 +85,7 @@ def open_benchmark(folder: str | Path) -> Benchmark:
 
 
 def changed_files(folder: str | Path) -> list[str]:
-    """Files of a data set that are not what its index says.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Files of a data set that are not what its index says. Raises SpecError."""
     changed = []
     for name, said in read_index(folder)["files"].items():
         try:

@@ -26,19 +26,9 @@ FARTHEST_MM, MOST_SECTOR = 1e7, 10**9
 class Answer:
     """A method's answer for one frame; what it does not say is None.
 
-    Attributes
-    ----------
-    located : bool
-    tape : str or None
-    sector : int or None
-    position_mm : (float, float) or None
-        Texture point under the image centre, texture frame.
-    theta_deg : float or None
-    covariance : ndarray, shape (3, 3), or None
-        Of (x mm, y mm, theta rad).
-    p_false : float or None
-        The chance that it is wrong, as the method says it.
-    elapsed_ms : float or None
+    position_mm: Texture point under the image centre, texture frame.
+    covariance (3, 3): Of (x mm, y mm, theta rad).
+    p_false: The chance that it is wrong, as the method says it.
     """
 
     located: bool = False
@@ -54,18 +44,10 @@ class Answer:
 def read_answers(path: str | Path, frames: int) -> tuple[str, dict[int, Answer]]:
     """The name of a method and its answers by frame; a frame without one is not located.
 
-    Parameters
-    ----------
-    path : path
-        Lines of JSON, one for each frame: frame, located; where located tape or sector, position_mm, theta_deg; optional are
+    path: Lines of JSON, one for each frame: frame, located; where located tape or sector, position_mm, theta_deg; optional are
         covariance, p_false, elapsed_ms; other keys are not looked at. The first line may name the format and the method.
-    frames : int
-        Frames of the data set.
-
-    Raises
-    ------
-    SpecError
-        With the first problems of the file.
+    frames: Frames of the data set.
+    Raises SpecError with the first problems of the file.
     """
     path, problems = Path(path), list[Problem]()
     method, found = path.name.partition(".")[0], dict[int, Answer]()
@@ -98,12 +80,7 @@ def read_answers(path: str | Path, frames: int) -> tuple[str, dict[int, Answer]]
 
 
 def _answer(content: Mapping[str, Any], frames: int) -> tuple[int, Answer]:
-    """Frame and answer of a line.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Frame and answer of a line. Raises ValueError."""
     given = {key: value for key, value in content.items() if value is not None}
     table = Fields(given)
     frame = table.integer("frame", low=0, high=frames - 1)

@@ -1,4 +1,4 @@
-"""What the benchmark's frames show: its tapes, and the scenes of both simulators."""
+"""The tapes of the benchmark, and the scenes of both simulators."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _MOST_BYTES = 1 << 28
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What one frame shows; nothing to locate where the tape is None, and nothing that may be located unless it is registered."""
+    """The truth of one frame; nothing to locate where the tape is None, nothing that may be located unless it is registered."""
 
     condition: str
     tape: str | None
@@ -43,18 +43,12 @@ class Truth:
 class Row:
     """Scores of some frames; None where there is nothing to measure.
 
-    Attributes
-    ----------
-    frames, right, wrong : int
-        Frames; those that are located in the right cell of the right tape; those that are located anywhere else.
-    p50_um, p95_um, p50_deg, p95_deg : float or None
-        Percentiles of the distance from the true place, and of the angle's error; of right answers.
-    nees : float or None
-        Mean of e' C^-1 e / 3 of right answers with a covariance; 1 where that is true.
-    stated : float or None
-        Sum of p_false of located answers, so the number of wrong ones that the method said to expect at most.
-    p50_ms, p95_ms : float or None
-        Time of a frame as the method says it.
+    frames, right, wrong: Frames; those that are located in the right cell of the right tape; those that are located anywhere
+        else.
+    p50_um, p95_um, p50_deg, p95_deg: Percentiles of the distance from the true place, and of the angle's error; of right answers.
+    nees: Mean of e' C^-1 e / 3 of right answers with a covariance; 1 where that is true.
+    stated: Sum of p_false of located answers, so the number of wrong ones that the method said to expect at most.
+    p50_ms, p95_ms: Time of a frame as the method says it.
     """
 
     frames: int
@@ -71,12 +65,7 @@ class Row:
 
 
 def read_truth(path: str | Path) -> list[Truth]:
-    """The truth of a data set, in the order of its frames.
-
-    Raises
-    ------
-    SpecError
-    """
+    """The truth of a data set, in the order of its frames. Raises SpecError."""
     path = Path(path)
     try:
         first, *lines = read_regular(path, _MOST_BYTES).splitlines()
@@ -89,7 +78,7 @@ def read_truth(path: str | Path) -> list[Truth]:
 
 
 def _truth(k: int, row: Mapping[str, Any]) -> Truth:
-    """What a row says of frame k; ValueError where it is none."""
+    """The truth of frame k in a row; ValueError where it is none."""
     table = Fields({key: value for key, value in row.items() if value is not None})
     table.integer("frame", low=k, high=k)
     condition, registered = table.text("condition"), table.flag("registered")

@@ -50,29 +50,14 @@ def write_benchmark(
 ) -> dict[str, str]:
     """Simulate the benchmark and write it.
 
-    Parameters
-    ----------
-    folder : path
-        Must not be there. It gets frames.npy (N, h, w) int16 in units of `UNIT_MM`, sensor.toml, a manifest for each tape
+    folder: Must not be there. It gets frames.npy (N, h, w) int16 in units of `UNIT_MM`, sensor.toml, a manifest for each tape
         that may be touched, and benchmark.json. The frames of all conditions are shuffled.
-    frames : int
-        Of each condition.
-    seed : int
-        Equal seeds give equal bytes.
-    only : sequence of str
-        Conditions; all when left out.
-
-    Returns
-    -------
-    dict of str to str
-        SHA-256 of each file, the truth's included, by its path.
-
-    Raises
-    ------
-    SpecError
-        For every invalid value, and where the folder or the truth is there.
-    TactapeError
-        When they cannot be written.
+    frames: Of each condition.
+    seed: Equal seeds give equal bytes.
+    only: Conditions; all when left out.
+    Returns: SHA-256 of each file, the truth's included, by its path.
+    Raises SpecError for every invalid value, and where the folder or the truth is there.
+    Raises TactapeError when they cannot be written.
     """
     folder = Path(folder)
     table = Fields({"frames": frames, "seed": seed})

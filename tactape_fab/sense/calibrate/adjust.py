@@ -55,7 +55,6 @@ class Bundle:
     push_mm : float
     poses : ndarray, shape (m, 4)
         x mm, y mm, theta rad and pull of each press.
-    poses_covariance : ndarray, shape (m, 4, 4)
     residual_mm : tuple of ndarray, each of shape (n, 2)
         On the gel along u and v: where each dot is seen less where it is expected.
     errors : Errors
@@ -68,7 +67,6 @@ class Bundle:
     free: BoolArray
     push_mm: float
     poses: FloatArray
-    poses_covariance: FloatArray
     residual_mm: tuple[FloatArray, ...]
     errors: Errors
 
@@ -80,7 +78,7 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """What is adjusted: presses, the profile to start from, the errors of dots, and which of the camera's parameters are free."""
+    """An adjustment to be made: presses, the profile to start from, the errors of dots, the camera's free parameters."""
 
     presses: Sequence[Press]
     sensor: SensorProfile
@@ -112,7 +110,7 @@ def start(problem: Problem) -> FloatArray:
 
 
 def expected(press: Press, seen: camera.Seen, push_mm: float, pose: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What is left of the dots of a press, mm on the gel, and its derivatives by the shared unknowns and by the press's own.
+    """Residuals of a press's dots, mm on the gel, and their derivatives by the shared unknowns and by the press's own.
 
     Shapes (n, 2), (n, 2, 7) and (n, 2, 4).
     """
@@ -188,7 +186,7 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
     values, push, poses = z[: camera.COUNT], float(z[camera.COUNT]), z[OF_ALL:].reshape(-1, OF_PRESS)
     free, seen = np.append(problem.free, True), camera.seen_by(problem.sensor, values)
     normal = np.diag(1.0 / np.append(problem.prior_sigmas, PUSH_SIGMA_MM) ** 2)
-    residuals, across, inverses = [], [], []
+    residuals = []
     for press, by, pose in zip(problem.presses, white, poses, strict=True):
         residual, shared, own = expected(press, seen, push, pose)
         residuals.append(residual)
@@ -196,12 +194,10 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         b = (by @ own.transpose(1, 0, 2)).reshape(-1, OF_PRESS)
         inner = b.T @ b
         inner[3, 3] += 1.0 / PULL_SIGMA**2
-        inverses.append(np.linalg.inv(inner))
-        across.append(a.T @ b)
-        normal += a.T @ a - across[-1] @ inverses[-1] @ across[-1].T
+        across = a.T @ b
+        normal += a.T @ a - across @ np.linalg.inv(inner) @ across.T
     covariance = np.zeros((OF_ALL, OF_ALL))
     covariance[np.ix_(free, free)] = np.linalg.inv(normal[np.ix_(free, free)])
-    spread = [i + i @ x.T @ covariance @ x @ i for i, x in zip(inverses, across, strict=True)]
     return Bundle(
         sensor=camera.with_parameters(problem.sensor, values),
         values=values,
@@ -209,7 +205,6 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         free=problem.free,
         push_mm=push,
         poses=poses,
-        poses_covariance=np.array(spread),
         residual_mm=tuple(residuals),
         errors=problem.errors,
     )
@@ -229,7 +224,7 @@ def agreeing(presses: Sequence[Press], bundle: Bundle, problem: Problem) -> list
 
 
 def designs_of(problem: Problem, bundle: Bundle) -> tuple[list[Design], FloatArray, FloatArray]:
-    """What `errors.estimate_errors` takes: presses at a solution, and the precision of their unknowns before anything is seen."""
+    """Input of `errors.estimate_errors`: presses at a solution, and the precision of their unknowns before anything is seen."""
     kept, seen = np.append(problem.free, True), camera.seen_by(problem.sensor, bundle.values)
     designs = []
     for press, pose in zip(problem.presses, bundle.poses, strict=True):

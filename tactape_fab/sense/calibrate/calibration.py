@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from math import exp
 from pathlib import Path
 
 import numpy as np
@@ -329,8 +328,3 @@ def _quantities(
         if noise.patches:
             rows.append(Quantity(name="noise_white", value=noise.white_um, sigma=noise.sigma_white_um, unit=um))
     return rows
-
-
-def scale_ratio(bundle: Bundle, start: SensorProfile) -> float:
-    """The scale found, over that of the profile to start from."""
-    return exp(float(bundle.values[0])) / start.px_per_mm[0]

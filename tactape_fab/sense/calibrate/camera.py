@@ -37,15 +37,9 @@ def with_parameters(sensor: SensorProfile, values: FloatArray) -> SensorProfile:
 class Seen:
     """A camera with its numbers put in, once for all presses.
 
-    Attributes
-    ----------
-    camera : Camera
-    scale : (float, float)
-        px/mm along u and v.
-    middle_mm : ndarray, shape (2,)
-        The point that the image centre sees, from the lens' centre.
-    middle_by : ndarray, shape (2, 6)
-        Its derivative by the parameters.
+    scale: px/mm along u and v.
+    middle_mm (2,): The point that the image centre sees, from the lens' centre.
+    middle_by (2, 6): Its derivative by the parameters.
     """
 
     camera: Camera
@@ -56,16 +50,10 @@ class Seen:
     def to_px(self, at_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Pixels of points on the gel, right and down of the one that the image centre sees.
 
-        Parameters
-        ----------
-        at_mm : ndarray, shape (n, 2)
-
-        Returns
-        -------
-        px : ndarray, shape (n, 2)
-        by_point : ndarray, shape (n, 2, 2)
-            Derivative of pixel (rows) by point.
-        by_parameter : ndarray, shape (n, 2, 6)
+        at_mm (n, 2)
+        Returns px (n, 2).
+        Returns by_point (n, 2, 2): Derivative of pixel (rows) by point.
+        Returns by_parameter (n, 2, 6).
         """
         camera, (u_per_mm, v_per_mm) = self.camera, self.scale
         at = at_mm + self.middle_mm

@@ -26,12 +26,9 @@ LEAST_GAIN = 3.0
 class Errors:
     """Of a dot's centre along one axis.
 
-    Attributes
-    ----------
-    dot_mm : float
-        Standard deviation of a whole dot.
-    gel_mm, correlation_mm : float
-        Root mean square of the gel's smooth displacement, and the standard deviation of the Gaussian that correlates it.
+    dot_mm: Standard deviation of a whole dot.
+    gel_mm, correlation_mm: Root mean square of the gel's smooth displacement, and the standard deviation of the Gaussian that
+        correlates it.
     """
 
     dot_mm: float = 0.015
@@ -78,18 +75,9 @@ class Estimate:
 def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precision: FloatArray) -> Estimate:
     """Errors of the dots by restricted maximum likelihood (Harville, JASA 72 (1977) 320): poses and camera are left out of it.
 
-    Parameters
-    ----------
-    designs : sequence of Design
-    precision : ndarray, shape (k, k)
-        Of the shared unknowns, before anything is seen.
-    own_precision : ndarray, shape (4, 4)
-        The same of a press's own.
-
-    Returns
-    -------
-    Estimate
-        Without displacement of the gel where it makes the dots less than e^3 times as likely.
+    precision (k, k): Of the shared unknowns, before anything is seen.
+    own_precision (4, 4): The same of a press's own.
+    Returns: Without displacement of the gel where it makes the dots less than e^3 times as likely.
     """
 
     def cost(z: FloatArray) -> float:

@@ -25,10 +25,7 @@ MARK = "# Calibrated by tactape-fab"
 def checked_output(output: str | Path) -> Path:
     """The path of a profile that may be written there.
 
-    Raises
-    ------
-    SpecError
-        If it is no .toml, its folder is missing, or a file is there that is no calibrated profile.
+    Raises SpecError if it is no .toml, its folder is missing, or a file is there that is no calibrated profile.
     """
     path = Path(output)
     if path.suffix != ".toml":
@@ -50,9 +47,7 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
 
     Each gets its name when it is complete; the profile last, and only if `load_sensor` reads it.
 
-    Raises
-    ------
-    TactapeError
+    Raises TactapeError.
     """
     files: dict[Path, bytes] = {}
     if found.valid is not None:
@@ -85,11 +80,7 @@ def _png(valid: BoolArray) -> bytes:
 def profile_text(found: Calibration, mask: str) -> str:
     """A sensor profile as TOML, as `load_sensor` reads it; what has no key there stands in comments.
 
-    Parameters
-    ----------
-    found : Calibration
-    mask : str
-        Name of the mask's file.
+    mask: Name of the mask's file.
     """
     sensor = found.sensor
     image: dict[str, object] = {

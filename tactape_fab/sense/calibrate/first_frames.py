@@ -38,14 +38,9 @@ class FrameLook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstFrames:
-    """What a user's first frames show.
+    """The findings of a user's first frames.
 
-    Attributes
-    ----------
-    frames : tuple of FrameLook
-    wrong : tuple of str
-        What looks wrong, each with its remedy; nothing where all is well.
-    next_step : str
+    wrong: What looks wrong, each with its remedy; nothing where all is well.
     """
 
     frames: tuple[FrameLook, ...]
@@ -60,18 +55,9 @@ class FirstFrames:
 def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like: SensorProfile) -> FirstFrames:
     """Say what looks wrong in frames.
 
-    Parameters
-    ----------
-    frames : iterable of array_like, each of shape (h, w)
-        As the sensor delivers them.
-    tapes : sequence of Tape
-        That were pressed; none: only the frames themselves are looked at.
-    like : SensorProfile
-
-    Raises
-    ------
-    SpecError, FrameError
-        If they are no depth maps of one shape, or all of them are empty.
+    frames each (h, w): As the sensor delivers them.
+    tapes: That were pressed; none: only the frames themselves are looked at.
+    Raises SpecError, FrameError if they are no depth maps of one shape, or all of them are empty.
     """
     images, bad = checked_frames(frames)
     images = images[:MOST_FRAMES]
@@ -108,7 +94,7 @@ def look_at_frames(frames: Iterable[npt.ArrayLike], tapes: Sequence[Tape], like:
 
 
 def _of_values(images: Sequence[Frame]) -> list[str]:
-    """What looks wrong in the numbers themselves."""
+    """Faults of the values themselves."""
     said = []
     whole = [image for image in images if frame_fault(image) is None]
     few = [len(np.unique(image[np.isfinite(image)])) for image in whole[:5]]
@@ -136,7 +122,7 @@ def _named(reasons: Counter[str]) -> list[tuple[str, int]]:
 
 
 def _of_profile(images: Sequence[Frame], tapes: Sequence[Tape], sensor: SensorProfile) -> list[str]:
-    """What in the profile keeps all frames from being located, where something of it does."""
+    """The fault of the profile that keeps all frames from being located, if it is one."""
     valid = None if sensor.mask is None else valid_pixels(images)
     found = find_orientation(images, tapes, sensor, valid)
     if found is None:

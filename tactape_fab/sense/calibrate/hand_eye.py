@@ -84,20 +84,10 @@ class HandEye:
 def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape], arm_poses: Sequence[ArmPose]) -> HandEye:
     """Solve both transforms together with the camera and the presses.
 
-    Parameters
-    ----------
-    bundle : Bundle
-        To start from.
-    presses : sequence of Press
-        Its presses.
-    tapes : sequence of Tape
-    arm_poses : sequence of ArmPose
-        Those of frames that are no press are not used.
-
-    Raises
-    ------
-    SpecError
-        For fewer than five presses with a pose on one tape.
+    bundle: To start from.
+    presses: Its presses.
+    arm_poses: Those of frames that are no press are not used.
+    Raises SpecError for fewer than five presses with a pose on one tape.
     """
     flange = {pose.frame: pose.flange_to_base for pose in arm_poses}
     names = [press.tape for press in presses if press.frame in flange]
@@ -169,7 +159,7 @@ class _Joint:
         return np.concatenate([rows_of(self.problem, self.white, z[:-12])[0], self.arm_rows(z)])
 
     def arm_rows(self, z: FloatArray) -> FloatArray:
-        """What is left of each pose of the arm, over its error, and the priors of both places."""
+        """Residual of each pose of the arm, over its error, and the priors of both places."""
         poses = z[OF_ALL:-12].reshape(-1, OF_PRESS)[self.which]
         left = misfits(self.arm, poses, self.origin, z[-12:]) / self.sigmas
         return np.concatenate([left.ravel(), z[-12:-9] / FAR_MM, z[-6:-3] / FAR_MM])
@@ -239,7 +229,7 @@ def _first(arm: FloatArray, poses: FloatArray, origin_mm: FloatArray) -> FloatAr
 
 
 def _remarks(covariance: FloatArray) -> list[str]:
-    """What poses of the arm leave open."""
+    """Remarks on motions that the arm's poses do not determine."""
     said = []
     # the directions that matter: across and along the sensor's axis
     sigma = np.sqrt(np.diag(covariance))

@@ -29,15 +29,9 @@ _SPREAD = (35.0 / 18.0) ** 2
 class Noise:
     """Noise of the depth and its standard errors.
 
-    Attributes
-    ----------
-    slope : float
-        White noise of the slopes, rms a pixel; in the frame's unit a mm where depth is not calibrated.
-    white_um : float
-        White noise of the depth, micrometres, or thousandths of the frame's unit where depth is not calibrated.
-    sigma_slope, sigma_white_um : float
-    patches : int
-        Patches off contact; 0 where it is from between the dots.
+    slope: White noise of the slopes, rms a pixel; in the frame's unit a mm where depth is not calibrated.
+    white_um: White noise of the depth, micrometres, or thousandths of the frame's unit where depth is not calibrated.
+    patches: Patches off contact; 0 where it is from between the dots.
     """
 
     slope: float
@@ -50,18 +44,8 @@ class Noise:
 def off_contact(frames: Sequence[Frame], presses: Sequence[Press], empty: Sequence[int], sensor: SensorProfile) -> Noise | None:
     """Noise from patches of frames that touch nothing there.
 
-    Parameters
-    ----------
-    frames : sequence of ndarray
-    presses : sequence of Press
-    empty : sequence of int
-        Frames without a contact.
-    sensor : SensorProfile
-
-    Returns
-    -------
-    Noise or None
-        None where there are fewer than four patches.
+    empty: Frames without a contact.
+    Returns: None where there are fewer than four patches.
     """
     unit = sensor.depth_unit_mm or 1.0
     power, count = np.zeros((SIDE_PX, SIDE_PX)), 0
@@ -80,12 +64,8 @@ def off_contact(frames: Sequence[Frame], presses: Sequence[Press], empty: Sequen
 def between_dots(left: float, freedom: float, sensor: SensorProfile) -> Noise:
     """Noise of the slopes from what a fit of the dots' relief leaves; white noise of the depth is not told from it there.
 
-    Parameters
-    ----------
-    left : float
-        Squares of the differences between neighbouring pixels that are left, over those expected of slopes of variance 1.
-    freedom : float
-        How many there are, in all.
+    left: Squares of the differences between neighbouring pixels that are left, over those expected of slopes of variance 1.
+    freedom: How many there are, in all.
     """
     scale = sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
     slope = sqrt(max(left, 0.0)) * scale * (sensor.depth_unit_mm or 1.0)

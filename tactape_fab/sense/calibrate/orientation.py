@@ -54,19 +54,9 @@ def find_orientation(
 ) -> SensorProfile | None:
     """The profile, of those with another sign, mirror or scale, by which a tape is located first.
 
-    Parameters
-    ----------
-    frames : sequence of ndarray, shape `like.frame_shape`
-    tapes : sequence of Tape
-    like : SensorProfile
-        Tried first.
-    valid : ndarray of bool, shape `like.frame_shape`, or None
-        Pixels of a frame that carry depth.
-
-    Returns
-    -------
-    SensorProfile or None
-        None where nothing shows a tape.
+    like: Tried first.
+    valid: Pixels of a frame that carry depth.
+    Returns: None where nothing shows a tape.
     """
     probes = _most_relief(frames, like)
     for factor in SCALES:
@@ -113,19 +103,9 @@ def with_mask(sensor: SensorProfile, valid: BoolArray | None) -> SensorProfile:
 def upright(sensor: SensorProfile, known: KnownTurn, theta_deg: float, valid: BoolArray | None) -> SensorProfile:
     """A profile turned by quarter turns so that a press of known direction has it.
 
-    Parameters
-    ----------
-    sensor : SensorProfile
-    known : KnownTurn
-    theta_deg : float
-        What the profile says of that press.
-    valid : ndarray of bool or None
-        As for `find_orientation`.
-
-    Raises
-    ------
-    SpecError
-        Where no quarter turn explains it.
+    theta_deg: What the profile says of that press.
+    valid: As for `find_orientation`.
+    Raises SpecError where no quarter turn explains it.
     """
     quarters = round((known.theta_deg - theta_deg) / 90.0)
     off = remainder(known.theta_deg - theta_deg - 90.0 * quarters, 360.0)

@@ -28,12 +28,7 @@ _COLOURS = ((240, 190, 90), (110, 220, 130), (60, 230, 245), (50, 110, 245), (21
 
 
 def write_pictures(folder: Path, found: Calibration) -> list[Path]:
-    """Write coverage.png and residuals.png.
-
-    Raises
-    ------
-    TactapeError
-    """
+    """Write coverage.png and residuals.png. Raises TactapeError."""
     cv2 = library("cv2", "--picture")
     try:
         folder.mkdir(parents=True, exist_ok=True)

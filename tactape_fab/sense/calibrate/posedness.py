@@ -1,4 +1,4 @@
-"""What frames cannot say: refusals with their remedy, and remarks on what would make a calibration better."""
+"""Parameters that frames do not determine: refusals with their remedy, and remarks on how to calibrate better."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _numbers(given: npt.ArrayLike, index: int) -> Frame:
 
 
 def frame_fault(image: Frame) -> str | None:
-    """What is wrong with a frame of its own."""
+    """The fault of a frame alone."""
     finite = np.isfinite(image)
     share = float(1.0 - finite.mean())
     if share == 1.0:
@@ -192,7 +192,7 @@ def remarks_of(
     bad: Sequence[str],
     hand_eye: HandEye | None,
 ) -> list[str]:
-    """What cannot be observed, and what would make it better."""
+    """Remarks on what cannot be observed, each with a remedy."""
     said = list(bad[:5])
     sensor = bundle.sensor
     if frame_shape != start.frame_shape:

@@ -36,29 +36,18 @@ Frame = npt.NDArray[np.float32]
 class Press:
     """A located frame.
 
-    Attributes
-    ----------
-    frame : int
-        Its place among the frames.
-    tape : str
-        Name of the tape.
-    seen_px : ndarray, shape (n, 2)
-        Dots as detected, canonical image.
-    rim_mm : ndarray, shape (n, 2)
-        By what a dot at the rim is put back, on the gel along u and v.
-    texture_mm : ndarray, shape (n, 2)
-        Places of their parts: as built where the answer rests on those, else nominal.
-    weights : ndarray, shape (n,)
-        Height over that of a whole dot, times trust; at most 1.
-    amid : ndarray of bool, shape (n,)
-        Dots with others on all sides, and off the image's sides: what the filter draws alike in all presses is not seen in them.
-    pushed, pulled : ndarray, shape (n, 2)
-        What neighbours and the rim do to each, along u and v, for a push and a pull of 1; see `decode.grid.posterior`.
-    position_mm : (float, float)
-    theta_rad : float
-        The decoder's answer, to start from.
-    fine : bool
-        Whether centres come from the pixels (`refined`).
+    frame: Its place among the frames.
+    tape: Name of the tape.
+    seen_px (n, 2): Dots as detected, canonical image.
+    rim_mm (n, 2): By what a dot at the rim is put back, on the gel along u and v.
+    texture_mm (n, 2): Places of their parts: as built where the answer rests on those, else nominal.
+    weights (n,): Height over that of a whole dot, times trust; at most 1.
+    amid (n,): Dots with others on all sides, and off the image's sides: what the filter draws alike in all presses is not seen in
+        them.
+    pushed, pulled (n, 2): What neighbours and the rim do to each, along u and v, for a push and a pull of 1; see
+        `decode.grid.posterior`.
+    theta_rad: The decoder's answer, to start from.
+    fine: Whether centres come from the pixels (`refined`).
     """
 
     frame: int
@@ -98,7 +87,7 @@ def located(frames: Iterable[Frame], tapes: Sequence[Tape], sensor: SensorProfil
 
 
 def press_of(index: int, frame: Frame, fix: Localization, tape: Tape, sensor: SensorProfile) -> Press:
-    """What the dots of a located frame say."""
+    """The press of a located frame's dots."""
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None and fix.tape is not None
     seen = detected(frame, sensor)
     dots = settled(seen, tape.pitch_mm * sensor.px_per_mm[0], tape.displacement_mm / tape.pitch_mm)
@@ -137,13 +126,9 @@ def amid(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
     """Dots with neighbours on all sides; all dots of `of` where too few have. The rim draws the others by micrometres, alike in
     all presses: with them the aspect and k1 of a calibration are off by 3 and by 9 in ten thousand, without by 1 and 6.
 
-    Parameters
-    ----------
-    at_mm : ndarray, shape (n, 2)
-    of : ndarray of bool, shape (n,)
-        Those that count as neighbours.
-    reach_mm : float
-        Farthest neighbours.
+    at_mm (n, 2)
+    of (n,): Those that count as neighbours.
+    reach_mm: Farthest neighbours.
     """
     apart = at_mm[:, None] - at_mm
     distance = np.hypot(apart[..., 0], apart[..., 1])

@@ -24,14 +24,8 @@ MOST_LOW = 0.3
 def refined(frames: Sequence[Frame], presses: Iterable[Press], sensor: SensorProfile, tapes: Sequence[Tape]) -> list[Press]:
     """Presses with centres from the pixels, but for those whose parts' relief is not known, or that do not look like it.
 
-    Parameters
-    ----------
-    frames : sequence of ndarray
-    presses : iterable of Press
-        With all their dots, at poses by which no dot is off by more than a quarter of a part.
-    sensor : SensorProfile
-        With a camera as good.
-    tapes : sequence of Tape
+    presses: With all their dots, at poses by which no dot is off by more than a quarter of a part.
+    sensor: With a camera as good.
     """
     parts, fit, out = {tape.name: tape.part for tape in tapes}, pixel_fit(sensor), []
     for press in presses:

@@ -26,17 +26,11 @@ MOST_PRESSES = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """What parts leave in the gel.
+    """The relief of parts in the gel.
 
-    Attributes
-    ----------
-    blur_mm, sigma_blur_mm : float
-        Standard deviation of the Gaussian that smooths, and its error from press to press.
-    amplitude, sigma_amplitude : float
-        Height of a part before it is smoothed, in the frame's unit, and its error from press to press.
-    left : float
-        Squares that are left of differences between neighbouring pixels, over what slopes of variance 1 have.
-    freedom : float
+    blur_mm, sigma_blur_mm: Standard deviation of the Gaussian that smooths, and its error from press to press.
+    amplitude, sigma_amplitude: Height of a part before it is smoothed, in the frame's unit, and its error from press to press.
+    left: Squares that are left of differences between neighbouring pixels, over what slopes of variance 1 have.
     """
 
     blur_mm: float

@@ -1,4 +1,4 @@
-"""What each dot of a located answer says: where it is seen, its part, its symbol, and how far it is off."""
+"""The dots of a located answer: where each is seen, its part, its symbol, and its residual."""
 
 from __future__ import annotations
 
@@ -62,23 +62,14 @@ def located_dots(
 ) -> LocatedDots:
     """Put together what the dots of an accepted answer say.
 
-    Parameters
-    ----------
-    dots : Dots
-        n of them.
-    q : ndarray, shape (n, 4) or (n, 8)
-        From `fit.posteriors`, in the grid's axes.
-    turn : int
-        Quarter turns of the grid's axes to the texture's.
-    cells : ndarray of int, shape (k, 2)
-        Of the dots inside.
-    inside : ndarray of bool, shape (n,)
-        Dots at a part of the tape, k of them.
-    offset_px, nominal_mm : ndarray, shape (k, 2)
-        Where they are from the image centre, in square pixels, and where their parts are in the texture frame.
-    pose : Pose
-        Fitted to them.
-    view : View
+    dots: n of them.
+    q (n, 4): From `fit.posteriors`, in the grid's axes.
+    turn: Quarter turns of the grid's axes to the texture's.
+    cells (k, 2): Of the dots inside.
+    inside (n,): Dots at a part of the tape, k of them.
+    offset_px, nominal_mm (k, 2): Where they are from the image centre, in square pixels, and where their parts are in the texture
+        frame.
+    pose: Fitted to them.
     """
     seen_px = dots.xy_px if dots.seen_px is None else dots.seen_px
     out = LocatedDots(

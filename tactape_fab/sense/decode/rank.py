@@ -29,22 +29,13 @@ times the evidence to win (`GRID_SHARES`)."""
 class View:
     """The design of the tapes and the sensor's view of it, in square pixels: known before a frame is seen.
 
-    Attributes
-    ----------
-    pitch_mm, displacement_mm : float
-        W and Delta.
-    part : TapePart or None
-        The parts, if all tapes have the same.
-    px_per_mm : float
-        R, from the sensor's profile.
-    scale_tolerance : float
-        Relative tolerance of the scale; 0 if it is fixed.
-    centre_px : ndarray, shape (2,)
-        The image centre p0.
-    beliefs : Beliefs
-        What is known of camera and gel.
-    directions : int
-        Number of displacement directions.
+    pitch_mm, displacement_mm: W and Delta.
+    part: The parts, if all tapes have the same.
+    px_per_mm: R, from the sensor's profile.
+    scale_tolerance: Relative tolerance of the scale; 0 if it is fixed.
+    centre_px (2,): The image centre p0.
+    beliefs: What is known of camera and gel.
+    directions: Number of displacement directions.
     """
 
     pitch_mm: float
@@ -91,21 +82,11 @@ def read(
 ) -> Reading | None:
     """Find the place that fits some dots best.
 
-    Parameters
-    ----------
-    dots : Dots
-        At least one of them trusted.
-    max_p_tape : float
-        Other grids are tried unless the first one's place is clearly better than this asks for.
-    prior : Prior or None
-        Expected region of the contact.
-    precision : float
-        Largest error, upward, of the weight of other places.
-
-    Returns
-    -------
-    Reading or None
-        None if there is no grid, or no place with enough dots on a tape.
+    dots: At least one of them trusted.
+    max_p_tape: Other grids are tried unless the first one's place is clearly better than this asks for.
+    prior: Expected region of the contact.
+    precision: Largest error, upward, of the weight of other places.
+    Returns: None if there is no grid, or no place with enough dots on a tape.
     """
     # the contact's centre (paper, Eq. 2), each dot by its trust: about it, turn and phases of a grid depend least on each other
     middle = dots.trust @ dots.xy_px / dots.trust.sum()

@@ -117,14 +117,9 @@ WRONG_SHARE = 0.002
 class Limits:
     """Limits that an answer has to keep.
 
-    Attributes
-    ----------
-    max_p_false : float
-        Largest bound on being wrong.
-    max_p_tape : float or None
-        Largest bound on the texture being none of ours; part of `max_p_false` where None.
-    kappa : float
-        Least lead, as a factor, over any single other place.
+    max_p_false: Largest bound on being wrong.
+    max_p_tape: Largest bound on the texture being none of ours; part of `max_p_false` where None.
+    kappa: Least lead, as a factor, over any single other place.
     """
 
     max_p_false: float = MAX_P_FALSE
@@ -169,19 +164,10 @@ def place_weights(counts: FloatArray, turn_weights: FloatArray, share: float = 1
 
     Places of a kind weigh the same, so w = share x turn x kind / count. A kind that has no place leaves its share to the other.
 
-    Parameters
-    ----------
-    counts : ndarray, shape (4, 2)
-        Places by turn: with all dots on the tape, and with some beyond its edge.
-    turn_weights : ndarray, shape (4,)
-        They add up to 1.
-    share : float
-        What all places weigh together.
-
-    Returns
-    -------
-    ndarray, shape (4, 2)
-        ln w; -inf where there is no place.
+    counts (4, 2): Places by turn: with all dots on the tape, and with some beyond its edge.
+    turn_weights (4,): They add up to 1.
+    share: What all places weigh together.
+    Returns (4, 2): ln w; -inf where there is no place.
     """
     out = []
     # E has the mean 1 at a place over the edge, too: a dot beyond it has the factor 1, as one at a grid point without a part
@@ -209,12 +195,8 @@ def turn_shares(ln_ratio: float) -> FloatArray:
 def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:
     """Probability that dots are parts and not bumps of noise: a logistic curve over their heights.
 
-    Parameters
-    ----------
-    weights : ndarray
-        Heights over that of a whole dot.
-    noise : float
-        Median height of the bumps of noise, over the same.
+    weights: Heights over that of a whole dot.
+    noise: Median height of the bumps of noise, over the same.
     """
     # a part is at most 1 high: however loud the noise, a dot of MOST_MIDDLE is as likely a part as a bump
     middle = min(NOISE_MIDDLE * noise, MOST_MIDDLE)
@@ -256,19 +238,10 @@ def posteriors(squares: FloatArray, variance: FloatArray, trust: FloatArray) -> 
 
     and `WRONG_SHARE` of it is spread over all symbols.
 
-    Parameters
-    ----------
-    squares : ndarray, shape (k, ...)
-        Squared distances d_j^2 of the dots from the k places of their grid points, in pitches squared.
-    variance : ndarray, shape (...)
-        From `squared_errors`.
-    trust : ndarray, shape (...)
-        From `trusted`.
-
-    Returns
-    -------
-    ndarray, shape (k, ...)
-        They add up to 1 over the first axis.
+    squares (k, ...): Squared distances d_j^2 of the dots from the k places of their grid points, in pitches squared.
+    variance (...): From `squared_errors`.
+    trust (...): From `trusted`.
+    Returns (k, ...): They add up to 1 over the first axis.
     """
     places = float(len(squares))
     part = trust * (1.0 - OUTLIER_SHARE)  # t

@@ -1,4 +1,4 @@
-"""What a frame that is not located shows once the sensor profile is put right: a word for sign, mirror and scale.
+"""Wrong sign, mirror or scale of a sensor profile, found by trying a frame that is not located with each put right.
 
 Nothing here locates a frame. A quarter turn cannot be told: the tape's answer is as good with another angle.
 """
@@ -45,7 +45,7 @@ _ANY_BOUND = inf
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """What is known where a frame was not located."""
+    """A frame that was not located, and how it was looked at."""
 
     sensor: SensorProfile
     view: View
@@ -56,20 +56,10 @@ class Seen:
 def wrong_profile(seen: Seen, dots: Dots, raw: Dots, negated: Callable[[], Dots] | None) -> str | None:
     """A reason that names what is wrong in the sensor profile, for a frame that is not located.
 
-    Parameters
-    ----------
-    seen : Seen
-    dots : Dots
-        Of the contact, as they were decoded.
-    raw : Dots
-        As they were detected, in square pixels.
-    negated : callable or None
-        Detects the dots of the negated frame; None where there are only dots.
-
-    Returns
-    -------
-    str or None
-        None where the dots show nothing of the kind.
+    dots: Of the contact, as they were decoded.
+    raw: As they were detected, in square pixels.
+    negated: Detects the dots of the negated frame; None where there are only dots.
+    Returns: None where the dots show nothing of the kind.
     """
     behind = _decoded(seen, seen.view, _flipped(seen, dots), seen.limits.on_tape)
     if behind is not None:

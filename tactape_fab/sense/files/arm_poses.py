@@ -54,19 +54,10 @@ class ArmPose:
 def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> list[ArmPose]:
     """Poses of a robot's flange in its base.
 
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the columns of `COLUMNS` in any order, and those of `OPTIONAL` if they are there.
-    key : str
-        The option that names it, for messages.
-    frames : int, optional
-        How many frames there are.
-
-    Raises
-    ------
-    SpecError
-        With every row that cannot be read, twenty at most.
+    path: CSV with the columns of `COLUMNS` in any order, and those of `OPTIONAL` if they are there.
+    key: The option that names it, for messages.
+    frames: How many frames there are.
+    Raises SpecError with every row that cannot be read, twenty at most.
     """
     data = _bytes_of(path, key, "give a CSV file")
     rows = csv.reader(io.StringIO(data.decode("utf-8-sig", errors="replace")))
@@ -114,7 +105,7 @@ def _bytes_of(path: str | Path, key: str, remedy: str) -> bytes:
 
 
 def _other_columns(names: Sequence[str]) -> str:
-    """What is wrong with the first line, and how poses in a plane are written in this format."""
+    """The fault of the first line, and how poses in a plane are written in this format."""
     message = f"has the columns {shown(','.join(names))}; its first line must be {','.join(COLUMNS)}"
     if set(names) >= _PLANE:
         return (
@@ -125,7 +116,7 @@ def _other_columns(names: Sequence[str]) -> str:
 
 
 def _pose(row: Mapping[str, str], whole: bool, frames: int | None) -> tuple[list[str], ArmPose | None]:
-    """What is wrong with a row, or its pose."""
+    """The pose of a row, or its fault."""
     if not whole:
         return ["it does not have one value a column; correct it"], None
     values: dict[str, float] = dict(OPTIONAL)
@@ -164,7 +155,7 @@ def rotation(quaternion: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HandEyeFile:
-    """What `calibrate --hand-eye` wrote: both transforms, (4, 4), mm, and the tape's name."""
+    """A file of `calibrate --hand-eye`: both transforms, (4, 4), mm, and the tape's name."""
 
     tape: str
     sensor_to_flange: FloatArray
@@ -174,10 +165,7 @@ class HandEyeFile:
 def read_hand_eye(path: str | Path) -> HandEyeFile:
     """A file `…-hand-eye.json`.
 
-    Raises
-    ------
-    SpecError
-        If it cannot be read, is of another format, or a transform is no rotation with a place.
+    Raises SpecError if it cannot be read, is of another format, or a transform is no rotation with a place.
     """
     key = "hand_eye"
     data = _bytes_of(path, key, "give the -hand-eye.json that calibrate wrote")

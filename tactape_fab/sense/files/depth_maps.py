@@ -52,15 +52,9 @@ class ArrayHeader:
 class FrameFile:
     """A file of frames with its header read and checked; the frames are read one by one.
 
-    Attributes
-    ----------
-    path : Path
-    count : int
-    frame_shape : (int, int)
-        Height and width of each frame.
-    timestamp : ndarray, shape (count,), or None
-    px_per_mm : (float, float) or None
-        Scale along u and v of the canonical image, where the file says it.
+    frame_shape: Height and width of each frame.
+    timestamp (count,)
+    px_per_mm: Scale along u and v of the canonical image, where the file says it.
     """
 
     path: Path
@@ -72,10 +66,7 @@ class FrameFile:
     def frames(self) -> Iterator[Depth]:
         """The frames in order, each of `frame_shape`, as the file has them.
 
-        Raises
-        ------
-        SpecError
-            When the file ends early or is damaged.
+        Raises SpecError when the file ends early or is damaged.
         """
         with _refused(self.path):
             if self.path.suffix.lower() in PICTURES:
@@ -99,18 +90,10 @@ class FrameFile:
 def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[FrameFile]:
     """Open files of frames that a sensor took.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        ``.npz`` with ``depth`` (N, h, w) or (h, w), optionally ``timestamp`` (N,) and ``px_per_mm`` (a number, or one along
-        u and one along v); ``.npy`` with the same array; one frame as a ``.png`` or ``.tif`` of 16 bits.
-    sensor : SensorProfile
-        Sensor of the frames.
-
-    Raises
-    ------
-    SpecError
-        With every problem of the files.
+    paths: ``.npz`` with ``depth`` (N, h, w) or (h, w), optionally ``timestamp`` (N,) and ``px_per_mm`` (a number, or one along u
+        and one along v); ``.npy`` with the same array; one frame as a ``.png`` or ``.tif`` of 16 bits.
+    sensor: Sensor of the frames.
+    Raises SpecError with every problem of the files.
     """
     opened: list[FrameFile] = []
     problems: list[Problem] = []
@@ -134,12 +117,7 @@ def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[Fram
 
 
 def open_frame_file(path: str | Path) -> FrameFile:
-    """One file of frames, its header checked; see `open_frames`.
-
-    Raises
-    ------
-    SpecError
-    """
+    """One file of frames, its header checked; see `open_frames`. Raises SpecError."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -198,12 +176,7 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayH
 
 
 def read_array_header(stream: IO[bytes]) -> ArrayHeader:
-    """Read an array's header; object arrays, which need pickle, are refused.
-
-    Raises
-    ------
-    SpecError, ValueError
-    """
+    """Read an array's header; object arrays, which need pickle, are refused. Raises SpecError, ValueError."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -34,13 +34,7 @@ class Image:
 
 
 def image_of(cdr: bytes) -> Image:
-    """The message in plain CDR (OMG DDSI-RTPS 2.5, 10).
-
-    Raises
-    ------
-    FrameError
-        When the bytes are none.
-    """
+    """The message in plain CDR (OMG DDSI-RTPS 2.5, 10). Raises FrameError when the bytes are none."""
     order = {b"\x00\x01": "<", b"\x00\x00": ">"}.get(cdr[:2])
     at = 4
 
@@ -86,10 +80,7 @@ def image_of(cdr: bytes) -> Image:
 def depth_of(image: Any) -> npt.NDArray[Any]:
     """The depth map in a sensor_msgs/Image, shape (height, width).
 
-    Raises
-    ------
-    FrameError
-        For another encoding, and for data that is not as long as its size says.
+    Raises FrameError for another encoding, and for data that is not as long as its size says.
     """
     kind = PIXELS.get(image.encoding)
     if kind is None:
@@ -99,13 +90,7 @@ def depth_of(image: Any) -> npt.NDArray[Any]:
 
 
 def colour_of(image: Any) -> npt.NDArray[np.uint8]:
-    """The colour image in a sensor_msgs/Image, shape (height, width, 3), blue first.
-
-    Raises
-    ------
-    FrameError
-        As `depth_of`.
-    """
+    """The colour image in a sensor_msgs/Image, shape (height, width, 3), blue first. Raises FrameError as `depth_of`."""
     order = COLOURS.get(image.encoding)
     if order is None:
         raise FrameError(f"its encoding is {shown(image.encoding)}; colour images are one of: {', '.join(COLOURS)}")

@@ -38,15 +38,9 @@ class Locate(Protocol):
 class Located:
     """A frame and its answer.
 
-    Attributes
-    ----------
-    frame : int
-        Counted over all files.
-    depth : ndarray, shape (h, w)
-        Depth map as in the file.
-    sensor : SensorProfile
-        Sensor profile, with the file's scale if it has one.
-    fix : Localization
+    frame: Counted over all files.
+    depth (h, w): Depth map as in the file.
+    sensor: Sensor profile, with the file's scale if it has one.
     """
 
     frame: int
@@ -97,24 +91,14 @@ def prepare(
 ) -> Job:
     """Read and check all settings and files before the first frame.
 
-    Parameters
-    ----------
-    frames, kits : sequence of path
-        See `open_frames` and `read_tapes`.
-    sensor : str
-        Profile name or the path of its TOML file.
-    raw : Raw, optional
-        Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
-    topic : str, optional
-        Topic or feature of recordings; see `open_recording`.
-    **options
-        as_built: files of measured places, as `read_tapes` takes them; code, w, delta: the code and its grid (mm) instead of
-        kits; method, world, max_p_false, max_p_tape, fixed_scale, refine: as `Localizer` takes them. None is what is not given.
-
-    Raises
-    ------
-    SpecError
-        With every invalid value and file.
+    frames, kits: See `open_frames` and `read_tapes`.
+    sensor: Profile name or the path of its TOML file.
+    raw: Colour images instead of `frames`; the profile's sign and unit are those of its depth maps, and not looked at then.
+    topic: Topic or feature of recordings; see `open_recording`.
+    **options: as_built: files of measured places, as `read_tapes` takes them; code, w, delta: the code and its grid (mm) instead
+        of kits; method, world, max_p_false, max_p_tape, fixed_scale, refine: as `Localizer` takes them. None is what is not
+        given.
+    Raises SpecError with every invalid value and file.
     """
     problems: list[Problem] = []
     if raw is not None and not raw.images:
@@ -135,12 +119,8 @@ def prepare_without_frames(
 ) -> Job | None:
     """A job without frames; problems are added to `problems`. None if there is no sensor.
 
-    Parameters
-    ----------
-    colour : bool
-        Whether its frames are made of colour images: in mm, and larger where pushed further in.
-    **options
-        As for `prepare`.
+    colour: Whether its frames are made of colour images: in mm, and larger where pushed further in.
+    **options: As for `prepare`.
     """
     given = {name: value for name, value in options.items() if value is not None and value is not False}
     as_built = given.pop("as_built", ())
@@ -233,12 +213,7 @@ def _setting_problems(given: Mapping[str, Any], bare: bool) -> list[Problem]:
 
 
 def make_locator(job: Job, sensor: SensorProfile) -> Locate:
-    """Build the function that locates a sensor's frames for a job.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Build the function that locates a sensor's frames for a job. Raises SpecError."""
     from tactape_fab.sense.decode.localizer import Localizer
 
     if job.code is None:
@@ -250,15 +225,8 @@ def make_locator(job: Job, sensor: SensorProfile) -> Locate:
 def localize(job: Job, locator: Callable[[Job, SensorProfile], Locate] = make_locator) -> Iterator[Located]:
     """Answers for all frames of a job's files, in order.
 
-    Parameters
-    ----------
-    locator : callable
-        As `make_locator`; called once for each scale that the files name.
-
-    Raises
-    ------
-    SpecError, FrameError
-        If a file ends early, or a frame is invalid.
+    locator: As `make_locator`; called once for each scale that the files name.
+    Raises SpecError, FrameError if a file ends early, or a frame is invalid.
     """
     locators: dict[tuple[tuple[float, float], bool], Locate] = {}
     frame = 0

@@ -28,12 +28,8 @@ _FLOATS = ("float32", "float64", "uint16", "int16")
 def open_dataset(folder: Path, topic: str | None, colour: bool) -> Opened:
     """Feature, False, and what reads it.
 
-    Raises
-    ------
-    SpecError
-        When it is no dataset, and when no feature, or more than one, has images.
-    Exception
-        Whatever pyarrow raises for a damaged file.
+    Raises SpecError when it is no dataset, and when no feature, or more than one, has images.
+    Raises Exception: whatever pyarrow raises for a damaged file.
     """
     data = read_regular(folder / DATASET, _MOST_INFO_BYTES)
     content = parse_json(data)

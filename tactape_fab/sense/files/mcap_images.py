@@ -24,12 +24,8 @@ _OURS = "tactape-fab "
 def open_bag(path: Path, topic: str | None, colour: bool) -> Opened:
     """Topic, whether `watch` wrote it, and what reads it.
 
-    Raises
-    ------
-    SpecError
-        When no topic, or more than one, has images.
-    Exception
-        Whatever mcap raises for a damaged file.
+    Raises SpecError when no topic, or more than one, has images.
+    Raises Exception: whatever mcap raises for a damaged file.
     """
     files = [path]
     if path.suffix.lower() != MCAP:

@@ -35,21 +35,12 @@ Stamped = tuple[float | None, Image]
 class Recording:
     """A recording whose images were looked at once; they are read one by one.
 
-    Attributes
-    ----------
-    path : Path
-    topic : str
-        Topic of ROS, or feature of LeRobot.
-    timestamp : ndarray, shape (count,)
-        s; NaN where an image has none.
-    frame_shape : (int, int)
-        Height and width of the first image.
-    read : callable
-        Timestamps and images, in order.
-    ours : bool
-        Whether `watch` wrote it: upright depth images in metres.
-    reconstruction : Reconstruction or None
-        Makes depth maps of colour images.
+    topic: Topic of ROS, or feature of LeRobot.
+    timestamp (count,): s; NaN where an image has none.
+    frame_shape: Height and width of the first image.
+    read: Timestamps and images, in order.
+    ours: Whether `watch` wrote it: upright depth images in metres.
+    reconstruction: Makes depth maps of colour images.
     """
 
     path: Path
@@ -67,13 +58,7 @@ class Recording:
         return len(self.timestamp)
 
     def frames(self) -> Iterator[Image]:
-        """The depth maps in order.
-
-        Raises
-        ------
-        SpecError
-            When one of them is invalid, or of another size.
-        """
+        """The depth maps in order. Raises SpecError when one of them is invalid, or of another size."""
         for k, (_, image) in enumerate(_refused(self.path, self.read)):
             if image.shape[:2] != self.frame_shape or k == self.count:
                 message = f"image {k} of {self.topic} has {image.shape[0]} x {image.shape[1]} px, the first not, or came later"
@@ -107,21 +92,11 @@ def is_recording(path: str | Path) -> bool:
 def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = None, *, colour: bool = False) -> Recording:
     """Open a recording of a sensor's frames.
 
-    Parameters
-    ----------
-    path : path
-        An .mcap, a folder of rosbag2 with such files, or a dataset of LeRobot (2 and 3).
-    sensor : SensorProfile
-    topic : str, optional
-        Topic of sensor_msgs/Image, or feature; not needed where there is one alone.
-    colour : bool
-        Its images are colour images of the gel.
-
-    Raises
-    ------
-    SpecError
-    MissingLibraryError
-        When the library that reads it is not installed.
+    path: An .mcap, a folder of rosbag2 with such files, or a dataset of LeRobot (2 and 3).
+    topic: Topic of sensor_msgs/Image, or feature; not needed where there is one alone.
+    colour: Its images are colour images of the gel.
+    Raises SpecError.
+    Raises MissingLibraryError when the library that reads it is not installed.
     """
     from tactape_fab.sense.files.lerobot_dataset import open_dataset
     from tactape_fab.sense.files.mcap_images import open_bag
@@ -152,7 +127,7 @@ Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
 
 
 def _named(path: Path, opened: Callable[[], Opened]) -> Opened:
-    """What a function returns; any failure becomes a SpecError that names the file."""
+    """Call a function; any failure becomes a SpecError that names the file."""
     try:
         return opened()
     except MissingLibraryError:
@@ -162,7 +137,7 @@ def _named(path: Path, opened: Callable[[], Opened]) -> Opened:
 
 
 def _refused(path: Path, read: Callable[[], Iterator[Stamped]]) -> Iterator[Stamped]:
-    """What is read; any failure becomes a SpecError that names the file."""
+    """Iterate over a reader; any failure becomes a SpecError that names the file."""
     try:
         yield from read()
     except (MissingLibraryError, GeneratorExit):

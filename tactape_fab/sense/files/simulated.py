@@ -94,38 +94,22 @@ def simulate_file(
 ) -> Simulated:
     """Simulate frames of a kit's tape and write them as .npz.
 
-    Parameters
-    ----------
-    kit, output : path
-        A kit, and the file to write: depth (count, h, w), position_mm (count, 2), theta_deg (count,), px_per_mm (2,).
-    count, seed : int
-        Equal seeds give equal bytes.
-    sensor : str
-        Profile name or the path of its TOML file.
-    pose : (float, float, float), optional
-        x mm, y mm, theta deg of every frame; poses spread over the tape when left out.
-    edge : bool
-        Spread them along the texture's edge.
-    from_cpl : bool
-        Take the places of parts from the kit's pick-and-place file; the same as ``places="cpl"``.
-    places : {"design", "cpl", "as-built"}
-        Where the places of parts come from: the design, the kit's pick-and-place file, or what was measured of the tape.
-    as_built : str, optional
-        File of measured places instead of the kit's as-built.json.
-    progress : callable
-        Called with a text, the number of frames done and their total.
-    **scene
-        contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, noise_model, placement, elastomer,
-        scale_error, aspect_error, shear_error, k1_error, gel_displacement, gel_correlation: attributes of `Scene`.
-        contact_model ("imprint" or "elastic"); with "elastic" force (N), tilt (two angles, degrees), gel_thickness (mm),
-        gel_modulus (kPa), markers, cylinder and elastomer (its blur): attributes of `ElasticContact`.
-
-    Raises
-    ------
-    SpecError
-        With every invalid value.
-    TactapeError
-        If the file cannot be written.
+    kit, output: A kit, and the file to write: depth (count, h, w), position_mm (count, 2), theta_deg (count,), px_per_mm (2,).
+    count, seed: Equal seeds give equal bytes.
+    sensor: Profile name or the path of its TOML file.
+    pose: x mm, y mm, theta deg of every frame; poses spread over the tape when left out.
+    edge: Spread them along the texture's edge.
+    from_cpl: Take the places of parts from the kit's pick-and-place file; the same as ``places="cpl"``.
+    places {"design", "cpl", "as-built"}: Where the places of parts come from: the design, the kit's pick-and-place file, or what
+        was measured of the tape.
+    as_built: File of measured places instead of the kit's as-built.json.
+    progress: Called with a text, the number of frames done and their total.
+    **scene: contact ((a, b) in mm, or "pad"), cylinder (radius mm), missing, bumps, noise, noise_model, placement, elastomer,
+        scale_error, aspect_error, shear_error, k1_error, gel_displacement, gel_correlation: attributes of `Scene`. contact_model
+        ("imprint" or "elastic"); with "elastic" force (N), tilt (two angles, degrees), gel_thickness (mm), gel_modulus (kPa),
+        markers, cylinder and elastomer (its blur): attributes of `ElasticContact`.
+    Raises SpecError with every invalid value.
+    Raises TactapeError if the file cannot be written.
     """
     table = Fields({"count": count, "seed": seed, **({} if pose is None else {"pose": pose})})
     frames_count = table.integer("count", low=1, high=MOST_FRAMES, default=1)
@@ -226,10 +210,7 @@ def _shown(frames: Iterator[Frame], count: int, progress: Progress) -> Iterator[
 def refuse_taken_file(output: str | Path) -> Path:
     """Check the path of a new file of frames; only a simulated one may be replaced.
 
-    Raises
-    ------
-    SpecError
-        If it does not end with .npz, its folder does not exist, or another file is there.
+    Raises SpecError if it does not end with .npz, its folder does not exist, or another file is there.
     """
     path = Path(output)
     if path.suffix.lower() != ".npz":
@@ -257,12 +238,8 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
     Its arrays are depth (N, h, w) float32, position_mm (N, 2), theta_deg (N,), px_per_mm (2,) of the profile, and `record` as
     JSON in scene.
 
-    Parameters
-    ----------
-    path : Path
-        As `refuse_taken_file` gives it.
-    frames : iterator of Frame
-        `count` of them.
+    path: As `refuse_taken_file` gives it.
+    frames: `count` of them.
     """
     partial_path = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:

@@ -20,15 +20,11 @@ _MOST_PATCHES = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Template:
-    """What a patch looks like where it is aligned, and how much each sample says.
+    """An aligned patch, and the weight of each sample.
 
-    Attributes
-    ----------
-    value : ndarray, shape (channels, m)
-    sigma : ndarray, shape (channels, m)
-        Scatter of each sample about it, robust.
-    used : ndarray of bool, shape (m,)
-        Samples that count.
+    value (channels, m)
+    sigma (channels, m): Scatter of each sample about it, robust.
+    used (m,): Samples that count.
     """
 
     value: FloatArray
@@ -53,20 +49,13 @@ class Nuisance:
 class Step:
     """One step of Gauss-Newton for every patch.
 
-    Attributes
-    ----------
-    move : ndarray, shape (n, 3)
-        Along a, along b (mm), and the turn (rad), in the patch's axes; 0 turn where it was not asked for.
-    sigma_mm : ndarray, shape (n,)
-        Of the place along each axis, from the residuals of the patch, correlation of neighbouring samples taken into account.
-    misfit : ndarray, shape (n,)
-        Root mean square of what is left, in units of each sample's scatter.
-    gain : ndarray, shape (n,)
-        Contrast of the patch in units of the template's.
-    nuisance : ndarray, shape (k,)
-        Strength of each nuisance among the patches.
-    scatter : ndarray, shape (channels, m)
-        Robust scatter of each sample about the fit, to weigh the next fit by.
+    move (n, 3): Along a, along b (mm), and the turn (rad), in the patch's axes; 0 turn where it was not asked for.
+    sigma_mm (n,): Of the place along each axis, from the residuals of the patch, correlation of neighbouring samples taken into
+        account.
+    misfit (n,): Root mean square of what is left, in units of each sample's scatter.
+    gain (n,): Contrast of the patch in units of the template's.
+    nuisance (k,): Strength of each nuisance among the patches.
+    scatter (channels, m): Robust scatter of each sample about the fit, to weigh the next fit by.
     """
 
     move: FloatArray
@@ -80,10 +69,7 @@ class Step:
 def learn_template(channels: Samples, used: BoolArray) -> Template:
     """Median and median deviation of every sample over the patches.
 
-    Parameters
-    ----------
-    channels : ndarray, shape (n, channels, m)
-    used : ndarray of bool, shape (m,)
+    channels (n, channels, m); used (m,)
     """
     value = np.median(channels, axis=0)
     sigma = 1.4826 * np.median(np.abs(channels - value), axis=0)
@@ -98,14 +84,9 @@ def step(
 
     A part that lies at e of where its patch was taken is seen as P(x) = T(x - e), to first order T - e . grad T.
 
-    Parameters
-    ----------
-    channels : ndarray of float32, shape (n, channels, m)
-    turns : bool
-        Whether parts may be turned.
-    robust : bool
-        Whether samples that fit badly are left out patch by patch; twice as slow.
-    nuisance : Nuisance, optional
+    channels (n, channels, m)
+    turns: Whether parts may be turned.
+    robust: Whether samples that fit badly are left out patch by patch; twice as slow.
     """
     n, count, _ = channels.shape
     sigma = template.flat(template.sigma)

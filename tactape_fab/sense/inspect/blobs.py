@@ -29,13 +29,9 @@ class Blobs:
 def find_blobs(picture: Picture, px_per_mm: float, width_mm: float) -> Blobs:
     """Local maxima of what differs from the film around, smoothed to the size of a part.
 
-    Parameters
-    ----------
-    picture : ndarray, shape (h, w, 3)
-    px_per_mm : float
-        Nearly; of the scan.
-    width_mm : float
-        Length of a part.
+    picture (h, w, 3)
+    px_per_mm: Nearly; of the scan.
+    width_mm: Length of a part.
     """
     cv2 = library("cv2", "inspecting a scan")
     differs, shrink = film_difference(picture, px_per_mm, COARSE_PX_PER_MM)

@@ -45,19 +45,13 @@ _COVERED_SIGMA_MM = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies:
-    """What a scan says of every part that it shows.
+    """The parts that a scan shows.
 
-    Attributes
-    ----------
-    shift_mm : ndarray, shape (n, 2)
-        From the nominal place, board frame.
-    turn_deg : ndarray, shape (n,)
-        From the nominal rotation, counter-clockwise, -90 to 90.
-    sigma_mm : ndarray, shape (n,)
-    area : ndarray, shape (n,)
-        Of body colour around the place, in units of the usual one: 0 where no part is.
-    misfit : ndarray, shape (n,)
-        How unlike the usual part it looks, 1 being usual.
+    shift_mm (n, 2): From the nominal place, board frame.
+    turn_deg (n,): From the nominal rotation, counter-clockwise, -90 to 90.
+    sigma_mm (n,)
+    area (n,): Of body colour around the place, in units of the usual one: 0 where no part is.
+    misfit (n,): How unlike the usual part it looks, 1 being usual.
     """
 
     shift_mm: FloatArray
@@ -108,15 +102,9 @@ class _State:
 def fit_bodies(picture: Picture, warp: Warp, tape: Tape, palette: Palette, sites_mm: FloatArray) -> Bodies:
     """Fit every body: first the centroid of what has its colour, then a template that is learned from all of them.
 
-    Parameters
-    ----------
-    picture : ndarray, shape (h, w, 3)
-    warp : Warp
-        That the lands say.
-    tape : Tape
-    palette : Palette
-    sites_mm : ndarray, shape (n, 2)
-        Nominal places, all whole in the picture.
+    picture (h, w, 3)
+    warp: That the lands say.
+    sites_mm (n, 2): Nominal places, all whole in the picture.
     """
     start_mm, area = _centroids(picture, warp, tape, palette, sites_mm)
     n, usual = len(sites_mm), area > _USUAL

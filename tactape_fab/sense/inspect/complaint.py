@@ -10,12 +10,7 @@ HEADER = "Tape,Designator,Deviation,Mid X,Mid Y,Shift X,Shift Y,Turn,Value,Limit
 
 
 def complaint_csv(inspections: Sequence[Inspection]) -> str:
-    """Rows of all tapes: nominal places and shifts in mm (board frame), turns in degrees counter-clockwise.
-
-    Parameters
-    ----------
-    inspections : sequence of Inspection
-    """
+    """Rows of all tapes: nominal places and shifts in mm (board frame), turns in degrees counter-clockwise."""
     lines = [HEADER]
     for inspection in inspections:
         number = {name: i for i, name in enumerate(inspection.tape.designators())}

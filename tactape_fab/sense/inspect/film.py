@@ -42,10 +42,7 @@ class FilmFit:
 def fit_film(picture: Picture, warp: Warp, tape: Tape, palette: Palette, inside: BoolArray) -> FilmFit:
     """Refine a warp by the lands of all parts in the picture.
 
-    Parameters
-    ----------
-    inside : ndarray of bool, shape (n,)
-        Parts that the picture shows whole.
+    inside (n,): Parts that the picture shows whole.
     """
     length, width, _ = tape.part.body_mm
     grid = patch_grid(1.2 * length, 1.1 * width, _FILM_PX_PER_MM)

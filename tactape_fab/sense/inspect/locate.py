@@ -83,7 +83,7 @@ def _frame(tape: Tape) -> tuple[FloatArray, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadByCode:
-    """What the parts of a scan say: the tape, or the sector of a tape that is not among those given, and the warp near there."""
+    """The tape that a scan's parts encode, or the sector of one that is not among those given, and the warp near there."""
 
     tape: Tape | None
     sector: int | None
@@ -94,15 +94,9 @@ class ReadByCode:
 def read_code(blobs: Blobs, px_per_mm: float, tapes: Sequence[Tape], *, plane: bool = False) -> ReadByCode | None:
     """Decode the parts of a scan as if they were dots under a sensor; None where no contact-sized piece can be located.
 
-    Parameters
-    ----------
-    blobs : Blobs
-    px_per_mm : float
-        Nearly.
-    tapes : sequence of Tape
-        Of one pitch and displacement.
-    plane : bool
-        Search all sectors of the code instead, to say which tape it is.
+    px_per_mm: Nearly.
+    tapes: Of one pitch and displacement.
+    plane: Search all sectors of the code instead, to say which tape it is.
     """
     if len(blobs.px) < 16:
         return None

@@ -17,10 +17,7 @@ from tactape_fab.texture.as_built import AsBuilt
 def check_output(output: Path) -> None:
     """Refuse a path that cannot take the places, before the work.
 
-    Raises
-    ------
-    SpecError
-        If it is no .json file in a folder that exists, or holds something else than measured places.
+    Raises SpecError if it is no .json file in a folder that exists, or holds something else than measured places.
     """
     if output.suffix.lower() != ".json" or output.is_dir():
         raise SpecError(Problem("o", f"-o {shown_path(output)} is no file of places; give the name of a .json file"))
@@ -62,12 +59,8 @@ def output_paths(output: Path, inspections: Sequence[Inspection]) -> list[Path]:
 def write_outputs(paths: Sequence[Path], inspections: Sequence[Inspection]) -> list[Path]:
     """Write the places and, beside the first file, the deviations of all tapes as ...-deviations.csv.
 
-    Raises
-    ------
-    SpecError
-        If a file is there that no inspection wrote; nothing is written then.
-    TactapeError
-        If a file cannot be written; what stood there is as it was.
+    Raises SpecError if a file is there that no inspection wrote; nothing is written then.
+    Raises TactapeError if a file cannot be written; what stood there is as it was.
     """
     stem = paths[0].stem if len(paths) == 1 else paths[0].stem.removesuffix(f"-{inspections[0].tape.name}")
     table = _table_beside(paths[0], stem)

@@ -30,12 +30,8 @@ def without_parallax(bodies: Bodies, sites_mm: FloatArray, good: BoolArray) -> t
     foot is not known. So the mean of all shifts and their growth in all directions alike are taken out: what the placement
     has of both is not observable.
 
-    Parameters
-    ----------
-    bodies : Bodies
-    sites_mm : ndarray, shape (n, 2)
-    good : ndarray of bool, shape (n,)
-        Parts that count.
+    sites_mm (n, 2)
+    good (n,): Parts that count.
     """
     at, shift = sites_mm[good], bodies.shift_mm[good]
     weight = np.ones(len(at))

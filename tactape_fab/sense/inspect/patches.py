@@ -45,20 +45,10 @@ def patch_grid(half_a_mm: float, half_b_mm: float, px_per_mm: float) -> PatchGri
 def sample(picture: Picture, warp: Warp, centre_mm: FloatArray, turn_deg: npt.ArrayLike, grid: PatchGrid) -> Samples:
     """The scan at a grid around each centre.
 
-    Parameters
-    ----------
-    picture : ndarray, shape (h, w, 3)
-    warp : Warp
-    centre_mm : ndarray, shape (n, 2)
-        Board frame.
-    turn_deg : array_like, shape (n,)
-        Of a's axis against board x, counter-clockwise.
-    grid : PatchGrid
-
-    Returns
-    -------
-    ndarray of float32, shape (n, m, 3)
-        Black outside the scan.
+    picture (h, w, 3)
+    centre_mm (n, 2): Board frame.
+    turn_deg (n,): Of a's axis against board x, counter-clockwise.
+    Returns (n, m, 3): Black outside the scan.
     """
     cv2 = library("cv2", "inspecting a scan")
     n = len(centre_mm)

@@ -37,11 +37,7 @@ _ENLARGED = 8.0
 def draw_deviations(inspection: Inspection, views: Sequence[View]) -> Picture:
     """Every deviation as a tile of 1.8 x 1.8 mm, board y up: nominal body in blue, measured one in red.
 
-    Parameters
-    ----------
-    inspection : Inspection
-    views : sequence of View
-        The scans that show the tape.
+    views: The scans that show the tape.
     """
     found = sorted(inspection.deviations(), key=lambda d: (_ORDER.index(d.kind), -abs(d.value or 0.0)))
     shown = found[:MOST_TILES]
@@ -157,10 +153,7 @@ def _write(out: Picture, text: str, at: tuple[int, int], size: float) -> None:
 def write_pictures(folder: Path, inspection: Inspection, views: Sequence[View]) -> list[Path]:
     """Both pictures of a tape as PNG in a folder, which is made if need be; their paths.
 
-    Raises
-    ------
-    SpecError
-        If they cannot be written there.
+    Raises SpecError if they cannot be written there.
     """
     cv2 = library("cv2", "--picture")
     drawn = {"deviations": draw_deviations(inspection, views), "places": draw_places(inspection)}

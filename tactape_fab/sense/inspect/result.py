@@ -1,4 +1,4 @@
-"""What an inspection says of one tape: where its parts are, which deviate, and the as-built file of it."""
+"""The inspection of one tape: where its parts are, which deviate, and its as-built file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanFacts:
-    """What one scan was like: nominal dpi (None where nobody says), scale, skew, line shifts, and what is left of the lands.
+    """Figures of one scan: nominal dpi (None where nobody says), scale, skew, line shifts, and residuals of the lands.
 
     ``px_per_mm`` and ``shear`` hold scanner and film together. ``growth`` is that of a photograph's parallax; None for a scan.
     """

@@ -43,7 +43,7 @@ _READABLE_DPI = (50.0, 20_000.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanHeader:
-    """What the header of a scan says: ``dpi`` and ``quality`` (of a JPEG) are None where it says nothing."""
+    """The header of a scan: ``dpi`` and ``quality`` (of a JPEG) are None where it says nothing."""
 
     width_px: int
     height_px: int
@@ -53,13 +53,7 @@ class ScanHeader:
 
 
 def read_header(data: bytes) -> ScanHeader:
-    """The header of a picture.
-
-    Raises
-    ------
-    SpecError
-        If it is no picture, or too large to be unpacked.
-    """
+    """The header of a picture. Raises SpecError if it is no picture, or too large to be unpacked."""
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         header = _png(data)
     elif data.startswith(b"\xff\xd8"):
@@ -87,13 +81,7 @@ def read_header(data: bytes) -> ScanHeader:
 
 
 def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
-    """A scan and its header; see `read_header`.
-
-    Raises
-    ------
-    SpecError
-        That names the file and says why it is no scan.
-    """
+    """A scan and its header; see `read_header`. Raises SpecError that names the file and says why it is no scan."""
     path = Path(path)
     try:
         data = _bytes_of(path)

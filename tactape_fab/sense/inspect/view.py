@@ -35,19 +35,12 @@ FoundBy = Literal["tag", "code", "neighbour"]
 class View:
     """A tape in a scan.
 
-    Attributes
-    ----------
-    number : int
-        Of the tape among those that are wanted.
-    name : str
-        Of the scan's file.
-    picture : ndarray, shape (h, w, 3)
-    warp : Warp
-    inside : ndarray of bool, shape (n,)
-        Parts that the scan shows whole.
-    dpi : float or None
-        Nominal.
-    found_by : {"tag", "code", "neighbour"}
+    number: Of the tape among those that are wanted.
+    name: Of the scan's file.
+    picture (h, w, 3)
+    inside (n,): Parts that the scan shows whole.
+    dpi: Nominal.
+    found_by {"tag", "code", "neighbour"}
     """
 
     number: int
@@ -70,13 +63,7 @@ class _Seed:
 
 
 def views_of(path: str | Path, wanted: Sequence[WantedTape], dpi: float | None) -> list[View]:
-    """Every wanted tape that a scan shows.
-
-    Raises
-    ------
-    SpecError
-        If the file is no scan, or shows none of them, with the reason.
-    """
+    """Every wanted tape that a scan shows. Raises SpecError if the file is no scan, or shows none of them, with the reason."""
     picture, header = read_scan(path)
     name = shown_path(Path(path).name)
     try:

@@ -1,4 +1,4 @@
-"""What is inspected: the tape of a kit, the tapes of a panel with their places on it, or kits of which a scan shows one."""
+"""The tapes to inspect: that of a kit, those of a panel with their places on it, or kits of which a scan shows one."""
 
 from __future__ import annotations
 
@@ -29,10 +29,7 @@ class WantedTape:
 def read_wanted(kit: str | Path) -> list[WantedTape]:
     """The tapes of a kit, of a panel, or of a folder of kits.
 
-    Raises
-    ------
-    SpecError
-        If there is none, or a tape is no film with parts.
+    Raises SpecError if there is none, or a tape is no film with parts.
     """
     entries = read_registered([kit])
     offsets = _offsets(Path(kit))

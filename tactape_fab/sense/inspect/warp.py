@@ -46,16 +46,10 @@ class LineShift:
 class Warp:
     """Board points (mm) to pixels of one scan.
 
-    Attributes
-    ----------
-    middle_mm : (2,)
-    half_mm : float
-        Board points are made dimensionless by both.
-    order : int
-        1 affine, 2 and 3 for what a camera adds.
-    coefficients : ndarray, shape (k, 2)
-        Of 1, x, y, x^2, x y, ...
-    lines : tuple of LineShift
+    middle_mm (2,)
+    half_mm: Board points are made dimensionless by both.
+    order: 1 affine, 2 and 3 for what a camera adds.
+    coefficients (k, 2): Of 1, x, y, x^2, x y, ...
     """
 
     middle_mm: FloatArray

@@ -42,18 +42,11 @@ def camera_source(
 ) -> Source:
     """Source of a camera's images; they were taken when the driver says so, or where it does not, when they were grabbed.
 
-    Parameters
-    ----------
-    path : Path
-        Such as /dev/video0.
-    size : (int, int)
-        Height and width that images are to have, px: the camera is asked for them, and what `crop` cuts out is scaled to them.
-    crop : (int, int, int, int), optional
-        The part of an image that the sensor's network knows: u, v, width, height, px.
-    opened : callable
-        From a path to something like cv2.VideoCapture.
-    clock : callable
-        Time of a grab, s.
+    path: Such as /dev/video0.
+    size: Height and width that images are to have, px: the camera is asked for them, and what `crop` cuts out is scaled to them.
+    crop: The part of an image that the sensor's network knows: u, v, width, height, px.
+    opened: From a path to something like cv2.VideoCapture.
+    clock: Time of a grab, s.
     """
     return partial(_shot, path, size, crop, keep, opened or _camera, clock)
 
@@ -63,10 +56,7 @@ def camera_named(name: str, devices: Path = _DEVICES) -> Path:
 
     A camera has several devices (V4L2): that of its images is the one with index 0.
 
-    Raises
-    ------
-    SpecError
-        When there is none, or more than one; those that are there are named.
+    Raises SpecError when there is none, or more than one; those that are there are named.
     """
     found: dict[str, str] = {}
     with suppress(OSError):

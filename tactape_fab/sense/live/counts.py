@@ -38,16 +38,10 @@ class Latencies:
 class Tally:
     """Counts of one run.
 
-    Attributes
-    ----------
-    answered, located, unusable, dropped : int
-        Frames with an answer, those of them that are located, those that are none of the sensor, and those that a later
-        one took the place of.
-    latencies : Latencies
-        From a frame's arrival, whole, to the end of all that is done with its answer, ms.
-    troubles : dict of str to int
-        How often each kind of trouble came.
-    last : Localization or None
+    answered, located, unusable, dropped: Frames with an answer, those of them that are located, those that are none of the
+        sensor, and those that a later one took the place of.
+    latencies: From a frame's arrival, whole, to the end of all that is done with its answer, ms.
+    troubles: How often each kind of trouble came.
     """
 
     def __init__(self) -> None:

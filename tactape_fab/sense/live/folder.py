@@ -58,16 +58,10 @@ def folder_source(
     is still being written is tried again whenever it has changed, and said after `PATIENCE_S`. A frame's timestamp is
     its file's own, or the time when the file was last written.
 
-    Parameters
-    ----------
-    suffixes : sequence of str
-        Names of files that are frames end so; hidden files are none.
-    colour : bool
-        The files are colour images.
-    keep : bool
-        Drop none of those that come, either.
-    idle_s : float, optional
-        End when no new file has come for so long; by default never.
+    suffixes: Names of files that are frames end so; hidden files are none.
+    colour: The files are colour images.
+    keep: Drop none of those that come, either.
+    idle_s: End when no new file has come for so long; by default never.
     """
     return partial(_watched, folder, tuple(suffixes), colour, keep, idle_s)
 

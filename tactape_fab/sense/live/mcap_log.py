@@ -22,18 +22,9 @@ _CHUNK_BYTES = 1 << 20
 class McapLog:
     """A file that is written as answers come; what is complete of it can be read however the process ends.
 
-    Parameters
-    ----------
-    path : Path
-        Must not be there.
-    naming : Naming
-    sensors : sequence of str
-        Names of several sensors, which have topics of their own.
-
-    Raises
-    ------
-    TactapeError
-        When it cannot be written.
+    path: Must not be there.
+    sensors: Names of several sensors, which have topics of their own.
+    Raises TactapeError when it cannot be written.
     """
 
     def __init__(self, path: Path, naming: Naming = Naming(), sensors: Sequence[str] = ("",)) -> None:  # noqa: B008 (frozen)
@@ -60,10 +51,7 @@ class McapLog:
     def write(self, located: Located, sensor: str = "") -> bool:
         """Write a frame and its answer; no pose where there is none. False, and nothing written, where it has no capture time.
 
-        Raises
-        ------
-        TactapeError
-            When it cannot be written.
+        Raises TactapeError when it cannot be written.
         """
         found = encoded(located, self._naming, sensor)
         if found is None:

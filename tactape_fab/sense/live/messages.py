@@ -102,14 +102,8 @@ def board_covariance(covariance: FloatArray | None) -> FloatArray:
 
     What was not measured has the variance `UNMEASURED`: all of it for a method that states none.
 
-    Parameters
-    ----------
-    covariance : ndarray, shape (3, 3), or None
-        Of (x mm, y mm, theta rad) in the texture frame.
-
-    Returns
-    -------
-    ndarray, shape (6, 6)
+    covariance (3, 3): Of (x mm, y mm, theta rad) in the texture frame.
+    Returns (6, 6).
     """
     whole = UNMEASURED * np.eye(6)
     if covariance is not None:

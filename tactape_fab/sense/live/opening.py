@@ -32,19 +32,11 @@ _SOURCES = "give a folder, a file of frames, - for standard input, or with --raw
 class Wishes:
     """A user's options for reading a source; None if not given.
 
-    Attributes
-    ----------
-    rate : float, "max" or None
-        Hz of a replay.
-    idle : float or None
-        s without a new file after which a folder is done.
-    no_drop : bool
-    raw : bool
-        The source has colour images.
-    background, weights : str or None
-        See `sense.raw.colour_images.open_raw`.
-    crop : sequence of int, or None
-        See `camera.Crop`.
+    rate: Hz of a replay.
+    idle: s without a new file after which a folder is done.
+    raw: The source has colour images.
+    background, weights: See `sense.raw.colour_images.open_raw`.
+    crop: See `camera.Crop`.
     """
 
     rate: Any = None
@@ -77,19 +69,11 @@ def open_watch(source: str, kits: Sequence[str], sensor: str, wishes: Wishes, ou
 def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs, **options: Any) -> list[Watch]:
     """Open the sources of sensors, and read the tapes, once for all of them, and the sensors.
 
-    Parameters
-    ----------
-    wanted : sequence of Wanted
-        Sources are a folder, a file of frames, a camera, a film, or "-".
-    kits, **options
-        As `sense.files.jobs.prepare` takes them.
-    outputs : sequence of (str, str, path or None)
-        Files to be written that must not be there: name of the option, ending, and the path or None.
-
-    Raises
-    ------
-    SpecError
-        With every invalid value and file.
+    wanted: Sources are a folder, a file of frames, a camera, a film, or "-".
+    kits, **options: As `sense.files.jobs.prepare` takes them.
+    outputs (str, str, path or None): Files to be written that must not be there: name of the option, ending, and the path or
+        None.
+    Raises SpecError with every invalid value and file.
     """
     problems: list[Problem] = []
     for k, one in enumerate(wanted):
@@ -173,12 +157,7 @@ def refused_output(key: str, path: Path, ending: str) -> list[Problem]:
 def _source(
     given: str, wishes: Wishes, rate_hz: float | None, idle_s: float | None, crop: Crop | None, sensor: SensorProfile
 ) -> tuple[Source, bool]:
-    """A source, and whether its frames have timestamps.
-
-    Raises
-    ------
-    SpecError
-    """
+    """A source, and whether its frames have timestamps. Raises SpecError."""
     path, keep = camera_named(given.removeprefix(USB)) if given.startswith(USB) else Path(given), wishes.no_drop
     problems: list[Problem] = []
     try:

@@ -18,14 +18,9 @@ USUAL_HZ = 25.0
 def replay(file: FrameFile, rate_hz: float | None = None, *, keep: bool = False) -> Source:
     """Source of a file's frames.
 
-    Parameters
-    ----------
-    file : FrameFile
-    rate_hz : float, optional
-        By default the file's own timestamps say when, and USUAL_HZ where it has none. Infinite: as fast as they are
-        located, none dropped.
-    keep : bool
-        Drop none, however long that takes.
+    rate_hz: By default the file's own timestamps say when, and USUAL_HZ where it has none. Infinite: as fast as they are located,
+        none dropped.
+    keep: Drop none, however long that takes.
 
     Notes
     -----

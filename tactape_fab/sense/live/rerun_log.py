@@ -52,21 +52,11 @@ class RerunLog:
     ``ellipse``; ``error/ellipse`` (two standard deviations, micrometres) and ``error/box``; ``chart/log10_p_false``,
     ``chart/dots`` and ``chart/agreeing``. Timelines: ``frame`` and, where frames have a timestamp, ``capture``.
 
-    Parameters
-    ----------
-    tapes : sequence of Tape
-        Those that can be touched.
-    sensor : SensorProfile
-        Whose image is framed at the start.
-    save : Path, optional
-        File to write, which must not be there.
-    show : bool
-        Open the viewer.
-
-    Raises
-    ------
-    TactapeError
-        When the file cannot be written, or the viewer not be started.
+    tapes: Those that can be touched.
+    sensor: Whose image is framed at the start.
+    save: File to write, which must not be there.
+    show: Open the viewer.
+    Raises TactapeError when the file cannot be written, or the viewer not be started.
     """
 
     def __init__(self, tapes: Sequence[Tape], sensor: SensorProfile, *, save: Path | None, show: bool) -> None:
@@ -182,10 +172,7 @@ def _viewer() -> str | None:
 def _wait_for_viewer() -> None:
     """Return once the viewer has been listening for a while: one without a display does so for a moment, too.
 
-    Raises
-    ------
-    OSError
-        When it does not: what is sent to it would pile up.
+    Raises OSError when it does not: what is sent to it would pile up.
     """
     end_s, since_s = monotonic() + _PATIENCE_S, float("inf")
     while monotonic() - since_s < _STEADY_S:

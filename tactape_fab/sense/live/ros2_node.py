@@ -222,13 +222,7 @@ class _Served:
 
 
 def _read(given: Mapping[str, Any], source: Any) -> tuple[float, Watch]:
-    """The most that an image may be old (s; 0: any), and what is watched.
-
-    Raises
-    ------
-    SpecError
-        With every invalid parameter.
-    """
+    """The most that an image may be old (s; 0: any), and what is watched. Raises SpecError with every invalid parameter."""
     table = Fields(given, "parameter ")
     most_age_s = table.number("max_age_s", low=0.0, high=3600.0, unit="s")
     problems: list[Problem] = table.problems

@@ -32,24 +32,11 @@ MEANINGS = {
 def write_package(folder: Path, parameters: Mapping[str, Any]) -> list[str]:
     """Write a package; its name is the folder's.
 
-    Parameters
-    ----------
-    folder : Path
-        Must not be there.
-    parameters : mapping
-        Values of the node's parameters that are not the defaults.
-
-    Returns
-    -------
-    list of str
-        Paths of its files, relative to the folder.
-
-    Raises
-    ------
-    SpecError
-        If the folder is there, or its name is none of a package.
-    TactapeError
-        When it cannot be written.
+    folder: Must not be there.
+    parameters: Values of the node's parameters that are not the defaults.
+    Returns: Paths of its files, relative to the folder.
+    Raises SpecError if the folder is there, or its name is none of a package.
+    Raises TactapeError when it cannot be written.
     """
     name = folder.resolve().name
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):

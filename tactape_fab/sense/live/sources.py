@@ -78,13 +78,7 @@ class Slot:
             self._changed.notify_all()
 
     def take(self, timeout_s: float) -> Frame | None:
-        """The frame, or None when none came in time.
-
-        Raises
-        ------
-        EOFError
-            When nothing more will come.
-        """
+        """The frame, or None when none came in time. Raises EOFError when nothing more will come."""
         with self._changed:
             if self._frame is None and not self._ended:
                 self._changed.wait(timeout_s)
@@ -99,10 +93,7 @@ class Slot:
 def take_next(slots: Sequence[Slot], changed: Condition, first: int, timeout_s: float) -> tuple[int, Frame] | None:
     """The frame of the first slot from `first` on, round and round, that has one, and its index; None when none came in time.
 
-    Raises
-    ------
-    EOFError
-        When nothing more will come in any of them; of sources that failed the error of the first instead.
+    Raises EOFError when nothing more will come in any of them; of sources that failed the error of the first instead.
     """
     order = [*range(first, len(slots)), *range(first)]
     with changed:

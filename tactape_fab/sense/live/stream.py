@@ -35,12 +35,8 @@ def stream_source(stream: Readable, *, keep: bool = False, clock: Callable[[], f
     The frames of a stack are never dropped: they came at once. A single number before a frame (an array of shape ()) is its
     timestamp; other frames were taken when their first byte came. What is no array is skipped up to the next that is.
 
-    Parameters
-    ----------
-    stream : binary stream
-        Unbuffered: what `read` gives is looked at when it comes.
-    keep : bool
-        Let the writer wait instead of dropping frames.
+    stream: Unbuffered: what `read` gives is looked at when it comes.
+    keep: Let the writer wait instead of dropping frames.
     """
     return partial(_streamed, _Bytes(stream), keep, clock)
 
@@ -115,12 +111,8 @@ def _streamed(source: _Bytes, keep: bool, clock: Callable[[], float], stop: Even
 def _array(source: _Bytes) -> npt.NDArray[Any]:
     """The array that begins here.
 
-    Raises
-    ------
-    EOFError
-        At the end, with a message where that is in the middle of an array.
-    ValueError
-        If the array is invalid.
+    Raises EOFError at the end, with a message where that is in the middle of an array.
+    Raises ValueError if the array is invalid.
     """
     mark = source.read(len(MAGIC))
     if not mark:

@@ -32,13 +32,8 @@ MOST_SCALES = 8
 class Watch:
     """A source of frames with its sensor and locator.
 
-    Attributes
-    ----------
-    job : Job
-        Tapes, sensor and settings; it has no files.
-    source : Source
-    reconstruction : Reconstruction or None
-        Makes depth maps of the source's colour images.
+    job: Tapes, sensor and settings; it has no files.
+    reconstruction: Makes depth maps of the source's colour images.
     """
 
     job: Job
@@ -67,15 +62,9 @@ def watch_all(
     when it is taken. What is no frame, or no frame of the sensor, is counted in its tally, and the next one looked at. A
     source that fails is counted among several, and the others go on.
 
-    Yields
-    ------
-    (int, Located) or None
-        The sensor's index and the answer; None now and then while no frame comes, so that the caller can look at the tallies.
-
-    Raises
-    ------
-    TactapeError
-        When a source failed, after the last frame of all.
+    Yields (int, Located): The sensor's index and the answer; None now and then while no frame comes, so that the caller can look
+        at the tallies.
+    Raises TactapeError when a source failed, after the last frame of all.
     """
     locators: dict[int, _Locators] = {}  # sensors of one profile share them, and all share the tapes
     for watched in watches:
@@ -131,12 +120,7 @@ def _located(
     locators: _Locators,
     locator: Callable[[Job, SensorProfile], Locate],
 ) -> Located:
-    """A frame and its answer.
-
-    Raises
-    ------
-    FrameError
-    """
+    """A frame and its answer. Raises FrameError."""
     sensor, locate = _locator(watched.job, frame.px_per_mm, locators, locator)
     if frame.image.ndim == 2 and frame.image.dtype.kind == "f" and frame.image.shape == sensor.frame_shape:
         holes = int(frame.image.size - np.count_nonzero(np.isfinite(frame.image)))
@@ -149,13 +133,7 @@ def _located(
 
 
 def _depth(image: npt.NDArray[np.uint8], reconstruction: Reconstruction, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """The depth map of a colour image.
-
-    Raises
-    ------
-    FrameError
-        If the image does not have the size of the sensor's frames.
-    """
+    """The depth map of a colour image. Raises FrameError if the image does not have the size of the sensor's frames."""
     expected = (*sensor.frame_shape, 3)
     if image.shape != expected:
         (height, width), asked = image.shape[:2], f"{expected[0]} x {expected[1]}"

@@ -32,19 +32,10 @@ _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream)/\S{1,200}")
 class ZenohBus:
     """Publishers of `watch`'s topics. What a reader is too slow for is dropped here; gaps in the attached numbers tell it so.
 
-    Parameters
-    ----------
-    endpoint : str
-        "local" to listen on this machine, or the endpoint of a router or peer to connect to.
-    naming : Naming
-    sensors : sequence of str
-        Names of several sensors, which have topics of their own.
-
-    Raises
-    ------
-    SpecError
-        When it is no endpoint, or cannot be opened.
-    MissingLibraryError
+    endpoint: "local" to listen on this machine, or the endpoint of a router or peer to connect to.
+    sensors: Names of several sensors, which have topics of their own.
+    Raises SpecError when it is no endpoint, or cannot be opened.
+    Raises MissingLibraryError.
     """
 
     def __init__(self, endpoint: str, naming: Naming = Naming(), sensors: Sequence[str] = ("",)) -> None:  # noqa: B008 (frozen)
@@ -84,10 +75,7 @@ class ZenohBus:
     def write(self, located: Located, sensor: str = "") -> bool:
         """Publish a frame and its answer. False, and nothing sent, where it has no capture time.
 
-        Raises
-        ------
-        TactapeError
-            When the session has ended.
+        Raises TactapeError when the session has ended.
         """
         found = encoded(located, self._naming, sensor)
         if found is None:

@@ -89,16 +89,9 @@ class ObjectPose:
 def on_surface(mount: Mount, board_mm: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Board points on the mount's own surface, in its frame.
 
-    Parameters
-    ----------
-    board_mm : array_like, shape (n, 2)
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-        mm.
-    axes : ndarray, shape (n, 3, 3)
-        Columns: along board x, along board y, out of the film.
+    board_mm (n, 2)
+    Returns points (n, 3): mm.
+    Returns axes (n, 3, 3): Columns: along board x, along board y, out of the film.
     """
     xy = np.asarray(board_mm, dtype=np.float64).reshape(-1, 2)
     if mount.surface == "plane":

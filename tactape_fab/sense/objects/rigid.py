@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import radians
-
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +9,7 @@ from tactape_fab.texture.frames import FloatArray
 
 
 def from_rpy(rpy_deg: npt.ArrayLike) -> FloatArray:
-    """Rotation matrix of roll, pitch and yaw, rad: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
+    """Rotation matrix of roll, pitch and yaw: turns about the fixed axes x, then y, then z, as in URDF; shape (3, 3)."""
     out = np.eye(3)
     for axis, angle in enumerate(np.radians(np.asarray(rpy_deg, dtype=np.float64))):
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -54,16 +52,10 @@ def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
 def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Least-squares rotation and translation from points to others (Kabsch); never a reflection.
 
-    Parameters
-    ----------
-    points, to_points : ndarray, shape (n, 3)
-
-    Returns
-    -------
-    rotation : ndarray, shape (3, 3)
-    translation : ndarray, shape (3,)
-    rms : float
-        Root mean square of the remaining distances.
+    points, to_points (n, 3)
+    Returns rotation (3, 3).
+    Returns translation (3,).
+    Returns rms: Root mean square of the remaining distances.
     """
     middle, to_middle = points.mean(axis=0), to_points.mean(axis=0)
     u, _, vt = np.linalg.svd((to_points - to_middle).T @ (points - middle))
@@ -71,9 +63,3 @@ def fit_rigid(points: FloatArray, to_points: FloatArray) -> tuple[FloatArray, Fl
     translation: FloatArray = to_middle - rotation @ middle
     left = points @ rotation.T + translation - to_points
     return rotation, translation, float(np.sqrt((left * left).sum(axis=1).mean()))
-
-
-def about_z(angle_deg: float) -> FloatArray:
-    """Rotation matrix of a turn about z, counter-clockwise seen from its tip; shape (3, 3)."""
-    c, s = np.cos(radians(angle_deg)), np.sin(radians(angle_deg))
-    return np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])

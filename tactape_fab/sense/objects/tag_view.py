@@ -23,13 +23,7 @@ TAG_CELLS = 8
 
 
 def tag_of(tape: Tape) -> Tag:
-    """Tag of a tape.
-
-    Raises
-    ------
-    SpecError
-        If it has no tag.
-    """
+    """Tag of a tape. Raises SpecError if it has no tag."""
     if tape.tag is None:
         raise SpecError(Problem("tag", f"tape {tape.name} carries no tag; make it with --tag strip"))
     return tape.tag
@@ -93,17 +87,9 @@ def tag_to_texture(tape: Tape) -> FloatArray:
 def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike) -> FloatArray:
     """Transform of points from the camera's frame to the texture frame; shape (4, 4), mm.
 
-    Parameters
-    ----------
-    rotation : array_like, shape (3, 3)
-        Of the tag in the camera's frame, as detectors give it (``pose_R``).
-    translation_mm : array_like, shape (3,) or (3, 1)
-        Of its centre (``pose_t``), with the tag's size given to the detector in mm.
-
-    Raises
-    ------
-    SpecError
-        When the tape has no tag, or the pose is none.
+    rotation (3, 3): Of the tag in the camera's frame, as detectors give it (``pose_R``).
+    translation_mm (3,): Of its centre (``pose_t``), with the tag's size given to the detector in mm.
+    Raises SpecError when the tape has no tag, or the pose is none.
     """
     turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
     if turn.shape != (3, 3) or shift.shape != (3,) or not (np.isfinite(turn).all() and np.isfinite(shift).all()):

@@ -137,12 +137,7 @@ def read_object(path: str | Path) -> TapedObject:
 
 
 def refuse_ambiguous(thing: TapedObject, tapes: Sequence[Tape]) -> None:
-    """Refuse registered tapes that a fix cannot distinguish from those of an object.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Refuse registered tapes that a fix cannot distinguish from those of an object. Raises SpecError."""
     own = {_place(entry.tape): entry for entry in thing.tapes}
     problems = []
     for tape in tapes:

@@ -35,13 +35,7 @@ class RawImage:
     px_per_mm: tuple[float, float] | None = None
 
     def frames(self) -> Iterator[npt.NDArray[np.float32]]:
-        """Its depth map, mm, larger where pushed further in.
-
-        Raises
-        ------
-        SpecError
-            When the file is damaged.
-        """
+        """Its depth map, mm, larger where pushed further in. Raises SpecError when the file is damaged."""
         yield self.reconstruction.depth(_read(self.path, "raw"))
 
     def time_of(self, frame: int) -> float | None:
@@ -51,21 +45,11 @@ class RawImage:
 def open_raw(images: Sequence[str], background: str | None, weights: str | None, sensor: SensorProfile) -> list[RawImage]:
     """Open colour images of a sensor.
 
-    Parameters
-    ----------
-    images : sequence of path
-        PNG or JPEG of 8 bits, as large as the sensor's frames, or folders of them: all in a folder, numbers in their names
-        by value.
-    background : path
-        Image of the untouched gel.
-    weights : path
-        The sensor's network; see `decode.load_network`.
-    sensor : SensorProfile
-
-    Raises
-    ------
-    SpecError
-        What is wrong with any of the files, all together.
+    images: PNG or JPEG of 8 bits, as large as the sensor's frames, or folders of them: all in a folder, numbers in their names by
+        value.
+    background: Image of the untouched gel.
+    weights: The sensor's network; see `decode.load_network`.
+    Raises SpecError: what is wrong with any of the files, all together.
     """
     problems: list[Problem] = []
     paths = [path for given in images for path in _images_of(Path(given), problems)]
@@ -87,12 +71,8 @@ def open_reconstruction(
 ) -> Reconstruction | None:
     """Reconstruction of depth maps from a sensor's colour images; None where it cannot be made, which adds to `problems`.
 
-    Parameters
-    ----------
-    background, weights : path or None
-        As `open_raw` takes them.
-    make : bool
-        False only reads the files: what else is wrong shows that nothing will be made of them.
+    background, weights: As `open_raw` takes them.
+    make: False only reads the files: what else is wrong shows that nothing will be made of them.
     """
     from tactape_fab.sense.raw.reconstruct import load_network, make_reconstruction
 

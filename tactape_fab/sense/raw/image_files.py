@@ -34,12 +34,8 @@ _NO_SIZE = {0xC4, 0xC8, 0xCC}
 def read_picture_header(path: Path) -> tuple[int, int]:
     """(height, width) of a picture that holds one frame.
 
-    Raises
-    ------
-    SpecError
-        When it is no such picture.
-    OSError
-        When it cannot be opened.
+    Raises SpecError when it is no such picture.
+    Raises OSError when it cannot be opened.
     """
     return _checked_size(_bytes_of(path), path)
 

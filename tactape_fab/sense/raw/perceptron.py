@@ -45,19 +45,11 @@ def _layer(inputs: Floats, outputs: Floats, weight: Floats, bias: Floats, n_in: 
 def of_pixels(image: npt.NDArray[np.uint8], weights: Floats, biases: Floats, widths: npt.NDArray[np.int64]) -> Floats:
     """The last layer's first two outputs for every pixel; inputs are blue, green, red, x and y, each from 0 to 1.
 
-    Parameters
-    ----------
-    image : ndarray of uint8, shape (h, w, 3)
-        C-contiguous.
-    weights : ndarray of float32, shape (layers, m, m)
-        Row j of layer i: what its neuron j takes of each input; zero beyond its widths.
-    biases : ndarray of float32, shape (layers, m)
-    widths : ndarray of int64, shape (layers + 1,)
-        Inputs, and neurons of each layer, as multiples of four.
-
-    Returns
-    -------
-    ndarray of float32, shape (2, h, w)
+    image (h, w, 3): C-contiguous.
+    weights (layers, m, m): Row j of layer i: what its neuron j takes of each input; zero beyond its widths.
+    biases (layers, m)
+    widths (layers + 1,): Inputs, and neurons of each layer, as multiples of four.
+    Returns (2, h, w).
     """
     h, w = image.shape[0], image.shape[1]
     out = np.empty((2, h, w), dtype=np.float32)

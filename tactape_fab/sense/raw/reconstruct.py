@@ -124,17 +124,9 @@ def integrated(slopes: Floats, px_per_mm: tuple[float, float]) -> Floats:
     Half the slopes of two neighbours each are the step between them. The normal equations are Poisson's with Neumann's
     boundary, which a cosine transform makes diagonal (Strang, "The discrete cosine transform", SIAM Review 41, 1999).
 
-    Parameters
-    ----------
-    slopes : ndarray of float32, shape (2, h, w)
-        mm per mm along u and along v.
-    px_per_mm : (float, float)
-        Along u and along v.
-
-    Returns
-    -------
-    ndarray of float32, shape (h, w)
-        mm.
+    slopes (2, h, w): mm per mm along u and along v.
+    px_per_mm: Along u and along v.
+    Returns (h, w): mm.
     """
     fft = library("scipy.fft", "reading colour images")
     divergence = np.zeros(slopes.shape[1:], dtype=np.float32)

@@ -71,10 +71,7 @@ _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": (
 def read_tensors(path: str | Path) -> dict[str, npt.NDArray[np.float32]]:
     """The tensors of a state_dict by name.
 
-    Raises
-    ------
-    SpecError
-        When the file is none, too large, or holds anything else. Nothing in it is run.
+    Raises SpecError when the file is none, too large, or holds anything else. Nothing in it is run.
     """
     path = Path(path)
     try:

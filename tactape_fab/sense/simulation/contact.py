@@ -69,7 +69,7 @@ def contact_images(scene: Scene, shape: tuple[int, int], camera: TrueCamera) -> 
 
 
 def pixels_mm(shape: tuple[int, int], camera: TrueCamera) -> FloatArray:
-    """What every pixel's centre sees, from what the image centre sees; shape (height, width, 2), mm."""
+    """Place that every pixel's centre sees, from that of the image centre; shape (height, width, 2), mm."""
     u, v = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
     return camera.from_px(np.stack([u, v], axis=-1).astype(np.float64))
 

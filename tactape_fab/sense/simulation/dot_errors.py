@@ -27,26 +27,15 @@ NOT_A_PART = -1
 class DotErrors:
     """Errors of a detector. The defaults are those of maxima of a band-pass (Gaussian 2 px, mean 25 px), default scene.
 
-    Attributes
-    ----------
-    sigma_px : float
-        Standard deviation per axis of a centre whose part is fully imprinted.
-    rim_sigma_px : float
-        Increase of it towards the rim, times 1 - imprint.
-    rim_pull_px : float
-        Displacement of centres inwards at the rim, where one side of a part is imprinted less than the other, times
-        (1 - imprint) ** 0.75.
-    outliers : float
-        Fraction of dots whose centre is off by up to `outlier_px` per axis, uniformly distributed.
-    outlier_px : float
-    lost : float
-        Fraction of dots that are not found at any imprint.
-    least_imprint : float
-        Dots with a smaller fraction of their height imprinted are not found.
-    false_dots : float
-        Mean number of dots inside the contact where there is no part (Poisson).
-    weight_sigma : float
-        Relative standard deviation of the weights.
+    sigma_px: Standard deviation per axis of a centre whose part is fully imprinted.
+    rim_sigma_px: Increase of it towards the rim, times 1 - imprint.
+    rim_pull_px: Displacement of centres inwards at the rim, where one side of a part is imprinted less than the other, times (1 -
+        imprint) ** 0.75.
+    outliers: Fraction of dots whose centre is off by up to `outlier_px` per axis, uniformly distributed.
+    lost: Fraction of dots that are not found at any imprint.
+    least_imprint: Dots with a smaller fraction of their height imprinted are not found.
+    false_dots: Mean number of dots inside the contact where there is no part (Poisson).
+    weight_sigma: Relative standard deviation of the weights.
     """
 
     sigma_px: float = 0.28
@@ -77,16 +66,10 @@ DEFAULT_ERRORS = DotErrors()
 class Dots:
     """Dots as input for `locate_dots`, with their true parts and centres.
 
-    Attributes
-    ----------
-    xy_px : ndarray, shape (n, 2)
-        Canonical image.
-    weights : ndarray, shape (n,)
-        1 for a part that is fully imprinted.
-    part : ndarray of int64, shape (n,)
-        Index of the part, -1 for a false dot.
-    true_px : ndarray, shape (n, 2)
-        True centres; NaN for a false dot.
+    xy_px (n, 2): Canonical image.
+    weights (n,): 1 for a part that is fully imprinted.
+    part (n,): Index of the part, -1 for a false dot.
+    true_px (n, 2): True centres; NaN for a false dot.
     """
 
     xy_px: FloatArray
@@ -107,22 +90,11 @@ def dots_of(
 ) -> Dots:
     """The dots of one frame, without a depth map.
 
-    Parameters
-    ----------
-    tape, sensor, parts
-        As in `simulate`.
-    pose : (float, float, float)
-        x mm, y mm (texture frame), theta deg.
-    scene : Scene, optional
-        Its bumps are dots with no part; noise and smoothing are not used.
-    rng : Generator or int
-        A generator to draw from, or a seed.
-    errors : DotErrors, optional
-
-    Raises
-    ------
-    SpecError
-        As `simulate`, and for a scene with an elastic gel.
+    tape, sensor, parts: As in `simulate`.
+    pose: x mm, y mm (texture frame), theta deg.
+    scene: Its bumps are dots with no part; noise and smoothing are not used.
+    rng: A generator to draw from, or a seed.
+    Raises SpecError as `simulate`, and for a scene with an elastic gel.
     """
     profile, scene, errors = as_sensor(sensor), scene or DEFAULT_SCENE, errors or DEFAULT_ERRORS
     if scene.elastic is not None:

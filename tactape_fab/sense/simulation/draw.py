@@ -302,7 +302,7 @@ def _overhanging(share: FloatArray, half_mm: FloatArray, grid_mm: FloatArray) ->
 def placed(
     view: View, parts: Parts, stream: np.random.SeedSequence
 ) -> tuple[IntArray, Parts, FloatArray, FloatArray, FloatArray, np.random.Generator]:
-    """What is under the gel: parts in view as of `parts_in_view`, displaced by the gel, and bumps; and a generator of noise.
+    """Parts in view as of `parts_in_view`, displaced by the gel, and bumps; and a generator of noise.
 
     Defects, noise and gel have separate random streams, so that none changes another.
     """

@@ -42,15 +42,10 @@ _MARKER_MM, _MARKER_PITCH_MM = 0.5, 2.0
 class Imprint:
     """A tape pressed into the gel.
 
-    Attributes
-    ----------
-    depth : ndarray of float32, shape (h, w)
-        Canonical depth map without noise, mm.
-    pressure_mpa : ndarray, shape (h, w)
-    gap_mm : ndarray, shape (h, w)
-        Between the tape and the gel; 0 in the contact, up to the solver's tolerance.
-    contact_px : ndarray, shape (2,)
-        Centre of pressure.
+    depth (h, w): Canonical depth map without noise, mm.
+    pressure_mpa (h, w)
+    gap_mm (h, w): Between the tape and the gel; 0 in the contact, up to the solver's tolerance.
+    contact_px (2,): Centre of pressure.
     """
 
     depth: FloatImage
@@ -79,13 +74,8 @@ def imprint_of(
 ) -> Imprint:
     """Press the parts in view into the gel of the view's sensor, as `Scene.elastic` says.
 
-    Parameters
-    ----------
-    view : View
-    parts, parts_mm, bumps_mm, bump_sizes
-        As in `relief_of`; with places in view that the gel may have displaced.
-    start_mpa : ndarray, shape (h, w), optional
-        Pressure to start from: that of a smaller force on the same parts.
+    parts, parts_mm, bumps_mm, bump_sizes: As in `relief_of`; with places in view that the gel may have displaced.
+    start_mpa (h, w): Pressure to start from: that of a smaller force on the same parts.
     """
     elastic, (u, v) = view.scene.elastic, view.px_per_mm
     assert elastic is not None
@@ -149,7 +139,7 @@ def _surface_mm(view: View, elastic: ElasticContact, at_mm: FloatArray, relief_m
 
 
 def _measured(surface_mm: FloatImage, px_per_mm: tuple[float, float], at_mm: FloatArray, elastic: ElasticContact) -> FloatImage:
-    """What a photometric sensor makes of the gel's surface: smoothed, its slopes measured up to their limit, and integrated."""
+    """The gel's surface as a photometric sensor measures it: smoothed, its slopes cut at their limit, and integrated."""
     u, v = px_per_mm
     if elastic.blur_mm * min(u, v) >= 0.05:
         surface_mm = smooth(surface_mm, gaussian_kernel(elastic.blur_mm * u), gaussian_kernel(elastic.blur_mm * v), "edge")
@@ -176,12 +166,8 @@ def _markers(at_mm: FloatArray) -> npt.NDArray[np.bool_]:
 def integrated(right_mm: FloatArray, down_mm: FloatArray) -> FloatArray:
     """The surface of mean zero whose differences between pixels fit the given ones best (least squares); shape (h, w).
 
-    Parameters
-    ----------
-    right_mm : ndarray, shape (h, w - 1)
-        Difference of each pixel from the one to its left.
-    down_mm : ndarray, shape (h - 1, w)
-        Difference of each pixel from the one above.
+    right_mm (h, w - 1): Difference of each pixel from the one to its left.
+    down_mm (h - 1, w): Difference of each pixel from the one above.
     """
     source = np.diff(-right_mm, axis=1, prepend=0.0, append=0.0) + np.diff(-down_mm, axis=0, prepend=0.0, append=0.0)
     h, w = source.shape

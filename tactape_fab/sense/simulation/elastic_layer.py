@@ -104,20 +104,10 @@ def deflection(pressure_mpa: FloatArray, of: Response) -> FloatArray:
 def press_rigid(shape_mm: FloatArray, force: float, of: Response, start_mpa: FloatArray | None = None) -> Pressed:
     """Press a rigid surface against the layer with a force.
 
-    Parameters
-    ----------
-    shape_mm : ndarray, shape (h, w)
-        Distance of the rigid surface from the undeformed layer, up to a constant.
-    force : float
-        N times pixels per mm2: the sum of all pixels' pressures.
-    of : Response
-    start_mpa : ndarray, shape (h, w), optional
-        Pressure to start from, such as that of a smaller force; a uniform one when left out.
-
-    Returns
-    -------
-    Pressed
-        Its gap is zero where there is pressure, and nowhere negative, up to the tolerance.
+    shape_mm (h, w): Distance of the rigid surface from the undeformed layer, up to a constant.
+    force: N times pixels per mm2: the sum of all pixels' pressures.
+    start_mpa (h, w): Pressure to start from, such as that of a smaller force; a uniform one when left out.
+    Returns: Its gap is zero where there is pressure, and nowhere negative, up to the tolerance.
     """
     pressure = np.full(shape_mm.shape, force / shape_mm.size) if start_mpa is None else start_mpa * (force / start_mpa.sum())
     along, last, conjugate = np.zeros_like(pressure), 1.0, False

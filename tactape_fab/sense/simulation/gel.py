@@ -28,17 +28,10 @@ BUMP_HEIGHT = (0.5, 1.2)
 def relief_of(view: View, parts: Parts, at_mm: FloatArray, bumps_mm: FloatArray, bump_sizes: FloatArray) -> FloatArray:
     """Height of the surface under the gel over the top of the film; shape (h, w), mm.
 
-    Parameters
-    ----------
-    view : View
-    parts : Parts
-        Parts in view.
-    at_mm : ndarray, shape (n, 2)
-        Their centres in view: mm from the image centre, right and down.
-    bumps_mm : ndarray, shape (k, 2)
-        Centres of spurious bumps, mm from the image centre.
-    bump_sizes : ndarray, shape (k, 2)
-        Their diameters in mm, and heights as a fraction of the texture's.
+    parts: Parts in view.
+    at_mm (n, 2): Their centres in view: mm from the image centre, right and down.
+    bumps_mm (k, 2): Centres of spurious bumps, mm from the image centre.
+    bump_sizes (k, 2): Their diameters in mm, and heights as a fraction of the texture's.
     """
     image = np.zeros((view.profile.height_px, view.profile.width_px))
     centres_px = view.to_px(at_mm)

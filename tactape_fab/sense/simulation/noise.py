@@ -21,10 +21,7 @@ _QUANTUM_MM = 2.0**-20
 def add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.random.Generator) -> None:
     """Add the noise of a sensor, or that of the scene in its place, to a canonical depth map in mm.
 
-    Raises
-    ------
-    SpecError
-        If the scene asks for slope noise and neither it nor the sensor says how much.
+    Raises SpecError if the scene asks for slope noise and neither it nor the sensor says how much.
     """
     slope = slope_noise_of(profile, scene)
     if slope is None:
@@ -37,10 +34,7 @@ def add_noise(depth: FloatImage, profile: SensorProfile, scene: Scene, rng: np.r
 def slope_noise_of(profile: SensorProfile, scene: Scene) -> float | None:
     """White noise of the slopes, rms a pixel; None where white and smooth noise of the depth is added instead.
 
-    Raises
-    ------
-    SpecError
-        As `add_noise`.
+    Raises SpecError as `add_noise`.
     """
     smooth_given = any(getattr(scene, name) is not None for name in SMOOTH_NOISE)
     if scene.noise_model == "smooth" or (scene.noise_model == "sensor" and smooth_given):

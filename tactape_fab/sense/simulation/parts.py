@@ -63,10 +63,7 @@ def parts_of(tape: Tape) -> Parts:
 def built_parts_of(tape: Tape) -> Parts:
     """The parts of a tape that are there, where they were measured; designator order.
 
-    Raises
-    ------
-    SpecError
-        If nothing was measured.
+    Raises SpecError if nothing was measured.
     """
     if tape.as_built is None:
         message = f"nobody measured {tape.name}: its kit has no as-built.json; name the file with --as-built, or leave out --from"
@@ -79,10 +76,7 @@ def built_parts_of(tape: Tape) -> Parts:
 def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
     """The parts to draw: the tape's own for None, else `Parts` or an array of (x, y) or (x, y, rotation) rows.
 
-    Raises
-    ------
-    SpecError
-        For an array of another shape, or with values that are not valid board places.
+    Raises SpecError for an array of another shape, or with values that are not valid board places.
     """
     if parts is None:
         return parts_of(tape)

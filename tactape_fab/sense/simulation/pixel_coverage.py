@@ -20,13 +20,8 @@ DOME_SAMPLES = 4
 def add_quads(image: FloatArray, corners_px: FloatArray, height: float) -> None:
     """Add `height` times the exact fraction of each pixel's area that a quadrilateral covers.
 
-    Parameters
-    ----------
-    image : ndarray, shape (h, w)
-        Changed in place.
-    corners_px : ndarray, shape (n, 4, 2)
-        Corners of convex quadrilaterals, in either orientation; they may lie partly or fully outside.
-    height : float
+    image (h, w): Changed in place.
+    corners_px (n, 4, 2): Corners of convex quadrilaterals, in either orientation; they may lie partly or fully outside.
     """
     for which, first, size in _windows(corners_px.min(axis=1), corners_px.max(axis=1), image.shape, 1):
         corners = corners_px[which] + 0.5 - first[:, None]
@@ -47,17 +42,11 @@ def add_domes(
 ) -> None:
     """Add the mean height of domes over each pixel, sampled.
 
-    Parameters
-    ----------
-    image : ndarray, shape (h, w)
-        Changed in place.
-    centre_px : ndarray, shape (n, 2)
-    foot_mm, top_mm : ndarray, shape (n,)
-        Radii of the foot and, of a truncated cone, of its flat top.
-    height : ndarray, shape (n,)
-        Height of the middle, in the image's unit.
-    cap_height_mm : float or None
-        Height of a spherical cap, which with the foot gives the sphere; None for truncated cones.
+    image (h, w): Changed in place.
+    centre_px (n, 2)
+    foot_mm, top_mm (n,): Radii of the foot and, of a truncated cone, of its flat top.
+    height (n,): Height of the middle, in the image's unit.
+    cap_height_mm: Height of a spherical cap, which with the foot gives the sphere; None for truncated cones.
     """
     scale = np.asarray(px_per_mm)
     reach = foot_mm[:, None] * scale
@@ -89,13 +78,9 @@ def _windows(
 ) -> Iterator[tuple[IntArray, IntArray, tuple[int, int]]]:
     """Bodies with their windows in the image, in batches of bounded size; those outside the image are left out.
 
-    Yields
-    ------
-    which : ndarray, shape (n,)
-    first : ndarray, shape (n, 2)
-        First pixel (u, v) of each window.
-    size : (int, int)
-        Width and height for all of them; a window may exceed the image to the right and below.
+    Yields which (n,).
+    Yields first (n, 2): First pixel (u, v) of each window.
+    Yields size: Width and height for all of them; a window may exceed the image to the right and below.
     """
     last_px = np.array([shape[1] - 1, shape[0] - 1])
     first = np.maximum(np.floor(low_px + 0.5), 0.0)

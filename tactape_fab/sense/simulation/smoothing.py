@@ -31,17 +31,10 @@ def gaussian_kernel(sigma_px: float) -> FloatImage:
 def smooth(image: FloatImage, across: FloatImage, down: FloatImage, beyond: Literal["edge", "constant"]) -> FloatImage:
     """Correlate an image with a kernel along its rows and another down its columns.
 
-    Parameters
-    ----------
-    image : ndarray of float32, shape (h, w)
-    across, down : ndarray of float32
-        Symmetric kernels of odd length.
-    beyond : {"edge", "constant"}
-        Values beyond the border: the nearest pixel, or zeros.
-
-    Returns
-    -------
-    ndarray of float32, shape (h, w)
+    image (h, w)
+    across, down: Symmetric kernels of odd length.
+    beyond {"edge", "constant"}: Values beyond the border: the nearest pixel, or zeros.
+    Returns (h, w).
     """
     reach_u, reach_v = len(across) // 2, len(down) // 2
     along_rows, down_columns = _along_rows, _down_columns

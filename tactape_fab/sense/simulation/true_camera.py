@@ -20,16 +20,10 @@ _BORDER_POINTS = 33
 class TrueCamera:
     """Points "in view" (mm from the one that the image centre sees, right and down) to pixels of the canonical image, and back.
 
-    Attributes
-    ----------
-    camera : Camera
-        The camera model, about its own centre.
-    middle_px, middle_mm : ndarray, shape (2,)
-        The image centre, and the point that it sees, from the camera's own centre.
-    px_per_mm : (float, float)
-        Scale along u and v in the middle of the lens.
-    half_field_mm : ndarray, shape (2,)
-        Farthest points in view along u and v.
+    camera: The camera model, about its own centre.
+    middle_px, middle_mm (2,): The image centre, and the point that it sees, from the camera's own centre.
+    px_per_mm: Scale along u and v in the middle of the lens.
+    half_field_mm (2,): Farthest points in view along u and v.
     """
 
     camera: Camera

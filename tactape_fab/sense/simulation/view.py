@@ -113,13 +113,7 @@ def projected(scene: Scene, flat_mm: FloatArray, height_mm: float) -> FloatArray
 
 
 def make_view(tape: Tape, position_mm: npt.ArrayLike, theta_deg: float, profile: SensorProfile, scene: Scene) -> View:
-    """A view of a tape from a pose in the texture frame.
-
-    Raises
-    ------
-    SpecError
-        If the pose is not finite or out of range.
-    """
+    """A view of a tape from a pose in the texture frame. Raises SpecError if the pose is not finite or out of range."""
     plain = position_mm.tolist() if isinstance(position_mm, np.ndarray) else position_mm
     table = Fields({"position_mm": plain, "theta_deg": theta_deg})
     x, y = table.numbers("position_mm", 2, low=-FARTHEST_MM, high=FARTHEST_MM)

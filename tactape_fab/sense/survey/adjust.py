@@ -48,7 +48,7 @@ PATCH_MM, PATCHES = 4.0, 50
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """What is known of the parts before: shift (n, 2) from the design, texture frame, mm; sigma (n,), None if it is estimated."""
+    """Prior of the parts: shift (n, 2) from the design, texture frame, mm; sigma (n,), None if it is estimated."""
 
     shift_mm: FloatArray
     sigma_mm: FloatArray | None
@@ -58,28 +58,16 @@ class Prior:
 class Adjusted:
     """A solved bundle.
 
-    Attributes
-    ----------
-    part : ndarray of int, shape (k,)
-        Parts that were touched, ascending.
-    shift_mm : ndarray, shape (k, 2)
-        From the design's places, texture frame.
-    sigma_mm : ndarray, shape (k,)
-        Standard deviation along each axis, that of a common drift included.
-    touched : ndarray of int, shape (k,)
-        Contacts that show each.
-    drift_mm : float
-        Standard deviation along each axis of the mean of neighbouring parts: what they are wrong by together.
-    common, common_sigma : ndarray, shape (6,)
-        `COMMON`, and standard deviations.
-    dot_mm : float
-        Error of a whole dot along an axis.
-    scatter_mm : float or None
-        Scatter of the parts about the design; None where an inspection said where they are.
-    left : float
-        Share of dots that do not count, being far off.
-    poses : ndarray, shape (contacts, 3)
-        x mm, y mm, theta rad.
+    part (k,): Parts that were touched, ascending.
+    shift_mm (k, 2): From the design's places, texture frame.
+    sigma_mm (k,): Standard deviation along each axis, that of a common drift included.
+    touched (k,): Contacts that show each.
+    drift_mm: Standard deviation along each axis of the mean of neighbouring parts: what they are wrong by together.
+    common, common_sigma (6,): `COMMON`, and standard deviations.
+    dot_mm: Error of a whole dot along an axis.
+    scatter_mm: Scatter of the parts about the design; None where an inspection said where they are.
+    left: Share of dots that do not count, being far off.
+    poses (contacts, 3): x mm, y mm, theta rad.
     """
 
     part: IntArray
@@ -117,22 +105,11 @@ def adjust(
 ) -> Adjusted:
     """Solve for the places of the parts that some contacts show.
 
-    Parameters
-    ----------
-    contacts : sequence of Contact
-        One or more.
-    nominal_mm : ndarray, shape (n, 2)
-        The design's places of all parts, texture frame.
-    sensor : SensorProfile
-    prior : Prior
-        Of all parts.
-    robot : sequence of RobotPose
-        Of some of the frames.
-
-    Raises
-    ------
-    SpecError
-        Where the poses of a robot contradict the contacts so far that nothing can be solved.
+    contacts: One or more.
+    nominal_mm (n, 2): The design's places of all parts, texture frame.
+    prior: Of all parts.
+    robot: Of some of the frames.
+    Raises SpecError where the poses of a robot contradict the contacts so far that nothing can be solved.
     """
     touched, part = np.unique(np.concatenate([c.part for c in contacts]), return_inverse=True)
     rows = _Rows(

@@ -81,12 +81,9 @@ def ground_of(tape: Tape) -> Ground:
 def contact_of(
     frame: int, depth: npt.ArrayLike, fix: Localization, ground: Ground, sensor: SensorProfile, built_mm: FloatArray
 ) -> Contact | None:
-    """What the dots of a located frame say; None where they are too few.
+    """The contact of a located frame's dots; None where they are too few.
 
-    Parameters
-    ----------
-    built_mm : ndarray, shape (n, 2)
-        Places of parts that the answer rests on, texture frame.
+    built_mm (n, 2): Places of parts that the answer rests on, texture frame.
     """
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
     tape = ground.tape

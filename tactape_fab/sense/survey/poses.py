@@ -19,16 +19,10 @@ MOST_TILT_DEG = 20.0
 class RobotPose:
     """Pose of the sensor at a frame, in a frame of the robot's that lies flat on the tape: seen from above x right, y up.
 
-    Attributes
-    ----------
-    frame : int
-        Counted over all frames from 0.
-    x_mm, y_mm : float
-        The sensor's image centre.
-    theta_deg : float
-        Its turn, counter-clockwise seen from above.
-    sigma_mm, sigma_deg : float
-        Standard deviations.
+    frame: Counted over all frames from 0.
+    x_mm, y_mm: The sensor's image centre.
+    theta_deg: Its turn, counter-clockwise seen from above.
+    sigma_mm, sigma_deg: Standard deviations.
     """
 
     frame: int
@@ -42,17 +36,9 @@ class RobotPose:
 def in_plane(poses: Sequence[ArmPose], hand_eye: HandEyeFile | None) -> list[RobotPose]:
     """Poses of the sensor in the tape's plane.
 
-    Parameters
-    ----------
-    poses : sequence of ArmPose
-        Of the flange; of the sensor itself where there is no `hand_eye`, in a base whose z axis is up from the tape.
-    hand_eye : HandEyeFile, optional
-        Where the sensor is on the flange, and the tape in the base.
-
-    Raises
-    ------
-    SpecError
-        If the sensor does not look down on the tape at some pose.
+    poses: Of the flange; of the sensor itself where there is no `hand_eye`, in a base whose z axis is up from the tape.
+    hand_eye: Where the sensor is on the flange, and the tape in the base.
+    Raises SpecError if the sensor does not look down on the tape at some pose.
     """
     on_flange = np.eye(4) if hand_eye is None else hand_eye.sensor_to_flange
     to_tape = np.eye(4) if hand_eye is None else np.linalg.inv(hand_eye.tape_to_base)

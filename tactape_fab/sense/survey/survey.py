@@ -44,16 +44,10 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Survey:
-    """What a survey found.
+    """The result of a survey.
 
-    Attributes
-    ----------
-    as_built : AsBuilt
-    adjusted : Adjusted
-    frames, contacts : int
-        Frames read, and those that were located and used.
-    parts : int
-        Parts of the tape.
+    frames, contacts: Frames read, and those that were located and used.
+    parts: Parts of the tape.
     """
 
     as_built: AsBuilt
@@ -95,32 +89,17 @@ def survey_files(
 ) -> Survey:
     """Survey a kit's tape from files of frames.
 
-    Parameters
-    ----------
-    frames : sequence of path
-        As `decode` takes them.
-    kit : path
-        Of the tape that was touched.
-    sensor : str
-        Profile name, or the path of its TOML file.
-    poses : path, optional
-        CSV of the robot's poses; see `sense.files.arm_poses`.
-    hand_eye : path, optional
-        Where the sensor is on the flange and the tape in the base, as `calibrate --hand-eye` wrote it; without it the poses are
-        those of the sensor's own frame.
-    inspected : path, optional
-        Measured places to start from, such as those of an inspection or of an earlier survey; combined by covariance.
-    output : path, optional
-        Where the measured places will be written: refused if something else is there. Nothing is written yet.
-    progress : callable
-        Called with a text, the number of frames done and their total.
-    workers : int or str
-        Number of processes that locate frames, or the address of a Dask scheduler.
-
-    Raises
-    ------
-    SpecError
-        With every invalid value; if too few frames are located.
+    frames: As `decode` takes them.
+    kit: Of the tape that was touched.
+    sensor: Profile name, or the path of its TOML file.
+    poses: CSV of the robot's poses; see `sense.files.arm_poses`.
+    hand_eye: Where the sensor is on the flange and the tape in the base, as `calibrate --hand-eye` wrote it; without it the poses
+        are those of the sensor's own frame.
+    inspected: Measured places to start from, such as those of an inspection or of an earlier survey; combined by covariance.
+    output: Where the measured places will be written: refused if something else is there. Nothing is written yet.
+    progress: Called with a text, the number of frames done and their total.
+    workers: Number of processes that locate frames, or the address of a Dask scheduler.
+    Raises SpecError with every invalid value; if too few frames are located.
     """
     problems: list[Problem] = []
     tried(lambda: None if output is None else _refuse_taken(Path(output)), problems)

@@ -29,17 +29,12 @@ CAMERA_SHARE = 0.005
 class Change:
     """Change of a pose, and of the shape of what is seen.
 
-    Attributes
-    ----------
-    shift : ndarray, shape (3,)
-        Of (x mm, y mm, theta rad).
-    covariance : ndarray, shape (3, 3)
-    strain : ndarray, shape (3,)
-        Of ln of the scale, aspect and shear of the image, in the terms of `Localization.strain`. A rigid tape that slides or
-        turns leaves them as they are.
-    strain_covariance : ndarray, shape (3, 3)
-    dots : int
-        Dots that both frames show and that moved as one.
+    shift (3,): Of (x mm, y mm, theta rad).
+    covariance (3, 3)
+    strain (3,): Of ln of the scale, aspect and shear of the image, in the terms of `Localization.strain`. A rigid tape that
+        slides or turns leaves them as they are.
+    strain_covariance (3, 3)
+    dots: Dots that both frames show and that moved as one.
     """
 
     shift: FloatArray

@@ -35,20 +35,12 @@ _MOST_MOVES = 40
 class Lattice:
     """Lines across a and b between the cells of the grid, and the board's ends.
 
-    Attributes
-    ----------
-    a_mm, b_mm : ndarray
-        Lines that bound cells, ascending; cell (i, j) lies between lines i, i + 1 and j, j + 1.
-    slices : int
-        Pieces that each cell is cut into across a; 1 on a plane.
-    a_fine_mm : ndarray
-        The lines across a with those that slice the cells: `slices` to each cell.
-    a_all_mm : ndarray
-        All lines across a, board ends included.
-    cell_of_part : ndarray, shape (n, 2)
-        (i, j) of every placed part.
-    local_mm : ndarray, shape (n, 2)
-        Centre of every placed part, (a, b).
+    a_mm, b_mm: Lines that bound cells, ascending; cell (i, j) lies between lines i, i + 1 and j, j + 1.
+    slices: Pieces that each cell is cut into across a; 1 on a plane.
+    a_fine_mm: The lines across a with those that slice the cells: `slices` to each cell.
+    a_all_mm: All lines across a, board ends included.
+    cell_of_part (n, 2): (i, j) of every placed part.
+    local_mm (n, 2): Centre of every placed part, (a, b).
     """
 
     a_mm: FloatArray

@@ -29,16 +29,8 @@ _SAME_MM = 1e-7
 def texture_mesh(tape: Tape, form: SolidForm) -> Mesh:
     """The mesh of a tape's solid: flat or round a cylinder, texture or mould.
 
-    Parameters
-    ----------
-    tape : Tape
-    form : SolidForm
-        `checks.form_problems` must have found nothing.
-
-    Returns
-    -------
-    Mesh
-        Board frame, mm; z = 0 is the top of the base.
+    form: `checks.form_problems` must have found nothing.
+    Returns: Board frame, mm; z = 0 is the top of the base.
     """
     builder = _Builder(tape, form)
     builder.elements()

@@ -31,14 +31,9 @@ _BISECTIONS = 60
 class Shell:
     """An element without its foot's inside.
 
-    Attributes
-    ----------
-    foot : ndarray, shape (m, 2)
-        Counter-clockwise, in the part's frame.
-    above : ndarray, shape (k, 3)
-        The other vertices, in the part's frame (height over the tangent plane).
-    faces : ndarray, shape (f, 3)
-        Indices: foot vertices first, then those above.
+    foot (m, 2): Counter-clockwise, in the part's frame.
+    above (k, 3): The other vertices, in the part's frame (height over the tangent plane).
+    faces (f, 3): Indices: foot vertices first, then those above.
     """
 
     foot: FloatArray
@@ -49,11 +44,7 @@ class Shell:
 def element_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) -> Shell:
     """The shell of an element on a plane, or on a cylinder of some radius.
 
-    Parameters
-    ----------
-    cuts_mm : ndarray
-        Tangential offsets at which the surface is cut: where one crosses the foot, the foot has a vertex exactly on it.
-    radius_mm : float or None
+    cuts_mm: Tangential offsets at which the surface is cut: where one crosses the foot, the foot has a vertex exactly on it.
     """
     return _block_shell(part, cuts_mm) if part.shape == "block" else _dome_shell(part, cuts_mm, radius_mm)
 

@@ -28,10 +28,7 @@ class MeshError(TactapeError):
 def read_stl(data: bytes) -> Mesh:
     """A binary STL with equal corners merged into vertices.
 
-    Raises
-    ------
-    MeshError
-        If the data is not binary STL, is too large, or holds coordinates that are NaN or infinite.
+    Raises MeshError if the data is not binary STL, is too large, or holds coordinates that are NaN or infinite.
     """
     corners = stl_corners(data).reshape(-1, 3)
     vertices, faces = _merged(corners + np.float32(0.0))  # -0 becomes 0
@@ -41,10 +38,7 @@ def read_stl(data: bytes) -> Mesh:
 def stl_corners(data: bytes) -> npt.NDArray[np.float32]:
     """Corners of every triangle of a binary STL, which they are a view of; shape (f, 3, 3).
 
-    Raises
-    ------
-    MeshError
-        As `read_stl` does.
+    Raises MeshError as `read_stl` does.
     """
     _check_size(data[:_HEADER_BYTES], len(data))
     return _finite_corners(data, _HEADER_BYTES)

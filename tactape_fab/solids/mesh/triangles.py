@@ -27,11 +27,8 @@ STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("att
 class Mesh:
     """A closed triangle mesh.
 
-    Attributes
-    ----------
-    vertices_mm : ndarray, shape (v, 3)
-    faces : ndarray of int, shape (f, 3)
-        Counter-clockwise seen from outside.
+    vertices_mm (v, 3)
+    faces (f, 3): Counter-clockwise seen from outside.
     """
 
     vertices_mm: FloatArray
@@ -96,12 +93,8 @@ _RELATIONSHIPS = (
 def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: datetime) -> bytes:
     """3MF with unit, title and metadata; compressed, dated `date`, the same bytes every time.
 
-    Parameters
-    ----------
-    metadata : mapping
-        Well-known names of the 3MF core specification (section 3.4.1), such as Description and Application.
-    date : datetime
-        From 1980 to 2107.
+    metadata: Well-known names of the 3MF core specification (section 3.4.1), such as Description and Application.
+    date: From 1980 to 2107.
     """
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:

@@ -52,23 +52,12 @@ class Frame:
 class Body:
     """A rigid body.
 
-    Attributes
-    ----------
-    name : str
-    mesh : Mesh
-        What is seen, mm.
-    uv : ndarray, shape (v, 2), or None
-        Texture coordinates of its vertices: (0, 0) is the board's lower left corner, (1, 1) its upper right one.
-    boxes : sequence of Box
-        What collides: together the base without its elements.
-    hull : Mesh or None
-        What collides instead, where the body is not made of boxes.
-    mass : float
-    centre : ndarray, shape (3,)
-        Of mass.
-    inertia : ndarray, shape (3, 3)
-        About it, along the body's axes.
-    frames : sequence of Frame
+    mesh: What is seen, mm.
+    uv (v, 2): Texture coordinates of its vertices: (0, 0) is the board's lower left corner, (1, 1) its upper right one.
+    boxes: What collides: together the base without its elements.
+    hull: What collides instead, where the body is not made of boxes.
+    centre (3,): Of mass.
+    inertia (3, 3): About it, along the body's axes.
     """
 
     name: str

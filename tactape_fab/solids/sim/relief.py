@@ -27,14 +27,9 @@ Image8 = npt.NDArray[np.uint8]
 class Relief:
     """Heights over the base, as an image of the whole board.
 
-    Attributes
-    ----------
-    height : ndarray of float32, shape (h, w)
-        mm; row 0 is the upper edge (largest board y), columns go along board x. A pixel's value is that in its centre: pixel
-        (u, v) is at board ((u + 0.5) / px_per_mm, size_y - (v + 0.5) / px_per_mm).
-    px_per_mm : float
-    top_mm : float
-        Height of an element.
+    height (h, w): mm; row 0 is the upper edge (largest board y), columns go along board x. A pixel's value is that in its centre:
+        pixel (u, v) is at board ((u + 0.5) / px_per_mm, size_y - (v + 0.5) / px_per_mm).
+    top_mm: Height of an element.
     """
 
     height: npt.NDArray[np.float32]

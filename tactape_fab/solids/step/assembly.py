@@ -50,10 +50,7 @@ def assembly_step_chunks(
     middle at the origin), and an occurrence of it per designator (ISO 10303-44 NEXT_ASSEMBLY_USAGE_OCCURRENCE) named as
     in the CPL. Board frame, mm.
 
-    Parameters
-    ----------
-    board_rgb, part_rgb : (float, float, float)
-        Colours of the two products, each from 0 to 1.
+    board_rgb, part_rgb: Colours of the two products, each from 0 to 1.
     """
     w = Writer()
     shared = context(w)
@@ -118,10 +115,7 @@ def _relation(
 ) -> None:
     """Entities that use a product once in an assembly (ISO 10303-44, and 10303-43 for its place).
 
-    Parameters
-    ----------
-    of, used : (str, str)
-        Names of definition and shape representation of the assembly and of the product.
+    of, used: Names of definition and shape representation of the assembly and of the product.
     """
     moved = t.add(f"ITEM_DEFINED_TRANSFORMATION('',$,{origin},{placement})")
     relation = t.add(

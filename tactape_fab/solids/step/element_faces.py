@@ -86,12 +86,8 @@ def prism_faces(
 def flat_element(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatArray, *, flip: bool) -> ElementText:
     """The element of a flat solid; what all copies share is written to `w`.
 
-    Parameters
-    ----------
-    centres_mm : ndarray, shape (n, 2)
-        In the board frame.
-    turn : ndarray, shape (3, 3)
-        From the board frame to the file's: the identity, or the half turn of a mould about board y.
+    centres_mm (n, 2): In the board frame.
+    turn (3, 3): From the board frame to the file's: the identity, or the half turn of a mould about board y.
     """
     if part.shape == "block":
         return _flat_block(w, part, centres_mm, turn, flip=flip)

@@ -26,24 +26,14 @@ def entities_of_mark(mark: Mark | None) -> int:
 class Back:
     """The geometry of a back; (a, b) are its coordinates, a level is a height or a radius.
 
-    Attributes
-    ----------
-    from_board : ndarray, shape (2, 2)
-        From board (x, y) to (a, b).
-    levels_mm : (float, float)
-        Of the back and of the mark's floor.
-    point : callable
-        (a, b), level -> point in the file's frame.
-    edge : callable
-        Names of two vertices, their (a, b), level -> edge between them, straight or round the cylinder.
-    wall : callable
-        (a, b) of two corners -> surface between back and floor, its normal to the left of the way from one to the other.
-    surface : callable
-        Level -> surface of back or floor.
-    loop : callable
-        Edges, with the material on the left seen from outside a texture -> loop.
-    same_sense : bool
-        Whether the material is behind the surfaces of back and floor.
+    from_board (2, 2): From board (x, y) to (a, b).
+    levels_mm: Of the back and of the mark's floor.
+    point: (a, b), level -> point in the file's frame.
+    edge: Names of two vertices, their (a, b), level -> edge between them, straight or round the cylinder.
+    wall: (a, b) of two corners -> surface between back and floor, its normal to the left of the way from one to the other.
+    surface: Level -> surface of back or floor.
+    loop: Edges, with the material on the left seen from outside a texture -> loop.
+    same_sense: Whether the material is behind the surfaces of back and floor.
     """
 
     from_board: FloatArray

@@ -133,12 +133,8 @@ def first_name(single: int, copies: int, size: int) -> int:
 def fill(template: Template, first: int, count: int, columns: Mapping[str, TextArray]) -> Iterator[bytes]:
     """The text of `count` copies of a template, in pieces.
 
-    Parameters
-    ----------
-    first : int
-        Number of the first entity of the first copy; see `first_name`.
-    columns : mapping of str to ndarray of bytes, shape (count,)
-        Values of each ``<name>``, without trailing NUL bytes: see `reals`.
+    first: Number of the first entity of the first copy; see `first_name`.
+    columns (count,): Values of each ``<name>``, without trailing NUL bytes: see `reals`.
     """
     size, digits = len(template), len(str(first))
     row, fields, formats, offsets = bytearray(), [], [], []

@@ -51,23 +51,12 @@ def solid_step_chunks(
 ) -> Iterator[bytes]:
     """The file of a tape's solid, piece by piece.
 
-    Parameters
-    ----------
-    tape : Tape
-        Its board's outline and holes, and an element at every placed part.
-    form : SolidForm
-        Base, mould, tiles, cylinder; `checks.form_problems` must have found nothing.
-    name : str
-        Name of the product.
-    date : datetime
-        Stands in the file's header.
-    rgb : (float, float, float)
-        Colour of the solid, each from 0 to 1.
-
-    Yields
-    ------
-    bytes
-        Board frame, mm; z = 0 is the top of the base.
+    tape: Its board's outline and holes, and an element at every placed part.
+    form: Base, mould, tiles, cylinder; `checks.form_problems` must have found nothing.
+    name: Name of the product.
+    date: Stands in the file's header.
+    rgb: Colour of the solid, each from 0 to 1.
+    Yields: Board frame, mm; z = 0 is the top of the base.
     """
     w = Writer()
     shared = context(w)

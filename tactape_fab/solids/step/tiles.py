@@ -56,17 +56,10 @@ class MapEdge:
 class TopMap:
     """The top face as a planar map (board frame, mm).
 
-    Attributes
-    ----------
-    vertices_mm : list of (float, float)
-    edges : list of MapEdge
-        Those of outline and holes run counter-clockwise about the board and about the hole.
-    tiles : list of list of list of Step
-        Loops of every tile, the outer one first; material on the left.
-    rims : list of list of Step
-        The outline and every hole as one loop each, material on the left.
-    tile_of_part : ndarray, shape (n,)
-        Tile on which each placed part stands, designator order.
+    edges: Those of outline and holes run counter-clockwise about the board and about the hole.
+    tiles: Loops of every tile, the outer one first; material on the left.
+    rims: The outline and every hole as one loop each, material on the left.
+    tile_of_part (n,): Tile on which each placed part stands, designator order.
     """
 
     vertices_mm: list[Point]

@@ -133,16 +133,10 @@ def closed_spline(samples: FloatArray) -> tuple[FloatArray, list[float], list[in
     It has as few spans as stay within 0.02 nm of the curve in their middles, at most 192: on the smallest cylinders it may be
     a little farther off.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (m, 3)
-        Of the curve at equal steps of its period.
-
-    Returns
-    -------
-    controls : ndarray, shape (spans + 5, 3)
-    knots : list of float
-    multiplicities : list of int
+    samples (m, 3): Of the curve at equal steps of its period.
+    Returns controls (spans + 5, 3).
+    Returns knots.
+    Returns multiplicities.
     """
     for spans in _SPLINE_SPANS:
         controls, error_mm = _interpolated(samples, spans)

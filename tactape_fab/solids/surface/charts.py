@@ -22,15 +22,10 @@ _FURTHEST_MM = 100_000.0
 class Placement:
     """Placement of a texture on a surface.
 
-    Attributes
-    ----------
-    face : int or None
-        Face of a STEP model, from 0 in the file's order; None is the face under `at_mm`, else the largest.
-    at_mm : (float, float, float) or None
-        Point of the surface, model coordinates, for the middle of the texture's grid; None is the face's own centre, of
-        a mesh the point straight above the middle of its volume.
-    up : (float, float, float) or None
-        Direction of board +y, laid into the surface; None is +z, or +y where the surface faces +z or -z within 10 degrees.
+    face: Face of a STEP model, from 0 in the file's order; None is the face under `at_mm`, else the largest.
+    at_mm: Point of the surface, model coordinates, for the middle of the texture's grid; None is the face's own centre, of a mesh
+        the point straight above the middle of its volume.
+    up: Direction of board +y, laid into the surface; None is +z, or +y where the surface faces +z or -z within 10 degrees.
     """
 
     face: int | None = None
@@ -39,13 +34,7 @@ class Placement:
 
 
 def read_placement(values: Mapping[str, Any]) -> Placement:
-    """A placement from untrusted values.
-
-    Raises
-    ------
-    SpecError
-        With every value that is refused.
-    """
+    """A placement from untrusted values. Raises SpecError with every value that is refused."""
     table = Fields(values)
     placement = Placement(
         face=table.integer("face", low=0, high=_MOST_FACE) if "face" in values else None,
@@ -107,12 +96,8 @@ class Chart(Protocol):
     def feet(self, frames: Frames, outline_mm: FloatArray) -> tuple[FloatArray, BoolArray]:
         """The surface about places: heights over their tangent planes at `outline_mm`, shape (k, 2).
 
-        Returns
-        -------
-        height_mm : ndarray, shape (n, k)
-            Along the normal, negative below the tangent plane.
-        on_surface : ndarray of bool, shape (n, k)
-            Whether the surface goes on to there.
+        Returns height_mm (n, k): Along the normal, negative below the tangent plane.
+        Returns on_surface (n, k): Whether the surface goes on to there.
         """
 
 
@@ -126,10 +111,7 @@ def unit(vectors: FloatArray) -> FloatArray:
 def board_x(normal: FloatArray, up: tuple[float, float, float] | None) -> FloatArray:
     """Direction of board x where a surface has the outward `normal` and board y points as `up` does; shape (3,).
 
-    Raises
-    ------
-    SpecError
-        When `up` is no direction, or parallel to the normal.
+    Raises SpecError when `up` is no direction, or parallel to the normal.
     """
     if up is None:
         near_z = abs(float(normal[2])) > cos(radians(_NEAR_Z_DEG))

@@ -29,16 +29,11 @@ class Places(NamedTuple):
 class Developable:
     """A surface that can be rolled out flat, in the parameters of ISO 10303-42 (and of OCCT).
 
-    Attributes
-    ----------
-    kind : {"plane", "cylinder", "cone"}
-    origin_mm : ndarray, shape (3,)
-    axes : ndarray, shape (3, 3)
-        x, y and the axis z of the surface as rows.
-    radius_mm : float
-        Of a cylinder, of a cone at its origin.
-    half_angle_rad : float
-        Of a cone: its radius is ``radius_mm + v sin(half_angle_rad)``.
+    kind {"plane", "cylinder", "cone"}
+    origin_mm (3,)
+    axes (3, 3): x, y and the axis z of the surface as rows.
+    radius_mm: Of a cylinder, of a cone at its origin.
+    half_angle_rad: Of a cone: its radius is ``radius_mm + v sin(half_angle_rad)``.
     """
 
     kind: Kind

@@ -30,13 +30,8 @@ _GRID_MM = 2.0**-19
 class Fused:
     """The embossed solid as a mesh.
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Its coordinates are float32's, so that it is the same in an STL; vertices and triangles in a fixed order.
-    bodies : int
-        Shells: 1 for a simple solid; more where the user's solid had several, or hollows.
-    volume_mm3, host_volume_mm3 : float
+    mesh: Its coordinates are float32's, so that it is the same in an STL; vertices and triangles in a fixed order.
+    bodies: Shells: 1 for a simple solid; more where the user's solid had several, or hollows.
     """
 
     mesh: Mesh
@@ -48,21 +43,10 @@ class Fused:
 def fuse_mesh(host: Mesh, laid: LaidOut, progress: Progress = lambda *_: None, *, chord_error_mm: float = 0.0) -> Fused:
     """Fuse elements with a closed mesh.
 
-    Parameters
-    ----------
-    host : Mesh
-        From `closed_mesh`.
-    laid : LaidOut
-    progress : callable
-    chord_error_mm : float
-        How far the mesh may lie from the surface that the texture was laid out on.
-
-    Raises
-    ------
-    SpecError
-        When the mesh is refused by the boolean engine, or elements come out at the other side of a thin wall.
-    TactapeError
-        When the result is not the solid that it should be.
+    host: From `closed_mesh`.
+    chord_error_mm: How far the mesh may lie from the surface that the texture was laid out on.
+    Raises SpecError when the mesh is refused by the boolean engine, or elements come out at the other side of a thin wall.
+    Raises TactapeError when the result is not the solid that it should be.
     """
     import manifold3d as m3
 

@@ -35,17 +35,9 @@ _MOST_NEAR = 50
 def read_surface_mesh(data: bytes, kind: str, unit: str = "mm") -> Mesh:
     """Read a mesh file, in mm, its equal corners welded; whether it is a solid is for `closed_mesh` to say.
 
-    Parameters
-    ----------
-    data : bytes
-    kind : {"stl", "3mf", "obj", "ply"}
-    unit : {"mm", "cm", "m", "inch"}
-        What the file's numbers are in; a 3MF says so itself.
-
-    Raises
-    ------
-    SpecError
-        When the file is too large, cannot be read, holds no triangles, or a coordinate that is not finite.
+    kind {"stl", "3mf", "obj", "ply"}
+    unit {"mm", "cm", "m", "inch"}: What the file's numbers are in; a 3MF says so itself.
+    Raises SpecError when the file is too large, cannot be read, holds no triangles, or a coordinate that is not finite.
     """
     if len(data) > MOST_BYTES:
         raise SpecError(f"SURFACE has {len(data)} bytes, more than {MOST_BYTES}; give a coarser mesh")
@@ -154,10 +146,7 @@ def _border(faces: IntArray) -> IntArray:
 def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
     """The mesh, outside out, once it has proved to be a solid's; `crossings` says whether to look for those too.
 
-    Raises
-    ------
-    SpecError
-        When edges are open, shared by more than two triangles or by two of opposite sense, or the mesh cuts itself.
+    Raises SpecError when edges are open, shared by more than two triangles or by two of opposite sense, or the mesh cuts itself.
     """
     forward, backward = _edge_keys(mesh.faces)
     _, count = np.unique(np.minimum(forward, backward), return_counts=True)
@@ -184,14 +173,9 @@ def closed_mesh(mesh: Mesh, *, crossings: bool = True) -> Mesh:
 def refuse_wrong_size(size_mm: FloatArray, unit: str | None, texture_mm: tuple[float, float]) -> None:
     """Raise SpecError where a model is so small or large that its numbers must be in another unit.
 
-    Parameters
-    ----------
-    size_mm : ndarray, shape (3,)
-        Extent along x, y, z.
-    unit : str or None
-        The unit that was assumed; None where the file states its own.
-    texture_mm : (float, float)
-        Width and height of the texture; it may go round the model once, not more.
+    size_mm (3,): Extent along x, y, z.
+    unit: The unit that was assumed; None where the file states its own.
+    texture_mm: Width and height of the texture; it may go round the model once, not more.
     """
     largest = float(size_mm.max())
     reach = float(np.hypot(*texture_mm))
@@ -224,10 +208,7 @@ def self_intersections(mesh: Mesh) -> tuple[int, tuple[float, float, float]]:
     An edge of one that goes through the inside of the other counts; triangles that only touch or lie in each other's
     plane do not.
 
-    Raises
-    ------
-    SpecError
-        If so many triangles lie within each other's reach that looking at all pairs would take minutes.
+    Raises SpecError if so many triangles lie within each other's reach that looking at all pairs would take minutes.
     """
     corners = mesh.corners_mm
     tolerance = 1e-6 * float(np.ptp(mesh.vertices_mm, axis=0).max())

@@ -149,17 +149,9 @@ class Facets:
 class MeshChart:
     """A closed mesh with the texture's middle and up direction on it.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        From `closed_mesh`.
-    placement : Placement
-        Its `at_mm` must lie on the surface.
-
-    Raises
-    ------
-    SpecError
-        When a face is named, the point lies off the surface, or `up` is parallel to the normal.
+    mesh: From `closed_mesh`.
+    placement: Its `at_mm` must lie on the surface.
+    Raises SpecError when a face is named, the point lies off the surface, or `up` is parallel to the normal.
     """
 
     def __init__(self, mesh: Mesh, placement: Placement) -> None:

@@ -84,10 +84,7 @@ class StepModel:
     def embossed(self, laid: LaidOut, timestamp: str, progress: Progress = lambda *_: None) -> bytes:
         """The solid fused with the elements, as a STEP file dated `timestamp` (ISO 8601).
 
-        Raises
-        ------
-        TactapeError
-            When the result is not one valid solid of the expected volume.
+        Raises TactapeError when the result is not one valid solid of the expected volume.
         """
         import build123d as bd
 
@@ -129,13 +126,7 @@ class StepModel:
 
 
 def read_step_solid(data: bytes) -> StepModel:
-    """Read a STEP file of one solid.
-
-    Raises
-    ------
-    SpecError
-        When it cannot be read, or holds no solid or several.
-    """
+    """Read a STEP file of one solid. Raises SpecError when it cannot be read, or holds no solid or several."""
     import build123d as bd
     from OCP.BRepCheck import BRepCheck_Analyzer
 
@@ -247,10 +238,8 @@ def developable(face: Any) -> Developable | None:
 class FaceChart:
     """A face of a STEP solid with the texture's middle and up direction on it.
 
-    Raises
-    ------
-    SpecError
-        When the face does not exist or cannot be rolled out, the point lies off it, or `up` is parallel to its normal.
+    Raises SpecError when the face does not exist or cannot be rolled out, the point lies off it, or `up` is parallel to its
+        normal.
     """
 
     def __init__(self, model: StepModel, placement: Placement) -> None:

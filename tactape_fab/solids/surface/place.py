@@ -33,19 +33,13 @@ MOST_ELEMENTS = 50_000
 class Distortion:
     """Distortion of a texture on its surface.
 
-    Attributes
-    ----------
-    pitch_error_min, pitch_error_median, pitch_error_max : float
-        Distance of neighbouring grid points along the surface over the pitch, less 1.
-    closest_gap_mm : float or None
-        Least distance of two elements, measured across their feet and tops; None where none are near.
-    reach_mm : float
-        Distance of the farthest grid point from the middle, on the flat board.
-    usable_radius_mm : float
-        Largest radius about the middle within which no edge, no collision and no fold lies and the pitch error stays
-        within `MOST_PITCH_ERROR`; looked for as far as four times the reach.
-    deepest_sink_mm : float
-        How far below its tangent plane the deepest foot begins.
+    pitch_error_min, pitch_error_median, pitch_error_max: Distance of neighbouring grid points along the surface over the pitch,
+        less 1.
+    closest_gap_mm: Least distance of two elements, measured across their feet and tops; None where none are near.
+    reach_mm: Distance of the farthest grid point from the middle, on the flat board.
+    usable_radius_mm: Largest radius about the middle within which no edge, no collision and no fold lies and the pitch error
+        stays within `MOST_PITCH_ERROR`; looked for as far as four times the reach.
+    deepest_sink_mm: How far below its tangent plane the deepest foot begins.
     """
 
     pitch_error_min: float
@@ -66,22 +60,12 @@ class Distortion:
 class LaidOut:
     """A texture as it lies on a surface.
 
-    Attributes
-    ----------
-    tape : Tape
-    centre : Frames
-        The middle of the grid: one frame.
-    elements : Frames
-        Every element, designator order: the middle of its foot, its board directions.
-    grid : Frames
-        The grid point of every element.
-    sink_mm : ndarray, shape (n,)
-        How far each element's solid must reach below its tangent plane.
-    volume_mm3, volume_error_mm3 : ndarray, shape (n,)
-        Expected volume of each element above the surface, and how far that may be off.
-    distortion : Distortion
-    radius_mm : float or None
-        Of the sphere or cylinder that the patch is, within 1 %: positive where it bulges, negative where it is hollow.
+    centre: The middle of the grid: one frame.
+    elements: Every element, designator order: the middle of its foot, its board directions.
+    grid: The grid point of every element.
+    sink_mm (n,): How far each element's solid must reach below its tangent plane.
+    volume_mm3, volume_error_mm3 (n,): Expected volume of each element above the surface, and how far that may be off.
+    radius_mm: Of the sphere or cylinder that the patch is, within 1 %: positive where it bulges, negative where it is hollow.
     """
 
     tape: Tape
@@ -124,11 +108,8 @@ def refuse_tape(tape: Tape) -> None:
 def lay_out(tape: Tape, chart: Chart) -> LaidOut:
     """Lay a tape's texture on a surface, the middle of its grid on the chart's centre.
 
-    Raises
-    ------
-    SpecError
-        Where the texture runs off the surface, folds, or elements collide or do not stand: every problem, each with its
-        distance from the middle, and the largest radius that works.
+    Raises SpecError where the texture runs off the surface, folds, or elements collide or do not stand: every problem, each with
+        its distance from the middle, and the largest radius that works.
     """
     middle = (np.array([tape.columns, tape.rows]) - 1) / 2 * tape.pitch_mm
     middle_mm = texture_to_board(middle, tape.board.texture_origin_mm)

@@ -23,12 +23,8 @@ COLUMNS = (
 class Placed:
     """The rows of a placements file: model coordinates, mm.
 
-    Attributes
-    ----------
-    designators : tuple of str
-    cells : ndarray of int, shape (n, 2)
-        Column and row.
-    points_mm, grid_mm, x_axis, normal : ndarray, shape (n, 3)
+    cells (n, 2): Column and row.
+    points_mm, grid_mm, x_axis, normal (n, 3)
     """
 
     designators: tuple[str, ...]
@@ -59,10 +55,7 @@ def placements_csv(laid: LaidOut) -> bytes:
 def read_placements(data: bytes, count: int) -> Placed:
     """Read a placements file of `count` elements.
 
-    Raises
-    ------
-    PlacementsError
-        When columns, the number of rows or values are not as they should be.
+    Raises PlacementsError when columns, the number of rows or values are not as they should be.
     """
     try:
         rows = list(csv.reader(io.StringIO(data.decode("ascii"), newline="")))

@@ -29,12 +29,7 @@ _MOST_OBJECTS = 10_000
 
 
 def read_3mf(data: bytes) -> tuple[FloatArray, IntArray]:
-    """Vertices in mm and triangles of all build items (3MF Core Specification 1.3, sections 3 and 4).
-
-    Raises
-    ------
-    SpecError
-    """
+    """Vertices in mm and triangles of all build items (3MF Core Specification 1.3, sections 3 and 4). Raises SpecError."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             models = [entry for entry in archive.infolist() if PurePosixPath(entry.filename).suffix.lower() == ".model"]

@@ -37,19 +37,11 @@ _STEPS = (2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
 class Closest:
     """The nearest windows of one size on one tape.
 
-    Attributes
-    ----------
-    side : int
-    windows : int
-        Number of whole windows.
-    distance : int or None
-        Least number of differing symbols; None without windows.
-    pairs : int
-        Number of pairs at that distance.
-    first_rc, second_rc : ndarray of int64, shape (k, 2)
-        Row and column of the upper left grid points of the first `LISTED` of them.
-    turn : ndarray of int64, shape (k,)
-        Quarter turns counter-clockwise of the second that make it like the first.
+    windows: Number of whole windows.
+    distance: Least number of differing symbols; None without windows.
+    pairs: Number of pairs at that distance.
+    first_rc, second_rc (k, 2): Row and column of the upper left grid points of the first `LISTED` of them.
+    turn (k,): Quarter turns counter-clockwise of the second that make it like the first.
     """
 
     side: int
@@ -75,15 +67,10 @@ class Closest:
 class Certificate:
     """Distances between the windows of a tape.
 
-    Attributes
-    ----------
-    sizes : tuple of Closest
-        One for each of `SIDES`.
-    distinct_side, correcting_side : int or None
-        Side of the smallest square, from 3 to 8, whose windows all differ by at least one symbol, and by three; None if
-        even the largest do not, or if the tape has none of that size.
-    patches : tuple of PatchDistance
-        For a touch code the distances that it is designed for, in bits; empty for other codes.
+    sizes: One for each of `SIDES`.
+    distinct_side, correcting_side: Side of the smallest square, from 3 to 8, whose windows all differ by at least one symbol, and
+        by three; None if even the largest do not, or if the tape has none of that size.
+    patches: For a touch code the distances that it is designed for, in bits; empty for other codes.
     """
 
     tape: Tape
@@ -207,11 +194,7 @@ def closest(tape: Tape, side: int, at_least: int = 0) -> Closest:
 def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
     """The nearest of given windows, whatever their distance.
 
-    Parameters
-    ----------
-    windows : Windows
-    at_least : int
-        Known lower bound of the distance, such as that of smaller windows of the same tape: it only saves time.
+    at_least: Known lower bound of the distance, such as that of smaller windows of the same tape: it only saves time.
     """
     found: list[Pairs] = []
     least = windows.side**2 + 1

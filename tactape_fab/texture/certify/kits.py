@@ -117,15 +117,9 @@ def certified(
 ) -> Certified:
     """Certify each tape exactly, and all of them across each other.
 
-    Parameters
-    ----------
-    tapes : sequence of Tape
-    names : sequence of str, optional
-        Names of the tapes in the result; None for the tapes' own names.
-    progress : callable
-        Called with a text, the number done and the total.
-    workers : int or str
-        Number of processes, or the address of a Dask scheduler.
+    names: Names of the tapes in the result; None for the tapes' own names.
+    progress: Called with a text, the number done and the total.
+    workers: Number of processes, or the address of a Dask scheduler.
     """
     certificates = []
     for i, certificate in enumerate(mapped(certify, tapes, workers)):
@@ -142,10 +136,7 @@ def certified(
 def registry(paths: Sequence[str | Path], progress: Progress = lambda *_: None, *, workers: Workers = 1) -> Registry:
     """Read the kits at some paths, and compare every two of them; `workers` as for `certified`.
 
-    Raises
-    ------
-    SpecError
-        With every problem of the paths.
+    Raises SpecError with every problem of the paths.
     """
     entries = read_registered(paths)
     tapes, names = [e.tape for e in entries], labels(entries)

@@ -54,14 +54,9 @@ class Search:
 def plan_search(side: int, count: int, most: int) -> Search:
     """The search that is estimated to be the fastest for all pairs up to a distance.
 
-    Parameters
-    ----------
-    side : int
-        Side of the windows, in grid points.
-    count : int
-        Number of windows.
-    most : int
-        Largest distance of interest, in symbols.
+    side: Side of the windows, in grid points.
+    count: Number of windows.
+    most: Largest distance of interest, in symbols.
     """
     cells = side * side
     keys, pairs = 3.0 * count, 2.5 * count * count
@@ -89,14 +84,10 @@ def _dealt(side: int, parts: int) -> tuple[tuple[int, ...], ...]:
 def near_pairs(words: tuple[WordArray, ...], search: Search, queries: int | None = None, *, bits: int = 2) -> Iterator[Pairs]:
     """Every pair of windows at most ``search.most`` apart, in bounded portions.
 
-    Parameters
-    ----------
-    words : tuple of ndarray of uint64, each of shape (turns, n)
-        As `Windows` has them, of one tape or of several one after the other: three turns, with `queries` all four.
-    queries : int, optional
-        Compare only the first `queries` windows with those after them, in every turn of these.
-    bits : int
-        Bits of a symbol.
+    words each (turns, n): As `Windows` has them, of one tape or of several one after the other: three turns, with `queries` all
+        four.
+    queries: Compare only the first `queries` windows with those after them, in every turn of these.
+    bits: Bits of a symbol.
     """
     turns, count = words[0].shape
     flat = tuple(np.ascontiguousarray(w).reshape(turns * count) for w in words)

@@ -36,17 +36,11 @@ Origin = tuple[int, int]
 class Choice:
     """Result of a search for an origin.
 
-    Attributes
-    ----------
-    origin : (int, int)
-    candidates : int
-        Number of origins tried.
-    distance : int
-        Least number of differing symbols between 4x4 windows of the tape, at that origin.
-    default_distance : int or None
-        The same at the sector's default origin; None if the tape exceeds the code's range there.
-    from_others : int or None
-        Least distance of its 4x4 windows from those of the tapes to avoid, `BEYOND` for at least that; None without such.
+    candidates: Number of origins tried.
+    distance: Least number of differing symbols between 4x4 windows of the tape, at that origin.
+    default_distance: The same at the sector's default origin; None if the tape exceeds the code's range there.
+    from_others: Least distance of its 4x4 windows from those of the tapes to avoid, `BEYOND` for at least that; None without
+        such.
     """
 
     origin: Origin
@@ -62,18 +56,8 @@ def choose_origin(code: Plane, sector: int, placed: BoolArray, avoid: Sequence[T
     Ties are decided by the largest distance of 5x5 windows, then the fewest nearest pairs of 4x4, then the order of trial;
     the sector's default origin is tried first.
 
-    Parameters
-    ----------
-    code : Plane
-    sector : int
-    placed : ndarray of bool, shape (rows, columns)
-        Whether a grid point carries a part.
-    avoid : sequence of Tape
-
-    Raises
-    ------
-    SpecError
-        If there is no place outside the tapes to avoid.
+    placed (rows, columns): Whether a grid point carries a part.
+    Raises SpecError if there is no place outside the tapes to avoid.
     """
     rows, columns = placed.shape
     limit = MOST_BESIDE_OTHERS if avoid else MOST_CANDIDATES
@@ -116,10 +100,7 @@ def choose_sector(code: Plane, placed: BoolArray, avoid: Sequence[Tape]) -> int:
 
     Sectors and tag ids that these use are left out, and only the first `MOST_BESIDE_OTHERS` of the rest are tried.
 
-    Raises
-    ------
-    SpecError
-        If no sector is free.
+    Raises SpecError if no sector is free.
     """
     used = {t.sector for t in avoid if t.code == code.name} | {t.tag.id for t in avoid if t.tag is not None}
     free = (s for s in range(code.sectors) if s not in used and _fits(default_origin(code.name, s), code, placed.shape))

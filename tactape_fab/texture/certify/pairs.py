@@ -28,22 +28,13 @@ _STEPS = (0, 2, 3, EXACT_TO)
 class Across:
     """Windows of one size across tapes.
 
-    Attributes
-    ----------
-    side : int
-    matrix : ndarray of uint8, shape (tapes, tapes)
-        Least number of differing symbols between windows of two different tapes, in any turn: 0 to `EXACT_TO`, `BEYOND` for
-        more, `NO_WINDOWS`. On the diagonal `NO_WINDOWS`.
-    shared : ndarray of int64, shape (tapes, tapes)
-        Number of pairs of equal windows of two different tapes, in any turn.
-    distance : int or None
-        The least of the matrix: `BEYOND` means at least that; None where no two tapes have windows.
-    pairs : int
-        Number of pairs of windows at that distance; 0 where it is `BEYOND`.
-    first, second : ndarray of int64, shape (k, 3)
-        Tape, row and column of the upper left grid points of the first `LISTED` of them.
-    turn : ndarray of int64, shape (k,)
-        Quarter turns counter-clockwise of the second that make it like the first.
+    matrix (tapes, tapes): Least number of differing symbols between windows of two different tapes, in any turn: 0 to `EXACT_TO`,
+        `BEYOND` for more, `NO_WINDOWS`. On the diagonal `NO_WINDOWS`.
+    shared (tapes, tapes): Number of pairs of equal windows of two different tapes, in any turn.
+    distance: The least of the matrix: `BEYOND` means at least that; None where no two tapes have windows.
+    pairs: Number of pairs of windows at that distance; 0 where it is `BEYOND`.
+    first, second (k, 3): Tape, row and column of the upper left grid points of the first `LISTED` of them.
+    turn (k,): Quarter turns counter-clockwise of the second that make it like the first.
     """
 
     side: int
@@ -155,13 +146,9 @@ def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:
 class Conflict:
     """A conflict of two tapes: something they have in common and should not.
 
-    Attributes
-    ----------
-    kind : {"same-tape", "overlap", "windows", "tag"}
-        They show the same place of the code, fully or partly; they share windows of 4x4; their tags have the same id.
-    tapes : (int, int)
-        Their indices in the registry.
-    message : str
+    kind {"same-tape", "overlap", "windows", "tag"}: They show the same place of the code, fully or partly; they share windows of
+        4x4; their tags have the same id.
+    tapes: Their indices in the registry.
     """
 
     kind: str
@@ -172,12 +159,8 @@ class Conflict:
 def conflicts(tapes: Sequence[Tape], names: Sequence[str], windows: Across) -> list[Conflict]:
     """Every conflict of a registry, by kind and tapes.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the tapes.
-    windows : Across
-        Distances of the smallest windows, those of `SIDES[0]`.
+    names: Names of the tapes.
+    windows: Distances of the smallest windows, those of `SIDES[0]`.
     """
     return [*_plane_conflicts(tapes, names), *_window_conflicts(names, windows), *_tag_conflicts(tapes, names)]
 

@@ -171,12 +171,8 @@ def _find(
 def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, room: Room) -> int:
     """List all conflicts; -1 where there are more than there is room for.
 
-    Parameters
-    ----------
-    least : ndarray of int, shape (k, 4)
-        By shape and turn, how many bits two patches of the grid shall differ in at least.
-    least_given : ndarray of int, shape (k,)
-        The same by shape of a patch of the grid and a given one.
+    least (k, 4): By shape and turn, how many bits two patches of the grid shall differ in at least.
+    least_given (k,): The same by shape of a patch of the grid and a given one.
     """
     count = 0
     for shape in range(len(least)):

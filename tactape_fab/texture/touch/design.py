@@ -66,16 +66,10 @@ BESIDE_OF_EIGHT: tuple[tuple[Bits, Bits], ...] = (
 class Rung:
     """Least numbers of bits, by shape, that a design is repaired to.
 
-    Attributes
-    ----------
-    own : tuple of int
-        Between patches of the tape in any turn, or with `quarter` 0 and 180 degrees apart.
-    across : tuple of int
-        Between a patch of the tape and one of another tape.
-    quarter : tuple of int or None
-        Between patches of the tape 90 and 270 degrees apart, where these ask for less; None for as many as `own`.
-    effort : int
-        Factor on the limit of steps.
+    own: Between patches of the tape in any turn, or with `quarter` 0 and 180 degrees apart.
+    across: Between a patch of the tape and one of another tape.
+    quarter: Between patches of the tape 90 and 270 degrees apart, where these ask for less; None for as many as `own`.
+    effort: Factor on the limit of steps.
     """
 
     own: Bits
@@ -148,23 +142,11 @@ def design(
 ) -> SymbolArray:
     """The matrix of a tape, read-only; the last results are cached.
 
-    Parameters
-    ----------
-    sector : int
-        Seed of the design.
-    shape : (int, int)
-        Rows and columns.
-    avoid : sequence of ndarray of uint8
-        Symbols of existing tapes with the same number of directions, from whose patches this tape's shall differ.
-    directions : int
-    rungs : Rungs
-    half_turns : bool
-        Whether the tape's parts show their quarter turn.
-
-    Raises
-    ------
-    CapacityError
-        If the tape has more grid points than the largest design.
+    sector: Seed of the design.
+    shape: Rows and columns.
+    avoid: Symbols of existing tapes with the same number of directions, from whose patches this tape's shall differ.
+    half_turns: Whether the tape's parts show their quarter turn.
+    Raises CapacityError if the tape has more grid points than the largest design.
     """
     if shape[0] * shape[1] > MOST_TOUCH_POINTS:
         message = (

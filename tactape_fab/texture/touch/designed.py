@@ -18,18 +18,9 @@ from tactape_fab.texture.touch.design import Rungs, design
 class DesignedCode:
     """A code whose tapes are designed one by one; `texture.code.Code` is the interface of every code.
 
-    Attributes
-    ----------
-    name : str
-    window : int
-    sectors : int
-        Number of designs of a size, one for each sector.
-    range : int
-    most_points : int
-    rungs : Rungs
-        What the designs ask for.
-    half_turns : bool
-        Whether they ask for more between half turns alone, where the parts show a quarter turn.
+    sectors: Number of designs of a size, one for each sector.
+    rungs: What the designs ask for.
+    half_turns: Whether they ask for more between half turns alone, where the parts show a quarter turn.
     """
 
     name: str

@@ -36,22 +36,14 @@ PATCHES = {"3x3": _square(3), "disc-12": _disc(4), "4x4": _square(4), "disc-21":
 class PatchDistance:
     """The nearest patches of one shape.
 
-    Attributes
-    ----------
-    shape : str
-        One of `PATCHES`.
-    patches : int
-        Number of patches without an omitted part.
-    bits : int or None
-        Least number of bits in which two of them differ, in any of four turns: one bit for a part a quarter turn off, two for
+    shape: One of `PATCHES`.
+    patches: Number of patches without an omitted part.
+    bits: Least number of bits in which two of them differ, in any of four turns: one bit for a part a quarter turn off, two for
         the opposite direction; for eight directions the bits of `Directions.gray_codes`. None without a pair.
-    pairs : int
-        Pairs at that distance.
-    half_turns : (int, int) or None
-        The same two of patches that are turned by 0 or 180 degrees to each other, of codes that promise distances for parts
-        whose quarter turn is seen.
-    proven : int or None
-        Least number of bits between patches of any two places of all sectors, the turn being known; of codes that prove one.
+    pairs: Pairs at that distance.
+    half_turns: The same two of patches that are turned by 0 or 180 degrees to each other, of codes that promise distances for
+        parts whose quarter turn is seen.
+    proven: Least number of bits between patches of any two places of all sectors, the turn being known; of codes that prove one.
     """
 
     shape: str
@@ -85,14 +77,9 @@ def patch_distances(
 ) -> tuple[PatchDistance, ...]:
     """Exact distances between the patches of a grid, by shape.
 
-    Parameters
-    ----------
-    symbols : ndarray of uint8, shape (rows, columns)
-    placed : ndarray of bool, shape (rows, columns)
-        Mask of parts; patches with a grid point without a part do not count.
-    directions : int
-    half_turns : bool
-        Whether distances of patches 0 and 180 degrees apart are counted beside those of all turns; of four directions.
+    symbols (rows, columns)
+    placed (rows, columns): Mask of parts; patches with a grid point without a part do not count.
+    half_turns: Whether distances of patches 0 and 180 degrees apart are counted beside those of all turns; of four directions.
     """
     from tactape_fab.texture.touch.climb import nearest_of, nearest_of_long, words_of
 

@@ -36,7 +36,7 @@ _FREE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FabOrder:
-    """What a manifest says that the fab makes the film of."""
+    """The film's materials by a manifest."""
 
     base: str
     flexible: bool

@@ -42,18 +42,11 @@ At = tuple[float, float, float]
 class Shown:
     """Expected content of a board, in the board frame.
 
-    Attributes
-    ----------
-    parts_xy_mm : ndarray, shape (n, 2)
-        Parts R1 ... Rn.
-    rotation_deg : ndarray, shape (n,)
-    size_mm : (float, float)
-    holes : sequence of (x, y, diameter)
-    edge_lines : int
-        Lines and arcs of the outline and of what is cut out of it.
-    fiducials_mm : sequence of (x, y)
-    tracks_mm : ndarray, shape (k, 2, 2)
-        Ends of the anchors' lines, all as wide as ``track_width_mm``.
+    parts_xy_mm (n, 2): Parts R1 ... Rn.
+    rotation_deg (n,); holes (x, y, diameter)
+    edge_lines: Lines and arcs of the outline and of what is cut out of it.
+    fiducials_mm (x, y)
+    tracks_mm (k, 2, 2): Ends of the anchors' lines, all as wide as ``track_width_mm``.
     """
 
     parts_xy_mm: FloatArray

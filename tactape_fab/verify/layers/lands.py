@@ -79,11 +79,8 @@ class LandPairs:
 def pair_lands(xy_mm: FloatArray, offset_mm: float, rotation_deg: float) -> LandPairs:
     """Find pairs of lands from flashes alone.
 
-    Parameters
-    ----------
-    xy_mm : ndarray, shape (m, 2)
-    offset_mm, rotation_deg : float
-        Half the distance of a pair, and its direction.
+    xy_mm (m, 2)
+    offset_mm, rotation_deg: Half the distance of a pair, and its direction.
     """
     if len(xy_mm) < 2:
         nothing, none = np.empty((0, 2)), np.empty(0, dtype=np.int64)

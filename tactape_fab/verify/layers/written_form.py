@@ -67,7 +67,7 @@ def drill_problems(data: bytes) -> list[str]:
 
 
 def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
-    """What the two readings of a file see differently."""
+    """Differences between the two readings of a file."""
     problems = []
     same_apertures = np.array_equal(drawn.flash_aperture, content.flash_aperture)
     if not same_apertures or not _same(drawn.flash_xy_mm, content.flash_xy_mm):

@@ -25,17 +25,9 @@ _TOP_FROM = 0.6
 def check_embossed(manifest: Mapping[str, Any], stl_bytes: bytes, placements_bytes: bytes) -> list[Check]:
     """Check an embossed model against its manifest.
 
-    Parameters
-    ----------
-    manifest : mapping
-        With a ``surface`` table.
-    stl_bytes, placements_bytes : bytes
-        The files of the roles ``stl`` and ``placements``.
-
-    Returns
-    -------
-    list of Check
-        Every line, also when some failed; a file that cannot be read is a failed line.
+    manifest: With a ``surface`` table.
+    stl_bytes, placements_bytes: The files of the roles ``stl`` and ``placements``.
+    Returns: Every line, also when some failed; a file that cannot be read is a failed line.
     """
     try:
         tape = Tape.from_mapping(manifest)

@@ -127,13 +127,7 @@ def _place_problems(tape: Tape, cells: IntArray, centres_mm: FloatArray, toleran
 
 
 def read_threemf(data: bytes, most_bytes: int = _MOST_MODEL_BYTES) -> Mesh:
-    """The one mesh of a 3MF file that unpacks to no more than `most_bytes`, in mm.
-
-    Raises
-    ------
-    MeshError
-        If it is not such a file.
-    """
+    """The one mesh of a 3MF file that unpacks to no more than `most_bytes`, in mm. Raises MeshError if it is not such a file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = [entry.filename for entry in archive.infolist()]
@@ -193,10 +187,7 @@ def faces_of_elements(tape: Tape) -> int:
 def _anchors(tape: Tape, data: bytes) -> FloatArray:
     """Points in a solid's text that show where elements are: corners of blocks, centres of spheres and cones, mm; (n, 3).
 
-    Raises
-    ------
-    ValueError
-        If the text holds something that is not a point.
+    Raises ValueError if the text holds something that is not a point.
     """
     points = {_name_before(data, found.start()): found[1] for found in _POINT.finditer(data)}
     if tape.part.shape == "block":
@@ -213,13 +204,7 @@ def _name_before(data: bytes, end: int) -> bytes:
 
 
 def _numbers(rows: Sequence[Sequence[bytes]], kind: type[np.generic]) -> npt.NDArray[Any]:
-    """Rows of three numbers each; shape (n, 3).
-
-    Raises
-    ------
-    ValueError
-        If a value is not a number, or a row does not have three.
-    """
+    """Rows of three numbers each; shape (n, 3). Raises ValueError if a value is not a number, or a row does not have three."""
     flat = list(chain.from_iterable(rows))
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # numpy's warning for text after the last number

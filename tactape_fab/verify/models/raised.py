@@ -20,16 +20,10 @@ RAISED_SHARE = 0.6
 class Raised:
     """Elements found.
 
-    Attributes
-    ----------
-    centres_mm : ndarray, shape (k, 2)
-        Centres in the board frame, row by row; on a cylinder along the arc at z = 0.
-    cells : ndarray of int, shape (k,)
-        Row * columns + column of each.
-    strays_mm : ndarray, shape (m, 2)
-        Raised points in no cell.
-    shape_error_mm : float
-        Largest distance of a raised point from the element's shape.
+    centres_mm (k, 2): Centres in the board frame, row by row; on a cylinder along the arc at z = 0.
+    cells (k,): Row * columns + column of each.
+    strays_mm (m, 2): Raised points in no cell.
+    shape_error_mm: Largest distance of a raised point from the element's shape.
     """
 
     centres_mm: FloatArray
@@ -50,10 +44,7 @@ def cells_of(tape: Tape, xy_mm: FloatArray) -> tuple[IntArray, BoolArray]:
 def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
     """Gather the points well above the base (below it, in a mould) by their cells.
 
-    Parameters
-    ----------
-    points_mm : ndarray, shape (n, 3)
-        Vertices of a mesh, or corners of a solid, in the file's frame.
+    points_mm (n, 3): Vertices of a mesh, or corners of a solid, in the file's frame.
     """
     points = unwrapped(points_mm, tape, form)
     height = tape.part.body_mm[2]

@@ -21,12 +21,8 @@ _GOLDEN_DEG = 180.0 * (sqrt(5) - 1) / 2
 class Coverage:
     """Fraction of the angles at which a contact is located, by the place of its centre.
 
-    Attributes
-    ----------
-    x_mm, y_mm : ndarray, shapes (m,), (n,)
-        Texture frame, evenly spaced.
-    share : ndarray, shape (n, m)
-        0 to 1.
+    x_mm, y_mm (m,), (n,): Texture frame, evenly spaced.
+    share (n, m): 0 to 1.
     """
 
     x_mm: FloatArray
@@ -37,12 +33,7 @@ class Coverage:
 def coverage_of(tape: Tape, contact: Contact, progress: Progress = lambda *_: None) -> Coverage:
     """Apply the decoder's rule at each place of the board to dots exactly at the tape's places.
 
-    Parameters
-    ----------
-    tape : Tape
-    contact : Contact
-        Its noise and its elastomer are not used.
-    progress : callable
+    contact: Its noise and its elastomer are not used.
     """
     from tactape_fab.verify.trip.limit import error_free, rule_of
 

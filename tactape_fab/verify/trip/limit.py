@@ -96,13 +96,8 @@ def rule_of(tape: Tape, sensor: SensorProfile, margin: float = 1.0) -> Rule:
 def error_free(rule: Rule, pose: FloatArray, scene: Scene) -> Localization:
     """The rule's answer for a contact whose symbols are all known; the shape of the tops is not used.
 
-    Parameters
-    ----------
-    rule : Rule
-    pose : ndarray, shape (3,)
-        x mm, y mm (texture frame), theta deg.
-    scene : Scene
-        Its noise and its elastomer play no part.
+    pose (3,): x mm, y mm (texture frame), theta deg.
+    scene: Its noise and its elastomer play no part.
     """
     return _verdict(rule, *_parts_shown(rule, pose, scene), EVEN_TURNS, USUAL_SIGMA)
 
@@ -113,14 +108,10 @@ def as_seen(rule: Rule, pose: FloatArray, scene: Scene, depth: FloatImage, *, to
     That grid is fitted with each part at the symbol that it has; so is the assumed error of tops. The shape of the tops
     counts for the turns as in this frame.
 
-    Parameters
-    ----------
-    depth : ndarray, shape `sensor.frame_shape`
-        Depth map of the tape's own parts at that pose.
-    told_parts : bool
-        Whether it is given which tops are those of parts that the contact shows: these count in full then, and so do such parts
-        without a top. All other dots, parts at the rim, outside the contact's outline, and tops of the noise or of the board's
-        edge, count as far as the decoder trusts them, a trust that is not judged here.
+    depth: Depth map of the tape's own parts at that pose.
+    told_parts: Whether it is given which tops are those of parts that the contact shows: these count in full then, and so do such
+        parts without a top. All other dots, parts at the rim, outside the contact's outline, and tops of the noise or of the
+        board's edge, count as far as the decoder trusts them, a trust that is not judged here.
     """
     dots, view = _dots_of(rule, depth), make_view(rule.tape, pose[:2], float(pose[2]), rule.sensor, scene)
     board = view.to_board(view.from_px(dots.xy_px))

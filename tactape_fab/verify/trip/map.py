@@ -33,11 +33,8 @@ _SIZE = -1
 def refuse_map(kit: str | Path, file: str | Path, *, overwrite: bool = False) -> Path:
     """Check the path of a map.
 
-    Raises
-    ------
-    SpecError
-        If it does not end with .png, its folder does not exist, it is taken and `overwrite` does not allow it, or it lies in the
-        kit, which holds no file that its manifest does not list.
+    Raises SpecError if it does not end with .png, its folder does not exist, it is taken and `overwrite` does not allow it, or it
+        lies in the kit, which holds no file that its manifest does not list.
     """
     path, folder = Path(file), find_manifest(kit).parent
     if path.suffix.lower() != ".png":
@@ -65,24 +62,12 @@ def map_kit(
 ) -> None:
     """Write the map of a kit; nothing for a texture on a part, which is not a plane.
 
-    Parameters
-    ----------
-    kit : path
-    path : Path
-        As `refuse_map` gives it.
-    contact : Contact
-        Sensor and size of the contacts.
-    trips : sequence of Trip
-        Round trips of its verification, drawn too.
-    progress : callable
-        Called with a text, the amount done and the total.
-
-    Raises
-    ------
-    SpecError
-        When the manifest cannot be read.
-    TactapeError
-        When the map cannot be written.
+    path: As `refuse_map` gives it.
+    contact: Sensor and size of the contacts.
+    trips: Round trips of its verification, drawn too.
+    progress: Called with a text, the amount done and the total.
+    Raises SpecError when the manifest cannot be read.
+    Raises TactapeError when the map cannot be written.
     """
     tape = Tape.load(kit, as_built=NOMINAL)
     if tape.surface is None:
@@ -95,10 +80,7 @@ def map_kit(
 def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[Trip]) -> Picture:
     """Picture of a tape: where contacts can be located, its parts, and the contacts of a round trip.
 
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        BGR; board x to the right, y up.
+    Returns (height, width, 3): BGR; board x to the right, y up.
     """
     width_mm, height_mm = tape.board.size_mm
     px_per_mm = _LONGEST_PX / max(width_mm, height_mm)

@@ -40,17 +40,9 @@ class _Named:
 def explain(tape: Tape, xy_mm: FloatArray) -> str | None:
     """Describe how measured parts differ from a tape's.
 
-    Parameters
-    ----------
-    tape : Tape
-        As the manifest has it.
-    xy_mm : ndarray, shape (n, 2)
-        Measured centres, board frame.
-
-    Returns
-    -------
-    str or None
-        None if they are at the tape's places.
+    tape: As the manifest has it.
+    xy_mm (n, 2): Measured centres, board frame.
+    Returns: None if they are at the tape's places.
     """
     if len(xy_mm) == 0:
         return "it has no parts"

@@ -33,13 +33,10 @@ def cpl_source(cpl: CplContent) -> Source:
 def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float, pairs: LandPairs | None = None) -> Source:
     """Parts between the pairs of pads that a copper layer flashes.
 
-    Parameters
-    ----------
-    flash_xy_mm : ndarray, shape (m, 2)
-    offset_mm, rotation_deg : float
-        Half the distance of a pair, and its direction: tried as it is, mirrored, and turned by a right angle.
-    pairs : LandPairs, optional
-        Pairs found in that direction, if known.
+    flash_xy_mm (m, 2)
+    offset_mm, rotation_deg: Half the distance of a pair, and its direction: tried as it is, mirrored, and turned by a right
+        angle.
+    pairs: Pairs found in that direction, if known.
     """
     tried = [pair_lands(flash_xy_mm, offset_mm, rotation_deg) if pairs is None else pairs]
     for turn_deg in dict.fromkeys((180.0 - rotation_deg, rotation_deg + 90.0)):

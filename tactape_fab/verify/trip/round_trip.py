@@ -60,19 +60,11 @@ _QUICK_MARGIN = 2
 class Trip:
     """Contacts with the parts of one source, and their outcomes.
 
-    Attributes
-    ----------
-    source : str
-    poses : ndarray, shape (n, 3)
-        x mm, y mm (texture frame), theta deg.
-    outcome : ndarray of int, shape (n,)
-        RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST or WRONG.
-    error_um : ndarray, shape (n,)
-        Distance from the true position; NaN where nothing was located.
-    reasons : Counter of str
-        Why contacts were not located.
-    tolerated : float
-        Share of the contacts that may be LOST, or WRONG: none where the decoder bounds its errors.
+    poses (n, 3): x mm, y mm (texture frame), theta deg.
+    outcome (n,): RIGHT, LIMITED, NOISY, BARELY, MISSED, LOST or WRONG.
+    error_um (n,): Distance from the true position; NaN where nothing was located.
+    reasons: Why contacts were not located.
+    tolerated: Share of the contacts that may be LOST, or WRONG: none where the decoder bounds its errors.
     """
 
     source: str
@@ -187,17 +179,10 @@ def full_trips(
 ) -> list[Trip]:
     """Contacts over the whole field and its edges, different for every source, decoded with all their dots.
 
-    Parameters
-    ----------
-    tape : Tape
-        As the manifest has it.
-    sources : sequence of Source
-    contact : Contact, optional
-        Default: that of `read_contact`.
-    progress : callable
-        Called for every contact.
-    counts : (int, int)
-        Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
+    tape: As the manifest has it.
+    contact: Default: that of `read_contact`.
+    progress: Called for every contact.
+    counts: Contacts wholly on the field, and over its edge, of all sources together; fewer for a code of many sectors.
     """
     from tactape_fab.sense.decode.localizer import Localizer
     from tactape_fab.verify.trip.limit import MARGIN, as_seen, error_free, rule_of

@@ -35,10 +35,7 @@ IN_PLACE_MM = 0.01
 def parts_shown(tape: Tape, pose: FloatArray, scene: Scene, sensor: SensorProfile) -> IntArray:
     """Mask of the parts that a contact shows: those inside its outline that the imprint of the board's edge does not cover.
 
-    Parameters
-    ----------
-    pose : ndarray, shape (3,)
-        x mm, y mm (texture frame), theta deg.
+    pose (3,): x mm, y mm (texture frame), theta deg.
     """
     dots = dots_of(tape, pose.tolist(), scene, 0, ERROR_FREE, sensor=sensor)
     view = make_view(tape, pose[:2], float(pose[2]), sensor, scene)

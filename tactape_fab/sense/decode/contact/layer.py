@@ -77,20 +77,12 @@ def force_on(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """The force on a gel, and the frame's zero, each with its standard deviation; N and mm.
 
-    Parameters
-    ----------
-    depth_mm : ndarray, shape (h, w)
-        Mean depth of each cell of the frame.
-    cell_mm : (float, float)
-        Size of a cell along u and v.
-    touched : ndarray of bool, shape (h, w)
-        Cells on which the tape may press.
-    gel : Gel
-        With thickness and modulus.
-    zero_mm : float
-        Standard deviation of the depth that a gel would have which nothing touches, about 0.
-    valid : ndarray of bool, shape (h, w), optional
-        Cells whose depth is known.
+    depth_mm (h, w): Mean depth of each cell of the frame.
+    cell_mm: Size of a cell along u and v.
+    touched (h, w): Cells on which the tape may press.
+    gel: With thickness and modulus.
+    zero_mm: Standard deviation of the depth that a gel would have which nothing touches, about 0.
+    valid (h, w): Cells whose depth is known.
     """
     assert gel.modulus_kpa is not None
     known_cells = slice(None) if valid is None else valid.ravel()

@@ -39,19 +39,12 @@ APEX_MM = 1.0
 class Plane:
     """The plane of the parts' tops, towards the sensor, over the gel's undeformed surface at the image's centre.
 
-    Attributes
-    ----------
-    rise : ndarray, shape (3,)
-        Height in the image's centre, mm, and slopes along image u and v.
-    covariance : ndarray, shape (3, 3)
-        Without the error of the frame's zero.
-    gain : float
-        What the frame shows of a height or a slope, as a share.
-    flat : bool
-        Whether the tops' curvature is that of the gel's crown.
-    shown : ndarray, shape (6,)
-        The fitted surface as the frame shows it: height, slopes, and second derivatives by uu, vv and uv.
-    shown_variance : ndarray, shape (6, 6)
+    rise (3,): Height in the image's centre, mm, and slopes along image u and v.
+    covariance (3, 3): Without the error of the frame's zero.
+    gain: What the frame shows of a height or a slope, as a share.
+    flat: Whether the tops' curvature is that of the gel's crown.
+    shown (6,): The fitted surface as the frame shows it: height, slopes, and second derivatives by uu, vv and uv.
+    shown_variance (6, 6)
     """
 
     rise: FloatArray
@@ -71,21 +64,11 @@ def terms(gel_mm: FloatArray) -> FloatArray:
 def fit_plane(gel_mm: FloatArray, tops_mm: FloatArray, weights: FloatArray, crown_mm: tuple[float, float] | None) -> Plane | None:
     """Fit the plane.
 
-    Parameters
-    ----------
-    gel_mm : ndarray, shape (n, 2)
-        Where the tops are, right and down of the image centre.
-    tops_mm : ndarray, shape (n,)
-        Depths there.
-    weights : ndarray, shape (n,)
-        At most 1; those of dots at the contact's rim are small.
-    crown_mm : (float, float) or None
-        Radii of the gel's undeformed surface along image u and v.
-
-    Returns
-    -------
-    Plane or None
-        None of too few tops, or of tops in a line.
+    gel_mm (n, 2): Where the tops are, right and down of the image centre.
+    tops_mm (n,): Depths there.
+    weights (n,): At most 1; those of dots at the contact's rim are small.
+    crown_mm: Radii of the gel's undeformed surface along image u and v.
+    Returns: None of too few tops, or of tops in a line.
     """
     if (weights > 0.0).sum() < LEAST_TOPS:
         return None

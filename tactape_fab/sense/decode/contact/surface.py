@@ -33,7 +33,7 @@ INDENTATION_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactView:
-    """What of a sensor's profile says how a tape lies against its gel; made once.
+    """A sensor's profile as far as it tells how a tape lies against its gel; made once.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ def _whole(mask: BoolArray, factor: int) -> BoolArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContactSurface:
-    """What a located frame shows at its dots, and its coarse depths: some kilobytes.
+    """A located frame at its dots, and its coarse depths: some kilobytes.
 
     Attributes
     ----------

@@ -30,23 +30,15 @@ COARSE_PX_PER_MM = 7.0
 class Dots:
     """Dots of one frame.
 
-    Attributes
-    ----------
-    xy_px : ndarray, shape (n, 2)
-    weights : ndarray, shape (n,)
-        Height of each over the median of the strongest, so that 1 is an ordinary good dot.
-    trust : ndarray, shape (n,)
-        How likely each is a part at all, from its height and that of the noise.
-    elongation : ndarray, shape (n, 2), or None
-        Anisotropy of each top, (h_uu - h_vv, 2 h_uv) / (h_uu + h_vv) of its second derivatives per canonical image pixel: a
-        top that is longest at an angle phi (from u towards v) has -a (cos 2 phi, sin 2 phi) with 0 <= a < 1, so (-a, 0) where
-        it is long along u, (0, -a) along u = v. Zero where it is no proper top; None where nobody looked.
-    seen_px : ndarray, shape (n, 2), or None
-        Where they were detected, canonical image, before any correction; None: at `xy_px`.
-    small : ndarray of float32, or None
-        The image they were detected in: `averaged` over `coarseness` pixels.
-    high : ndarray of float32, or None
-        Its band-pass, whose tops they are.
+    xy_px (n, 2)
+    weights (n,): Height of each over the median of the strongest, so that 1 is an ordinary good dot.
+    trust (n,): How likely each is a part at all, from its height and that of the noise.
+    elongation (n, 2): Anisotropy of each top, (h_uu - h_vv, 2 h_uv) / (h_uu + h_vv) of its second derivatives per canonical image
+        pixel: a top that is longest at an angle phi (from u towards v) has -a (cos 2 phi, sin 2 phi) with 0 <= a < 1, so (-a, 0)
+        where it is long along u, (0, -a) along u = v. Zero where it is no proper top; None where nobody looked.
+    seen_px (n, 2): Where they were detected, canonical image, before any correction; None: at `xy_px`.
+    small: The image they were detected in: `averaged` over `coarseness` pixels.
+    high: Its band-pass, whose tops they are.
     """
 
     xy_px: FloatArray
@@ -72,11 +64,7 @@ def coarseness(px_per_mm: float) -> int:
 def detect(depth: Image, px_per_mm: float) -> Dots:
     """Find the dots of a canonical depth map.
 
-    Parameters
-    ----------
-    depth : ndarray of float32, shape (h, w)
-        Finite, larger = pushed further in.
-    px_per_mm : float
+    depth (h, w): Finite, larger = pushed further in.
     """
     coarse = coarseness(px_per_mm)
     coarse_px_per_mm, small = px_per_mm / coarse, averaged(depth, coarse)

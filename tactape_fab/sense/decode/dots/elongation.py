@@ -42,17 +42,11 @@ def turn_weights(
 
     They weigh hypotheses, and never enter E (docs/trust.md): the bound holds for any weights fixed before a tape is looked at.
 
-    Parameters
-    ----------
-    elongation : ndarray, shape (n, 2), or None
-        In square pixels.
-    weights : ndarray, shape (n,)
-        Heights over that of a whole dot.
-    trust : ndarray, shape (n,)
-    grid : ndarray, shape (4,)
-        From `fit.fit_grid`.
-    part : TapePart
-        Of the tape in question; a round one gives even weights.
+    elongation (n, 2): In square pixels.
+    weights (n,): Heights over that of a whole dot.
+    trust (n,)
+    grid (4,): From `fit.fit_grid`.
+    part: Of the tape in question; a round one gives even weights.
     """
     return turn_shares(parity_log_ratio(elongation, weights, trust, grid, part))
 

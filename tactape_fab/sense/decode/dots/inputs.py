@@ -20,10 +20,7 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
 
     It is the frame's own memory where nothing has to be changed: only to be read.
 
-    Raises
-    ------
-    FrameError
-        When it is no array of real numbers, or not of the sensor's shape.
+    Raises FrameError when it is no array of real numbers, or not of the sensor's shape.
     """
     try:
         frame = np.asarray(depth)
@@ -62,12 +59,7 @@ def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
 
 
 def dot_numbers(values: npt.ArrayLike) -> FloatArray:
-    """Values as an array of real numbers.
-
-    Raises
-    ------
-    FrameError
-    """
+    """Values as an array of real numbers. Raises FrameError."""
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "fiub":

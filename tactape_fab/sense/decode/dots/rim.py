@@ -49,14 +49,9 @@ def settled(dots: Dots, pitch_px: float, shift: float) -> Dots:
     Noise is spread over the whole image, parts stand a pitch apart: a low dot with the neighbours of a grid is more likely
     a part than its height alone says, one with none, or one too near a higher one, is none.
 
-    Parameters
-    ----------
-    dots : Dots
-        `xy_px` in square pixels.
-    pitch_px : float
-        As the sensor's profile has it.
-    shift : float
-        Displacement as a share of the pitch.
+    dots: `xy_px` in square pixels.
+    pitch_px: As the sensor's profile has it.
+    shift: Displacement as a share of the pitch.
     """
     if len(dots.weights) == 0:
         return dots

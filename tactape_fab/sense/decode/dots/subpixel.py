@@ -28,14 +28,9 @@ STEPS = 64
 def sharp_tops(high: Image, px_per_mm: float, seen_px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far the tops of dots are from where a quadric has them, px of the canonical image (n, 2), and how high they are (n,).
 
-    Parameters
-    ----------
-    high : ndarray of float32, shape (h, w)
-        The band-pass that dots were found in, `Dots.high`.
-    px_per_mm : float
-        That dots were detected with.
-    seen_px : ndarray, shape (n, 2)
-        Places in the canonical image.
+    high (h, w): The band-pass that dots were found in, `Dots.high`.
+    px_per_mm: That dots were detected with.
+    seen_px (n, 2): Places in the canonical image.
     """
     n, coarse = len(seen_px), coarseness(px_per_mm)
     shift_px, heights = np.empty((n, 2)), np.empty(n)

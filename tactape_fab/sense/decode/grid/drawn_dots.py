@@ -17,7 +17,7 @@ from tactape_fab.texture.frames import FloatArray
 
 
 def drawn(texture_mm: FloatArray, weights: FloatArray, theta_rad: float) -> tuple[FloatArray, FloatArray]:
-    """What neighbours (push) and the rim (pull) do to each dot, along u and v, for a push and a pull of 1; (n, 2) each.
+    """Shift of each dot by its neighbours (push) and by the rim (pull), along u and v, for a push and a pull of 1; (n, 2) each.
 
     The model is that of `posterior`, which has it as a kernel for one frame.
     """

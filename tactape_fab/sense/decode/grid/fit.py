@@ -49,21 +49,13 @@ SMALL_SIGMA = 0.02
 class Fit(NamedTuple):
     """A grid fitted to dots.
 
-    Attributes
-    ----------
-    grid : ndarray, shape (4,)
-        (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
-    nodes : ndarray of int, shape (n, 2)
-        Grid point of each dot.
-    squares : ndarray, shape (n, 4) or (n, 8)
-        Squared distances from the places of the dot's grid point (+a axis, +b axis, -a, -b; of eight directions those between
-        as well, from +a to +b and on), in pitches squared.
-    sigma : float
-        Error of a good dot along one axis, in pitches.
-    value : float
-        Ln of the likelihood.
-    expected : bool
-        Whether errors are small and the likelihood is what such errors give.
+    grid (4,): (a, b, x, y): a grid point (k, l) lies at (x + a k - b l, y + b k + a l).
+    nodes (n, 2): Grid point of each dot.
+    squares (n, 4): Squared distances from the places of the dot's grid point (+a axis, +b axis, -a, -b; of eight directions those
+        between as well, from +a to +b and on), in pitches squared.
+    sigma: Error of a good dot along one axis, in pitches.
+    value: Ln of the likelihood.
+    expected: Whether errors are small and the likelihood is what such errors give.
     """
 
     grid: FloatArray
@@ -90,20 +82,13 @@ def fit_grid(
 
     Likelihood of a mixture, its directions and the outliers weighed anew in every step (expectation maximisation).
 
-    Parameters
-    ----------
-    xy : ndarray, shape (n, 2)
-        Dots about their middle, px.
-    weights : ndarray, shape (n,)
-        Heights over that of a whole dot, at most 1.
-    trust : ndarray, shape (n,)
-    angle, pitch, phase_a, phase_b : float
-        From `lattice.find_lattices`.
-    shift : float
-        Displacement as a share of the pitch.
-    free_scale : bool
-        Whether the pitch may change.
-    directions : {4, 8}
+    xy (n, 2): Dots about their middle, px.
+    weights (n,): Heights over that of a whole dot, at most 1.
+    trust (n,)
+    angle, pitch, phase_a, phase_b: From `lattice.find_lattices`.
+    shift: Displacement as a share of the pitch.
+    free_scale: Whether the pitch may change.
+    directions {4, 8}
     """
     n = len(weights)
     nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, directions)), np.empty(4)

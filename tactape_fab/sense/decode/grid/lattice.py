@@ -125,22 +125,12 @@ def _choose(xy: FloatArray, weights: FloatArray, ordered: FloatArray, few: Float
 def find_lattices(xy: FloatArray, weights: FloatArray, pitch_px: float, tolerance: float, most: int) -> FloatArray:
     """The best grids for some dots.
 
-    Parameters
-    ----------
-    xy : ndarray, shape (n, 2)
-        About the middle of the dots, px.
-    weights : ndarray, shape (n,)
-    pitch_px : float
-        Expected pitch.
-    tolerance : float
-        How far the pitch may be off, as a share.
-    most : int
-        Grids asked for.
-
-    Returns
-    -------
-    ndarray, shape (k, 5)
-        Angle of the first axis in [0, pi/2), pitch px, phases of both axes (rad), share of the power that a perfect
+    xy (n, 2): About the middle of the dots, px.
+    weights (n,)
+    pitch_px: Expected pitch.
+    tolerance: How far the pitch may be off, as a share.
+    most: Grids asked for.
+    Returns (k, 5): Angle of the first axis in [0, pi/2), pitch px, phases of both axes (rad), share of the power that a perfect
         grid would have; best first.
     """
     n, found = len(weights), np.empty((most, 5))

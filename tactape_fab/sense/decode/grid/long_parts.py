@@ -36,21 +36,10 @@ def drawn_px(
 ) -> FloatArray | None:
     """How far tops lie off where parts of equal width and length would have them; None for parts that are not long.
 
-    Parameters
-    ----------
-    part : TapePart
-    heights : ndarray, shape (n,)
-        Of the tops, in any unit.
-    offset_px : ndarray, shape (n, 2)
-        Places in the image, square pixels.
-    texture_mm : ndarray, shape (n, 2)
-        Nominal places of the same dots.
-    px_per_mm : float
-
-    Returns
-    -------
-    ndarray, shape (n, 2), or None
-        Square pixels.
+    heights (n,): Of the tops, in any unit.
+    offset_px (n, 2): Places in the image, square pixels.
+    texture_mm (n, 2): Nominal places of the same dots.
+    Returns (n, 2): Square pixels.
     """
     if not is_long(part.shape, part.body_mm):
         return None

@@ -26,19 +26,11 @@ LEAST_WEIGHT = 0.15
 class Pose:
     """Pose of the image centre on the texture, with its covariance.
 
-    Attributes
-    ----------
-    position_mm : ndarray, shape (2,)
-    theta_rad : float
-    px_per_mm : float
-    covariance : ndarray, shape (3, 3)
-        Of (x mm, y mm, theta rad); infinite where the dots leave the pose open.
-    agree : ndarray of bool, shape (n,)
-        Dots that fit.
-    sigma_mm : float
-        Error of one dot along one axis, without what the gel's displacement adds.
-    camera : ndarray, shape (2, 3)
-        Aspect, shear and k1 beyond the profile's, as fitted together with the pose, and their standard deviations.
+    position_mm (2,)
+    covariance (3, 3): Of (x mm, y mm, theta rad); infinite where the dots leave the pose open.
+    agree (n,): Dots that fit.
+    sigma_mm: Error of one dot along one axis, without what the gel's displacement adds.
+    camera (2, 3): Aspect, shear and k1 beyond the profile's, as fitted together with the pose, and their standard deviations.
     """
 
     position_mm: FloatArray
@@ -73,22 +65,13 @@ def fit_pose(
     sigma^2 / weight + rim^2 on the diagonal, plus that of the gel's displacement, a Gaussian process. The unknown sigma has an
     inverse gamma prior. The posterior of S and theta is then close to a t distribution, and its covariance is what is said.
 
-    Parameters
-    ----------
-    offset_px : ndarray, shape (n, 2)
-        Dots from the image centre p0, in square pixels of the profile's camera without distortion.
-    texture_mm : ndarray, shape (n, 2)
-        Nominal places of the same dots on the texture.
-    weights : ndarray, shape (n,)
-    px_per_mm : float
-        The sensor profile's scale.
-    beliefs : Beliefs
-    least_sigma_mm : float
-        Least error of a dot along an axis that the robust fit believes.
-    smoothed : bool
-        As for `posterior`.
-    placed_mm : ndarray, shape (n,), or None
-        Standard deviation of each part's measured place; None where it is not known, and part of a dot's error.
+    offset_px (n, 2): Dots from the image centre p0, in square pixels of the profile's camera without distortion.
+    texture_mm (n, 2): Nominal places of the same dots on the texture.
+    weights (n,)
+    px_per_mm: The sensor profile's scale.
+    least_sigma_mm: Least error of a dot along an axis that the robust fit believes.
+    smoothed: As for `posterior`.
+    placed_mm (n,): Standard deviation of each part's measured place; None where it is not known, and part of a dot's error.
     """
     n = len(weights)
     fit, keep, agree, room = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))

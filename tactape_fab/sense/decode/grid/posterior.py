@@ -44,22 +44,17 @@ MOST_CORRELATED = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Beliefs:
-    """What is known of a sensor's camera and gel before the dots are seen.
+    """Priors of a sensor's camera and gel.
 
     The camera is the profile's; the parameters below are what it may be off by.
 
-    Attributes
-    ----------
-    sigmas : ndarray, shape (4,)
-        Standard deviations of ln of the scale, aspect, shear and k1; 0 where it is exact.
-    corner_mm : ndarray, shape (2,)
-        r_corner of the radial distortion over the px/mm along u and v.
-    centre_mm : ndarray, shape (2,)
-        Centre of the distortion, from the image centre.
-    gel_mm, correlation_mm : float
-        Root mean square of the gel's smooth displacement along each axis, and the Gaussian's standard deviation.
-    lean : (float, float)
-        How much farther neighbours push along parts than across, times cos and sin of twice the parts' direction on the texture.
+    sigmas (4,): Standard deviations of ln of the scale, aspect, shear and k1; 0 where it is exact.
+    corner_mm (2,): r_corner of the radial distortion over the px/mm along u and v.
+    centre_mm (2,): Centre of the distortion, from the image centre.
+    gel_mm, correlation_mm: Root mean square of the gel's smooth displacement along each axis, and the Gaussian's standard
+        deviation.
+    lean: How much farther neighbours push along parts than across, times cos and sin of twice the parts' direction on the
+        texture.
     """
 
     sigmas: FloatArray
@@ -73,13 +68,8 @@ class Beliefs:
 def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | None = None) -> Beliefs:
     """The beliefs of a sensor's profile.
 
-    Parameters
-    ----------
-    sensor : SensorProfile
-    fixed_scale : bool
-        Whether the scale is exact whatever the profile says.
-    part : TapePart or None
-        That of all tapes; None where it is not known.
+    fixed_scale: Whether the scale is exact whatever the profile says.
+    part: That of all tapes; None where it is not known.
     """
     lean = (0.0, 0.0)
     if part is not None and is_long(part.shape, part.body_mm):
@@ -116,33 +106,18 @@ def posterior(
     the pull of the rim. A dot's own error has the variance sigma^2 / sqrt(weight), to which that by the rim and the gel's
     displacement, a Gaussian process, are added; sigma^2 is unknown, with an inverse gamma prior.
 
-    Parameters
-    ----------
-    seen_mm : ndarray, shape (n, 2)
-        Dots from the image centre, over the profile's px/mm.
-    texture_mm : ndarray, shape (n, 2)
-    weights : ndarray, shape (n,)
-    px_per_mm : float
-        The profile's.
-    fit : ndarray, shape (7,)
-        The robust fit to start from: cos / R, sin / R, middle of the pixels and of the texture points, error of a dot.
-    beliefs : Beliefs
-    smoothed : bool
-        Whether places are tops of a smoothed image, which neighbours and the rim draw; otherwise a dot's own error has the
+    seen_mm (n, 2): Dots from the image centre, over the profile's px/mm.
+    texture_mm (n, 2); weights (n,)
+    px_per_mm: The profile's.
+    fit (7,): The robust fit to start from: cos / R, sin / R, middle of the pixels and of the texture points, error of a dot.
+    smoothed: Whether places are tops of a smoothed image, which neighbours and the rim draw; otherwise a dot's own error has the
         variance sigma^2 / weight, and nothing is added but the gel's displacement.
-    placed_mm2 : ndarray, shape (n,), or None
-        Known variance of each part's place, to be added.
-
-    Returns
-    -------
-    at : ndarray, shape (4,)
-        x mm, y mm, theta rad, ln of the scale over the profile's; NaN where all dots are in one place.
-    covariance : ndarray, shape (3, 3)
-        Of (x mm, y mm, theta rad); infinite where all dots are in one place.
-    sigma_mm : float
-        Error of a whole dot along one axis.
-    camera : ndarray, shape (2, 3)
-        Aspect, shear and k1 beyond the profile's, and their standard deviations; NaN where all dots are in one place.
+    placed_mm2 (n,): Known variance of each part's place, to be added.
+    Returns at (4,): x mm, y mm, theta rad, ln of the scale over the profile's; NaN where all dots are in one place.
+    Returns covariance (3, 3): Of (x mm, y mm, theta rad); infinite where all dots are in one place.
+    Returns sigma_mm: Error of a whole dot along one axis.
+    Returns camera (2, 3): Aspect, shear and k1 beyond the profile's, and their standard deviations; NaN where all dots are in one
+        place.
     """
     along, across, u, v, middle_x, middle_y, sigma = said = fit.tolist()
     length = hypot(along, across)

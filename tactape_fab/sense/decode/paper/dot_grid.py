@@ -44,16 +44,9 @@ def find_baseline(xy_px: FloatArray, anchor: int, w_px: float, delta_px: float) 
     `LEAST_FITTING` of all dots fit, that with the least rms misfit is taken; the paper takes any. Dots nearer than w / 2
     are not taken as two parts.
 
-    Parameters
-    ----------
-    xy_px : ndarray, shape (n, 2)
-    anchor : int
-        Index of the dot that every tried pair holds.
-
-    Returns
-    -------
-    float or None
-        Angle such that `turned` lays the grid along the axes, rad, in [-pi/4, pi/4]; None where no pair fits.
+    xy_px (n, 2)
+    anchor: Index of the dot that every tried pair holds.
+    Returns: Angle such that `turned` lays the grid along the axes, rad, in [-pi/4, pi/4]; None where no pair fits.
     """
     offset = xy_px - xy_px[anchor]
     length = np.hypot(offset[:, 0], offset[:, 1])
@@ -74,14 +67,9 @@ def find_baseline(xy_px: FloatArray, anchor: int, w_px: float, delta_px: float) 
 class Values:
     """One coordinate of all dots, sorted, duplicates as one: ``y'_(n)`` of Eq. 6 and ``M_n`` of Eq. 8.
 
-    Attributes
-    ----------
-    value : ndarray, shape (k,)
-        Ascending, the mean of each group of duplicates, px.
-    count : ndarray of int64, shape (k,)
-        Dots in each group.
-    group : ndarray of int64, shape (n,)
-        Group of each dot, in the dots' order.
+    value (k,): Ascending, the mean of each group of duplicates, px.
+    count (k,): Dots in each group.
+    group (n,): Group of each dot, in the dots' order.
     """
 
     value: FloatArray
@@ -148,12 +136,8 @@ def most_probable(values: Values, delta_px: float) -> float | None:
 def find_grid(xy_px: FloatArray, contact: int, delta_px: float) -> tuple[tuple[float, float], GridCase] | None:
     """A grid point of dots that lie along the axes, and the worst case that was needed (Eq. 6-8).
 
-    Parameters
-    ----------
-    xy_px : ndarray, shape (n, 2)
-        Turned dots (x', y').
-    contact : int
-        Index of the contact dot.
+    xy_px (n, 2): Turned dots (x', y').
+    contact: Index of the contact dot.
     """
     x, y = (distinct_values(xy_px[:, axis], delta_px) for axis in (0, 1))
     near_x, near_y = xy_px[contact]
@@ -181,21 +165,11 @@ def read_symbols(
 
     Reading: of two dots at one grid point, the one whose displacement is nearest delta.
 
-    Parameters
-    ----------
-    xy_px : ndarray, shape (n, 2)
-        Turned dots.
-    contact : int
-        Index of the contact dot, whose grid point is the middle of the patch.
-    grid_xy_px : (float, float)
-        Any grid point.
-    side : int
-        Side of the patch, odd: 5 for the 4x4 codes.
-
-    Returns
-    -------
-    ndarray of int64, shape (side, side)
-        Symbol values in the turned frame, -1 without a dot.
+    xy_px (n, 2): Turned dots.
+    contact: Index of the contact dot, whose grid point is the middle of the patch.
+    grid_xy_px: Any grid point.
+    side: Side of the patch, odd: 5 for the 4x4 codes.
+    Returns (side, side): Symbol values in the turned frame, -1 without a dot.
     """
     cell = np.rint((xy_px - grid_xy_px) / w_px)
     offset = xy_px - grid_xy_px - cell * w_px

@@ -47,22 +47,13 @@ _REASONS: dict[LostAt, str] = {
 class PaperTrace:
     """Result of each step of the paper's method for one frame.
 
-    Attributes
-    ----------
-    dots_px : ndarray, shape (n, 2)
-    contact_dot : int or None
-        Index of the contact dot (Eq. 3).
-    slope_rad : float or None
-        theta_slope (Eq. 5), in [-pi/4, pi/4].
-    grid_case : {"A", "BC", "D"} or None
-        The worst case needed by either axis (Eq. 6-8).
-    symbols : ndarray of int64, shape (side, side), or None
-        Symbols around the contact dot as read, before theta_A; -1 where missing.
-    votes : tuple of Reading
-        Every place that the windows decode to, most windows first.
-    chosen : Reading or None
-    lost_at : {"detect", "baseline", "grid", "symbols", "decode", "bounds"} or None
-        The step that failed; None if the frame is located.
+    dots_px (n, 2)
+    contact_dot: Index of the contact dot (Eq. 3).
+    slope_rad: theta_slope (Eq. 5), in [-pi/4, pi/4].
+    grid_case {"A", "BC", "D"}: The worst case needed by either axis (Eq. 6-8).
+    symbols (side, side): Symbols around the contact dot as read, before theta_A; -1 where missing.
+    votes: Every place that the windows decode to, most windows first.
+    lost_at {"detect", "baseline", "grid", "symbols", "decode", "bounds"}: The step that failed; None if the frame is located.
     """
 
     dots_px: FloatArray
@@ -88,16 +79,10 @@ def sensor_position_mm(
     Reading: the paper's ``(width / 2, height / 2)`` counts from the frame's corner; here integer pixels are their
     centres, so that the centre is ``((width - 1) / 2, (height - 1) / 2)``.
 
-    Parameters
-    ----------
-    contact_mm : (float, float)
-        C, texture frame.
-    dot_px : array_like, shape (2,)
-        The contact dot (u, v).
-    image_size : (int, int)
-        Width and height, px.
-    theta_rad : float
-        Turn of the sensor on the tape, counter-clockwise seen from above.
+    contact_mm: C, texture frame.
+    dot_px (2,): The contact dot (u, v).
+    image_size: Width and height, px.
+    theta_rad: Turn of the sensor on the tape, counter-clockwise seen from above.
     """
     width, height = image_size
     t_px = np.array([(width - 1) / 2, (height - 1) / 2]) - np.asarray(dot_px, dtype=np.float64)
@@ -110,28 +95,15 @@ def locate_paper(
 ) -> tuple[Localization, PaperTrace]:
     """Locate one frame by the paper's method.
 
-    Parameters
-    ----------
-    depth : array_like, shape (h, w)
-        Canonical depth map: larger is deeper, not mirrored, square pixels.
-    tapes : sequence of Tape
-        The registry. Tapes of different code, W or Delta are tried one kind after the other; the kind whose place most
-        windows read is the answer.
-    px_per_mm : float or None
-        R. None estimates it from the dots (Eq. 14-16), which are looked for with the paper's R first.
-    rule : {"vote+bounds", "vote", "literal"}
-        See `choose`.
-
-    Returns
-    -------
-    (Localization, PaperTrace)
-        ``located`` is the paper's own verdict: bounds on being wrong and covariance stay None. Under the rules without
-        bounds a place may lie on no tape; then sector, index and angle are given, and the position is null.
-
-    Raises
-    ------
-    SpecError
-        If `tapes` is empty, `px_per_mm` is not a valid scale or `rule` is unknown.
+    depth (h, w): Canonical depth map: larger is deeper, not mirrored, square pixels.
+    tapes: The registry. Tapes of different code, W or Delta are tried one kind after the other; the kind whose place most windows
+        read is the answer.
+    px_per_mm: R. None estimates it from the dots (Eq. 14-16), which are looked for with the paper's R first.
+    rule {"vote+bounds", "vote", "literal"}: See `choose`.
+    Returns (Localization, PaperTrace): ``located`` is the paper's own verdict: bounds on being wrong and covariance stay None.
+        Under the rules without bounds a place may lie on no tape; then sector, index and angle are given, and the position is
+        null.
+    Raises SpecError if `tapes` is empty, `px_per_mm` is not a valid scale or `rule` is unknown.
     """
     start = time.perf_counter()
     _check(tapes, px_per_mm, rule)
@@ -160,12 +132,8 @@ def locate_paper_dots(
 ) -> tuple[Localization, PaperTrace]:
     """Locate a frame from its dots, by the paper's method; see `locate_paper`.
 
-    Parameters
-    ----------
-    xy_px : array_like, shape (n, 2)
-        Dots (u, v), px; those that are not finite are dropped.
-    image_size : (int, int)
-        Width and height, px.
+    xy_px (n, 2): Dots (u, v), px; those that are not finite are dropped.
+    image_size: Width and height, px.
     """
     start = time.perf_counter()
     _check(tapes, px_per_mm, rule)

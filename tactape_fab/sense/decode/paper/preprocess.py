@@ -25,17 +25,9 @@ _LEAST_DISTANCE_PX = 1e-6
 def high_pass(depth: FloatArray, filter_px: int) -> FloatArray:
     """Remove the background of a depth map and stretch the contrast (Eq. 1).
 
-    Parameters
-    ----------
-    depth : ndarray, shape (h, w)
-        Larger is deeper into the elastomer, any unit. NaN and infinite values are replaced by the mean of the rest.
-    filter_px : int
-        Side of the mean filter, px; at most the frame's shorter side is used.
-
-    Returns
-    -------
-    ndarray of float32, shape (h, w)
-        ``(depth - meanFilter(depth)) * K``. Reading: the paper does not say what K is; here it brings the quantile
+    depth (h, w): Larger is deeper into the elastomer, any unit. NaN and infinite values are replaced by the mean of the rest.
+    filter_px: Side of the mean filter, px; at most the frame's shorter side is used.
+    Returns (h, w): ``(depth - meanFilter(depth)) * K``. Reading: the paper does not say what K is; here it brings the quantile
         `STRONGEST_SHARE` to 1, and a flat frame is 0 everywhere.
     """
     cv2 = library("cv2", 'method "paper"')
@@ -60,17 +52,9 @@ def high_pass(depth: FloatArray, filter_px: int) -> FloatArray:
 def detect_dots(depth: FloatArray, px_per_mm: float, body_mm2: float) -> FloatArray:
     """Dots of a depth map: high-pass, binarise, contours, centres by moments (Eq. 1 and the text below it).
 
-    Parameters
-    ----------
-    depth : ndarray, shape (h, w)
-    px_per_mm : float
-    body_mm2 : float
-        Area of one part seen from above, mm2.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        Centres (u, v), px, in the contours' order. Reading: outer contours only, and the moments are those of the
+    depth (h, w)
+    body_mm2: Area of one part seen from above, mm2.
+    Returns (n, 2): Centres (u, v), px, in the contours' order. Reading: outer contours only, and the moments are those of the
         polygon, as OpenCV computes them from a contour.
     """
     cv2 = library("cv2", 'method "paper"')
@@ -104,16 +88,9 @@ def estimate_scale(xy_px: FloatArray, pitch_mm: float, displacement_mm: float) -
     is applied once, as written. It removes few of the shortest distances d_A: on a boundless grid, where every fourth or
     fifth dot has a neighbour at d_A, the estimate is 3 % too small; on a contact of 11 x 9 mm it is -1 +- 3 %.
 
-    Parameters
-    ----------
-    xy_px : ndarray, shape (n, 2)
-    pitch_mm, displacement_mm : float
-        W and Delta.
-
-    Returns
-    -------
-    float or None
-        R, px/mm; None with fewer than two dots, or all in one place.
+    xy_px (n, 2)
+    pitch_mm, displacement_mm: W and Delta.
+    Returns: R, px/mm; None with fewer than two dots, or all in one place.
     """
     if len(xy_px) < 2:
         return None

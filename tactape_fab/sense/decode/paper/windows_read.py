@@ -23,17 +23,10 @@ _TURNED_SYMBOL: IntArray = np.array([1, 3, 0, 2], dtype=np.int64)
 class Reading:
     """A place decoded from windows of a frame.
 
-    Attributes
-    ----------
-    quarter_turns : int
-        theta_A in quarters of a turn, 0 ... 3.
-    sector : int
-    index : (int, int)
-        Column and row of the contact dot in the code plane.
-    symbol : int
-        The contact dot's symbol in the texture frame; -1 without one.
-    windows : int
-        Number of windows that decode to this place.
+    quarter_turns: theta_A in quarters of a turn, 0 ... 3.
+    index: Column and row of the contact dot in the code plane.
+    symbol: The contact dot's symbol in the texture frame; -1 without one.
+    windows: Number of windows that decode to this place.
     """
 
     quarter_turns: int
@@ -54,17 +47,9 @@ def quarter_turned(symbols: IntArray, turns: int) -> IntArray:
 def read_windows(code: Plane, symbols: IntArray) -> tuple[Reading, ...]:
     """Decode every window of a patch in all four rotations.
 
-    Parameters
-    ----------
-    code : Plane
-    symbols : ndarray of int64, shape (side, side)
-        Symbols around the contact dot, -1 where missing; a window with a missing symbol is not tried.
-
-    Returns
-    -------
-    tuple of Reading
-        One per different place, most windows first; those of equal number in the order in which they are tried: rotation
-        by rotation, windows row-major in the patch as it was read.
+    symbols (side, side): Symbols around the contact dot, -1 where missing; a window with a missing symbol is not tried.
+    Returns: One per different place, most windows first; those of equal number in the order in which they are tried: rotation by
+        rotation, windows row-major in the patch as it was read.
     """
     n, middle = code.window, len(symbols) // 2
     found: dict[tuple[int, int, int, int], int] = {}

@@ -49,29 +49,17 @@ FARTHEST_MM = 0.09
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelFit:
-    """What does not depend on the frame.
+    """The constants of a fit, which do not depend on the frame.
 
-    Attributes
-    ----------
-    factor : int
-        Pixels of the canonical image along a side of a pixel that is looked at.
-    scale_px_per_mm : (float, float)
-        Of those, along u and v.
-    camera : Camera
-    centre_mm : ndarray, shape (2,)
-        The image centre on the gel, from the camera's.
-    half_px : int
-        Half a patch, without its middle.
-    offsets_px : ndarray of float32, shape (2 half_px + 1,)
-        Of a patch's pixels from its middle.
-    basis : ndarray of float32, shape (5, m)
-        In the order of `_differences`: differences of backgrounds of first and second order, orthonormal.
-    usable : ndarray of bool, shape (h, w)
-        Pixels around which a whole patch has depth.
-    blur_mm : float or None
-        Standard deviation of the gel's blur; None: estimated from the frame.
-    variance : float or None
-        Of the noise of a slope, as a difference of pixels in the frame's unit; None where it is not known.
+    factor: Pixels of the canonical image along a side of a pixel that is looked at.
+    scale_px_per_mm: Of those, along u and v.
+    centre_mm (2,): The image centre on the gel, from the camera's.
+    half_px: Half a patch, without its middle.
+    offsets_px (2 half_px + 1,): Of a patch's pixels from its middle.
+    basis (5, m): In the order of `_differences`: differences of backgrounds of first and second order, orthonormal.
+    usable (h, w): Pixels around which a whole patch has depth.
+    blur_mm: Standard deviation of the gel's blur; None: estimated from the frame.
+    variance: Of the noise of a slope, as a difference of pixels in the frame's unit; None where it is not known.
     """
 
     factor: int
@@ -106,22 +94,13 @@ class PixelFit:
 class Patches:
     """Fitted dots.
 
-    Attributes
-    ----------
-    moved_mm : ndarray, shape (n, 2)
-        From where each was looked for, along its body's length and width.
-    height : ndarray, shape (n,)
-        In the frame's unit.
-    imprint : ndarray, shape (n,)
-        Height if the blur of all dots is that of the fit; what noise does to it is a third of what it does to `height`.
-    spread_mm2 : ndarray, shape (n, 2, 2)
-        Covariance of `moved_mm` where the slopes' variance is 1.
-    more_mm2, more_variance : ndarray, shape (n,)
-        Half the blur's variance less that of the fit, and how much one knows of it.
-    left : ndarray, shape (n,)
-        Squared differences that are left.
-    misfit : ndarray, shape (n,)
-        Their share of those that are not the background's.
+    moved_mm (n, 2): From where each was looked for, along its body's length and width.
+    height (n,): In the frame's unit.
+    imprint (n,): Height if the blur of all dots is that of the fit; what noise does to it is a third of what it does to `height`.
+    spread_mm2 (n, 2, 2): Covariance of `moved_mm` where the slopes' variance is 1.
+    more_mm2, more_variance (n,): Half the blur's variance less that of the fit, and how much one knows of it.
+    left (n,): Squared differences that are left.
+    misfit (n,): Their share of those that are not the background's.
     """
 
     moved_mm: FloatArray
@@ -256,18 +235,11 @@ def _wanted_blur_mm(blur_mm: float, found: Patches) -> float:
 def fitted(fit: PixelFit, image: Image, at_px: FloatArray, to_body: FloatArray, part: TapePart, blur_mm: float) -> Patches:
     """Centre and height of each dot by linear least squares of the differences between neighbouring pixels.
 
-    Parameters
-    ----------
-    fit : PixelFit
-    image : ndarray of float32, shape (h, w)
-    at_px : ndarray, shape (n, 2)
-        Where dots are looked for; a whole patch around each is in the image.
-    to_body : ndarray, shape (2, 2)
-        Pixels right and down to mm along the bodies' length and width.
-    part : TapePart
-        A block.
-    blur_mm : float
-        Standard deviation of the Gaussian that the gel smooths it by.
+    image (h, w)
+    at_px (n, 2): Where dots are looked for; a whole patch around each is in the image.
+    to_body (2, 2): Pixels right and down to mm along the bodies' length and width.
+    part: A block.
+    blur_mm: Standard deviation of the Gaussian that the gel smooths it by.
     """
     base = np.rint(at_px).astype(np.int64)
     dense = STEPS * max(fit.scale_px_per_mm)

@@ -68,27 +68,13 @@ def refine(
 ) -> tuple[Pose, str | None]:
     """The pose from the pixels around the dots.
 
-    Parameters
-    ----------
-    pixels : Pixels
-    view : View
-    part : TapePart or None
-        None where it is not known.
-    offset_px : ndarray, shape (n, 2)
-        Dots from the image centre, square pixels.
-    texture_mm : ndarray, shape (n, 2)
-        Their nominal places.
-    pose : Pose
-        Fitted to the dots.
-    placed_mm : ndarray, shape (n,), or None
-        Standard deviations of measured places; `texture_mm` are those then.
-
-    Returns
-    -------
-    pose : Pose
-        The dots' own where the pixels say nothing better; `agree` is theirs in any case.
-    why : str or None
-        Why it is the dots' own.
+    part: None where it is not known.
+    offset_px (n, 2): Dots from the image centre, square pixels.
+    texture_mm (n, 2): Their nominal places.
+    pose: Fitted to the dots.
+    placed_mm (n,): Standard deviations of measured places; `texture_mm` are those then.
+    Returns pose: The dots' own where the pixels say nothing better; `agree` is theirs in any case.
+    Returns why: Why it is the dots' own.
     """
     fit, image = pixels.fit, pixels.image
     unknown = unknown_relief(part)
@@ -231,13 +217,9 @@ def _pull_mm(low: FloatArray, along_mm: FloatArray) -> float:
 def at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
     """For dots at the contact's rim the direction inwards (n, 2), and the share of the height that is missing (n,), 0 elsewhere.
 
-    Parameters
-    ----------
-    texture_mm : ndarray, shape (n, 2)
-        Nominal places of dots.
-    neighbours_mm : ndarray, shape (k, 2)
-        Those of all dots of the contact.
-    height : ndarray, shape (n,)
+    texture_mm (n, 2): Nominal places of dots.
+    neighbours_mm (k, 2): Those of all dots of the contact.
+    height (n,)
     """
     mean = np.empty(texture_mm.shape)
     _mean_directions(texture_mm, neighbours_mm, mean)

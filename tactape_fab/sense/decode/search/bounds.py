@@ -23,18 +23,11 @@ DEEP = 7.0
 class Bounds(NamedTuple):
     """Bounds of neighbouring lines for each range of the dots along them, made when first asked for.
 
-    Attributes
-    ----------
-    slot : ndarray of int, shape (4, 2, m + 1, m + 1)
-        Slot of a turn, axis and range; -1 before it is made.
-    used : ndarray of int, shape (1,)
-        How many there are.
-    pairs : ndarray of float32, shape (k, (m + 1) // 2, L)
-        Most that lines 2 j and 2 j + 1 can say together, by how much their phases differ.
-    pair_most, line_most : ndarray, shapes (k, (m + 1) // 2) and (k, m)
-        Most of them, and of each line.
-    room : ndarray of float32, shape (3 L,)
-        Work buffer.
+    slot (4, 2, m + 1, m + 1): Slot of a turn, axis and range; -1 before it is made.
+    used (1,): How many there are.
+    pairs (k, (m + 1) // 2, L): Most that lines 2 j and 2 j + 1 can say together, by how much their phases differ.
+    pair_most, line_most (k, (m + 1) // 2) and (k, m): Most of them, and of each line.
+    room (3 L,): Work buffer.
     """
 
     slot: IntArray
@@ -152,12 +145,8 @@ def bound_lines(
 ) -> None:
     """Bound of some lines together at one place of each site, followed no farther than `DEEP` below `least`.
 
-    Parameters
-    ----------
-    where : tuple
-        The axis' `Sites.steps`, `Sites.table`, the axis, and the column or row on the tape where the dots' line 0 lies.
-    lines : tuple of int
-        First line, last + 1, and how many the dots have.
+    where: The axis' `Sites.steps`, `Sites.table`, the axis, and the column or row on the tape where the dots' line 0 lies.
+    lines: First line, last + 1, and how many the dots have.
     """
     first, last, count = lines
     alone = bounds.line_most[slot, first] if first % 2 == 1 else 0.0

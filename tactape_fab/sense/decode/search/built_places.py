@@ -57,17 +57,11 @@ _TO_GRID = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[
 class Built:
     """Measured places of the parts of a tape, by grid point.
 
-    Attributes
-    ----------
-    shift_mm : ndarray, shape (rows, columns, 2)
-        From the design's place, texture frame.
-    sigma_mm : ndarray, shape (rows, columns)
-        Standard deviation along each axis, of each part alone.
-    present : ndarray of bool, shape (rows, columns)
-    shown : ndarray of uint8, shape (rows, columns)
-        From `single_place.shown_by`, without the parts that are missing.
-    drift_mm : float
-        Standard deviation along each axis of what neighbours are wrong by together.
+    shift_mm (rows, columns, 2): From the design's place, texture frame.
+    sigma_mm (rows, columns): Standard deviation along each axis, of each part alone.
+    present (rows, columns)
+    shown (rows, columns): From `single_place.shown_by`, without the parts that are missing.
+    drift_mm: Standard deviation along each axis of what neighbours are wrong by together.
     """
 
     shift_mm: FloatArray
@@ -124,24 +118,13 @@ def as_built(
 ) -> tuple[Place, FloatArray]:
     """The best place where the parts of some tapes were measured, and the symbols as they are there.
 
-    Parameters
-    ----------
-    place : Place
-        The best one by the design.
-    q : ndarray, shape (n, directions)
-        Symbols by the design.
-    fit : Fit
-        The grid by the design.
-    xy : ndarray, shape (n, 2)
-        Dots that it was fitted to.
-    dots : Dots
-    design : (float, float)
-        Pitch in mm, and displacement as a share of it.
-    free_scale : bool
-        Whether the pitch in px may change.
-    tapes, built : sequence
-        Registered tapes, and what was measured of each.
-    families : sequence of Family
+    place: The best one by the design.
+    q (n, directions): Symbols by the design.
+    fit: The grid by the design.
+    xy (n, 2): Dots that it was fitted to.
+    design: Pitch in mm, and displacement as a share of it.
+    free_scale: Whether the pitch in px may change.
+    tapes, built: Registered tapes, and what was measured of each.
     """
     said = _said(fit, dots)
     own = _Places(

@@ -33,23 +33,14 @@ class Tables(NamedTuple):
     Columns and rows count from the dots' own corner. Tables of the dots in rows below r (columns below c) are kept for all
     r (c), so that dots which hang over a tape's edge can be left out.
 
-    Attributes
-    ----------
-    cells : ndarray of int, shape (4, n, 2)
-        Column and row of each dot.
-    evidence : ndarray, shape (4, n, 3)
-        From `turned`; of eight directions (4, n, 4), from `turned_of_eight`.
-    corner : ndarray of int, shape (4, 2)
-        The dots' corner in columns and rows of the grid after the turn.
-    size : ndarray of int, shape (4, 2)
-        Columns and rows of the dots.
-    lines : ndarray of float32, shape (4, 2, m + 1, m, 2 L)
-        [turn, 0, rows below, column, phase] evidence of the x bits of a column; [turn, 1, columns below, row, phase] of the
-        y bits of a row. Phases twice over.
-    dots : ndarray of int, shape (4, m + 1, m + 1)
-        Dots in columns below c and rows below r.
-    most : ndarray, shape (4, 2, m + 1, m + 1)
-        Most that the x bits and the y bits of those dots can say; a third bit counts with the y bit.
+    cells (4, n, 2): Column and row of each dot.
+    evidence (4, n, 3): From `turned`; of eight directions (4, n, 4), from `turned_of_eight`.
+    corner (4, 2): The dots' corner in columns and rows of the grid after the turn.
+    size (4, 2): Columns and rows of the dots.
+    lines (4, 2, m + 1, m, 2 L): [turn, 0, rows below, column, phase] evidence of the x bits of a column; [turn, 1, columns below,
+        row, phase] of the y bits of a row. Phases twice over.
+    dots (4, m + 1, m + 1): Dots in columns below c and rows below r.
+    most (4, 2, m + 1, m + 1): Most that the x bits and the y bits of those dots can say; a third bit counts with the y bit.
     """
 
     cells: IntArray
@@ -115,16 +106,10 @@ def turned_of_eight(q: FloatArray, turn: int, codes: IntArray, evidence: FloatAr
 def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Tables:
     """Tables of soft symbols.
 
-    Parameters
-    ----------
-    nodes : ndarray of int, shape (n, 2)
-        From `fit.fit_grid`.
-    q : ndarray, shape (n, 4) or (n, 8)
-        From `fit.posteriors`.
-    signs : ndarray of float32, shape (3 L,)
-        From `signs_of`; none for tapes without a code plane, of which there are no lines then.
-    most : int
-        Largest contact, in cells; beyond it all tables but `size` are empty.
+    nodes (n, 2): From `fit.fit_grid`.
+    q (n, 4): From `fit.posteriors`.
+    signs (3 L,): From `signs_of`; none for tapes without a code plane, of which there are no lines then.
+    most: Largest contact, in cells; beyond it all tables but `size` are empty.
     """
     n, length = len(q), len(signs) // 3
     cells, evidence = np.empty((4, n, 2), dtype=np.int64), np.empty((4, n, 3 if q.shape[1] == 4 else 4))
@@ -216,20 +201,12 @@ def add_lines(
 ) -> float:
     """Evidence of some lines together for every phase, and the largest of it.
 
-    Parameters
-    ----------
-    out : ndarray of float32, shape (L,)
-        Overwritten.
-    lines : ndarray of float32, shape (m + 1, m, 2 L)
-        One turn and axis of `Tables.lines`.
-    dots : tuple of int
-        Dots that count: the first and the last + 1 along the lines.
-    span : tuple of int
-        The first line and the last + 1.
-    phases : ndarray of int
-        Phase of each line of the plane.
-    start : int
-        Where the dots' line 0 lies in `phases`.
+    out (L,): Overwritten.
+    lines (m + 1, m, 2 L): One turn and axis of `Tables.lines`.
+    dots: Dots that count: the first and the last + 1 along the lines.
+    span: The first line and the last + 1.
+    phases: Phase of each line of the plane.
+    start: Where the dots' line 0 lies in `phases`.
     """
     low, high = dots
     for p in range(length):

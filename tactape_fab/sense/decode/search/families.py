@@ -22,20 +22,12 @@ from tactape_fab.texture.tape import Tape
 class Family:
     """Tapes of one code.
 
-    Attributes
-    ----------
-    code : str
-    tapes : tuple of int
-        Registered tape of each site of `registered`.
-    shown : tuple of ndarray
-        Symbols of the parts of each, from `single_place.shown_by`.
-    registered : Sites or Matrices
-        Matrices for a code that is not made of sequences.
-    unregistered : Sites or None
-        All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed world,
-        and of a code without sequences, whose tapes are to each other as any texture is.
-    beyond : Sites or None
-        The same, where dots may hang over the edges of those at default origins as well.
+    tapes: Registered tape of each site of `registered`.
+    shown: Symbols of the parts of each, from `single_place.shown_by`.
+    registered: Matrices for a code that is not made of sequences.
+    unregistered: All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed
+        world, and of a code without sequences, whose tapes are to each other as any texture is.
+    beyond: The same, where dots may hang over the edges of those at default origins as well.
     """
 
     code: str

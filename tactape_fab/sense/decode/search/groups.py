@@ -18,14 +18,9 @@ X, COLUMNS, FIRST_COLUMN, LAST_COLUMN, Y, ROWS, FIRST_ROW, LAST_ROW, OVER = rang
 class Groups(NamedTuple):
     """Groups of places with enough dots on a tape.
 
-    Attributes
-    ----------
-    fields : ndarray of int, shape (n, 9)
-        `X` ... `OVER` of each. The one with all dots on the tape, if there is one, comes first for each turn and size.
-    spans : ndarray of int, shape (4, k, 2)
-        First and last + 1 of each turn and size.
-    limits : ndarray, shape (n, 3)
-        Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
+    fields (n, 9): `X` ... `OVER` of each. The one with all dots on the tape, if there is one, comes first for each turn and size.
+    spans (4, k, 2): First and last + 1 of each turn and size.
+    limits (n, 3): Most that the x and the y bits of the dots on the tape can say, and ln of the number of places.
     """
 
     fields: IntArray
@@ -36,12 +31,8 @@ class Groups(NamedTuple):
 class Weights(NamedTuple):
     """Prior weights of places, before the dots' bits are looked at.
 
-    Attributes
-    ----------
-    place : ndarray, shape (4, 2)
-        ln of the weight of one place, by turn, with all dots on the tape and with some over its edge.
-    turn : ndarray, shape (4,)
-        ln of what speaks for each turn besides the bits; L = E times it.
+    place (4, 2): ln of the weight of one place, by turn, with all dots on the tape and with some over its edge.
+    turn (4,): ln of what speaks for each turn besides the bits; L = E times it.
     """
 
     place: FloatArray
@@ -51,12 +42,8 @@ class Weights(NamedTuple):
 class Holes(NamedTuple):
     """Evidence of the dots on grid points without a part, which a place must not count.
 
-    Attributes
-    ----------
-    starts : ndarray of int, shape (n,)
-        Start of each site's part of `said`, -1 without holes.
-    said : ndarray of float32, shape (4, m)
-        Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
+    starts (n,): Start of each site's part of `said`, -1 without holes.
+    said (4, m): Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
     """
 
     starts: IntArray
@@ -66,12 +53,8 @@ class Holes(NamedTuple):
 def groups_of(tables: Tables, sizes: IntArray, least: int) -> Groups:
     """Groups of places with enough dots on a tape.
 
-    Parameters
-    ----------
-    sizes : ndarray of int, shape (k, 2)
-        Columns and rows of tapes.
-    least : int
-        Fewest dots on the tape.
+    sizes (k, 2): Columns and rows of tapes.
+    least: Fewest dots on the tape.
     """
     m = tables.dots.shape[1]
     spans, largest = np.empty((4, len(sizes), 2), dtype=np.int64), 16 * len(sizes) * (m + 1) ** 2

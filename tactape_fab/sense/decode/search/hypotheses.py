@@ -18,16 +18,10 @@ from tactape_fab.texture.tape import Tape
 class Registry:
     """Tapes that may be touched.
 
-    Attributes
-    ----------
-    tapes : tuple of Tape
-        Registered ones, no two alike.
-    families : tuple of Family
-        The same by code, and beside them those that nobody registered.
-    unregistered_share : float
-        Prior weight of all unregistered tapes together; 0 in a closed world.
-    built : tuple of Built or None
-        What was measured of each tape; empty where nothing was of any.
+    tapes: Registered ones, no two alike.
+    families: The same by code, and beside them those that nobody registered.
+    unregistered_share: Prior weight of all unregistered tapes together; 0 in a closed world.
+    built: What was measured of each tape; empty where nothing was of any.
     """
 
     tapes: tuple[Tape, ...]

@@ -44,17 +44,10 @@ _ANYTHING = 1e6
 class ManyRoom(NamedTuple):
     """Work buffers for many sites.
 
-    Attributes
-    ----------
-    known : Bounds
-    starts : ndarray of float32, shape (4, 2, columns or rows of the plane)
-        From `_bounds_of_starts`.
-    bounds, of_rows : ndarray, shape (n,)
-        From `_bound_sites`.
-    chosen : ndarray of int, shape (n,)
-        From `survivors`.
-    guess : Tally
-        Of `_first_guess`.
+    starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`.
+    bounds, of_rows (n,): From `_bound_sites`.
+    chosen (n,): From `survivors`.
+    guess: Of `_first_guess`.
     """
 
     known: Bounds

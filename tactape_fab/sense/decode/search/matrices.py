@@ -50,16 +50,11 @@ _ONE = np.uint64(1)
 class Matrices(NamedTuple):
     """Tapes by their matrices, those of equal size together.
 
-    Attributes
-    ----------
-    wrong : ndarray of uint64, shape (n, symbols, words, high)
-        Bit c % 64 of word c // 64 is set where column c of a row has a part that shows another symbol; `LARGEST_CONTACT` rows
-        and columns without parts come before and after.
-    shown : ndarray of uint8, shape (n, high x wide)
-        From `single_place.shown_by`, but the number of symbols where there is no part, beyond the tape as well: as many rows
-        and columns as in ``wrong``, row by row.
-    sizes, size_of, classes : ndarray of int
-        As in `plane_sites.Sites`.
+    wrong (n, symbols, words, high): Bit c % 64 of word c // 64 is set where column c of a row has a part that shows another
+        symbol; `LARGEST_CONTACT` rows and columns without parts come before and after.
+    shown (n, high x wide): From `single_place.shown_by`, but the number of symbols where there is no part, beyond the tape as
+        well: as many rows and columns as in ``wrong``, row by row.
+    sizes, size_of, classes: As in `plane_sites.Sites`.
     """
 
     wrong: Words

@@ -29,12 +29,7 @@ class PlanePlace:
 
 
 class CodePlane(ABC):
-    """A code's whole plane, prepared for `search`.
-
-    Attributes
-    ----------
-    code : Plane
-    """
+    """A code's whole plane, prepared for `search`."""
 
     def __init__(self, code: Plane) -> None:
         self.code = code

@@ -23,30 +23,20 @@ Steps = npt.NDArray[np.uint8]
 class Sites(NamedTuple):
     """Tapes of one code as places in its plane, those of equal size together.
 
-    Attributes
-    ----------
-    signs : ndarray of float32, shape (3 L,)
-    phases : ndarray of int, shape (2, m)
-        Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
-    steps : ndarray of uint8, shape (2, m)
-        Their differences modulo L, from each to the next; small and without a sign, which looking up by them is quickest with.
-    table : ndarray of int, shape (n, 3, 2)
-        Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the plane modulo
-        L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
-    barred : ndarray of int, shape (k, 3)
-        Site, u and v of sectors that may not lie where all others may.
-    holes : ndarray of int, shape (k, 3)
-        Site, column and row of grid points without a part.
-    sizes : ndarray of int, shape (j, 2)
-        Columns and rows that occur in the family.
-    size_of : ndarray of int, shape (n,)
-        Which of them each site has.
-    classes : ndarray of int, shape (k, 6)
-        Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1 where
-        there are so many that bounds are worth their making (`FIRST` ... `MANY`).
-    kinds : ndarray of int, shape (4,)
-        Most columns or rows; whether there are classes of few and of many sites; and whether there are, here or beside these,
-        of many.
+    signs (3 L,)
+    phases (2, m): Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
+    steps (2, m): Their differences modulo L, from each to the next; small and without a sign, which looking up by them is
+        quickest with.
+    table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
+        plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
+    barred (k, 3): Site, u and v of sectors that may not lie where all others may.
+    holes (k, 3): Site, column and row of grid points without a part.
+    sizes (j, 2): Columns and rows that occur in the family.
+    size_of (n,): Which of them each site has.
+    classes (k, 6): Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1
+        where there are so many that bounds are worth their making (`FIRST` ... `MANY`).
+    kinds (4,): Most columns or rows; whether there are classes of few and of many sites; and whether there are, here or beside
+        these, of many.
     """
 
     signs: Floats

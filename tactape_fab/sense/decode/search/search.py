@@ -103,33 +103,19 @@ def _are_numbers(values: object, count: int) -> bool:
 class Place:
     """The best place for the dots of one grid.
 
-    Attributes
-    ----------
-    score : float
-        ln of its evidence E.
-    weight : float
-        ln of its weight, all places of all registered tapes together weighing 1.
-    tape, turn : int
-        Registered tape; quarter turns.
-    cells : ndarray of int, shape (n, 2)
-        Column and row of each dot on the tape; outside it for dots that hang over.
-    shown : ndarray of uint8, shape (rows, columns)
-        The tape's symbols, from `single_place.shown_by`.
-    others : float
-        Weighted evidence of all other registered places together, as a multiple of this one's.
-    lead : float
-        ln of how much likelier the dots are here than at any other registered place, whatever the weights.
-    most_said : float
-        ln of the most evidence that the dots could give anywhere.
-    tables, groups : tuple
-        Of each family, for `rivals`.
-    turn_weights : ndarray, shape (4,)
-    weights : ndarray, shape (4, 2)
-        From `place_weights`, for the places of registered tapes.
-    as_built : bool
-        Whether the dots were compared with measured places of the tape's parts.
-    credit : float
-        ln of what these speak for it against places that were not, beyond the symbols.
+    score: ln of its evidence E.
+    weight: ln of its weight, all places of all registered tapes together weighing 1.
+    tape, turn: Registered tape; quarter turns.
+    cells (n, 2): Column and row of each dot on the tape; outside it for dots that hang over.
+    shown (rows, columns): The tape's symbols, from `single_place.shown_by`.
+    others: Weighted evidence of all other registered places together, as a multiple of this one's.
+    lead: ln of how much likelier the dots are here than at any other registered place, whatever the weights.
+    most_said: ln of the most evidence that the dots could give anywhere.
+    tables, groups: Of each family, for `rivals`.
+    turn_weights (4,)
+    weights (4, 2): From `place_weights`, for the places of registered tapes.
+    as_built: Whether the dots were compared with measured places of the tape's parts.
+    credit: ln of what these speak for it against places that were not, beyond the symbols.
     """
 
     score: float
@@ -153,16 +139,10 @@ class Place:
 class Rivals:
     """Unregistered tapes, compared with the best place.
 
-    Attributes
-    ----------
-    weight : float
-        Weighted evidence of all their places together, as a multiple of the answer's.
-    lead : float
-        ln of how much likelier the dots are at the answer than at any of them.
-    score : float
-        ln E of the strongest.
-    name : str
-        Sector and code of the strongest.
+    weight: Weighted evidence of all their places together, as a multiple of the answer's.
+    lead: ln of how much likelier the dots are at the answer than at any of them.
+    score: ln E of the strongest.
+    name: Sector and code of the strongest.
     """
 
     weight: float
@@ -187,21 +167,11 @@ def search(
 ) -> Place | None:
     """Compare soft symbols with every place and quarter turn on every registered tape.
 
-    Parameters
-    ----------
-    nodes, q, grid
-        From `fit.fit_grid` and `fit.posteriors`.
-    turn_weights : ndarray, shape (4,)
-        How likely each quarter turn is by anything but the symbols; sums to 1.
-    centre_px : ndarray, shape (2,)
-        The image centre from the origin of the dots' coordinates.
-    precision : float
-        Largest error of `Place.others`, upward, where it matters.
-
-    Returns
-    -------
-    Place or None
-        None where the dots reach farther than any contact, or no place has enough of them on a tape.
+    nodes, q, grid: From `fit.fit_grid` and `fit.posteriors`.
+    turn_weights (4,): How likely each quarter turn is by anything but the symbols; sums to 1.
+    centre_px (2,): The image centre from the origin of the dots' coordinates.
+    precision: Largest error of `Place.others`, upward, where it matters.
+    Returns: None where the dots reach farther than any contact, or no place has enough of them on a tape.
     """
     tables = tuple(tables_of(nodes, q, family.signs, LARGEST_CONTACT) for family in families)
     if tables[0].size.max() > LARGEST_CONTACT:
@@ -268,16 +238,10 @@ def rivals(
 ) -> Rivals:
     """Compare the dots of an answer with every place of the unregistered tapes.
 
-    Parameters
-    ----------
-    share : float
-        Weight of all of them together; the registered ones have the rest.
-    precision : float
-        Largest error of `Rivals.weight`, upward, where it matters.
-    least_lead : float
-        A lead (ln) that is smaller is not told from bounds.
-    beyond : bool
-        Whether dots may hang over the edges of tapes at default origins.
+    share: Weight of all of them together; the registered ones have the rest.
+    precision: Largest error of `Rivals.weight`, upward, where it matters.
+    least_lead: A lead (ln) that is smaller is not told from bounds.
+    beyond: Whether dots may hang over the edges of tapes at default origins.
     """
     others = _unregistered(families, place, beyond=beyond)
     if not others:

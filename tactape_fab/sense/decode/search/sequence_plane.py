@@ -22,10 +22,7 @@ from tactape_fab.texture.plane import PlaneCode
 class SequencePlane(CodePlane):
     """The whole plane of a code of sequences, prepared for `search`.
 
-    Raises
-    ------
-    SpecError
-        When the plane is too large to be searched.
+    Raises SpecError when the plane is too large to be searched.
     """
 
     def __init__(self, code: PlaneCode, most_cells: int) -> None:

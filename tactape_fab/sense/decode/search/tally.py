@@ -32,12 +32,8 @@ _NOWHERE = np.full(6, -1, dtype=np.int64)
 class Tally(NamedTuple):
     """Running result of a search: the best place, and the weight of all.
 
-    Attributes
-    ----------
-    sums : ndarray, shape (8,)
-        `BEST` ... `BOUNDED`. An array: a call with a tuple that holds a record takes numba 15 us more.
-    best_place, strongest_place : ndarray of int, shape (6,)
-        Turn, site, column, row, u and v of the place of most weight, and of that of largest L.
+    sums (8,): `BEST` ... `BOUNDED`. An array: a call with a tuple that holds a record takes numba 15 us more.
+    best_place, strongest_place (6,): Turn, site, column, row, u and v of the place of most weight, and of that of largest L.
     """
 
     sums: FloatArray
@@ -55,26 +51,15 @@ def new_tally(floor: float = -np.inf, negligible: float = NEGLIGIBLE, likely: fl
 class Candidate(NamedTuple):
     """One group of places on one site, with its bounds and prior weights.
 
-    Attributes
-    ----------
-    known : ndarray of float32
-        Bounds of what the x bits say at each column of the group, which are looked at one by one then; or empty.
-    lines : ndarray of float32
-        `Tables.lines` of the turn.
-    place : ndarray of int, shape (3, 2)
-        The site's entry in `Sites.table`.
-    at : tuple of int
-        Turn and site.
-    group : ndarray of int, shape (9,)
-        From `groups.groups_of`.
-    limit : tuple of float
-        Bounds of what the x and the y bits say.
-    of : float
-        ln of the number of places of the group on all sites.
-    terms : tuple of float
-        ln of the weight of each place, and ln of what speaks for its turn besides the bits.
-    hole, stride : ndarray of float32, int
-        `groups.hole_evidence` from the group's first place on, and its width; 0 without holes.
+    known: Bounds of what the x bits say at each column of the group, which are looked at one by one then; or empty.
+    lines: `Tables.lines` of the turn.
+    place (3, 2): The site's entry in `Sites.table`.
+    at: Turn and site.
+    group (9,): From `groups.groups_of`.
+    limit: Bounds of what the x and the y bits say.
+    of: ln of the number of places of the group on all sites.
+    terms: ln of the weight of each place, and ln of what speaks for its turn besides the bits.
+    hole, stride: `groups.hole_evidence` from the group's first place on, and its width; 0 without holes.
     """
 
     known: Floats
@@ -92,14 +77,9 @@ class Candidate(NamedTuple):
 class Room(NamedTuple):
     """Work buffers, overwritten for each candidate: kernels allocate no arrays.
 
-    Attributes
-    ----------
-    lines : ndarray of float32, shape (2, k, L)
-        Evidence of columns and of rows for every phase.
-    most : ndarray, shape (2, k)
-        The largest of each.
-    allowed : ndarray of bool, shape (L, L)
-        Sectors that are not barred.
+    lines (2, k, L): Evidence of columns and of rows for every phase.
+    most (2, k): The largest of each.
+    allowed (L, L): Sectors that are not barred.
     """
 
     lines: Floats
@@ -117,14 +97,9 @@ def least_of(of: float, terms: tuple[float, float], sums: FloatArray) -> float:
 def drop(bound: float, places: float, of: float, terms: tuple[float, float], sums: FloatArray) -> bool:
     """Whether some places cannot matter; they are counted then as if each were as good as their bound.
 
-    Parameters
-    ----------
-    bound : float
-        ln E that none of them exceeds.
-    places, of : float
-        How many there are, and ln of how many in their group on all sites: all of these together may be negligible.
-    terms : tuple of float
-        ln of the weight of each, and ln of what speaks for its turn besides the bits.
+    bound: ln E that none of them exceeds.
+    places, of: How many there are, and ln of how many in their group on all sites: all of these together may be negligible.
+    terms: ln of the weight of each, and ln of what speaks for its turn besides the bits.
     """
     if bound >= least_of(of, terms, sums):
         return False

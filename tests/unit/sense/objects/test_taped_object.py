@@ -15,7 +15,7 @@ from tactape_fab import Kit, Localization, TapeSpec, make_kit, read_object
 from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tactape_fab.sense.objects.mount import Mount, sensor_on_object, to_object
-from tactape_fab.sense.objects.rigid import about_z, fit_rigid, from_quaternion, from_rpy, to_quaternion
+from tactape_fab.sense.objects.rigid import fit_rigid, from_quaternion, from_rpy, to_quaternion
 from tactape_fab.sense.objects.tag_view import tag_corners_mm
 from tactape_fab.texture.frames import FloatArray
 
@@ -36,7 +36,8 @@ def test_roll_pitch_yaw_are_urdf_s() -> None:
     assert from_rpy((0, 0, 90)) @ [1, 0, 0] == pytest.approx([0, 1, 0])
     # x first, then z about the fixed axis: y goes to z, and stays there
     assert from_rpy((90, 0, 90)) @ [0, 1, 0] == pytest.approx([0, 0, 1])
-    assert about_z(30.0) == pytest.approx(from_rpy((0, 0, 30.0)))
+    c, s = cos(radians(30)), sin(radians(30))
+    assert from_rpy((0, 0, 30.0)) == pytest.approx(np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)]))
 
 
 @pytest.mark.parametrize("rpy", [(0, 0, 0), (180, 0, 0), (0, 180, 0), (0, 0, 180), (10, -70, 130), (-120, 40, 179)])
@@ -45,7 +46,7 @@ def test_quaternions_are_those_of_their_matrices(rpy: tuple[float, float, float]
     quaternion = to_quaternion(rotation)
     assert quaternion[3] >= 0.0 and np.linalg.norm(quaternion) == pytest.approx(1.0)
     assert from_quaternion(quaternion) == pytest.approx(rotation, abs=1e-12)
-    assert from_quaternion((0, 0, sin(radians(15)), cos(radians(15)))) == pytest.approx(about_z(30.0))
+    assert from_quaternion((0, 0, sin(radians(15)), cos(radians(15)))) == pytest.approx(from_rpy((0, 0, 30.0)))
 
 
 def test_a_fit_finds_the_motion_and_no_mirror() -> None:

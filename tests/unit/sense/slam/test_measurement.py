@@ -15,14 +15,14 @@ from tactape_fab import Localization, Localizer, SpecError, TapedObject
 from tactape_fab.sense import Mount, measure_pose, simulate
 from tactape_fab.sense.decode.result import state_of, surface_of
 from tactape_fab.sense.decode.space import image_pose
-from tactape_fab.sense.objects.rigid import about_z, from_rpy
+from tactape_fab.sense.objects.rigid import from_rpy
 from tactape_fab.sense.objects.taped_object import TapeOnObject
 from tactape_fab.sense.slam.measurement import PoseMeasurement, square_root
 from tests.contacts import TAPE
 
 gtsam = pytest.importorskip("gtsam", reason='gtsam is not installed: pip install "tactape-fab[slam]"')
 SAMPLES = 4000
-TURN = about_z(40.0) @ from_rpy((30.0, -20.0, 0.0))
+TURN = from_rpy((0.0, 0.0, 40.0)) @ from_rpy((30.0, -20.0, 0.0))
 PLANE = Mount(surface="plane", rotation=TURN, position_mm=np.array([5.0, 60.0, -7.0]))
 ROUND = Mount(surface="cylinder", rotation=TURN, position_mm=np.array([5.0, 60.0, -7.0]), top_mm=16.0, true_mm=15.9)
 FRAMES = [("board", None), ("texture", None), ("object", PLANE), ("object", ROUND)]
