@@ -16,7 +16,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
-from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -81,14 +80,14 @@ _WITHIN_LIMITS = (
 
 
 def limit_self(*, cpu_s: float, memory_bytes: int) -> None:
-    """Limit this process to a further processor time and to a memory; it ends by SIGXCPU when the time is over."""
+    """Limit this process to a further processor time, to whole seconds, and to a memory; it ends by SIGXCPU when that is over."""
     if find_spec("resource") is None:
         return
     import resource
 
     used = resource.getrusage(resource.RUSAGE_SELF)
     _, most_s = resource.getrlimit(resource.RLIMIT_CPU)
-    resource.setrlimit(resource.RLIMIT_CPU, (ceil(used.ru_utime + used.ru_stime + cpu_s), most_s))
+    resource.setrlimit(resource.RLIMIT_CPU, (max(1, int(used.ru_utime + used.ru_stime + cpu_s)), most_s))
     resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 

@@ -47,9 +47,11 @@ from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.models.embossed import check_embossed
 
 STEP_FORMATS = ("step", "stp")
-STEP_CPU_S, STEP_CPU_S_PER_BYTE = 30, 30e-6
+STEP_CPU_S, MESH_CPU_S = 5.0, 30.0
+"""Processor time for the first MB of a STEP file and for each further one: to read it, which took 0.7 s at most, and to mesh it
+within `chord_error_mm`, which took 7 s for a ball of 30 mm and 12 s for each MB of a plate of 400 holes."""
+_LOADING_S = 30.0
 STEP_MEMORY_BYTES, STEP_MEMORY_PER_BYTE = 3 << 30, 400
-"""Limits of the process that reads a STEP file and lays the texture on it."""
 _FUSING_S, _FUSING_BYTES = 10, 32 << 30
 """Those of fusing elements with a solid that has proved valid, the time for each element."""
 _FAR = 10.0
@@ -246,27 +248,31 @@ def _on_step(tape: Tape, source: _Source, placement: Placement, unit: str, progr
     """As `_on_mesh`, in a process of its own, with limits: a mutated STEP file can crash OCCT, or keep it busy for ever."""
     with ProcessPool(1, progress) as pool:
         try:
-            return pool.submit(_on_step_alone, tape, source, placement, STEP_CPU_S).result()
+            return pool.submit(_on_step_alone, tape, source, placement).result()
         except LostProcessError as error:
             why = "takes too long" if too_long(error.exit_status) else "ends its process"
             message = f"SURFACE cannot be read as STEP: the CAD kernel {why} over it; export it again, or as STL"
             raise SpecError(message) from error
 
 
-def _on_step_alone(tape: Tape, source: _Source, placement: Placement, cpu_s: float) -> _Made:
-    size, progress = len(source.data), tell
-    limit_self(cpu_s=cpu_s + STEP_CPU_S_PER_BYTE * size, memory_bytes=STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * size)
+def _on_step_alone(tape: Tape, source: _Source, placement: Placement) -> _Made:
+    progress, megabytes = tell, max(1.0, len(source.data) / 1e6)
+    memory_bytes = STEP_MEMORY_BYTES + STEP_MEMORY_PER_BYTE * len(source.data)
+    limit_self(cpu_s=_LOADING_S, memory_bytes=memory_bytes)
     library("build123d", "emboss")
     from tactape_fab.solids.surface.part_step import FaceChart, read_step_solid
 
+    limit_self(cpu_s=STEP_CPU_S * megabytes, memory_bytes=memory_bytes)
     model = read_step_solid(source.data)
     refuse_wrong_size(model.size_mm, None, texture_size_mm(tape))
     chart = FaceChart(model, placement)
     progress("mapping", 0, tape.part_count)
-    laid = laid_well(tape, lambda _: chart, placement)
-    fused = fuse_mesh(model.tessellated(), laid, progress, chord_error_mm=model.chord_error_mm)
-    stamp = build_date().replace(tzinfo=None).isoformat()
+    limit_self(cpu_s=MESH_CPU_S * megabytes, memory_bytes=memory_bytes)
+    mesh = model.tessellated()
     limit_self(cpu_s=_FUSING_S * (60 + tape.part_count), memory_bytes=_FUSING_BYTES)
+    laid = laid_well(tape, lambda _: chart, placement)
+    fused = fuse_mesh(mesh, laid, progress, chord_error_mm=model.chord_error_mm)
+    stamp = build_date().replace(tzinfo=None).isoformat()
     return _Made(laid=laid, fused=fused, face=chart.face, step=model.embossed(laid, stamp, progress))
 
 

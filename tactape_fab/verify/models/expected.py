@@ -16,11 +16,12 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import WrittenFile
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
+from tactape_fab.verify.models.step_text import StepText, written_steps
 
 VOLUME_TOLERANCE = 1e-7
 """Relative tolerance of a STEP solid's volume against the formulas."""
 COARSE_VOLUME_TOLERANCE = 1e-6
-"""Relative tolerance for a reader that integrates spheres bounded by splines with an unknown accuracy."""
+"""The same of spheres bounded by splines, which readers integrate by fixed points."""
 EMBOSSED_VOLUME_TOLERANCE = 1e-3
 """Relative tolerance of an embossed STEP solid's volume against its mesh, which has chords in place of curves."""
 
@@ -32,23 +33,25 @@ class Expected:
     Attributes
     ----------
     volume_mm3 : float
-    tolerance, coarse_tolerance : float
-        Relative, of a STEP solid's volume by OCCT, and by readers that integrate more coarsely.
+    tolerance : float
+        Relative, of a STEP solid's volume.
     mesh_tolerance_mm3 : float
     faces : int
         Number of faces in the text of the STEP solid; 0 without one.
     bodies : int
     centre_mm : ndarray of shape (3,), or None
         Centre of mass of the STEP solid, mm, if a short formula gives it.
+    steps : dict of str to StepText
+        What this version writes as the STEP files, by role; empty for the user's own part.
     """
 
     volume_mm3: float
     tolerance: float
-    coarse_tolerance: float
     mesh_tolerance_mm3: float
     faces: int
     bodies: int
     centre_mm: FloatArray | None
+    steps: Mapping[str, StepText]
 
 
 def faces_of(files: Mapping[str, WrittenFile]) -> int:
@@ -61,12 +64,12 @@ def expected_of_kit(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile
     splines = tape.part.shape == "dome" and form.cylinder is not None
     return Expected(
         volume_mm3=solid_volume_mm3(tape, form),
-        tolerance=VOLUME_TOLERANCE,
-        coarse_tolerance=COARSE_VOLUME_TOLERANCE if splines else VOLUME_TOLERANCE,
+        tolerance=COARSE_VOLUME_TOLERANCE if splines else VOLUME_TOLERANCE,
         mesh_tolerance_mm3=mesh_volume_tolerance_mm3(tape, form),
         faces=faces_of(files),
         bodies=1,
         centre_mm=solid_centre_mm(tape, form),
+        steps=written_steps(tape, form, files),
     )
 
 
@@ -75,11 +78,11 @@ def expected_of_embossed(volume_mm3: float, bodies: int, files: Mapping[str, Wri
     return Expected(
         volume_mm3=volume_mm3,
         tolerance=EMBOSSED_VOLUME_TOLERANCE,
-        coarse_tolerance=EMBOSSED_VOLUME_TOLERANCE,
         mesh_tolerance_mm3=1e-4 * volume_mm3,
         faces=faces_of(files),
         bodies=bodies,
         centre_mm=None,
+        steps={},
     )
 
 
