@@ -81,6 +81,7 @@ def _reproduced(file: Path, content: Mapping[str, Any]) -> tuple[list[str], int]
     """Differences of a kit from the one that is made again, and the number of files that were compared."""
     if "surface" in content:
         raise NotReproducibleError("it was made on the user's own part, which is not in it; run emboss with that part again")
+    _refuse_contradiction(content)
     made = _read_made(content)
     examined = _examined(content, made)
     with tempfile.TemporaryDirectory(prefix="tactape-", ignore_cleanup_errors=True) as scratch, dated(made["date"]):
@@ -169,8 +170,17 @@ def _distance(table: Fields, key: str) -> int | None:
     return None if table.values.get(key) is None else table.integer(key, low=0, high=16)
 
 
-def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
-    """Refuse a spec that is not of this tape, before anything is computed of it."""
+def _refuse_contradiction(content: Mapping[str, Any]) -> None:
+    """Refuse a spec of any version that says another tape than its manifest."""
+    spec = content.get("spec")
+    values = {key: value for key, value in spec.items() if value is not None} if isinstance(spec, Mapping) else {}
+    problems = _other(values, Tape.from_mapping(content))
+    if problems := [problem for problem in problems if problem.key in values]:
+        raise SpecError(problems)
+
+
+def _other(values: Mapping[str, Any], tape: Tape) -> list[Problem]:
+    """What a spec says otherwise than a manifest's tape."""
     board = tape.board
     known = {
         "sector": tape.sector,
@@ -185,11 +195,16 @@ def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
         "rotation_deg": tape.part.rotation_deg,
         "tag_id": None if tape.tag is None else tape.tag.id,
     }
-    problems = [
+    return [
         Problem(key, f"spec.{key} = {shown(values.get(key))} is not that of the tape, {shown(value)}")
         for key, value in known.items()
         if values.get(key) != value and not (key == "origin" and values.get(key) == "best")
     ]
+
+
+def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
+    """Refuse a spec that is not of this tape, before anything is computed of it."""
+    board, problems = tape.board, _other(values, tape)
     problems += [Problem(str(key), f"spec.{shown(key)} is no option") for key in values if key not in KEYS]
     points = (board.size_mm[0] / tape.pitch_mm + 1) * (board.size_mm[1] / tape.pitch_mm + 1)
     if points > _MORE_POINTS * tape.columns * tape.rows + _SPARE_POINTS:

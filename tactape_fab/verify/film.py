@@ -29,6 +29,7 @@ from tactape_fab.verify.layers.film_layers import (
     read_film_record,
 )
 from tactape_fab.verify.layers.job_file import FabOrder, read_fab_order
+from tactape_fab.verify.layers.kicad_drawn import Made
 from tactape_fab.verify.layers.lands import (
     LandPairs,
     Recorded,
@@ -68,6 +69,7 @@ class FilmManifest:
     legend_is_light: bool
     legend: LegendRecord | None
     order: FabOrder | None
+    limits_mm: Mapping[str, object]
 
 
 def read_film_manifest(table: Fields) -> FilmManifest:
@@ -80,6 +82,7 @@ def read_film_manifest(table: Fields) -> FilmManifest:
         legend_is_light=table.table("fab").values.get("legend_colour") != "black",
         legend=read_legend_record(table),
         order=read_fab_order(table),
+        limits_mm=table.table("fab").table("limits_mm").values,
     )
 
 
@@ -122,6 +125,20 @@ def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str,
         for role, land in (("copper-top", lands.pads), ("paste-top", lands.paste))
         if role in layers.gerbers
     }
+
+
+def shown_on_board(name: str, tape: Tape, record: FilmManifest, gerbers: Mapping[str, GerberContent]) -> Made:
+    """What a KiCad board of a tape, or of a panel of such tapes, shows besides places."""
+    return Made(
+        name=name,
+        thickness_mm=tape.board.thickness_mm,
+        value=record.assembly.value,
+        footprint=record.assembly.footprint,
+        body_mm=tape.part.body_mm[:2],
+        backings=record.film.backings,
+        gerbers=gerbers,
+        limits_mm=record.limits_mm,
+    )
 
 
 def anchor_lines(record: FilmManifest, tape: Tape) -> tuple[FloatArray, float]:
@@ -202,6 +219,8 @@ def check_attributes(
     for role in (*gerbers, *(role for role in ("drill-npth",) if role in files)):
         parts = {found.decode("ascii", "replace") for found in re.findall(rb"TF\.Part,([^*\n]*)", files[role].data)}
         problems += [f"{role} has .Part {shown(other)}, not {part}" for other in parts - {part}]
+        nets = set(re.findall(rb"TO\.N,([^*\n]*)", files[role].data)) - {b"N/C"}
+        problems += [f"{role} has a net {shown(net.decode('ascii', 'replace'))}" for net in nets]
     backings = {role: (file_function(role, backing), "Positive") for role, backing in record.film.backings.items()}
     functions, origins = {**FILE_FUNCTIONS, **backings}, set()
     for role, content in gerbers.items():

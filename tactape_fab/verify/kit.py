@@ -42,6 +42,7 @@ from tactape_fab.verify.film import (
     read_film_manifest,
     read_layers,
     read_role,
+    shown_on_board,
 )
 from tactape_fab.verify.layers.board import check_outline
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
@@ -228,7 +229,8 @@ def _check_film(
         flashes_mm, offset_mm = layers.gerbers["copper-top"].flash_xy_mm, film.lands.pads.offset_mm
         sources.append(copper_source(flashes_mm, offset_mm, tape.part.rotation_deg, pairs["copper-top"]))
     shown = shown_tape(tape, *anchor_lines(film, tape))
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands)
+    made = shown_on_board(tape.name, tape, film, layers.gerbers)
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
     radius_mm, legend = tape.board.corner_radius_mm, layers.gerbers.get("legend-top")
     checks += check_drawings(files, tape.name, shown, radius_mm, [], legend, film.order, film.film.backings)
     checks.append(check_job(tape.name, tape.board.size_mm, film.order, files))

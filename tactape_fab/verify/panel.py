@@ -46,6 +46,7 @@ from tactape_fab.verify.film import (
     read_film_manifest,
     read_layers,
     read_role,
+    shown_on_board,
 )
 from tactape_fab.verify.kit import verify_folder
 from tactape_fab.verify.layers.board import pen_problem
@@ -250,7 +251,8 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     for on in tapes:
         lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
-    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands)
+    made = shown_on_board(record.name, tapes[0].tape, film, layers.gerbers)
+    checks += check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, made)
     slots, legend = [*slots_mm(panel)], layers.gerbers.get("legend-top")
     checks += check_drawings(files, record.name, shown, CORNER_RADIUS_MM, slots, legend, film.order, backings)
     checks += [check_job(record.name, panel.size_mm, film.order, files), check_zip(files, with_job=film.film.job_in_zip)]

@@ -1,9 +1,9 @@
 """Time of `verify` and time to its first line, beside that of `make`: processor time, which a busy machine changes little.
 
-    python -m tests.bench.verify_time [--quick] [MAKE OPTIONS...]
+    python -m tests.bench.verify_time [--quick | --reproduce] [MAKE OPTIONS...]
 
 Two cores that make the default kit in 1.5 s need at least half of all processor time; the readers share it, so that the whole
-also takes at least as long as the slowest of them.
+also takes at least as long as the slowest of them. `--reproduce` compares `verify --reproduce` with `make`, run in turns.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import time
 from dataclasses import dataclass
 
 USUAL_MAKE_S, CORES = 1.5, 2
+TURNS, MOST_BEYOND_S = 5, 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,12 +44,31 @@ def timed(*arguments: str, folder: str) -> Run:
     return Run(first_s=first_s, wall_s=wall_s, cpu_s=cpu_s, lines=lines)
 
 
+def reproduced(options: list[str]) -> None:
+    """Print what making a kit again and comparing its bytes takes beyond making it."""
+    with tempfile.TemporaryDirectory() as folder:
+        timed("make", *options, "-o", "kit", folder=folder)
+        turns = [
+            (
+                timed("make", *options, "-o", f"kit{k}", folder=folder).cpu_s,
+                timed("verify", "kit", "--reproduce", folder=folder).cpu_s,
+            )
+            for k in range(TURNS)
+        ]
+    made_s, again_s = (min(column) for column in zip(*turns, strict=True))
+    print(f"make {made_s:.2f} s, verify --reproduce {again_s:.2f} s of processors, the least of {TURNS} turns each")
+    print(f"beyond make: {again_s - made_s:+.2f} s; asked at most {MOST_BEYOND_S} s")
+
+
 def main() -> None:
-    options = [option for option in sys.argv[1:] if option != "--quick"]
+    asked = [option for option in sys.argv[1:] if option not in ("--quick", "--reproduce")]
+    if "--reproduce" in sys.argv:
+        reproduced(asked or ["--sector", "7"])
+        return
     quick = ["--quick"] * ("--quick" in sys.argv)
     with tempfile.TemporaryDirectory() as folder:
-        timed("make", *(options or ["--sector", "7"]), "-o", "kit", folder=folder)  # the first run loads files into memory
-        made = timed("make", *(options or ["--sector", "7"]), "-o", "again", folder=folder)
+        timed("make", *(asked or ["--sector", "7"]), "-o", "kit", folder=folder)  # the first run loads files into memory
+        made = timed("make", *(asked or ["--sector", "7"]), "-o", "again", folder=folder)
         timed("verify", "kit", *quick, folder=folder)  # the first run compiles the decoder
         run = timed("verify", "kit", *quick, folder=folder)
     scale = USUAL_MAKE_S / made.cpu_s

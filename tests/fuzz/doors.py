@@ -39,7 +39,15 @@ from tactape_fab.texture.registry import read_tapes
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.certificate import check_certificate
 from tactape_fab.verify.files import WrittenFile, check_listed, check_picture
-from tactape_fab.verify.film import anchor_lines, check_attributes, check_tape, pair_all_lands, read_film_manifest, read_layers
+from tactape_fab.verify.film import (
+    anchor_lines,
+    check_attributes,
+    check_tape,
+    pair_all_lands,
+    read_film_manifest,
+    read_layers,
+    shown_on_board,
+)
 from tactape_fab.verify.film import read_role as read_of
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
 from tactape_fab.verify.layers.drawings import check_drawings
@@ -204,7 +212,11 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         return check_models(tape, form, files, mesh, cpl)
 
     made: dict[str, Any] = {"order": film.order, "backings": film.film.backings}
-    legend = read_layers(seeds.files, cpl, film.film, []).gerbers.get("legend-top")
+    gerbers = read_layers(seeds.files, cpl, film.film, []).gerbers
+    legend, board = gerbers.get("legend-top"), shown_on_board(tape.name, tape, film, gerbers)
+
+    def kicad(files: Files) -> object:
+        return check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, board)
 
     def drawings(files: Files) -> object:
         return check_drawings(files, tape.name, shown, tape.board.corner_radius_mm, [], legend, **made)
@@ -217,8 +229,10 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
         **dict.fromkeys(("fab-dxf", "fab-drawing"), drawings),
         "job": lambda files: check_job(tape.name, tape.board.size_mm, film.order, files),
         "fab-zip": check_zip,
-        "kicad-pcb": lambda files: check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands),
-        "kicad-project": lambda files: check_kicad(files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands),
+        "kicad-pcb": kicad,
+        "kicad-project": lambda files: check_kicad(
+            files["kicad-pcb"].data, files["kicad-project"].data, shown, film.lands, board
+        ),
         "certificate": lambda files: check_certificate(files["certificate"], tape),
         "preview-png": check_picture,
         "preview-svg": check_picture,

@@ -80,6 +80,40 @@ CHANGES = {
     "track": (added('(segment (start 30 30) (end 31 30) (width 0.1) (layer "F.Cu") (net 0))'), "1 tracks are not the 0 lines"),
     "via": (added('(via (at 30 30) (size 0.6) (drill 0.3) (layers "F.Cu" "B.Cu") (net 0))'), "it has 1 via"),
     "line on copper": (added('(gr_line (start 30 30) (end 31 30) (layer "B.Cu") (width 0.1))'), "1 gr_line on B.Cu"),
+    "thickness": (replaced("(thickness 0.11)", "(thickness 1.6)"), "1.6 mm thick, not 0.11"),
+    "title": (replaced('(title "tactape-s100")', '(title "tactape-s101")'), "title is not the kit's name"),
+    "inner copper": (replaced('(31 "B.Cu" signal)', '(1 "In1.Cu" signal) (31 "B.Cu" signal)'), "copper layers are not"),
+    "a plane": (replaced('(0 "F.Cu" signal)', '(0 "F.Cu" power)'), "copper layers are not"),
+    "all openings larger": (replaced("(pad_to_mask_clearance 0)", "(pad_to_mask_clearance 0.5)"), "its setup is not"),
+    "a net": (replaced('(net 0 "")', '(net 0 "") (net 1 "GND")'), "it has nets"),
+    "a note": (added('(gr_text "use FR4" (at 0 0) (layer "Cmts.User"))'), "it says 'use FR4' of backings"),
+    "no opening": (lambda t: re.sub(r'    \(fp_rect [^\n]*"F.Mask"[^\n]*\n', "", t), "its 0 openings"),
+    "an opening less": (lambda t: re.sub(r'    \(fp_rect [^\n]*"F.Mask"[^\n]*\n', "", t, count=1), "its 93 openings"),
+    "an opening wider": (replaced("(start -0.6 -0.25) (end 0.6", "(start -0.6 -0.25) (end 0.8", 1), "its 94 openings"),
+    "one window": (
+        added('(gr_poly (pts (xy 22 22) (xy 38 22) (xy 38 38)) (layer "F.Mask") (width 0) (fill solid))'),
+        "its 95 openings are not the 94",
+    ),
+    "hollow openings": (replaced('"F.Mask") (width 0) (fill solid)', '"F.Mask") (width 0) (fill none)'), "not filled"),
+    "wide edge of openings": (replaced('"F.Mask") (width 0)', '"F.Mask") (width 1)'), "not filled to its edge alone"),
+    "no tag": (lambda t: re.sub(r'  \(gr_poly [^\n]*"F.SilkS"[^\n]*\n', "", t), "its 0 areas of ink"),
+    "ink across": (added('(gr_line (start 22 22) (end 38 38) (layer "F.SilkS") (width 0.15))'), "lines of ink"),
+    "wide ink": (replaced('"F.SilkS") (width 0.15)', '"F.SilkS") (width 0.9)'), "lines of ink"),
+    "another value": (replaced('value "0R"', 'value "10k"', 1), "1 footprints with another value"),
+    "another footprint": (replaced("tactape:R_0201_0603Metric", "tactape:C_0402", 1), "1 footprints with another name"),
+    "not placed": (replaced("(attr smd)", "(attr smd exclude_from_pos_files)", 1), "1 footprints with other attributes"),
+    "another body": (replaced("(start -0.3 -0.15) (end 0.3 0.15)", "(start -0.3 -0.15) (end 0.6 0.15)", 1), "with another body"),
+    "plated hole": (replaced("(layers *.Cu *.Mask)", "(layers *.Cu)"), "1 footprints with another pad"),
+    "bulged corner": (
+        lambda t: re.sub(r"(\(gr_arc \(start \S+ \S+\) \(mid )\S+ \S+\)", r"\1 30 30)", t, count=1),
+        "its outline is",
+    ),
+    "side twice": (
+        lambda t: re.sub(
+            r'(\n  \(gr_line [^\n]*"Edge.Cuts"[^\n]*)\n  (\(gr_arc [^\n]*\n)  \(gr_line [^\n]*', r"\1\n  \2\1", t, count=1
+        ),
+        "its outline is",
+    ),
     "hidden by a comment": (replaced("  (footprint", "#  (footprint", 1), "'#' outside quotes"),
     "quote left open": (replaced('(rev "', "(rev ", 1), "quote without an end"),
     "bracket too many": (lambda t: t + ")", "brackets do not match"),
@@ -131,6 +165,23 @@ def test_the_same_board_written_otherwise_is_the_same(change: Callable[[str], st
     kit.text(BOARD, change)
     assert kit.data[BOARD] != before
     assert failed(verify_kit(kit.save(consistent=True), quick=True)) == {}
+
+
+RULES = {
+    "clearance": ('"min_clearance": 0.1', '"min_clearance": 0.0'),
+    "clearance of the class": ('"clearance": 0.1', '"clearance": 0.0'),
+    "edge": ('"min_copper_edge_clearance": 0.3', '"min_copper_edge_clearance": 0.0'),
+    "holes": ('"min_hole_to_hole": 0.5', '"min_hole_to_hole": 0.0'),
+    "not checked": ('"rule_severities": {}', '"rule_severities": {"clearance": "ignore"}'),
+}
+
+
+@pytest.mark.parametrize(("old", "new"), RULES.values(), ids=RULES)
+def test_changed_rules_are_caught(old: str, new: str, flat_kit: Kit, copied: Copy) -> None:
+    kit = OpenKit(copied(flat_kit))
+    kit.text("kicad-project", replaced(old, new))
+    kit.manifest["tool"]["version"] = "0.0.9"
+    assert "are not the limits" in failed(verify_kit(kit.save(consistent=True), quick=True))["kicad board"].message
 
 
 @pytest.mark.parametrize("project", [b"", b"{}", b"[" * 100_000, b'{"board": []}'])

@@ -20,7 +20,7 @@ from tactape_fab.texture.shapes import inset_mm
 from tactape_fab.verify.files import WrittenFile, named
 from tactape_fab.verify.layers.job_file import FabOrder
 from tactape_fab.verify.layers.kicad import Shown
-from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, nearest, point_tree
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm
 
 _MOST_TEXT = 8 << 20
 """Bytes of the unpacked page; one of 20,000 parts has 1.5 MB."""
@@ -76,7 +76,7 @@ def _dxf_problems(
     for layer, wanted in contours.items():
         found = drawn.pop(layer, [])
         same = layer == "LABEL" or len(found) == len(wanted)  # a Gerber file may break a line where the DXF does not
-        if not same or _apart_mm(_joined(found), _joined(wanted)) > PLACE_TOLERANCE_MM:
+        if not same or apart_mm(_joined(found), _joined(wanted)) > PLACE_TOLERANCE_MM:
             problems.append(f"its {layer} are {len(found)} contours that are not the {len(wanted)} of the kit")
     fields = [_box(line) for line in drawn.pop("FIELD", [])]
     outside = [not any(inside) for inside in zip(*(_inside(parts, *box) for box in fields), strict=True)] or [True]
@@ -142,17 +142,6 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(
         [np.column_stack([line, np.zeros((len(line), 3 - line.shape[1]))]) for line in lines] or [np.empty((0, 3))]
     )
-
-
-def _apart_mm(points: FloatArray, others: FloatArray) -> float:
-    """Largest distance of a point from the nearest of the others, either way; diameters compared at the nearest point."""
-    if not len(points) or not len(others):
-        return 0.0 if len(points) == len(others) else np.inf
-    far = 0.0
-    for these, those in ((points, others), (others, points)):
-        index, distance = nearest(these[:, :2], point_tree(those[:, :2]))
-        far = max(far, float(distance.max()), float(np.abs(these[:, 2] - those[index, 2]).max()))
-    return far
 
 
 def _off_outline_mm(line: FloatArray, size_mm: tuple[float, float], radius_mm: float) -> float:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 
 from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import shown as quoted
-from tactape_fab.base.json_text import parse_json
 from tactape_fab.kit.profiles import LandPattern
 from tactape_fab.kit.read.gerber_file import ReadbackError, collection_paused
 from tactape_fab.kit.read.s_expression import Tree, read_s_expression
@@ -19,6 +17,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.film_layers import without_counterpart
+from tactape_fab.verify.layers.kicad_drawn import Made, child, drawn_problems, rules_problems, values
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
 
 _IDENTIFIERS = ("tstamp", "uuid")
@@ -90,8 +89,8 @@ def shown_tape(tape: Tape, tracks_mm: FloatArray, track_width_mm: float) -> Show
     )
 
 
-def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded) -> list[Check]:
-    """Check that the board shows what the manifest says and nothing else, and that its project is JSON with design rules."""
+def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded, made: Made) -> list[Check]:
+    """Check that the board shows what manifest and layers say and nothing else, and that its project has the fab's rules."""
     try:
         with collection_paused():
             found = _read_board(read_s_expression(board, _IDENTIFIERS))
@@ -103,12 +102,13 @@ def check_kicad(board: bytes, project: bytes, shown: Shown, lands: Recorded) -> 
             *_fiducials(found, shown),
             *_tracks(found, shown),
             *_unexpected(found),
-            *_rules(project),
+            *drawn_problems(found.lists, found.at, np.array(found.origin_mm), np.array(shown.fiducials_mm).reshape(-1, 2), made),
+            *rules_problems(project, made.limits_mm),
         ]
     except (ReadbackError, ValueError, TypeError, IndexError) as error:
         message = f"it is no board of KiCad with an origin, or it was cut off: {error}"
         return [Check(name="kicad board", passed=False, message=message)]
-    right = f"{len(shown.parts_xy_mm)} footprints with their lands, outline and holes as the manifest has them"
+    right = f"{len(shown.parts_xy_mm)} footprints, outline, holes and rules as in the manifest, openings and ink as in the layers"
     message = named(problems) if problems else right
     return [Check(name="kicad board", passed=not problems, message=message)]
 
@@ -125,36 +125,20 @@ def _read_board(tree: Tree) -> _Board:
             raise ReadbackError(f"{quoted(item)} stands in no list")
         lists.setdefault(str(item[0]), []).append(item)
     (setup,) = lists.get("setup", [()])
-    x0_mm, y0_mm = _values(setup, "aux_axis_origin")
+    x0_mm, y0_mm = values(setup, "aux_axis_origin")
     at: dict[str, At] = {}
     pads: dict[str, list[Tree]] = {}
     for footprint in lists.get("footprint", []):
         children = [child for child in footprint if isinstance(child, tuple)]
         (name,) = (str(child[2]) for child in children if child[:2] == ("fp_text", "reference"))
-        x_mm, y_mm, *turn_deg = _values(children, "at")
+        x_mm, y_mm, *turn_deg = values(children, "at")
         at[name] = (x_mm - x0_mm, y0_mm - y_mm, turn_deg[0] if turn_deg else 0.0)
         pads[name] = [child for child in children if child[0] == "pad"]
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, pads=pads)
 
 
-def _child(tree: Sequence[str | Tree], name: str) -> Tree:
-    """The one list of this name in a list."""
-    found = [child for child in tree if child and child[0] == name and isinstance(child, tuple)]
-    if len(found) != 1:
-        raise ReadbackError(f"a {quoted(tree[0] if tree else '')} has {len(found)} times {name}")
-    return found[0]
-
-
-def _values(tree: Sequence[str | Tree], name: str) -> list[float]:
-    """The finite numbers of the one list of this name in a list."""
-    values = [float(word) for word in _child(tree, name)[1:] if isinstance(word, str)]
-    if not all(map(isfinite, values)):
-        raise ReadbackError(f"{name} is not finite")
-    return values
-
-
 def _layer(tree: Tree) -> str:
-    return str(_child(tree, "layer")[1])
+    return str(child(tree, "layer")[1])
 
 
 # Comparing
@@ -204,8 +188,8 @@ def _pads_problems(pads: Sequence[Tree], lands: Recorded, rotation_deg: float) -
     ]
     problems = []
     for what, number, layer, land, k in expected:
-        same = [pad for pad in pads if pad[1] == number and _child(pad, "layers")[1:] == (layer,)]
-        here = [pad for pad in same if (_values(pad, "at")[0] > 0) == (k == 1)]
+        same = [pad for pad in pads if pad[1] == number and child(pad, "layers")[1:] == (layer,)]
+        here = [pad for pad in same if (values(pad, "at")[0] > 0) == (k == 1)]
         if len(here) != 1:
             problems.append(f"{what} is there {len(here)} times")
         elif not _is_land(here[0], land, k, rotation_deg):
@@ -215,8 +199,8 @@ def _pads_problems(pads: Sequence[Tree], lands: Recorded, rotation_deg: float) -
 
 def _is_land(pad: Tree, land: LandPattern, k: int, rotation_deg: float) -> bool:
     kinds = [child[0] for child in pad[4:] if isinstance(child, tuple)]
-    (x_mm, y_mm, *turn_deg), (length_mm, width_mm) = _values(pad, "at"), _values(pad, "size")
-    ratio = _values(pad, "roundrect_rratio")[0] if "roundrect_rratio" in kinds else 0.0
+    (x_mm, y_mm, *turn_deg), (length_mm, width_mm) = values(pad, "at"), values(pad, "size")
+    ratio = values(pad, "roundrect_rratio")[0] if "roundrect_rratio" in kinds else 0.0
     radius_mm = ratio * min(length_mm, width_mm)
     wanted = (land.offset_mm if k else -land.offset_mm, 0.0, *land.size_mm, land.corner_radius_mm)
     turned = abs(((turn_deg[0] if turn_deg else 0.0) - rotation_deg + 180.0) % 360.0 - 180.0)
@@ -234,7 +218,7 @@ def _outline(found: _Board, shown: Shown) -> list[str]:
     if len(lines) != shown.edge_lines:
         return [f"its outline has {len(lines)} sides and corners, not {shown.edge_lines}"]
     ends = ("start", "mid", "end")
-    points = np.array([_values(item, end) for item in lines for end in ends if end != "mid" or item[0] == "gr_arc"])
+    points = np.array([values(item, end) for item in lines for end in ends if end != "mid" or item[0] == "gr_arc"])
     box_mm = np.concatenate([points.min(axis=0), points.max(axis=0)]) - np.tile(found.origin_mm, 2)
     width_mm, height_mm = shown.size_mm
     wrong = np.abs(box_mm - (0.0, -height_mm, width_mm, 0.0)).max() > PLACE_TOLERANCE_MM
@@ -243,7 +227,7 @@ def _outline(found: _Board, shown: Shown) -> list[str]:
 
 def _holes(found: _Board, shown: Shown) -> list[str]:
     holes = {name: xy[:2] for name, xy in found.at.items() if name.startswith("H")}
-    drills = [(*holes[name], *_values(pad, "drill")) for name in holes for pad in found.pads[name] if pad[2] == "np_thru_hole"]
+    drills = [(*holes[name], *values(pad, "drill")) for name in holes for pad in found.pads[name] if pad[2] == "np_thru_hole"]
     pads = sum(len(found.pads[name]) for name in holes)
     wanted = np.array(shown.holes).reshape(-1, 3)
     if len(holes) == pads == len(drills) == len(wanted) and np.allclose(
@@ -266,9 +250,9 @@ def _fiducials(found: _Board, shown: Shown) -> list[str]:
 def _tracks(found: _Board, shown: Shown) -> list[str]:
     """Check the copper other than pads: the anchors' lines, each once."""
     tracks = found.lists.get("segment", [])
-    ends = np.array([(_values(track, "start"), _values(track, "end")) for track in tracks]).reshape(-1, 2, 2)
+    ends = np.array([(values(track, "start"), values(track, "end")) for track in tracks]).reshape(-1, 2, 2)
     lines_mm = (ends - found.origin_mm) * (1.0, -1.0)
-    width_mm = np.array([_values(track, "width")[0] for track in tracks])
+    width_mm = np.array([values(track, "width")[0] for track in tracks])
     alone = len(without_counterpart(lines_mm, shown.tracks_mm)) + len(without_counterpart(shown.tracks_mm, lines_mm))
     wrong = np.abs(width_mm - shown.track_width_mm) > PLACE_TOLERANCE_MM
     if alone or wrong.any() or len(tracks) != len(shown.tracks_mm) or any(_layer(track) != "F.Cu" for track in tracks):
@@ -286,26 +270,18 @@ def _unexpected(found: _Board) -> list[str]:
             strange[kind] += len(items)
     known: dict[int, str | None] = {}
     for footprint in found.lists.get("footprint", []):
-        for child in footprint[2:]:
-            if id(child) not in known:
-                known[id(child)] = _strange_child(child)
-            if (what := known[id(child)]) is not None:
+        for item in footprint[2:]:
+            if id(item) not in known:
+                known[id(item)] = _strange_child(item)
+            if (what := known[id(item)]) is not None:
                 strange[f"footprint with {what}"] += 1
     return [f"it has {count} {what}" for what, count in strange.items()]
 
 
-def _strange_child(child: str | Tree) -> str | None:
+def _strange_child(item: str | Tree) -> str | None:
     """Description of the items that a footprint should not hold."""
-    if isinstance(child, str) or child[0] not in _OF_A_FOOTPRINT:
-        return str(child if isinstance(child, str) else child[0])
-    layer = _layer(child) if child[0] in _DRAWN_ON else str(child[1]) if child[0] == "layer" else None
-    allowed = _DRAWN_ON.get(str(child[0]), ("F.Cu",))
-    return f"{child[0]} on {layer}" if layer is not None and layer not in allowed else None
-
-
-def _rules(project: bytes) -> list[str]:
-    try:
-        parse_json(project)["board"]["design_settings"]["rules"]["min_clearance"]
-    except (ValueError, KeyError, TypeError):
-        return ["its project holds no design rules"]
-    return []
+    if isinstance(item, str) or item[0] not in _OF_A_FOOTPRINT:
+        return str(item if isinstance(item, str) else item[0])
+    layer = _layer(item) if item[0] in _DRAWN_ON else str(item[1]) if item[0] == "layer" else None
+    allowed = _DRAWN_ON.get(str(item[0]), ("F.Cu",))
+    return f"{item[0]} on {layer}" if layer is not None and layer not in allowed else None

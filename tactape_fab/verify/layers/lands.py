@@ -63,6 +63,17 @@ def point_tree(xy_mm: FloatArray) -> shapely.STRtree:
     return shapely.STRtree(shapely.points(xy_mm))
 
 
+def apart_mm(points: FloatArray, others: FloatArray) -> float:
+    """Largest distance of a point from the nearest of the others, either way; a third column is compared there."""
+    if not len(points) or not len(others):
+        return 0.0 if len(points) == len(others) else np.inf
+    far = 0.0
+    for these, those in ((points, others), (others, points)):
+        index, distance = nearest(these[:, :2], point_tree(those[:, :2]))
+        far = max(far, float(distance.max()), float(np.abs(these[:, 2:] - those[index, 2:]).max(initial=0.0)))
+    return far
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LandPairs:
     """Pairs of lands: middles and vectors from land 1 to land 2, shape (p, 2), mm; the flashes that are land 1 and 2 of

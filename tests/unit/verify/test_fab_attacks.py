@@ -452,7 +452,7 @@ def test_the_label_of_another_sector_is_caught(flat_kit: Kit, copied: Copy, tmp_
     guid = re.search(rb"SameCoordinates,([^*]*)", own)
     assert guid is not None
     kit.data["legend-top"] = re.sub(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", guid[1], theirs)
-    assert set(failed(verify_kit(kit.save(consistent=True), quick=True))) == {"fab-dxf", "label"}
+    assert set(failed(verify_kit(kit.save(consistent=True), quick=True))) == {"fab-dxf", "kicad board", "label"}
 
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1", "-2+3", "@SUM(A1)", "\t=1", "0R\n=1")

@@ -1,0 +1,271 @@
+"""What a KiCad board shows beside places and copper: openings and ink as the Gerber files have them, outline, settings, rules."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isclose
+from typing import Any
+
+import numpy as np
+import shapely
+
+from tactape_fab.base.fields import shown as quoted
+from tactape_fab.base.json_text import parse_json
+from tactape_fab.kit.read.gerber_file import GerberShapes, ReadbackError
+from tactape_fab.kit.read.s_expression import Tree
+from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.shapes import rotate
+from tactape_fab.verify.files import named
+from tactape_fab.verify.layers.film_layers import without_counterpart
+from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, apart_mm, nearest, point_tree
+from tactape_fab.verify.layers.written_form import segments
+
+At = tuple[float, float, float]
+_ARC_TOLERANCE_MM = 0.01
+"""Of a corner's middle from the chords of the outline that gerbonara reads."""
+_RULES = {
+    "min_clearance": "pad-pad",
+    "min_copper_edge_clearance": "pad-edge",
+    "min_hole_clearance": "hole-copper",
+    "min_hole_to_hole": "hole-hole",
+    "min_through_hole_diameter": "hole-size",
+}
+"""Design rules of the project, and the fab's limits that they are."""
+_SEVERITIES: tuple[dict[str, str], ...] = ({}, {"track_dangling": "ignore"})
+_NOT_PLACED = ("exclude_from_pos_files", "exclude_from_bom")
+_ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
+"""By the first letter of a footprint's name: part, hole, fiducial."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Made:
+    """What the board shows besides places, as the manifest and the kit's other files have it.
+
+    Attributes
+    ----------
+    name : str
+    thickness_mm : float
+    value, footprint : str
+        Of every part.
+    body_mm : (float, float)
+    backings : dict of str to str
+        Material and thickness by role.
+    gerbers : mapping of str to GerberShapes
+        Layers by role.
+    limits_mm : mapping
+        The fab's limits; one that is not recorded is not compared.
+    """
+
+    name: str
+    thickness_mm: float
+    value: str
+    footprint: str
+    body_mm: tuple[float, float]
+    backings: Mapping[str, str]
+    gerbers: Mapping[str, GerberShapes]
+    limits_mm: Mapping[str, Any] = field(default_factory=dict)
+
+
+def drawn_problems(
+    lists: Mapping[str, Sequence[Tree]], at: Mapping[str, At], origin_mm: FloatArray, fiducials_mm: FloatArray, made: Made
+) -> list[str]:
+    """Faults of what the lists of a board draw and state; `at` are its footprints' places, board frame."""
+    silk = [item for kind in ("gr_line", "gr_poly") for item in lists.get(kind, []) if _layer(item) == "F.SilkS"]
+    return [
+        *_settings(lists, made),
+        *_footprints(lists, made),
+        *_openings(lists, at, origin_mm, fiducials_mm, made.gerbers.get("coverlay-top")),
+        *_ink(silk, origin_mm, made.gerbers.get("legend-top")),
+        *_outline(lists, origin_mm, made.gerbers.get("profile")),
+    ]
+
+
+def rules_problems(project: bytes, limits_mm: Mapping[str, Any]) -> list[str]:
+    """Faults of a project's design rules."""
+    try:
+        content = parse_json(project)
+        settings, (net_class,) = content["board"]["design_settings"], content["net_settings"]["classes"]
+        rules, severities = dict(settings["rules"]), settings["rule_severities"]
+        rules["clearance of its class"] = net_class["clearance"]
+        found = {key: float(value) for key, value in rules.items()}
+    except (ValueError, KeyError, TypeError):
+        return ["its project holds no design rules"]
+    wanted = {key: limits_mm[rule] for key, rule in {**_RULES, "clearance of its class": "pad-pad"}.items() if rule in limits_mm}
+    wrong = [key for key, value in wanted.items() if found.get(key) != value]
+    wrong += [] if severities in _SEVERITIES else ["rule_severities"]
+    return [f"its project's {named(wrong)} are not the limits of the manifest's fab"] if wrong else []
+
+
+def child(tree: Sequence[str | Tree], name: str) -> Tree:
+    """The one list of this name in a list."""
+    found = [item for item in tree if item and item[0] == name and isinstance(item, tuple)]
+    if len(found) != 1:
+        raise ReadbackError(f"a {quoted(tree[0] if tree else '')} has {len(found)} times {name}")
+    return found[0]
+
+
+def values(tree: Sequence[str | Tree], name: str) -> list[float]:
+    """The finite numbers of the one list of this name in a list."""
+    numbers = [float(word) for word in child(tree, name)[1:] if isinstance(word, str)]
+    if not np.isfinite(numbers).all():
+        raise ReadbackError(f"{name} is not finite")
+    return numbers
+
+
+def _layer(tree: Tree) -> str:
+    return str(child(tree, "layer")[1])
+
+
+def _settings(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
+    """Check thickness, title, layers, nets and notes."""
+    (general,), (title,), (layers,), (setup,) = (lists.get(kind, [()]) for kind in ("general", "title_block", "layers", "setup"))
+    (thickness_mm,) = values(general, "thickness")
+    problems = []
+    if len(general) != 2 or not isclose(thickness_mm, made.thickness_mm, abs_tol=1e-6):
+        problems.append(f"it is {thickness_mm:g} mm thick, not {made.thickness_mm:g}")
+    if child(title, "title")[1:] != (made.name,):
+        problems.append("its title is not the kit's name")
+    copper = sorted(str(row[1]) for row in layers[1:] if row[2:3] != ("user",))
+    if copper != ["B.Cu", "F.Cu"] or any(row[2] != "signal" for row in layers[1:] if row[1] in copper):
+        problems.append("its copper layers are not F.Cu and B.Cu")
+    plain = [item[0] for item in setup[1:]] == ["pad_to_mask_clearance", "aux_axis_origin", "grid_origin"]
+    if not plain or values(setup, "pad_to_mask_clearance") != [0.0]:
+        problems.append("its setup is not that of this tool")
+    if [net[1:] for net in lists.get("net", [])] != [("0", "")]:
+        problems.append("it has nets")
+    notes = sorted(str(text[1]) for text in lists.get("gr_text", []))
+    wanted = [
+        sorted(f"{role.split('-')[0]} under all of {of}: {what}" for role, what in made.backings.items())
+        for of in ("it", "each tape")
+    ]
+    return problems if notes in wanted else [*problems, f"it says {named(list(map(quoted, notes)) or ['nothing'])} of backings"]
+
+
+def _footprints(lists: Mapping[str, Sequence[Tree]], made: Made) -> list[str]:
+    """Check names, values and attributes of footprints, and the bodies that they draw; equal lists are one object."""
+    known: dict[tuple[object, ...], str | None] = {}
+    wrong: dict[str, int] = {}
+    for footprint in lists.get("footprint", []):
+        inner = [
+            item for item in footprint[2:] if isinstance(item, tuple) and item[:2] != ("fp_text", "reference") and item[0] != "at"
+        ]
+        (name,) = (str(item[2]) for item in footprint if item[:2] == ("fp_text", "reference"))
+        key = (name[0], footprint[1], *map(id, inner))
+        if key not in known:
+            known[key] = _footprint_problem(name[0], str(footprint[1]), inner, made)
+        if (problem := known[key]) is not None:
+            wrong[problem] = wrong.get(problem, 0) + 1
+    return [f"{count} footprints with {problem}" for problem, count in wrong.items()]
+
+
+def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) -> str | None:
+    if tuple(child(inner, "attr")[1:]) != _ATTRIBUTES.get(kind):
+        return "other attributes"
+    if kind == "H":
+        (pad,) = (item for item in inner if item[0] == "pad")
+        right = child(pad, "layers")[1:] == ("*.Cu", "*.Mask") and values(pad, "size") == values(pad, "drill") * 2
+        return None if right else "another pad"
+    if kind != "R":
+        return None
+    if name != f"tactape:{made.footprint}":
+        return "another name"
+    if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.value]:
+        return "another value"
+    bodies = [values(item, "end") for item in inner if item[0] == "fp_rect" and _layer(item) == "F.Fab"]
+    right = len(bodies) == 1 and np.allclose(bodies[0], np.array(made.body_mm) / 2, rtol=0.0, atol=PLACE_TOLERANCE_MM)
+    return None if right else "another body"
+
+
+def _openings(
+    lists: Mapping[str, Sequence[Tree]],
+    at: Mapping[str, At],
+    origin_mm: FloatArray,
+    fiducials_mm: FloatArray,
+    coverlay: GerberShapes | None,
+) -> list[str]:
+    """Check that what is drawn on the mask are the openings of the coverlay layer; equal rectangles are one object."""
+    if coverlay is None:
+        return []
+    polygons = [_polygon(item, origin_mm) for item in lists.get("gr_poly", []) if _layer(item) == "F.Mask"]
+    placed: dict[int, tuple[Tree, list[At]]] = {}
+    for footprint, place in zip(lists.get("footprint", []), at.values(), strict=True):
+        for item in footprint:
+            if item[0] == "fp_rect" and isinstance(item, tuple) and _layer(item) == "F.Mask":
+                placed.setdefault(id(item), (item, []))[1].append(place)
+    count, corners = len(polygons), [*polygons]
+    for item, places in placed.values():
+        _refuse_hollow(item)
+        (x0, y0), (x1, y1) = values(item, "start"), values(item, "end")
+        local, rows = np.array([(x0, -y0), (x1, -y0), (x1, -y1), (x0, -y1)]), np.array(places)
+        for turn_deg in np.unique(rows[:, 2]).tolist():
+            xy = rows[rows[:, 2] == turn_deg, :2]
+            corners.append((xy[:, None] + rotate(local, turn_deg)).reshape(-1, 2))
+            count += len(xy)
+    kept = np.ones(len(coverlay.flash_xy_mm), dtype=bool)
+    if len(fiducials_mm):
+        kept = nearest(coverlay.flash_xy_mm, point_tree(fiducials_mm))[1] > PLACE_TOLERANCE_MM
+    flashes, aperture, wanted = coverlay.flash_xy_mm[kept], coverlay.flash_aperture[kept], [*coverlay.areas_mm]
+    for k, outline in enumerate(coverlay.aperture_outlines_mm):
+        wanted.append((flashes[aperture == k][:, None] + outline).reshape(-1, 2))
+    openings = len(flashes) + len(coverlay.areas_mm)
+    if count == openings and _points_apart_mm(corners, wanted) <= PLACE_TOLERANCE_MM:
+        return []
+    return [f"its {count} openings are not the {openings} of the coverlay layer"]
+
+
+def _ink(silk: Sequence[Tree], origin_mm: FloatArray, legend: GerberShapes | None) -> list[str]:
+    """Check that ink is the legend layer's: areas by their corners, lines by their ends and width."""
+    areas, strokes = ((), ()) if legend is None else (legend.areas_mm, legend.strokes_mm)
+    polygons = [_polygon(item, origin_mm) for item in silk if item[0] == "gr_poly"]
+    lines = [item for item in silk if item[0] == "gr_line"]
+    problems = []
+    if len(polygons) != len(areas) or _points_apart_mm(polygons, areas) > PLACE_TOLERANCE_MM:
+        problems.append(f"its {len(polygons)} areas of ink are not the {len(areas)} of the legend layer")
+    ends = (np.array([(values(line, "start"), values(line, "end")) for line in lines]).reshape(-1, 2, 2) - origin_mm) * (
+        1.0,
+        -1.0,
+    )
+    wanted = segments(strokes).reshape(-1, 2, 2) if strokes else np.empty((0, 2, 2))
+    alone = len(without_counterpart(ends, wanted)) + len(without_counterpart(wanted, ends))
+    widths = {round(values(line, "width")[0], 6) for line in lines}
+    right = set() if legend is None else set(np.round(legend.stroke_width_mm, 6).tolist())
+    if alone or widths != right:
+        problems.append(f"its {len(lines)} lines of ink are not those of the legend layer")
+    return problems
+
+
+def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile: GerberShapes | None) -> list[str]:
+    """Check that sides and corners follow the outline layer, one after the other."""
+    if profile is None or not profile.strokes_mm:
+        return []
+    sides = [item for kind in ("gr_line", "gr_arc") for item in lists.get(kind, []) if _layer(item) == "Edge.Cuts"]
+    ends = np.array([values(item, end) for item in sides for end in ("start", "end")]).reshape(-1, 2)
+    middles = np.array([values(item, "mid") for item in sides if item[0] == "gr_arc"]).reshape(-1, 2)
+    cut = shapely.MultiLineString([stroke for stroke in profile.strokes_mm if len(stroke) > 1])
+    points = (np.concatenate([ends, middles]) - origin_mm) * (1.0, -1.0)
+    far_mm = shapely.distance(shapely.points(points), cut)
+    _, often = np.unique(np.round(ends, 4), axis=0, return_counts=True)
+    near = (far_mm[: len(ends)] <= PLACE_TOLERANCE_MM).all() and (far_mm <= _ARC_TOLERANCE_MM).all()
+    return [] if near and (often == 2).all() else ["its outline is not that of the outline layer"]
+
+
+def _polygon(item: Tree, origin_mm: FloatArray) -> FloatArray:
+    """Corners of a filled polygon, board frame."""
+    _refuse_hollow(item)
+    rows = [[float(word) for word in point[1:]] for point in child(item, "pts")[1:] if isinstance(point, tuple)]  # type: ignore[arg-type]
+    corners = np.array(rows, dtype=np.float64).reshape(-1, 2)
+    if not np.isfinite(corners).all():
+        raise ReadbackError("a polygon of it is not finite")
+    moved: FloatArray = (corners - origin_mm) * (1.0, -1.0)
+    return moved
+
+
+def _refuse_hollow(item: Tree) -> None:
+    if child(item, "fill")[1:] != ("solid",) or values(item, "width") != [0.0]:
+        raise ReadbackError(f"a {quoted(item[0])} of it is not filled to its edge alone")
+
+
+def _points_apart_mm(shapes: Sequence[FloatArray], others: Sequence[FloatArray]) -> float:
+    """Largest distance of a corner from the nearest of the others', either way."""
+    return apart_mm(*(np.concatenate([np.empty((0, 2)), *some]) for some in (shapes, others)))
