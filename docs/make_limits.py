@@ -1,12 +1,13 @@
 """Writes the tables of docs/limits.md: budgets of files as the package has them, and attacks with what each costs, measured here.
 
-Run: python docs/make_limits.py; with --scores it makes the table of changed code alone. A test holds the budgets, the scores, and
-which attacks there are; figures are those of the machine.
+Run: python docs/make_limits.py; with --scores it makes the table of changed code alone, with --changes that of changed kits.
+A test holds the budgets, the scores, and which attacks and changes there are; figures are those of the machine.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -14,8 +15,14 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from tactape_fab import TapeSpec, make_kit
+from tactape_fab.verify import verify_kit
 from tactape_fab.verify.budgets import BUDGETS, OTHERS, most_bytes
 from tests.attacks import ATTACKS, Attack, Cost, cost_of
+from tests.roundtrip.kits import Edit, OpenKit, replaced, text_of
+from tests.roundtrip.test_verify_kicad import CHANGES as BOARD_CHANGES
+from tests.roundtrip.test_verify_kicad import RULES
+from tests.unit.verify.test_fab_attacks import ATTACKS as KIT_CHANGES
+from tests.unit.verify.test_other_versions import EDITS
 
 PAGE = Path(__file__).parent / "limits.md"
 SCORES = Path(__file__).parent.parent / "tests" / "mutants" / "scores.json"
@@ -38,6 +45,42 @@ def attack_row(attack: Attack, cost: Cost) -> str:
     return f"| {attack.kind} | {attack.tried} | {said} | {cost.cpu_s:.1f} s | {cost.peak_bytes / 2**20:.0f} MB |"
 
 
+def changes() -> dict[str, dict[str, Edit]]:
+    """Changes of a kit that the tests try, by class."""
+    board = {f"KiCad board: {name}": text_of("kicad-pcb", change) for name, (change, _) in BOARD_CHANGES.items()}
+    rules = {f"KiCad board: rules, {name}": replaced("kicad-project", *texts) for name, texts in RULES.items()}
+    kinds: dict[str, dict[str, Edit]] = {}
+    for name, edit in {
+        **board,
+        **rules,
+        **{name: edit for tried in (KIT_CHANGES, EDITS) for name, (edit, _) in tried.items()},
+    }.items():
+        kinds.setdefault(name.partition(":")[0], {})[name] = edit
+    return dict(sorted(kinds.items(), key=lambda kind: kind[0].lower()))
+
+
+def changed_rows() -> list[str]:
+    """How many changes of each class the quick `verify` of a kit of another version tells, hashes made to fit."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        kit = make_kit(
+            TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=((16.4, 10.0, 1.0),), models=False), Path(folder) / "kit"
+        )
+        for kind, edits in changes().items():
+            caught = sum(is_caught(kit.path, Path(folder) / "changed", edit) for edit in edits.values())
+            rows.append(f"| {kind} | {len(edits)} | {caught} |")
+    return rows
+
+
+def is_caught(kit: Path, folder: Path, edit: Edit) -> bool:
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(kit, folder)
+    opened = OpenKit(folder)
+    opened.manifest["tool"]["version"] = "0.0.9"
+    edit(opened)
+    return not verify_kit(opened.save(consistent=True), quick=True).passed
+
+
 def mutant_rows() -> list[str]:
     """What became of the changes of each module that was tried, as `python -m tests.mutants --keep` wrote it."""
     return [
@@ -57,6 +100,10 @@ def with_table(page: str, name: str, rows: list[str]) -> str:
 def main() -> None:
     if "--scores" in sys.argv:
         PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), "mutants", mutant_rows()), encoding="utf-8")
+        return
+    rows = changed_rows()
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), "changes", rows), encoding="utf-8")
+    if "--changes" in sys.argv:
         return
     with tempfile.TemporaryDirectory() as folder:
         kit = make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), Path(folder) / "kit")

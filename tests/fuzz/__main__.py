@@ -54,6 +54,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at-a-time", type=int, default=2)
     parser.add_argument("--plain", action="store_true", help="without Atheris")
+    parser.add_argument("--page", type=Path, help="a page between whose marks the table is written")
     parser.add_argument("--again", type=Path, help="a file that found a fault")
     asked = parser.parse_args()
     doors = all_doors(make_seeds())
@@ -76,18 +77,20 @@ def main() -> None:
             running.remove(attack)
             done[attack.name] = attack
             print(attack.told(), flush=True)
-    _print_table([done[name] for name in doors])
+    table = _table([done[name] for name in doors], asked.seconds)
+    print(f"\n{table}")
+    if asked.page is not None:
+        before, begin, rest = asked.page.read_text(encoding="utf-8").partition("<!-- fuzz -->\n")
+        asked.page.write_text(before + begin + table + rest[rest.index("<!-- /fuzz -->") :], encoding="utf-8")
     sys.exit(any(attack.faults for attack in done.values()))
 
 
-def _print_table(attacks: list[_Attack]) -> None:
+def _table(attacks: list[_Attack], seconds: float) -> str:
     how = "random changes" if atheris is None else "Atheris"
-    print(f"\n| door | executions ({how}) | refused | faults |\n|---|--:|--:|--:|")
-    for attack in attacks:
-        print(f"| {attack.name} | {attack.executions:,} | {attack.refused:,} | {len(attack.faults)} |")
-    executions, refused = sum(attack.executions for attack in attacks), sum(attack.refused for attack in attacks)
-    faults = sum(len(attack.faults) for attack in attacks)
-    print(f"| {len(attacks)} doors | {executions:,} | {refused:,} | {faults} |")
+    head = f"| door | executions ({how}, {seconds:g} seconds each) | refused | faults |\n|---|--:|--:|--:|\n"
+    rows = [(attack.name, attack.executions, attack.refused, len(attack.faults)) for attack in attacks]
+    rows.append((f"{len(rows)} doors", sum(row[1] for row in rows), sum(row[2] for row in rows), sum(row[3] for row in rows)))
+    return head + "".join(f"| {name} | {executions:,} | {refused:,} | {faults} |\n" for name, executions, refused, faults in rows)
 
 
 class _Attack:
