@@ -11,6 +11,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from tactape_fab.base.plain_text import one_line
 from tactape_fab.base.version import __version__
 
 # Matrices of the decoder and of `calibrate` are small: threads of OpenBLAS would wait for each other, and took seven times the
@@ -66,6 +67,13 @@ class _Group(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         return command(cmd_name) if cmd_name in COMMANDS else None
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except click.UsageError as error:  # click names arguments as they are: `coupon *` takes whatever names a folder holds
+            error.message = one_line(error.message)
+            raise
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         for stream in (sys.stdout, sys.stderr):
