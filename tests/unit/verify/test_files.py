@@ -102,7 +102,8 @@ def test_files_that_are_missing_or_elsewhere_are_named(kit: Path) -> None:
 
 
 def test_a_manifest_lists_some_files_and_not_too_many(kit: Path) -> None:
-    for rows in (None, [], {}, "cpl.csv"):
+    nothing: tuple[object, ...] = (None, [], {}, "cpl.csv")
+    for rows in nothing:
         files, (check,) = read(kit, {"files": rows})
         assert (files, check.passed, check.message) == ({}, False, "the manifest lists no files")
     one = manifest()["files"][0]

@@ -18,14 +18,14 @@ from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import PlanePlace
 from tactape_fab.sense.decode.search.search import Place, Rivals
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
-from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.code import get_code
 from tests.contacts import DELTA, TAPE, W, dots, tape_of, texture_of
 
 LIMITS = Limits(max_p_false=1e-3, kappa=30.0)
 CLEAR = {"p_tape": 1e-9, "p_place": 1e-9, "lead": log(1e6), "agree": 40, "good": 40}
 
 
-def refused(limits: Limits = LIMITS, unregistered: str | None = None, **said: float) -> str | None:
+def refused(said: dict[str, float], limits: Limits = LIMITS, unregistered: str | None = None) -> str | None:
     """Why an answer is refused that is clear but in what is said here."""
     of = CLEAR | said
     doubt = _Doubt(p_place=of["p_place"], lead=of["lead"], unregistered=unregistered)
@@ -33,7 +33,7 @@ def refused(limits: Limits = LIMITS, unregistered: str | None = None, **said: fl
 
 
 def test_what_is_clear_is_accepted() -> None:
-    assert refused() is None
+    assert refused({}) is None
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_what_is_clear_is_accepted() -> None:
     ],
 )
 def test_each_limit_from_both_sides(said: dict[str, float], reason: str | None) -> None:
-    found = refused(**said)
+    found = refused(said)
     assert found is None if reason is None else found is not None and found.startswith(reason)
 
 
@@ -72,13 +72,13 @@ def test_each_limit_from_both_sides(said: dict[str, float], reason: str | None) 
     ],
 )
 def test_a_limit_of_its_own_for_the_texture(said: dict[str, float], reason: str | None) -> None:
-    found = refused(replace(LIMITS, max_p_tape=0.01), **said)
+    found = refused(said, replace(LIMITS, max_p_tape=0.01))
     assert found is None if reason is None else found is not None and found.startswith(reason)
 
 
 def test_an_unregistered_tape_is_named_before_all_else() -> None:
-    for said in ({}, {"p_tape": 1.0}, {"lead": 0.0}, {"agree": 0}):
-        assert refused(unregistered="s9", **said) == "looks like s9, which is not registered"
+    for key in ("p_tape", "lead", "agree"):
+        assert refused({key: 0.0}, unregistered="s9") == "looks like s9, which is not registered"
 
 
 # Doubt
@@ -90,11 +90,11 @@ P_TAPE = 1e-6
 @pytest.fixture
 def place() -> Place:
     """Any place: of its fields those that doubt looks at are given by each test."""
-    return Place(
-        **{"score": 50.0, "weight": -9.0, "tape": 0, "turn": 0, "others": 1e-7, "lead": 40.0, "most_said": 99.0},
-        **{"cells": np.zeros((6, 2), dtype=np.int64), "shown": np.zeros((9, 9), dtype=np.uint8), "tables": (), "groups": ()},
-        **{"turn_weights": np.full(4, 0.25), "weights": np.zeros((4, 2))},  # type: ignore[arg-type]
-    )
+    said = {"score": 50.0, "weight": -9.0, "tape": 0, "turn": 0, "others": 1e-7, "lead": 40.0, "most_said": 99.0}
+    arrays = {"cells": np.zeros((6, 2), dtype=np.int64), "shown": np.zeros((9, 9), dtype=np.uint8)}
+    weights = {"turn_weights": np.full(4, 0.25), "weights": np.zeros((4, 2))}
+    fields: dict[str, Any] = {**said, **arrays, **weights, "tables": (), "groups": ()}
+    return Place(**fields)
 
 
 def doubted(
@@ -210,12 +210,11 @@ def test_an_answer_in_the_frames_of_the_contract(place: Place) -> None:
 
 
 def test_an_answer_in_the_plane_of_a_code_names_no_tape() -> None:
-    code = get_plane("microdots-4x4")
+    code = get_code("microdots-4x4").sequences
+    assert code is not None
     bits = np.zeros(6, dtype=np.int64)
-    place = PlanePlace(
-        **{"score": 50.0, "weight": 0.0, "turn": 0, "sector": 33, "cells": np.zeros((6, 2), dtype=np.int64), "lead": 9.0},
-        **{"x_bits": bits, "y_bits": bits, "others": 0.0},  # type: ignore[arg-type]
-    )
+    at: dict[str, Any] = {"score": 50.0, "weight": 0.0, "turn": 0, "sector": 33, "others": 0.0, "lead": 9.0}
+    place = PlanePlace(**at, cells=np.zeros((6, 2), dtype=np.int64), x_bits=bits, y_bits=bits)
     said = _described(place, SequencePlane(code, 64), np.array([5, 3]), np.zeros(2), POSE_OF)
     assert (said["sector"], said["index"], said["plane_mm"]) == (33, (5, 3), (12.0, 7.5))
     assert not {"tape", "cell", "position_mm", "board_mm"} & set(said)
