@@ -53,7 +53,7 @@ def mutants(source: str) -> Iterator[Mutant]:
     inner = {id(node) for part in ast.walk(tree) if isinstance(part, ast.FunctionDef) for node in ast.walk(part)}
     for index, node in enumerate(_places(tree)):
         for number, (what, _) in enumerate(_changes(node)):
-            line = getattr(node, "lineno", 1)
+            line = node.target.lineno if isinstance(node, ast.comprehension) else getattr(node, "lineno", 1)
             key = lines[line - 1].strip(), what
             times = seen[key] = seen.get(key, 0) + 1
             change = what + (f" ({times})" if times > 1 else "")

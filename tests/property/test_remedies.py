@@ -79,7 +79,8 @@ def typed(command: str, way: str) -> str:
 @cache
 def findings(command: str) -> tuple[str, dict[str, dict[str, object]]]:
     """What `check` refuses, and its findings by rule, of several the broken one."""
-    result = CliRunner().invoke(main, ["check", *shlex.split(command), "--json"], prog_name="tactape-fab")
+    words = ["check", *shlex.split(command), "--json"]
+    result = CliRunner().invoke(main, words, prog_name="tactape-fab", catch_exceptions=False)
     if result.exit_code not in (0, 3):
         return result.stderr, {}
     found: dict[str, dict[str, object]] = {}

@@ -104,11 +104,7 @@ class _Remedies:
         """Remedy of a rule: the options that are found for its limit, or another process that makes it as it is."""
 
         def words(limit_mm: float) -> str:
-            others = (
-                []
-                if self.spec.holes_mm
-                else [p for p in map(load_process, profile_names("processes")) if p.name != self.process.name]
-            )
+            others = [] if self.spec.holes_mm else map(load_process, profile_names("processes"))
             ways = [found(limit_mm)] + [
                 f"--process {other.name}"
                 for other in others

@@ -233,7 +233,7 @@ def _unregistered(name: str) -> str:
 def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int) -> str | None:
     """Reason why an answer is refused, None if it is accepted; from the good dots on the tape, and those that fit the pose.
 
-    The bounds come first, p_place and p_false as `not p <= limit`, so that NaN is refused. Then the lead, which does not depend
+    The bounds come first, as `not p <= limit`, so that NaN is refused. Then the lead, which does not depend
     on the weights of places: two equal ones are never told apart. Last the pose: dots may fit the symbols of a place but not
     the geometry of a flat tape, if it is bent, or if two tapes lie side by side.
     """
@@ -243,7 +243,7 @@ def _refusal(p_tape: float, doubt: _Doubt, limits: Limits, agree: int, good: int
     if limits.max_p_tape is None and not p_false <= limits.max_p_false:
         what = "may be no tape of ours" if p_tape > p_place else "several places fit"
         return f"{what}: p_false {p_false:.1e} exceeds {limits.max_p_false:.1e}"
-    if limits.max_p_tape is not None and p_tape > limits.max_p_tape:
+    if limits.max_p_tape is not None and not p_tape <= limits.max_p_tape:
         return f"may be no tape of ours: p_tape {p_tape:.1e} exceeds {limits.max_p_tape:.1e}"
     if not p_place <= limits.max_p_false:
         return f"several places fit: p_place {p_place:.1e} exceeds {limits.max_p_false:.1e}"

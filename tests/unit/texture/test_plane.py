@@ -121,6 +121,24 @@ def test_foreign_vectors_are_located_at_every_window(key: str) -> None:
 
 
 @pytest.mark.parametrize("name", SEQUENCE_NAMES)
+def test_a_window_is_located_where_the_code_has_it_or_nowhere(name: str) -> None:
+    code, rng = sequences_of(name), np.random.default_rng(5)
+    n = code.window
+    anything = rng.integers(0, 4, (400, n, n)).astype(np.uint8)
+    worn = np.stack([encode(code, 3, (k, 2 * k), (n, n)) for k in range(400)])
+    worn[np.arange(400), rng.integers(0, n, 400), rng.integers(0, n, 400)] ^= rng.integers(1, 4, 400).astype(np.uint8)
+    windows = np.concatenate([anything, worn])
+    places = locate_windows(code, side_by_side(windows))
+    valid, *fields = (found[0, ::n] for found in (places.valid, places.column, places.row, places.sector))
+    assert all((field[~valid] == -1).all() and (field[valid] >= 0).all() for field in fields)
+    assert name == "debruijn-4x4" or not valid.all()
+    for i in np.flatnonzero(valid):
+        column, row, sector = (int(field[i]) for field in fields)
+        if max(column, row) <= code.range - n:
+            assert np.array_equal(encode(code, sector, (column, row), (n, n)), windows[i])
+
+
+@pytest.mark.parametrize("name", SEQUENCE_NAMES)
 def test_encode_is_the_formula_at_the_plane_start_without_any_shortcut(name: str) -> None:
     code = sequences_of(name)
     phase = 0

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from tactape_fab.texture.certify.certificate import (
     nearest_distances,
     pair_words,
     proven_between,
+    window_words,
 )
 from tactape_fab.texture.certify.nearest import Pairs, Search, near_pairs, plan_search
 from tactape_fab.texture.certify.pairs import BEYOND, EXACT_TO, NO_WINDOWS, across, conflicts
@@ -123,6 +125,55 @@ def test_smallest_contacts_are_the_smallest_squares(seed: int) -> None:
 def test_windows_may_differ_in_every_symbol(side: int) -> None:
     tape = replace(tape_at(7, (side, side)), symbols=np.zeros((side, side), dtype=np.uint8))
     assert closest(tape, side).distance == side**2  # from itself, turned
+
+
+@pytest.mark.parametrize("side", [4, 5])
+def test_it_does_not_matter_in_what_portions_pairs_come(side: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    tape = tape_at(11, (12, 10))
+    whole = closest(tape, side)
+
+    def one_by_one(*arguments: Any, **named: Any) -> Iterator[Pairs]:
+        for some in near_pairs(*arguments, **named):
+            for i in range(-1, len(some.first)):
+                part = slice(max(i, 0), i + 1)
+                rows = {name: getattr(some, name)[part] for name in ("first", "second", "turn", "distance")}
+                yield Pairs(**rows)
+
+    monkeypatch.setattr("tactape_fab.texture.certify.certificate.near_pairs", one_by_one)
+    portioned = closest(tape, side)
+    assert (portioned.distance, portioned.pairs, listed(portioned)) == (whole.distance, whole.pairs, listed(whole))
+
+
+@pytest.mark.parametrize("side", [4, 5, 8])
+def test_many_windows_are_searched_as_if_each_were_compared_with_each(side: int) -> None:
+    """So many that a search begins with the nearest; windows of 8 x 8 differ in a third of their symbols or more."""
+    tape = tape_at(7, (36, 34))
+    windows = windows_of(tape.symbols, tape.placed, side)
+    rows = []
+    for i, turn in product(range(windows.count), range(3)):
+        first = i if turn == 2 else i + 1 if turn == 0 else 0
+        own, others = (tuple(word[0, i : i + 1] for word in windows.words), tuple(word[turn, first:] for word in windows.words))
+        apart = symbol_distance(own, others)
+        rows.append(np.column_stack([apart, np.full(len(apart), i), first + np.arange(len(apart)), np.full(len(apart), turn)]))
+    every = np.concatenate(rows)
+    nearest = every[every[:, 0] == every[:, 0].min()]
+    found = closest(tape, side)
+    assert (found.distance, found.pairs) == (nearest[0, 0], len(nearest))
+    expected = sorted((*windows.corner_rc[a], *windows.corner_rc[b], turn) for _, a, b, turn in nearest.tolist())
+    assert [(*a, *b, turn) for a, b, turn in listed(found)] == expected[:LISTED]
+    assert side < 8 or nearest[0, 0] > 2 * side
+
+
+def test_without_windows_there_are_no_pairs() -> None:
+    none = closest(tape_at(7, (3, 9)), 4)
+    assert (none.windows, none.distance, none.pairs) == (0, None, 0)
+    assert none.first_rc.shape == none.second_rc.shape == (0, 2) and none.turn.shape == (0,)
+
+
+def test_a_window_is_named_by_its_upper_left_part() -> None:
+    tape = replace(tape_at(7, (9, 6)), omitted=np.array([(2, 0), (1, 3)]))
+    for (column, row), name in zip(tape.cells().tolist(), tape.designators(), strict=True):
+        assert window_words(tape, row, column) == f"{name} (column {column}, row {row})"
 
 
 def test_a_contact_of_eight_points_may_be_the_smallest() -> None:
