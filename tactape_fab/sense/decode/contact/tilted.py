@@ -16,7 +16,7 @@ from tactape_fab.texture.frames import FloatArray
 
 WHOLLY = 0.03
 """Slope, 1.7 degrees, from which a contact counts as tilted in full."""
-DRAWN, DRAWN_ERROR = 0.345, 0.12
+DRAWN, DRAWN_ERROR = 0.345, 0.08
 """How far tops are drawn to where the pressure is by a relative slope of it of 1/mm, over the mean of the squares of length and
 width, mm^2; and how much of that, as a share, is unsure. `long_parts` has the difference between along a part and across it; this
 is what both have in common. Of 0201 it is 0.075 to 0.09 mm^2 from the middle of a contact down to a third of the height there,
@@ -32,12 +32,12 @@ LOW, RELIABLE, STEEPNESS = 0.25, 0.6, 0.45
 So (`RELIABLE` - weight) / `STEEPNESS` of what it misses is left, but at least the first share and at most all."""
 BORDER_MM, AT_BORDER = 0.65, 0.3
 """So near the image's border the filter mirrors a part, and its top is 5 to 25 um too far inside; most weight that it has."""
-LEAN_MM = 0.055
+LEAN_MM = 0.045
 """How far beside the top of a part, over the slope, its dot may be."""
-USUAL_MM, USUAL_DOTS = 0.0095, 20.0
+USUAL_MM, USUAL_DOTS = 0.0095, 8.0
 """Error of a dot under a tilt believed before the frame is seen, and how many dots this belief counts as: the scatter of 17 dots,
 on which nine unknowns were fitted, is often too small by chance. A larger one is believed as it is."""
-STRAIN = 2.1
+STRAIN = 2.4
 """Standard deviation of a linear displacement of the dots about their middle that is left, under a tilt of 5 degrees, over that
 which independent errors of the dots make of it. It grows with the square of the slope. Seed 5 of the elastic simulator."""
 PIXELS, PIXELS_DRAWN = 0.45, 0.31
