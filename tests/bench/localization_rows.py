@@ -11,7 +11,8 @@ import numpy as np
 
 from tactape_fab import Tape, TapeSpec, default_origin
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.sense import Frame, Scene, draw_poses, iterate_frames
+from tactape_fab.sense import Frame, Scene, SensorProfile, draw_poses, iterate_frames, load_sensor
+from tactape_fab.sense.geometry import Gel
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.frames import IntArray
 from tactape_fab.texture.plane import encode
@@ -58,6 +59,11 @@ class Row:
     paper_scale: float | None = 16.0
     fewer: int = 1
     seed: int = field(default=SEED)
+
+
+def plane_gel() -> SensorProfile:
+    """The stock sensor without its gel's crown: by one, contacts of the imprint model off the image's centre were tilted."""
+    return replace(load_sensor("gelsight-mini"), gel=Gel())
 
 
 def _contact(name: str, side_mm: float, **options: float) -> Row:

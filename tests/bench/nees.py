@@ -19,9 +19,8 @@ import numpy as np
 from tactape_fab import Localizer
 from tactape_fab.sense import Scene, draw_poses, iterate_frames, load_sensor
 from tactape_fab.sense.decode.result import Refined
-from tactape_fab.sense.geometry import Gel
 from tests.bench.localization_measure import error_of, is_right
-from tests.bench.localization_rows import SEED, STRIPS, frames_of, registered_tape
+from tests.bench.localization_rows import SEED, STRIPS, frames_of, plane_gel, registered_tape
 from tests.bench.localization_rows import Row as Frames
 
 BEYOND = 7.815
@@ -87,10 +86,8 @@ class Figures:
 
 def figures_of(scene: Scene, count: int, refine: Refined, theta_deg: float | None = None) -> Figures:
     """Locate frames of a scene; all dots lie alike in their pixels at a theta of 0 or 90, as 1.5 mm are 24 px."""
-    stock = load_sensor("gelsight-mini")
-    # the imprint model's gel has no crown: with one a contact off the image's centre would be a tilted one
-    gel = Gel() if scene.elastic is None else stock.gel
-    sensor = replace(stock, gel=replace(gel, displacement_um=scene.gel_displacement_um or 0.0))
+    sensor = plane_gel() if scene.elastic is None else load_sensor("gelsight-mini")
+    sensor = replace(sensor, gel=replace(sensor.gel, displacement_um=scene.gel_displacement_um or 0.0))
     localizer = Localizer([registered_tape()], sensor, refine=refine)
     wrong = 0
     errors, squares, strains = [np.zeros((0, 3))], [np.zeros(0)], [np.full((1, 2), np.nan)]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
-from tactape_fab.sense.decode.contact.tilted import PIXELS, tilted_pose
+from tactape_fab.sense.decode.contact.tilted import of_pixels, tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
@@ -54,7 +54,7 @@ def judge(
     limits: Limits,
     pixels: Pixels | None = None,
     pressed: tuple[ContactView, Image, Image] | None = None,
-    sharper: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
+    sharper: Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None,
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
@@ -72,9 +72,9 @@ def judge(
     pressed : (ContactView, Image, Image) or None
         The canonical frame, and as dots were detected in it, where its depths are millimetres.
     sharper : callable or None
-        By what dots are off, in square pixels, from where they are seen, px of the frame, their offsets from the image centre,
-        square pixels, and their nominal places, mm; all (n, 2). Only the pose is fitted to better ones: what is searched and
-        accepted, and the contact dot, are as without.
+        By what dots are off, in square pixels (n, 2), and how high they are (n,), from where they are seen, px of the frame,
+        their offsets from the image centre, square pixels, and their nominal places, mm; all (n, 2). Only the pose is fitted to
+        better ones: what is searched and accepted, and the contact dot, are as without.
 
     Returns
     -------
@@ -95,7 +95,8 @@ def judge(
         seen = "too few dots lie on a tape" if doubt.unregistered is None else _unregistered(doubt.unregistered)
         return Localization(located=False, reason=seen, **said), other
     seen_px = dots.seen_px if dots.seen_px is None or len(on.cells) == len(dots.seen_px) else dots.seen_px[on.inside]
-    shift_px = np.zeros(2) if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
+    sharp = None if sharper is None or seen_px is None else sharper(seen_px, on.offset_px, on.nominal_mm)
+    shift_px, heights = sharp or (np.zeros(2), on.weights)
     offset_px = on.offset_px + shift_px
     placed_mm = None
     built = world.built[place.tape] if isinstance(world, Registry) and isinstance(place, Place) and place.as_built else None
@@ -110,16 +111,17 @@ def judge(
     reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
-    strain = None
+    tilted = None
     if pressed is not None and seen_px is not None:
         gel, image, small = pressed
         said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
         slope = contact.slope()
         if slope is not None:
             places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, on.nominal_mm)
-            pose, offset_px, strain = tilted_pose(pose, slope, *places, on.weights, view)
+            border_mm = gel.from_border_mm(seen_px)
+            pose, offset_px, tilted = tilted_pose(pose, slope, *places, on.weights, heights, border_mm, view)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
-    u, v = (offset_px - shift_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
+    u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
     if reading.q is not None:
         args = (dots, reading.q, place.turn, on.cells, on.inside, offset_px, on.nominal_mm, pose, view)
@@ -131,8 +133,8 @@ def judge(
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
         pose, said["refine_reason"] = refine(pixels, view, part, offset_px, on.nominal_mm, pose, placed_mm)
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
-        if strain is not None and said["refine_reason"] is None:
-            pose = replace(pose, covariance=pose.covariance + PIXELS**2 * strain)
+        if tilted is not None and said["refine_reason"] is None:
+            pose = of_pixels(pose, tilted)
     if built is not None:
         pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
     return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False

@@ -422,15 +422,17 @@ class Localizer:
             out = on_gel * self._view.px_per_mm + self._view.centre_px
         return out
 
-    def _shift_px(self, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray) -> FloatArray:
-        """How far dots are from where they were detected, square pixels."""
+    def _shift_px(
+        self, high: Image, seen_px: FloatArray, offset_px: FloatArray, texture_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """How far dots are from where they were detected, square pixels, and how high they are."""
         shift_px, heights = sharp_tops(high, self._detection_px_per_mm, seen_px)
         if self._aspect != 1.0:
             shift_px = shift_px * (1.0, self._aspect)
         if self._view.part is None:
-            return shift_px
+            return shift_px, heights
         drawn = drawn_px(self._view.part, heights, offset_px, texture_mm, self._view.px_per_mm)
-        return shift_px if drawn is None else shift_px - drawn
+        return (shift_px if drawn is None else shift_px - drawn), heights
 
     def _locate(self, dots: Dots, prior: Prior | None, image: Image | None = None) -> Localization:
         pixels = None if image is None or self._pixel_fit is None else Pixels(fit=self._pixel_fit, image=image)

@@ -12,8 +12,7 @@ from tactape_fab.sense import Scene, draw_poses, load_sensor
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.evidence.job import Job, Result, Size
 from tests.bench.localization_accuracy import PX_PER_MM, accuracy_of
-from tests.bench.localization_measure import localizer_of
-from tests.bench.localization_rows import SEED, Row, registered_tape
+from tests.bench.localization_rows import SEED, Row, plane_gel, registered_tape
 from tests.bench.pixel_bound import BOUND_POSES, UNITS, PixelRow, bound_of
 
 SECTION = "accuracy"
@@ -40,8 +39,8 @@ def jobs(size: Size) -> list[Job]:
 def measure_scene(name: str, frames: int) -> Result:
     """Errors in one scene by dots and by pixels, their bounds, and what the paper's equations give for the same dots."""
     row = Row(name=name, scenes=(SCENES[name],))
-    found = accuracy_of(localizer_of(1, "open"), row, frames)
-    refined = accuracy_of(Localizer([registered_tape()], refine="pixels"), row, frames)
+    found = accuracy_of(Localizer([registered_tape()], plane_gel()), row, frames)
+    refined = accuracy_of(Localizer([registered_tape()], plane_gel(), refine="pixels"), row, frames)
     dot_px = float(found.dot_px[-1])  # of wholly imprinted dots
     return {
         "frames": found.frames,

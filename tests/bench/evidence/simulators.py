@@ -38,13 +38,15 @@ SCENES: Mapping[str, tuple[Scene | None, Scene]] = {
     "default, 2 N": (Scene(), _pressed()),
     "tilt 2°, 2 N": (_imprint_tilted(2.0), _pressed(tilt_deg=(2.0, 0.0))),
     "tilt 5°, 2 N": (_imprint_tilted(5.0), _pressed(tilt_deg=(5.0, 0.0))),
+    "tilt 2° along v, 2 N": (None, _pressed(tilt_deg=(0.0, -2.0))),
+    "tilt 5° along v, 2 N": (None, _pressed(tilt_deg=(0.0, 5.0))),
     "cylinder of 30 mm, 2 N": (_strip(30.0), _pressed(cylinder_radius_mm=30.0)),
     "cylinder of 15.7 mm, 2 N": (_strip(15.7), _pressed(cylinder_radius_mm=15.7)),
     "flat, 0.5 N": (None, _pressed(force_n=0.5)),
     "flat, 10 N": (None, _pressed(force_n=10.0)),
     "flat, printed markers, 2 N": (None, _pressed(markers=True)),
 }
-"""The imprint model knows no force, and no markers."""
+"""The imprint model knows no force, no markers, and no tilt of the bodies: one along v would be the same again."""
 MODELS = ("imprint", "elastic")
 
 

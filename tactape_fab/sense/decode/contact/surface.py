@@ -75,6 +75,11 @@ class ContactView:
         on_gel: FloatArray = (seen_px - self.centre_px) / self.px_per_mm
         return on_gel
 
+    def from_border_mm(self, seen_px: FloatArray) -> FloatArray:
+        """How far pixels are from the image's border; (n, 2) to (n,)."""
+        nearest: FloatArray = (np.minimum(seen_px, self.last_px - seen_px) / self.px_per_mm).min(axis=1)
+        return nearest
+
 
 def contact_view(sensor: SensorProfile) -> ContactView | None:
     """The view of a sensor; None where its depths are no millimetres."""

@@ -59,7 +59,7 @@ def test_a_tape_along_the_pixels_is_where_it_is_at_every_phase(theta_deg: float,
         return float(np.abs(np.array([fix.position_mm for fix in found]) - places).max() * 1000.0)
 
     assert off_um() < 1.0
-    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *places: np.zeros_like(seen_px))
+    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *_: (np.zeros_like(seen_px), np.ones(len(seen_px))))
     assert off_um() > 4.0
 
 
@@ -70,7 +70,7 @@ def test_only_the_pose_moves(monkeypatch: pytest.MonkeyPatch) -> None:
         for k, theta_deg in enumerate((0, 33, 90))
     ]
     sharp = [localizer.locate(frame) for frame in frames]
-    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *places: np.zeros_like(seen_px))
+    monkeypatch.setattr(Localizer, "_shift_px", lambda self, high, seen_px, *_: (np.zeros_like(seen_px), np.ones(len(seen_px))))
     for fix, frame in zip(sharp, frames, strict=True):
         before = localizer.locate(frame)
         for name in ("located", "reason", "tape", "cell", "contact_mm", "n_dots", "p_tape", "p_place", "p_false"):
