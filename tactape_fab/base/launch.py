@@ -99,11 +99,8 @@ def too_long(status: int) -> bool:
 def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run a program to its end in `scratch`, or in a temporary folder.
 
-    Raises
-    ------
-    OSError
-        When it cannot be started.
-    subprocess.TimeoutExpired
+    Raises OSError when it cannot be started.
+    Raises subprocess.TimeoutExpired.
     """
     with _scratch(scratch) as folder:
         return subprocess.run(
@@ -122,10 +119,7 @@ def run(command: Sequence[str], *, timeout_s: float, scratch: Path | None = None
 def start(command: Sequence[str], scratch: Path, **settings: Any) -> subprocess.Popen[bytes]:
     """Start a program in `scratch`, which the caller removes; `settings` are Popen's.
 
-    Raises
-    ------
-    OSError
-        When it cannot be started.
+    Raises OSError when it cannot be started.
     """
     return subprocess.Popen(command, cwd=scratch, env=environment(scratch), **settings)
 

@@ -33,8 +33,10 @@ def holes(texts: Sequence[str]) -> Any:
 class _TapeOption(click.Option):
     """A command-line option for a key of the spec."""
 
-    def __init__(self, declarations: Sequence[str], key: str, read: Callable[[Any], Any], **settings: Any) -> None:
-        super().__init__([*declarations, key], **settings)
+    def __init__(
+        self, option: str, key: str, read: Callable[[Any], Any], metavar: str | None, meaning: str, **settings: Any
+    ) -> None:
+        super().__init__([option, key], metavar=metavar, help=meaning, **settings)
         self.read = read
 
 
@@ -47,127 +49,99 @@ def _off(given: bool) -> bool:
 
 
 TAPE_OPTIONS = (
-    _TapeOption(["--sector"], "sector", number, metavar="N", help="Sector of the code that the tape shows. Required."),
-    _TapeOption(["--w"], "pitch_mm", length, metavar="MM", help="Grid pitch W.  [default: 1.5]"),
-    _TapeOption(["--delta"], "displacement_mm", length, metavar="MM", help="Displacement Δ of each part.  [default: W/6]"),
-    _TapeOption(["--size"], "size_mm", size, metavar="WxH", help="Outline, mm.  [default: 100x50]"),
+    _TapeOption("--sector", "sector", number, "N", "Sector of the code that the tape shows. Required."),
+    _TapeOption("--w", "pitch_mm", length, "MM", "Grid pitch W.  [default: 1.5]"),
+    _TapeOption("--delta", "displacement_mm", length, "MM", "Displacement Δ of each part.  [default: W/6]"),
+    _TapeOption("--size", "size_mm", size, "WxH", "Outline, mm.  [default: 100x50]"),
     _TapeOption(
-        ["--code"],
-        "code",
-        _same,
-        metavar="NAME",
-        help="microdots-4x4 (default), debruijn-4x4, anoto-6x6, trace-22, touch-1 or touch-2.",
+        "--code", "code", _same, "NAME", "microdots-4x4 (default), debruijn-4x4, anoto-6x6, trace-22, touch-1 or touch-2."
     ),
     _TapeOption(
-        ["--directions"],
+        "--directions",
         "directions",
         number,
-        metavar="4|8",
-        help="Directions that parts are displaced in; 8 of touch-1 and touch-2, for printed elements.  [default: 4]",
+        "4|8",
+        "Directions that parts are displaced in; 8 of touch-1 and touch-2, for printed elements.  [default: 4]",
     ),
     _TapeOption(
-        ["--origin"],
+        "--origin",
         "origin",
         origin,
-        metavar="COL,ROW|best",
-        help="Place of grid point 0,0 in the code plane, or search for the best.  [default: the sector's]",
+        "COL,ROW|best",
+        "Place of grid point 0,0 in the code plane, or search for the best.  [default: the sector's]",
     ),
-    _TapeOption(["--tag"], "tag", _same, metavar="strip|none", help="Strip with AprilTag and label, or none.  [default: strip]"),
-    _TapeOption(["--tag-id"], "tag_id", number, metavar="ID", help="Id of the AprilTag.  [default: the sector]"),
-    _TapeOption(["--tag-cell"], "tag_cell_mm", length, metavar="MM", help="Side of a cell of the AprilTag.  [default: 0.5]"),
+    _TapeOption("--tag", "tag", _same, "strip|none", "Strip with AprilTag and label, or none.  [default: strip]"),
+    _TapeOption("--tag-id", "tag_id", number, "ID", "Id of the AprilTag.  [default: the sector]"),
+    _TapeOption("--tag-cell", "tag_cell_mm", length, "MM", "Side of a cell of the AprilTag.  [default: 0.5]"),
     _TapeOption(
-        ["--part"],
+        "--part",
         "part",
         _same,
-        metavar="NAME",
-        help="Part profile, or a .toml file; block, dome, cone are for printing and milling.  [default: r0201]",
+        "NAME",
+        "Part profile, or a .toml file; block, dome, cone are for printing and milling.  [default: r0201]",
     ),
-    _TapeOption(["--body"], "body_mm", size, metavar="LxWxH", help="Size of block, dome or cone; of the round ones DxH."),
-    _TapeOption(["--dome-top"], "dome_top_mm", length, metavar="MM", help="Diameter of a dome's flat top."),
-    _TapeOption(["--rotation"], "rotation_deg", number, metavar="DEG", help="Rotation of every part.  [default: 45]"),
-    _TapeOption(["--fab"], "fab", _same, metavar="PROFILE", help="Fab profile, or a .toml file.  [default: generic-fpc]"),
+    _TapeOption("--body", "body_mm", size, "LxWxH", "Size of block, dome or cone; of the round ones DxH."),
+    _TapeOption("--dome-top", "dome_top_mm", length, "MM", "Diameter of a dome's flat top."),
+    _TapeOption("--rotation", "rotation_deg", number, "DEG", "Rotation of every part.  [default: 45]"),
+    _TapeOption("--fab", "fab", _same, "PROFILE", "Fab profile, or a .toml file.  [default: generic-fpc]"),
     _TapeOption(
-        ["--process"],
+        "--process",
         "process",
         _same,
-        metavar="sla|fdm|cnc",
-        help="How the models are made, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
+        "sla|fdm|cnc",
+        "How the models are made, or a .toml file; warns of what it cannot make.  [default: sla for block, dome, cone]",
     ),
     _TapeOption(
-        ["--assembly"],
+        "--assembly",
         "assembly",
         _same,
-        metavar="HOUSE",
-        help="Format of CPL and BOM: generic, jlcpcb, pcbway, eurocircuits, macrofab or kicad.  [default: the profile's]",
+        "HOUSE",
+        "Format of CPL and BOM: generic, jlcpcb, pcbway, eurocircuits, macrofab or kicad.  [default: the profile's]",
     ),
     _TapeOption(
-        ["--part-number"],
+        "--part-number",
         "part_number",
         _same,
-        metavar="NUMBER",
-        help="The part's number in the BOM, as that house takes it.  [default: the part profile's, or none]",
+        "NUMBER",
+        "The part's number in the BOM, as that house takes it.  [default: the part profile's, or none]",
     ),
-    _TapeOption(["--x2"], "x2", _same, metavar="full|comments|off", help="Gerber attributes.  [default: the profile's]"),
+    _TapeOption("--x2", "x2", _same, "full|comments|off", "Gerber attributes.  [default: the profile's]"),
+    _TapeOption("--corner-radius", "corner_radius_mm", length, "MM", "Corner radius of the outline.  [default: 1]"),
     _TapeOption(
-        ["--corner-radius"], "corner_radius_mm", length, metavar="MM", help="Corner radius of the outline.  [default: 1]"
-    ),
-    _TapeOption(
-        ["--coverlay"],
+        "--coverlay",
         "coverlay",
         _same,
-        metavar="per-part|lpi|gang",
-        help="How the coverlay is opened.  [default: the profile's first way that is legal]",
+        "per-part|lpi|gang",
+        "How the coverlay is opened.  [default: the profile's first way that is legal]",
     ),
-    _TapeOption(
-        ["--anchor"], "anchor", _same, metavar="none|spur|mesh", help="Copper that holds pads under it.  [default: none]"
-    ),
-    _TapeOption(["--stiffener"], "stiffener", _same, metavar="MATERIAL:MM", help="Laminate a stiffener, such as FR4:0.2."),
-    _TapeOption(["--adhesive"], "adhesive", _same, metavar="MATERIAL:MM", help="Laminate an adhesive tape, such as 3M468:0.13."),
-    _TapeOption(["--bend-axis"], "bend_axis", _same, metavar="x|y", help="Board axis that goes round where the tape is bent."),
-    _TapeOption(["--bend-radius"], "bend_radius_mm", length, metavar="MM", help="Radius that the tape is bent to."),
-    _TapeOption(["--hole"], "holes_mm", holes, metavar="X,Y,D", multiple=True, help="Unplated hole, mm; may be repeated."),
-    _TapeOption(
-        ["--name"], "name", _same, metavar="NAME", help="Name of the tape and its files.  [default: tactape-s007 for sector 7]"
-    ),
-    _TapeOption(["--base"], "base_mm", length, metavar="MM", help="Base of the solid models.  [default: 0.8]"),
-    _TapeOption(["--negative"], "negative", bool, is_flag=True, help="Solid models of the mould, whose cast is the texture."),
-    _TapeOption(["--top"], "top", _same, metavar="tiles|single", help="Top face in the STEP solid.  [default: tiles]"),
-    _TapeOption(["--cylinder"], "cylinder_mm", length, metavar="R", help="Wrap the solid models round a radius, mm."),
-    _TapeOption(["--around"], "around", _same, metavar="x|y", help="Board axis that goes round the cylinder.  [default: x]"),
-    _TapeOption(
-        ["--shell"],
-        "shell",
-        _same,
-        metavar="segment|whole",
-        help="Base of a cylinder: the tape's, or closed.  [default: segment]",
-    ),
-    _TapeOption(["--no-3d"], "models", _off, is_flag=True, help="Leave the 3D models out."),
-    _TapeOption(
-        ["--no-mark"], "mark", _off, is_flag=True, help="Leave sector and arrow out of the back of block, dome and cone."
-    ),
-    _TapeOption(["--sim"], "sim", bool, is_flag=True, help="Add assets for simulators: MJCF, URDF, USD, glTF, a heightfield."),
+    _TapeOption("--anchor", "anchor", _same, "none|spur|mesh", "Copper that holds pads under it.  [default: none]"),
+    _TapeOption("--stiffener", "stiffener", _same, "MATERIAL:MM", "Laminate a stiffener, such as FR4:0.2."),
+    _TapeOption("--adhesive", "adhesive", _same, "MATERIAL:MM", "Laminate an adhesive tape, such as 3M468:0.13."),
+    _TapeOption("--bend-axis", "bend_axis", _same, "x|y", "Board axis that goes round where the tape is bent."),
+    _TapeOption("--bend-radius", "bend_radius_mm", length, "MM", "Radius that the tape is bent to."),
+    _TapeOption("--hole", "holes_mm", holes, "X,Y,D", "Unplated hole, mm; may be repeated.", multiple=True),
+    _TapeOption("--name", "name", _same, "NAME", "Name of the tape and its files.  [default: tactape-s007 for sector 7]"),
+    _TapeOption("--base", "base_mm", length, "MM", "Base of the solid models.  [default: 0.8]"),
+    _TapeOption("--negative", "negative", bool, None, "Solid models of the mould, whose cast is the texture.", is_flag=True),
+    _TapeOption("--top", "top", _same, "tiles|single", "Top face in the STEP solid.  [default: tiles]"),
+    _TapeOption("--cylinder", "cylinder_mm", length, "R", "Wrap the solid models round a radius, mm."),
+    _TapeOption("--around", "around", _same, "x|y", "Board axis that goes round the cylinder.  [default: x]"),
+    _TapeOption("--shell", "shell", _same, "segment|whole", "Base of a cylinder: the tape's, or closed.  [default: segment]"),
+    _TapeOption("--no-3d", "models", _off, None, "Leave the 3D models out.", is_flag=True),
+    _TapeOption("--no-mark", "mark", _off, None, "Leave sector and arrow out of the back of block, dome and cone.", is_flag=True),
+    _TapeOption("--sim", "sim", bool, None, "Add assets for simulators: MJCF, URDF, USD, glTF, a heightfield.", is_flag=True),
 )
 
 
 PANEL_OPTIONS = (
     _TapeOption(
-        ["--panel"],
-        "panel",
-        _same,
-        metavar="auto|CxR|none",
-        help="Put tapes on a panel, C columns and R rows.  [default: the profile's]",
+        "--panel", "panel", _same, "auto|CxR|none", "Put tapes on a panel, C columns and R rows.  [default: the profile's]"
     ),
-    _TapeOption(["--sectors"], "sectors", _same, metavar="LIST", help="Sectors of a panel's tapes, such as 7,8,20-23."),
+    _TapeOption("--sectors", "sectors", _same, "LIST", "Sectors of a panel's tapes, such as 7,8,20-23."),
     _TapeOption(
-        ["--same-sector"], "same_sector", bool, is_flag=True, help="All tapes of a panel show the sector: copies, not told apart."
+        "--same-sector", "same_sector", bool, None, "All tapes of a panel show the sector: copies, not told apart.", is_flag=True
     ),
-    _TapeOption(
-        ["--tabs"],
-        "tabs",
-        _same,
-        metavar="auto|x|y|xy",
-        help="Sides by which a panel holds its tapes.  [default: those with room]",
-    ),
+    _TapeOption("--tabs", "tabs", _same, "auto|x|y|xy", "Sides by which a panel holds its tapes.  [default: those with room]"),
 )
 """Options of a panel of tapes."""
 

@@ -158,13 +158,9 @@ class CplContent:
 def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
     """Read a pick-and-place file of any known house, recognised by its header; other columns are ignored.
 
-    Returns
-    -------
-    CplContent or None
-        None if there is no table; an unreadable number is NaN.
-
-    ``problems`` receives at most twenty faults: not a text, not such a table, incomplete rows, and coordinates (10 m) or
-    rotations (a turn) that are not finite or too large.
+    Returns: None if there is no table; an unreadable number is NaN.
+    problems: Receives at most twenty faults: not a text, not such a table, incomplete rows, and coordinates (10 m) or rotations
+        (a turn) that are not finite or too large.
     """
     try:
         style, ((_, header), *rows) = _rows(data)

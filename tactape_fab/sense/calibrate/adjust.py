@@ -43,22 +43,13 @@ LEAST_AGREEING = 8
 class Bundle:
     """An adjustment.
 
-    Attributes
-    ----------
-    sensor : SensorProfile
-        With the camera found.
-    values : ndarray, shape (6,)
-        Parameters of the camera, in the order of `camera.NAMES`.
-    covariance : ndarray, shape (6, 6)
-        Rows of parameters that were not free are zero.
-    free : ndarray of bool, shape (6,)
-    push_mm : float
-    poses : ndarray, shape (m, 4)
-        x mm, y mm, theta rad and pull of each press.
-    residual_mm : tuple of ndarray, each of shape (n, 2)
-        On the gel along u and v: where each dot is seen less where it is expected.
-    errors : Errors
-        Of the dots.
+    sensor: With the camera found.
+    values (6,): Parameters of the camera, in the order of `camera.NAMES`.
+    covariance (6, 6): Rows of parameters that were not free are zero.
+    free (6,)
+    poses (m, 4): x mm, y mm, theta rad and pull of each press.
+    residual_mm each (n, 2): On the gel along u and v: where each dot is seen less where it is expected.
+    errors: Of the dots.
     """
 
     sensor: SensorProfile

@@ -42,10 +42,7 @@ _CORNERS = {"upper left": (-1, -1), "upper right": (1, -1), "lower left": (-1, 1
 def checked_frames(frames: Iterable[npt.ArrayLike]) -> tuple[list[Frame], list[str]]:
     """Frames as arrays of one shape, and what is wrong with some of them.
 
-    Raises
-    ------
-    SpecError
-        If there is none, or they are no depth maps of one shape, or all of them are empty.
+    Raises SpecError if there is none, or they are no depth maps of one shape, or all of them are empty.
     """
     images: list[Frame] = []
     bad: list[str] = []
@@ -120,12 +117,7 @@ def unseen(images: Sequence[Frame], bad: Sequence[str], tapes: Sequence[Tape], l
 
 
 def refuse_few(presses: Sequence[Press], answers: Sequence[Localization]) -> None:
-    """Refuse too few presses.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Refuse too few presses. Raises SpecError."""
     if len(presses) >= LEAST_PRESSES:
         return
     reasons = Counter(fix.reason for fix in answers if not fix.located)
@@ -162,12 +154,7 @@ def corner_sigma_um(bundle: Bundle) -> float:
 
 
 def refuse_unspread(presses: Sequence[Press], bundle: Bundle, corner_um: float) -> None:
-    """Refuse presses that leave the camera open.
-
-    Raises
-    ------
-    SpecError
-    """
+    """Refuse presses that leave the camera open. Raises SpecError."""
     empty = empty_corners(presses, bundle.sensor)
     most = LARGEST_UNSEEN_UM if len(empty) == len(_CORNERS) else LARGEST_CORNER_UM
     if not empty or corner_um <= most:

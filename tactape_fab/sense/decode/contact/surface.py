@@ -35,25 +35,14 @@ INDENTATION_SHARE = 0.02
 class ContactView:
     """A sensor's profile as far as it tells how a tape lies against its gel; made once.
 
-    Attributes
-    ----------
-    unit_mm : float
-        Millimetres in one unit of a frame.
-    px_per_mm : (float, float)
-    centre_px : ndarray, shape (2,)
-    bent : Camera or None
-        The camera, unless px/mm are all of it.
-    last_px : ndarray, shape (2,)
-        The last pixel along u and v.
-    off_mm : (float, float) or None
-        How far from the image's centre the middle of the dots is at least where a flat tape is tilted; None without a crown.
-    margin : int
-        Pixels that a top reaches to.
-    factor, blocks : int
-        Pixels along a cell of the coarse frame, and blocks of the image that dots are detected in.
-    valid : ndarray of bool, shape (h, w), or None
-        Cells of it that the sensor's mask leaves whole; None: all.
-    gel : Gel
+    unit_mm: Millimetres in one unit of a frame.
+    centre_px (2,)
+    bent: The camera, unless px/mm are all of it.
+    last_px (2,): The last pixel along u and v.
+    off_mm: How far from the image's centre the middle of the dots is at least where a flat tape is tilted; None without a crown.
+    margin: Pixels that a top reaches to.
+    factor, blocks: Pixels along a cell of the coarse frame, and blocks of the image that dots are detected in.
+    valid (h, w): Cells of it that the sensor's mask leaves whole; None: all.
     """
 
     unit_mm: float
@@ -117,21 +106,12 @@ def _whole(mask: BoolArray, factor: int) -> BoolArray:
 class ContactSurface:
     """A located frame at its dots, and its coarse depths: some kilobytes.
 
-    Attributes
-    ----------
-    view : ContactView
-    pitch_mm : float
-    dots_px : ndarray, shape (k, 2)
-        The dots on the tape, as detected.
-    agree : ndarray of bool, shape (k,)
-    off_mm : (float, float)
-        From the image's centre to the mean of the dots that agree.
-    heights : ndarray, shape (k,)
-        Weights of the dots: about 1 inside the contact, and less at its rim.
-    tops : ndarray, shape (k,)
-        Means of the pixels about each dot, in the frame's unit.
-    coarse : ndarray, shape (h, w)
-        Mean of each cell, in the frame's unit.
+    dots_px (k, 2): The dots on the tape, as detected.
+    agree (k,)
+    off_mm: From the image's centre to the mean of the dots that agree.
+    heights (k,): Weights of the dots: about 1 inside the contact, and less at its rim.
+    tops (k,): Means of the pixels about each dot, in the frame's unit.
+    coarse (h, w): Mean of each cell, in the frame's unit.
     """
 
     view: ContactView
@@ -245,15 +225,9 @@ def contact_surface(
 ) -> ContactSurface:
     """Take what `ContactSurface` needs out of a frame, and compute nothing.
 
-    Parameters
-    ----------
-    view : ContactView
-    image : ndarray of float32, shape (h, w)
-        Canonical.
-    small : ndarray of float32
-        The same as dots are detected in it, `Dots.small`.
-    dots_px, agree, heights, pitch_mm
-        As in `ContactSurface`.
+    image (h, w): Canonical.
+    small: The same as dots are detected in it, `Dots.small`.
+    dots_px, agree, heights, pitch_mm: As in `ContactSurface`.
     """
     tops, coarse = np.empty(len(dots_px)), np.empty((image.shape[0] // view.factor, image.shape[1] // view.factor))
     u, v = taken(image, small, dots_px, agree, view.margin, view.blocks, tops, coarse, np.empty(small.shape[1]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, cos, hypot, inf, log, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,6 +64,24 @@ class Beliefs:
     gel_mm: float = 0.0
     correlation_mm: float = 1.0
     lean: tuple[float, float] = (0.0, 0.0)
+
+
+class _Terms(NamedTuple):
+    """Arguments of `_settled` but its work buffer: dots, priors of the camera, and arrays that it fills in."""
+
+    seen_mm: FloatArray
+    target: FloatArray
+    drawn: FloatArray
+    weights: FloatArray
+    rim_mm2: float
+    variance: float
+    sigmas: FloatArray
+    corner_mm: FloatArray
+    centre_mm: FloatArray
+    state: FloatArray
+    rates: FloatArray
+    normal: FloatArray
+    spread: FloatArray
 
 
 def beliefs_of(sensor: SensorProfile, *, fixed_scale: bool, part: TapePart | None = None) -> Beliefs:
@@ -140,31 +159,20 @@ def posterior(
     scale_sigma = float(beliefs.sigmas[0])
     scale = -log(length * px_per_mm) / scale_sigma if scale_sigma > 0.0 else 0.0
     state = np.array([-length * u, -length * v, 0.0, scale, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    args = (
-        seen_mm,
-        target,
-        drawn,
-        weights,
-        rim_mm2,
-        sigma**2,
-        beliefs.sigmas,
-        beliefs.corner_mm,
-        beliefs.centre_mm,
-        state,
-        rates,
-    )
+    camera = (beliefs.sigmas, beliefs.corner_mm, beliefs.centre_mm)
+    terms = _Terms(seen_mm, target, drawn, weights, rim_mm2, sigma**2, *camera, state, rates, normal, spread)
     if beliefs.gel_mm > 0.0 or placed_mm2 is not None:
         smooth = np.zeros((len(seen_mm), len(seen_mm))) if placed_mm2 is None else np.diag(placed_mm2)
         if beliefs.gel_mm > 0.0:
             smooth += _displacement(seen_mm, beliefs)
-        variance = _settled_correlated(smooth, *args, normal, spread)
+        variance = _settled_correlated(smooth, terms)
     else:
-        variance = _settled(*args, normal, spread, shares)
+        variance = _settled(*terms, shares)
     x, y, theta, scale, *_ = state.tolist()
     at = np.array([c * x + s * y + middle_x, c * y - s * x + middle_y, atan2(across, along) + theta, scale * scale_sigma])
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    camera = np.array([state[4:7], np.sqrt(normal.diagonal()[4:7])]) * beliefs.sigmas[1:]
-    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance), camera
+    found = np.array([state[4:7], np.sqrt(normal.diagonal()[4:7])]) * beliefs.sigmas[1:]
+    return at, turn @ normal[:3, :3] @ turn.T, sqrt(variance), found
 
 
 def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
@@ -175,32 +183,18 @@ def _displacement(seen_mm: FloatArray, beliefs: Beliefs) -> FloatArray:
     return out
 
 
-def _settled_correlated(
-    smooth: FloatArray,
-    seen_mm: FloatArray,
-    target: FloatArray,
-    drawn: FloatArray,
-    weights: FloatArray,
-    rim_mm2: float,
-    variance: float,
-    sigmas: FloatArray,
-    corner_mm: FloatArray,
-    centre_mm: FloatArray,
-    state: FloatArray,
-    rates: FloatArray,
-    normal: FloatArray,
-    spread: FloatArray,
-) -> float:
+def _settled_correlated(smooth: FloatArray, of: _Terms) -> float:
     """`_settled` for dots whose errors along an axis have the covariance `smooth` as well; shape (n, n)."""
-    own = 1.0 / np.sqrt(weights)
+    own, variance = 1.0 / np.sqrt(of.weights), of.variance
     for taken in range(1, MOST_STEPS + 1):
-        _linearised_alone(seen_mm, target, drawn, sigmas, corner_mm, centre_mm, state, rates)
-        inverse = np.linalg.inv(smooth + np.diag(variance * own + rim_mm2 * (1.0 - weights) ** 1.75))
-        weighted = rates @ inverse
+        _linearised_alone(of.seen_mm, of.target, of.drawn, of.sigmas, of.corner_mm, of.centre_mm, of.state, of.rates)
+        inverse = np.linalg.inv(smooth + np.diag(variance * own + of.rim_mm2 * (1.0 - of.weights) ** 1.75))
+        weighted = of.rates @ inverse
         flat = weighted.reshape(10, -1)
-        np.matmul(flat, rates.reshape(10, -1).T, out=normal)
-        np.matmul((weighted * own).reshape(10, -1), flat.T, out=spread)
-        before, variance = variance, _stepped_alone(normal, spread, state, variance, float(inverse.diagonal() @ own))
+        np.matmul(flat, of.rates.reshape(10, -1).T, out=of.normal)
+        np.matmul((weighted * own).reshape(10, -1), flat.T, out=of.spread)
+        known = float(inverse.diagonal() @ own)
+        before, variance = variance, _stepped_alone(of.normal, of.spread, of.state, variance, known)
         if taken >= LEAST_STEPS and abs(variance - before) <= SETTLED * before:
             break
     return variance
