@@ -21,7 +21,7 @@ import numpy as np
 
 _COLOURS = "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"
 _before = os.environ.get(_COLOURS)
-os.environ[_COLOURS] = "1"  # numba colours all messages, those of rules that it tries in vain as well: a twentieth of its time
+os.environ.setdefault(_COLOURS, "1")  # numba colours all messages, those of rules that it tries in vain as well: 5 % of its time
 try:
     from numba import njit
     from numba.core import config

@@ -5,7 +5,7 @@
 prints the table of docs/localization.md, or puts it there. A copy is that of 320x240 single-precision pixels which were read just
 before, into memory that is there: `depth.copy()` takes up to four times as long, by what the allocator does. Each round times
 copies, tags and both worlds, one after the other; of each frame the least processor time of all rounds counts: p50 and p99 are
-over frames, not over what else the machine did. Threads are timed on the clock, the best of five tries.
+over frames, not over what else the machine did. Threads are timed on the clock, the least of ten times.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CONTACTS = (
     Row(name="over the tape's edge", edge=True),
 )
 WORLDS: tuple[World, World] = ("closed", "open")
-TRIES = 5
+TRIES = 10
 Depth = npt.NDArray[np.float32]
 
 
@@ -57,22 +57,20 @@ def costs(calls: list[Callable[[Any], object]], inputs: list[list[Any]], rounds:
 
 
 def threads_gain(localizers: list[Localizer], frames: list[Depth]) -> float:
-    """Times as many frames a second as one thread, with a thread and a localizer for each of some cores: the best try."""
+    """Times as many frames a second as one thread, a thread and a localizer for each of some cores; the least times count."""
 
     def decode(localizer: Localizer) -> None:
         for frame in frames:
             localizer.locate(frame)
 
-    gains = []
+    spent: tuple[list[int], list[int]] = ([], [])
     with ThreadPoolExecutor(len(localizers)) as pool:
         for _ in range(TRIES):
-            spent = []
-            for some in (localizers[:1], localizers):
+            for some, times in zip((localizers[:1], localizers), spent, strict=True):
                 start = perf_counter_ns()
                 list(pool.map(decode, some))
-                spent.append(perf_counter_ns() - start)
-            gains.append(len(localizers) * spent[0] / spent[1])
-    return max(gains)
+                times.append(perf_counter_ns() - start)
+    return len(localizers) * min(spent[0]) / min(spent[1])
 
 
 def table(frames: int, rounds: int) -> str:
