@@ -5,7 +5,8 @@
 
 The frames are those of the rows of the localization benchmark, so many of each: 10,000 by `--frames 460`. All are answered in
 both worlds, those of the first row to the pixels as well. What is compared is all that an answer says but its time, its dots
-among it, every number to its last digit.
+among it, every number to its last digit. Run both once before: a process that compiles the decoder has another last digit in one
+frame of a thousand than those that find it compiled (`rim.settled`).
 """
 
 from __future__ import annotations
