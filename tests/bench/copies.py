@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from os import getloadavg
 from pathlib import Path
 from time import perf_counter_ns, process_time_ns
 from typing import Any
@@ -104,8 +105,8 @@ def table(frames: int, rounds: int) -> str:
     said = ", ".join(f"{gain:.2f} in a {world} world" for world, gain in gains.items())
     return (
         "\n".join(lines)
-        + f"\n\nA copy took {np.median(copy_ns) / 1e3:.1f} µs, a tag {np.median(tag) / 1e6:.2f} ms; {frames} frames a contact.\n"
-        + f"Two threads decode so many times the frames of one: {said}.\n"
+        + f"\n\nA copy took {np.median(copy_ns) / 1e3:.1f} µs, a tag {np.median(tag) / 1e6:.2f} ms; {frames} frames a contact, "
+        f"load average {getloadavg()[0]:.0f}.\n" + f"Two threads decode so many times the frames of one: {said}.\n"
     )
 
 
