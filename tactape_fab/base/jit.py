@@ -19,6 +19,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+_COLOURS = "NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"
+_before = os.environ.get(_COLOURS)
+os.environ.setdefault(_COLOURS, "1")  # numba colours all messages, those of rules that it tries in vain as well: 5 % of its time
 try:
     from numba import njit
     from numba.core import config
@@ -34,6 +37,8 @@ else:
         # numba tries rules in the order of their imports. A kernel that is kept imports those of arrays last: for each a[i] those
         # of strings, lists and dicts are tried before, which takes two fifths of the time for types, a tenth of all
         from numba.core.typing import arraydecl, collections  # noqa: F401
+if _before is None:
+    del os.environ[_COLOURS]
 
 Function = Callable[..., Any]
 
@@ -104,8 +109,11 @@ inlined_kernel: Decorator = _untouched
 """For functions called in one place of one kernel, without a loop that needs `fastmath`: compiled as a part of that kernel."""
 if COMPILED:
     # `fastmath` is said either way: a function without it inherits that of the kernel it is compiled for first, and may then
-    # assume that there is no NaN
-    kernel = partial(njit, cache=KEPT, nogil=True, error_model="numpy", no_cfunc_wrapper=True, fastmath=False, _nrt=False)
+    # assume that there is no NaN. Rewriting is of expressions of arrays, which no kernel has; and of branches on None, for which
+    # the few that have some say `no_rewrites=False`
+    kernel = partial(
+        njit, cache=KEPT, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_rewrites=True, fastmath=False, _nrt=False
+    )
     inner_kernel = partial(kernel, cache=False, no_cpython_wrapper=True)  # a kernel on the disk holds what it calls
     making_kernel = partial(kernel, _nrt=True)
     inlined_kernel = partial(njit, inline="always", error_model="numpy")

@@ -12,8 +12,8 @@ from math import exp
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.jit import inner_kernel, kernel, making_kernel
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.texture.frames import FloatArray, IntArray
 
 Image = npt.NDArray[np.float32]
 
@@ -40,11 +40,10 @@ def gaussian_taps(sigma_px: float) -> Image:
     return taps
 
 
-@making_kernel()
-def ordinary_value(image: Image) -> float:
-    """Median of nine pixels: of the image's level, whatever a single pixel says."""
+@inner_kernel()
+def ordinary_value(image: Image, values: Image) -> float:
+    """Median of nine pixels: of the image's level, whatever a single pixel says; `values` is a work buffer."""
     h, w = image.shape
-    values = np.empty(9, dtype=np.float32)
     for k in range(9):
         value = image[(1 + k // 3) * h // 4, (1 + k % 3) * w // 4]
         place = k
@@ -55,21 +54,25 @@ def ordinary_value(image: Image) -> float:
     return float(values[4])
 
 
-@making_kernel(fastmath=True)
 def averaged(depth: Image, factor: int) -> Image:
     """Means over blocks of factor x factor whole pixels, less an ordinary value, so that few digits are lost later."""
-    h, w = depth.shape[0] // factor, depth.shape[1] // factor
-    out = np.empty((h, w), dtype=np.float32)
-    if out.size == 0:
-        return out
-    zero = ordinary_value(depth)
-    line = np.empty(depth.shape[1], dtype=np.float32)
+    out = np.empty((depth.shape[0] // factor, depth.shape[1] // factor), dtype=np.float32)
+    if out.size:
+        _average(depth, factor, np.empty(max(depth.shape[1], 9), dtype=np.float32), out)
+    return out
+
+
+@kernel(fastmath=True)
+def _average(depth: Image, factor: int, line: Image, out: Image) -> None:
+    """Fill what `averaged` returns; `line` is a work buffer."""
+    (h, w), wide = out.shape, depth.shape[1]
+    zero = ordinary_value(depth, line)
     share = np.float32(1.0 / (factor * factor))
     for v in range(h):
-        for u in range(len(line)):
+        for u in range(wide):
             line[u] = depth[v * factor, u] - zero
         for t in range(1, factor):
-            for u in range(len(line)):
+            for u in range(wide):
                 line[u] += depth[v * factor + t, u] - zero
         # the usual factors by constant strides, which compilers vectorise
         if factor == 1:
@@ -87,7 +90,6 @@ def averaged(depth: Image, factor: int) -> Image:
                 for t in range(1, factor):
                     total += line[u * factor + t]
                 out[v, u] = share * total
-    return out
 
 
 @inner_kernel()
@@ -100,27 +102,40 @@ def _inside(index: int, n: int) -> int:
     return index
 
 
-@making_kernel(fastmath=True)
 def banded(depth: Image, taps: Image, half_box: int) -> Image:
     """An image smoothed by a symmetric kernel, less its mean over (2 half_box + 1) squared pixels."""
-    h, w = depth.shape
-    out = np.empty((h, w), dtype=np.float32)
-    if out.size == 0:
-        return out
-    reach = len(taps) - 1
-    pad = max(reach, half_box)
-    before, after = np.empty(pad, dtype=np.int64), np.empty(pad, dtype=np.int64)
+    out = np.empty(depth.shape, dtype=np.float32)
+    if out.size:
+        pad, wide = max(len(taps) - 1, half_box), depth.shape[1]
+        smooth, box = np.empty((2, wide + 2 * pad), dtype=np.float32)
+        before, after = np.empty((2, pad), dtype=np.int64)
+        _band(depth, taps, half_box, smooth, box, before, after, np.empty(wide), out)
+    return out
+
+
+@kernel(fastmath=True)
+def _band(
+    depth: Image,
+    taps: Image,
+    half_box: int,
+    smooth: Image,
+    box: Image,
+    before: IntArray,
+    after: IntArray,
+    sums: FloatArray,
+    out: Image,
+) -> None:
+    """Fill what `banded` returns; the arrays between are work buffers."""
+    (h, w), reach, pad = depth.shape, len(taps) - 1, len(before)
     for t in range(pad):
         before[t], after[t] = _inside(t - pad, w), _inside(w + t, w)
     share = 1.0 / (2.0 * half_box + 1.0) ** 2
     # running sums down the columns: a step costs the same for any box; in double precision rounding does not add up
-    sums = np.empty(w)
     for u in range(w):
         sums[u] = 0.0
     for t in range(-half_box, half_box + 1):
         for u in range(w):
             sums[u] += depth[_inside(t, h), u]
-    smooth, box = np.empty(w + 2 * pad, dtype=np.float32), np.empty(w + 2 * pad, dtype=np.float32)
     smooth_row, box_row = smooth[pad : pad + w], box[pad : pad + w]
     for v in range(h):
         for u in range(w):
@@ -148,11 +163,10 @@ def banded(depth: Image, taps: Image, half_box: int) -> Image:
             left, right = box[pad - t :], box[pad + t :]
             for u in range(w):
                 row[u] -= left[u] + right[u]
-    return out
 
 
 @inner_kernel()
-def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
+def _is_near(found: IntArray, v: int, u: int, reach: int) -> bool:
     """Whether one of the pixels found so far, row by row, lies within (2 reach + 1) squared pixels."""
     for i in range(len(found) - 1, -1, -1):  # in row order: earlier ones are farther up
         if found[i, 0] < v - reach:
@@ -162,16 +176,32 @@ def _is_near(found: npt.NDArray[np.int64], v: int, u: int, reach: int) -> bool:
     return False
 
 
-@making_kernel(fastmath=True)
-def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]:
+def local_tops(image: Image, ground: Image, reach: int) -> IntArray:
     """Positive pixels (v, u) off the border that none within (2 reach + 1) squared pixels exceeds, row by row.
 
     Of equal ones so near each other it is the first. The image is a difference of means of `ground`: what is rounding of that,
     as on level ground, is no top.
     """
+    w, found = image.shape[1], np.empty((MOST_TOPS, 2), dtype=np.int64)
+    eights = np.empty((w + 7) // 8, dtype=np.uint64)
+    rows = np.empty(image.shape, dtype=np.float32), np.empty(w + 2 * reach, dtype=np.float32), np.empty(w, dtype=np.float32)
+    return found[: _find_tops(image, ground, reach, *rows, eights, eights.view(np.uint8), found)]
+
+
+@kernel(fastmath=True)
+def _find_tops(
+    image: Image,
+    ground: Image,
+    reach: int,
+    wide: Image,
+    line: Image,
+    highest: Image,
+    eights: npt.NDArray[np.uint64],
+    is_top: npt.NDArray[np.uint8],
+    found: IntArray,
+) -> int:
+    """Fill what `local_tops` returns, and return how many there are; `is_top` is the memory of `eights`, the rest for work."""
     h, w = image.shape
-    wide = np.empty((h, w), dtype=np.float32)
-    line = np.empty(w + 2 * reach, dtype=np.float32)
     for u in range(len(line)):
         line[u] = LOWEST
     middle = line[reach : reach + w]
@@ -183,11 +213,7 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
             left, right = line[reach - t :], line[reach + t :]
             for u in range(w):
                 row[u] = max(row[u], left[u], right[u])
-    found = np.empty((MOST_TOPS, 2), dtype=np.int64)
     n = 0
-    highest = np.empty(w, dtype=np.float32)
-    eights = np.empty((w + 7) // 8, dtype=np.uint64)
-    is_top = eights.view(np.uint8)
     for u in range(len(is_top)):
         is_top[u] = 0
     for v in range(1, h - 1):
@@ -206,7 +232,7 @@ def local_tops(image: Image, ground: Image, reach: int) -> npt.NDArray[np.int64]
                 if is_top[u] and n < MOST_TOPS and not _is_near(found[:n], v, u, reach):
                     found[n, 0], found[n, 1] = v, u
                     n += 1
-    return found[:n]
+    return n
 
 
 def tops(
@@ -229,7 +255,7 @@ def tops(
 @kernel()
 def _centres(
     high: Image,
-    pixels: npt.NDArray[np.int64],
+    pixels: IntArray,
     coarse: int,
     along: float,
     across: float,

@@ -38,7 +38,7 @@ def _room(sites: Sites) -> Room:
     return Room(lines, most, np.empty((length, length), dtype=np.bool_))
 
 
-@kernel()
+@kernel(no_rewrites=False)
 def _weigh(
     tables: Tables,
     sites: Sites,

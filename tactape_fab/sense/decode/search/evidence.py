@@ -126,7 +126,7 @@ def tables_of(nodes: IntArray, q: FloatArray, signs: Floats, most: int) -> Table
     return Tables(cells, evidence, corner, size, lines, dots, most_said)
 
 
-@kernel()
+@kernel(no_rewrites=False)
 def _fill_cells(
     nodes: IntArray,
     q: FloatArray,

@@ -115,7 +115,7 @@ def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
     sums[LEFT_OUT] = max(sums[LEFT_OUT], likelihood)
 
 
-@inner_kernel()
+@inner_kernel(no_rewrites=False)
 def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, room: Room) -> None:
     """One group of places on one site: the axis with fewer places first, the other only if that may matter.
 

@@ -1,0 +1,128 @@
+"""What a frame costs in copies of itself, in one run: contacts of several sizes, both worlds, a tag beside them, two threads.
+
+    python -m tests.bench.copies [--frames 200] [--rounds 5] [--write]
+
+prints the table of docs/localization.md, or puts it there. A copy is that of 320x240 single-precision pixels which were read just
+before, into memory that is there: `depth.copy()` takes up to four times as long, by what the allocator does. Each round times
+copies, tags and both worlds, one after the other; of each frame the least processor time of all rounds counts: p50 and p99 are
+over frames, not over what else the machine did. Threads are timed on the clock, the least of ten times.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from os import getloadavg
+from pathlib import Path
+from time import perf_counter_ns, process_time_ns
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab import Localizer
+from tactape_fab.base.jit import COMPILED
+from tactape_fab.sense import Scene
+from tactape_fab.sense.decode.localizer import World
+from tactape_fab.texture.frames import FloatArray
+from tests.bench.localization_accuracy import tag_detector, tag_frames
+from tests.bench.localization_rows import Row, frames_of, registered_tape
+from tests.bench.marks import write_between
+
+PAGE = Path(__file__).parents[2] / "docs" / "localization.md"
+CONTACTS = (
+    *(
+        Row(name=f"{wide:g}x{high:g} mm", scenes=(Scene(contact_mm=(wide, high)),))
+        for wide, high in ((14.0, 10.0), (11.0, 9.0), (7.0, 7.0), (6.0, 6.0))
+    ),
+    Row(name="over the tape's edge", edge=True),
+)
+WORLDS: tuple[World, World] = ("closed", "open")
+TRIES = 10
+Depth = npt.NDArray[np.float32]
+
+
+def costs(calls: list[Callable[[Any], object]], inputs: list[list[Any]], rounds: int) -> list[FloatArray]:
+    """Least processor time (ns) of each call for each of its inputs; each round makes all calls, one after the other."""
+    best = [np.full(len(of), np.inf) for of in inputs]
+    for _ in range(rounds):
+        for call, of, least in zip(calls, inputs, best, strict=True):
+            call(of[0])  # its code is in the caches
+            for i, one in enumerate(of):
+                start = process_time_ns()
+                call(one)
+                least[i] = min(least[i], process_time_ns() - start)
+    return best
+
+
+def threads_gain(localizers: list[Localizer], frames: list[Depth]) -> float:
+    """Times as many frames a second as one thread, a thread and a localizer for each of some cores; the least times count."""
+
+    def decode(localizer: Localizer) -> None:
+        for frame in frames:
+            localizer.locate(frame)
+
+    spent: tuple[list[int], list[int]] = ([], [])
+    with ThreadPoolExecutor(len(localizers)) as pool:
+        for _ in range(TRIES):
+            for some, times in zip((localizers[:1], localizers), spent, strict=True):
+                start = perf_counter_ns()
+                list(pool.map(decode, some))
+                times.append(perf_counter_ns() - start)
+    return len(localizers) * min(spent[0]) / min(spent[1])
+
+
+def table(frames: int, rounds: int) -> str:
+    """The table in Markdown."""
+    localizers = {world: Localizer([registered_tape()], world=world) for world in WORLDS}
+    lines = [
+        "| contact | " + " | ".join(f"{world} world: p50 | p99 | p99 / p50" for world in WORLDS) + " | tag / p50 |",
+        "|---" * (2 + 3 * len(WORLDS)) + "|",
+    ]
+    tags = tag_frames(20)
+    default: list[Depth] = []
+    copy_ns = []
+    for row in CONTACTS:
+        depths = [frame.depth for frame in frames_of(row, frames)]
+        default = default or depths
+        twice = [depth for depth in depths for _ in range(2)]
+        copy = partial(np.copyto, np.empty_like(depths[0]))
+        calls = [copy, tag_detector().detect, *(localizer.locate for localizer in localizers.values())]
+        copies, tag, *worlds = costs(calls, [twice, tags, depths, depths], rounds)
+        unit = float(np.median(copies[1::2]))  # of pixels in the cache
+        copy_ns.append(unit)
+        cells = []
+        for spent in worlds:
+            p50, p99 = np.percentile(spent, [50, 99])
+            cells += [f"{p50 / unit:.1f}", f"{p99 / unit:.1f}", f"{p99 / p50:.2f}"]
+        gain = " and ".join(f"{np.median(tag) / np.median(spent):.1f}" for spent in worlds)
+        lines.append(f"| {row.name} | {' | '.join(cells)} | {gain} |")
+    gains = {
+        world: threads_gain([Localizer([registered_tape()], world=world) for _ in range(2)], default[:50] * 4) for world in WORLDS
+    }
+    said = ", ".join(f"{gain:.2f} in a {world} world" for world, gain in gains.items())
+    return (
+        "\n".join(lines)
+        + f"\n\nA copy took {np.median(copy_ns) / 1e3:.1f} µs, a tag {np.median(tag) / 1e6:.2f} ms; {frames} frames a contact, "
+        f"load average {getloadavg()[0]:.0f}.\n" + f"Two threads decode so many times the frames of one: {said}.\n"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.copies", description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=200, help="of each contact")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--write", action="store_true", help="put the table into docs/localization.md")
+    asked = parser.parse_args()
+    if not COMPILED:
+        raise SystemExit("there are no kernels to be timed: numba is missing or switched off")
+    found = table(asked.frames, asked.rounds)
+    print(found, end="")
+    if asked.write:
+        write_between(PAGE, "copies", found)
+
+
+if __name__ == "__main__":
+    main()
