@@ -1,7 +1,7 @@
 """What many tapes cost the decoder: `python -m tests.bench.registry [--tapes 256 4096 65536] [--frames 100] [--rounds 5]`.
 
 Processor time of a frame (contacts of 11x9 mm) beside that with one tape, of loading a packed registry, and memory of each tape
-beyond its symbols, which stay in the file. Then 256 tapes that each have holes beside 256 without, `anoto-6x6` at the smallest
+beyond its symbols, which stay in the file. Then 256 tapes that each have holes beside 256 without, `anoto-6x6` about the smallest
 contacts that it locates, and loading the manifests of 4,096 kits. Each row is measured in a process of its own.
 """
 
@@ -35,7 +35,7 @@ from tests.bench.localization_rows import SECTOR, SEED, registered_tape
 
 TAPES = (256, 4096, 65_536)
 HOLES_MM = ((25.0, 12.5, 3.0), (75.0, 12.5, 3.0), (25.0, 37.5, 3.0), (75.0, 37.5, 3.0))
-ANOTO, ANOTO_MM = "anoto-6x6", (7.0, 7.25, 7.5)
+ANOTO, ANOTO_MM = "anoto-6x6", (6.0, 6.5, 7.0, 7.5)
 MANIFESTS = 4096
 _APART = (97, 131)
 """Columns and rows between tapes of one sector; with 62 x 32 grid points none lies on another."""
