@@ -12,6 +12,8 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
 
 _SUFFIX = ".partial"
+_AT_ONCE = 8
+"""Files that are brought to the disk at a time: one by one, waiting for it takes a tenth of the time of a kit."""
 
 
 def refuse_taken_place(path: Path, key: str, *, overwrite: bool) -> None:
@@ -139,7 +141,10 @@ def sync_below(folder: Path) -> None:
     OSError
         If a file cannot be brought there.
     """
-    for place, _, names in os.walk(folder, topdown=False):
-        for name in names:
-            sync_file(Path(place) / name)
-        sync_folder(Path(place))
+    from concurrent.futures import ThreadPoolExecutor  # imported here: reading commands do without
+
+    places = [(Path(place), names) for place, _, names in os.walk(folder, topdown=False)]
+    with ThreadPoolExecutor(_AT_ONCE) as threads:
+        list(threads.map(sync_file, [place / name for place, names in places for name in names]))
+    for place, _ in places:
+        sync_folder(place)

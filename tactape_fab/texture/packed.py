@@ -97,13 +97,14 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
     designs, rows = table.rows("designs", longest=MOST_TAPES), table.rows("tapes", longest=MOST_TAPES)
     if table.problems or not rows:
         raise _refused(path, "it names no tapes" if not table.problems else table.problems[0].message)
-    return _tapes(path, np.frombuffer(data, dtype=np.uint8), begin + size, designs, rows)
+    return _tapes(path, np.frombuffer(data, dtype=np.uint8), begin + size, designs, list(rows))
 
 
-def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows: Sequence[Any]) -> Iterator[tuple[Tape, str]]:
-    """The tapes of an index, whose symbols begin at a byte of the file."""
+def _tapes(path: Path, data: SymbolArray, at: int, designs: Sequence[Any], rows: list[Any]) -> Iterator[tuple[Tape, str]]:
+    """The tapes of an index, whose symbols begin at a byte of the file; `rows` is emptied."""
     first: dict[int, Tape] = {}
-    for number, row in enumerate(rows):
+    for number in range(len(rows)):
+        row, rows[number] = rows[number], None  # tapes take the memory of rows that are done
         table = Fields(row if isinstance(row, dict) else {}, f"tapes[{number}].")
         design, fab = table.integer("design", low=0, high=len(designs) - 1), table.text("fab", longest=200)
         content = designs[design] if not table.problems and isinstance(designs[design], dict) else {}

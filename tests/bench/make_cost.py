@@ -1,8 +1,8 @@
-"""What `make` costs, as ratios of one run: `python -m tests.bench.make_cost [--parts N]`.
+"""What `make` and `advise` cost, as ratios of one run: `python -m tests.bench.make_cost [--parts N]`.
 
 Processor time of a cold `make`, with and without verification, over that of `import numpy`; and for a kit of N parts (0: none)
 over that of writing as many bytes, with the peak memory of its process. All are timed with compiled modules, as an installation
-has them, wherever this one keeps them, and make new folders.
+has them, wherever this one keeps them, and make new folders. Then how fast a 3MF is written, and what its deflate alone takes.
 """
 
 from __future__ import annotations
@@ -12,10 +12,18 @@ import os
 import subprocess
 import sys
 import tempfile
+import zlib
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from io import BytesIO
 from pathlib import Path
+from time import process_time
+from zipfile import ZipFile
 
-from tests.bench.measure import large_spec
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mesh.sheet import texture_mesh
+from tactape_fab.solids.mesh.triangles import threemf_bytes
+from tests.bench.measure import large_spec, planned
 
 _CHILD = """
 import resource, subprocess, sys
@@ -31,6 +39,8 @@ with open(sys.argv[1], "wb") as stream:
         stream.write(block)
 """
 RUNS = 5
+ADVISE = {"advise, film": ["--contact", "6"], "advise, sla": ["--contact", "5", "--process", "sla", "--tapes", "16"]}
+PARTS_OF_MESH = 10_000
 
 
 def cost(command: Sequence[str], env: Mapping[str, str]) -> tuple[float, float]:
@@ -38,6 +48,27 @@ def cost(command: Sequence[str], env: Mapping[str, str]) -> tuple[float, float]:
     done = subprocess.run([sys.executable, "-S", "-c", _CHILD, *command], check=True, capture_output=True, text=True, env=env)
     seconds, peak_mb = map(float, done.stdout.split())
     return seconds, peak_mb
+
+
+def threemf_line() -> str:
+    """Rate of a 3MF, in bytes of its XML, and of its compression alone."""
+    mesh, title, date = (
+        texture_mesh(planned(large_spec(PARTS_OF_MESH)), SolidForm()),
+        "t",
+        datetime(2020, 1, 1, tzinfo=timezone.utc),
+    )
+    start = process_time()
+    data = threemf_bytes(mesh, title, {}, date)
+    whole_s = process_time() - start
+    with ZipFile(BytesIO(data)) as archive:
+        text = archive.read("3D/3dmodel.model")
+    start = process_time()
+    zlib.compress(text, 1)
+    deflate_s = process_time() - start
+    mb = len(text) / 1e6
+    return (
+        f"3MF of {PARTS_OF_MESH} blocks: {mb:.0f} MB of XML at {mb / whole_s:.0f} MB/s; deflate alone {mb / deflate_s:.0f} MB/s"
+    )
 
 
 def main() -> None:
@@ -52,7 +83,8 @@ def main() -> None:
         def commands(run: int) -> dict[str, list[str]]:
             kit = str(Path(folder, f"kit-{run}"))
             numpy = [sys.executable, "-c", "import numpy"]
-            return {"numpy": numpy, "make": [*make, kit], "no-verify": [*make, f"{kit}-0", "--no-verify"]}
+            advise = {name: [*make[:3], "advise", *options] for name, options in ADVISE.items()}
+            return {"numpy": numpy, "make": [*make, kit], "no-verify": [*make, f"{kit}-0", "--no-verify"], **advise}
 
         timed = [{name: cost(command, env)[0] for name, command in commands(run).items()} for run in range(RUNS + 1)]
         runs = timed[1:]  # the first run compiled the modules
@@ -60,6 +92,9 @@ def main() -> None:
         print(f"load {os.getloadavg()[0]:.1f}; import numpy {least['numpy']:.3f} s of the processor, best of {RUNS}")
         print(f"make, cold:             {least['make'] / least['numpy']:.1f} x, {least['make']:.2f} s")
         print(f"make --no-verify, cold: {least['no-verify'] / least['numpy']:.1f} x, {least['no-verify']:.2f} s")
+        for name in ADVISE:
+            print(f"{name}: {least[name] / least['numpy']:.1f} x, {least[name]:.2f} s")
+        print(threemf_line(), flush=True)
         if chosen.parts:
             width_mm, height_mm = large_spec(chosen.parts).size_mm
             large = ["--origin", "0,0", "--size", f"{width_mm:g}x{height_mm:g}", "--no-verify", "--force"]

@@ -39,8 +39,11 @@ class Text:
 def _font():  # type: ignore[no-untyped-def]
     from HersheyFonts import HersheyFonts
 
-    font = HersheyFonts()
-    font.load_default_font("futural")
+    class Simplex(HersheyFonts):  # type: ignore[misc]
+        default_font_names = ("futural",)  # to list all of them it unpacks their archive once more
+
+    font = Simplex()
+    font.load_default_font(*Simplex.default_font_names)
     return font
 
 

@@ -7,6 +7,7 @@ import io
 import re
 import warnings
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 
 _DIGITS = frozenset("0123456789.-")
+_KEPT_BYTES = 1 << 20
 
 
 def read_drill(data: bytes) -> FloatArray:
@@ -55,7 +57,13 @@ def read_cpl(data: bytes) -> CplContent:
     """Read a pick-and-place file of any known assembly format, which has that format's columns and no other.
 
     Raises ReadbackError naming every column or row that cannot be read.
+    Equal bytes are read once, unless they are many: previews, report and verification of a kit read the same file.
     """
+    return _read_cpl(data) if len(data) <= _KEPT_BYTES else _read_cpl.__wrapped__(data)
+
+
+@lru_cache(maxsize=2)
+def _read_cpl(data: bytes) -> CplContent:
     problems: list[Problem] = []
     content = texture_cpl.read_cpl(data, problems)
     if content is None or problems:
