@@ -23,6 +23,7 @@ from tactape_fab.sense.calibrate.posedness import (
     refuse_few,
     refuse_unspread,
     remarks_of,
+    share_of_perfect,
     unseen,
 )
 from tactape_fab.sense.calibrate.presses import Frame, Press, located
@@ -299,6 +300,12 @@ def _quantities(
     rows += [
         Quantity(
             name="corner", value=0.0, sigma=corner_um / 1000, unit="mm", note="error of the camera at the worst place in view"
+        ),
+        Quantity(
+            name="over_perfect",
+            value=share_of_perfect(bundle),
+            sigma=None,
+            note="errors of positions over a perfect camera's",
         ),
         Quantity(
             name="dot", value=1000 * estimate.errors.dot_mm, sigma=None, unit="um", note="error of a whole dot along an axis"
