@@ -131,11 +131,12 @@ def calibrate_sensor(
 
 def _known(given: tuple[int, float], count: int) -> KnownTurn:
     frame, theta_deg = given
+    typed = f"known_theta = {frame},{theta_deg:g}"
     if not 0 <= frame < count:
-        message = f"known_theta: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"
+        message = f"{typed}: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"
         raise SpecError(Problem("known_theta", message))
     if not -360.0 <= theta_deg <= 360.0:
-        raise SpecError(Problem("known_theta", f"known_theta: {theta_deg:g} deg is not from -360 to 360 deg; give one of those"))
+        raise SpecError(Problem("known_theta", f"{typed}: {theta_deg:g} deg is not from -360 to 360 deg; give one of those"))
     return KnownTurn(frame=frame, theta_deg=theta_deg)
 
 
@@ -144,7 +145,7 @@ def _turned(
 ) -> SensorProfile:
     found, answers = located([images[known.frame]], tapes, rough)
     if not found:
-        message = f"known_theta: frame {known.frame} is not located: {answers[0].reason}; name another frame"
+        message = f"known_theta = {known.frame},{known.theta_deg:g}: the frame is not located: {answers[0].reason}; name another"
         raise SpecError(Problem("known_theta", message))
     return upright(rough, known, float(np.degrees(found[0].theta_rad)), valid)
 

@@ -199,9 +199,9 @@ def test_a_tape_of_another_pitch_is_not_found() -> None:
 @pytest.mark.parametrize(
     ("known", "words"),
     [
-        ((99, 0.0), "known_theta: frame 99 is not from 0 to 9"),
-        ((0, 1000.0), "known_theta: 1000 deg is not from -360 to 360"),
-        ((0, 65.0), "known_theta: frame 0 is said to be at 65 deg and seen at 20.* is 45 deg from a quarter turn"),
+        ((99, 0.0), "known_theta = 99,0: frame 99 is not from 0 to 9"),
+        ((0, 1000.0), "known_theta = 0,1000: 1000 deg is not from -360 to 360"),
+        ((0, 65.0), "known_theta = 0,65: the frame is said to be at 65 deg and seen at 20.* is 45 deg from a quarter turn"),
     ],
 )
 def test_a_known_direction_that_cannot_be_is_refused(known: tuple[int, float], words: str) -> None:
