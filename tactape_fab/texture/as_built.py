@@ -284,7 +284,7 @@ class AsBuilt:
             was = "" if self.tape == name else f", of the tape {shown(self.tape)}"
             message = (
                 f"manifest_sha256 = {self.manifest_sha256[:12]}... is that of another kit{was}; the manifest of {name} has "
-                f"{digest[:12]}...; measure this tape, or give --as-built none"
+                f"{digest[:12]}...; measure this tape, or leave the file out: --as-built none, or no --from"
             )
             return [Problem("as-built", message)]
         problems = []
@@ -296,7 +296,9 @@ class AsBuilt:
         if self.mean_mm > most_mm:
             off = f"its parts are off the design by {self.mean_mm:.3f} mm on the mean"
             message = f"{off}, more than their displacement of {most_mm:g} mm"
-            problems.append(Problem("as-built", f"{message}; measure this tape again, or give --as-built none"))
+            problems.append(
+                Problem("as-built", f"{message}; measure this tape again, or leave the file out: --as-built none, or no --from")
+            )
         return problems
 
 

@@ -20,7 +20,7 @@ from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
-from tactape_fab.texture.as_built import AS_BUILT_NAME, as_built_of
+from tactape_fab.texture.as_built import AS_BUILT_NAME
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
@@ -239,21 +239,21 @@ def _page_problem(data: bytes, *, own_version: bool) -> str | None:
     return None
 
 
-def check_as_built(manifest: Path, tape: Tape) -> list[Check]:
-    """Check the measured places beside a manifest, if they are there: no line otherwise."""
+def check_as_built(manifest: Path, tape: Tape) -> tuple[Tape, list[Check]]:
+    """The tape with the measured places beside its manifest, and a line on them; itself and no line where there are none."""
     try:
-        built = as_built_of(manifest, tape.name, tape.part_count, most_mm=tape.displacement_mm)
+        measured = tape.with_as_built(manifest)
     except SpecError as error:
-        return [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {error}; or delete the file")]
-    if built is None:
-        return []
+        return tape, [Check(name="as-built", passed=False, message=f"{AS_BUILT_NAME}: {error}; or delete the file")]
+    if (built := measured.as_built) is None:
+        return tape, []
     sources = ", ".join(dict.fromkeys(str(entry["kind"]) for entry in built.source)) or "a source that it does not name"
     message = (
         f"{len(built.number)} of {tape.part_count} parts measured by {sources}: {built.missing} missing, the others "
         f"{built.scatter_mm * 1000:.1f} um off the design (rms per axis); on the mean {built.mean_mm * 1000:.1f} um, by which "
         "they move every position; nothing in the kit vouches for them"
     )
-    return [Check(name="as-built", passed=True, message=message, figure=built.scatter_mm, unit="mm")]
+    return measured, [Check(name="as-built", passed=True, message=message, figure=built.scatter_mm, unit="mm")]
 
 
 def check_signature(role: str, data: bytes) -> str | None:

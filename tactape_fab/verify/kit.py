@@ -57,7 +57,7 @@ from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
-from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, full_trips, quick_trips, trip_checks
+from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, check_measured, full_trips, quick_trips, trip_checks
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
 
 
@@ -123,7 +123,8 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
     expected = roles_of(tape, kind, models=record.form is not None, backings=backings)
     allowed = ("step-solid",) if kind == "embossed" else ()
     files, missing, role_checks = check_listed(record.manifest, listed, expected, allowed=allowed)
-    yield from (*file_checks, *check_as_built(manifest_file, tape), *role_checks)
+    measured, measured_checks = check_as_built(manifest_file, tape)
+    yield from (*file_checks, *measured_checks, *role_checks)
     if missing:
         yield Check(name="content", passed=False, message=f"nothing further can be checked without {named(missing)}")
         yield from asked.beside()
@@ -138,6 +139,8 @@ def _checks(manifest_file: Path, record: _Record, asked: _Asked, trips: list[Tri
             yield from _check_part(record.manifest, tape, files)
         else:
             yield from _check_kit(record, files, cpl, asked, trips)
+            if measured.as_built is not None and not asked.quick:
+                yield check_measured(measured, asked.contact)
         yield from asked.beside()
         yield from () if lines is None else lines
 

@@ -1,18 +1,22 @@
 """Errors of located contacts before and after a calibration from presses, beside those with the sensor's true parameters.
 
-    python -m tests.bench.calibration [--sets N] [--frames N] [--presses N] [--only ROW] [--page docs/calibrate.md]
+    python -m tests.bench.calibration [--sets N] [--frames N] [--presses N] [--only ROW] [--page docs/calibrate.md [--mark MARK]]
 
 Each row is a sensor that is not as its profile says. A set is some presses at random places and turns on a known tape, with the
 contact anywhere in view, and further frames, which are located by three profiles: the one to start from, the calibrated one, and
 the truth with no doubt about it. "off" is the error of the calibrated camera at the image's corners, "said" the standard
 deviation that it gives for the worst place in view; NEES/3 is 1 where covariances are true.
+
+With several numbers of presses the table has one row for each. "Least" is then the bound that dots set (Cramer and Rao): each
+dot of a press errs as found, camera and poses are unknown; a further contact has its own dots and what the presses say of the
+camera, together. Nothing is estimated in it: errors are drawn from these covariances. "Said" is what `calibrate` says of itself.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,7 +25,11 @@ import numpy.typing as npt
 
 from tactape_fab import Localizer, SpecError, Tape
 from tactape_fab.sense import Parts, Scene, SensorProfile, calibrate_sensor, load_sensor, simulate
+from tactape_fab.sense.calibrate import camera
+from tactape_fab.sense.calibrate.adjust import CAMERA_SIGMAS, expected
+from tactape_fab.sense.calibrate.errors import whitening
 from tactape_fab.sense.calibrate.result import Calibration
+from tactape_fab.sense.decode.grid.posterior import PULL_SIGMA
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.texture.frames import FloatArray
 from tests.bench.marks import command, write_between
@@ -30,6 +38,11 @@ from tests.tapes import tape_at
 
 PROTOTYPE = {"aspect_error": 0.03, "shear_error": 0.01, "k1_error": 0.03}
 SEED = 30
+PROFILES = ("start", "calibrated", "true")
+DRAWN = 40
+"""Errors that are drawn for each contact of the bound."""
+
+Errors = tuple[list[FloatArray], list[float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,54 +184,109 @@ def located_by(sensor: SensorProfile, tape: Tape, tests: list[Press]) -> tuple[l
     return errors, squares
 
 
-def measured(row: Row, sets: int, frames: int, presses: int) -> tuple[dict[str, Figures], list[Calibration]]:
-    """Figures by profile, and the calibrations."""
-    gathered: dict[str, tuple[list[FloatArray], list[float]]] = {name: ([], []) for name in ("start", "calibrated", "true")}
-    made: list[Calibration] = []
-    tape = tape_of(row)[0]
+def measured(
+    row: Row, sets: int, frames: int, counts: Sequence[int]
+) -> tuple[dict[int, dict[str, Figures]], dict[int, list[Calibration]]]:
+    """Figures by number of presses and profile, and the calibrations; presses and frames are the same for each number."""
+    gathered: dict[int, dict[str, Errors]] = {count: {name: ([], []) for name in PROFILES} for count in counts}
+    made: dict[int, list[Calibration]] = {count: [] for count in counts}
+    tape, most = tape_of(row)[0], max(counts)
     for k in range(sets):
-        drawn = list(presses_of(row, presses + frames, k))
-        try:
-            found = calibrate_sensor([p.depth for p in drawn[:presses]], [tape], start_of(row))
-        except SpecError as error:  # random contacts may leave out a corner
-            print(f"{row.name}, set {k} refused: {error}", file=sys.stderr)
-            continue
-        made.append(found)
-        for name, sensor in (("start", start_of(row)), ("calibrated", found.sensor), ("true", truth_of(row))):
-            errors, squares = located_by(sensor, tape, drawn[presses:])
-            gathered[name][0].extend(errors)
-            gathered[name][1].extend(squares)
-    return {name: figures_of(*both, len(made) * frames) for name, both in gathered.items()}, made
+        drawn = list(presses_of(row, most + frames, k))
+        known = {
+            name: located_by(sensor, tape, drawn[most:]) for name, sensor in (("start", start_of(row)), ("true", truth_of(row)))
+        }
+        for count in counts:
+            try:
+                found = calibrate_sensor([p.depth for p in drawn[:count]], [tape], start_of(row))
+            except SpecError as error:  # random contacts may leave out a corner
+                print(f"{row.name}, set {k} refused: {error}", file=sys.stderr)
+                continue
+            made[count].append(found)
+            for name, (errors, squares) in (*known.items(), ("calibrated", located_by(found.sensor, tape, drawn[most:]))):
+                gathered[count][name][0].extend(errors)
+                gathered[count][name][1].extend(squares)
+    return (
+        {c: {name: figures_of(*both, len(made[c]) * frames) for name, both in of.items()} for c, of in gathered.items()},
+        made,
+    )
+
+
+def least_of(made: Sequence[Calibration]) -> tuple[float, float]:
+    """p50 and p95 of positions over those by the true camera: the least that the dots of the presses allow.
+
+    Contacts are the presses of the other calibrations.
+    """
+    told, contacts, with_camera, alone = [], [], [], []
+    for found in made:
+        bundle = found.bundle
+        seen, here = camera.seen_by(bundle.sensor, bundle.values), []
+        for press, pose in zip(found.presses, bundle.poses, strict=True):
+            _, shared, own = expected(press, seen, bundle.push_mm, pose)
+            both = np.concatenate([own, shared[:, :, : camera.COUNT]], axis=2)  # the pose and the rim's pull, then the camera
+            white = (whitening(press, bundle.errors) @ both.transpose(1, 0, 2)).reshape(-1, both.shape[2])
+            here.append(white.T @ white + np.diag([0.0, 0.0, 0.0, 1.0 / PULL_SIGMA**2, *np.zeros(camera.COUNT)]))
+        prior = CAMERA_SIGMAS * np.array([1.0, 1.0, 1.0, 1.0, found.sensor.width_px, found.sensor.width_px])
+        told.append(sum((n[4:, 4:] - n[4:, :4] @ np.linalg.solve(n[:4, :4], n[:4, 4:]) for n in here), np.diag(prior**-2.0)))
+        contacts.append(here)
+    for k, known in enumerate(told):
+        for normal in (one for j, here in enumerate(contacts) if j != k for one in here):
+            alone.append(np.linalg.inv(normal[:4, :4])[:2, :2])
+            with_camera.append(np.linalg.inv(normal + np.pad(known, ((4, 0), (4, 0))))[:2, :2])
+    drawn = np.random.default_rng(SEED).standard_normal((len(alone), 2, DRAWN))
+    off = [np.hypot(*np.moveaxis(np.linalg.cholesky(np.array(c)) @ drawn, 1, 0)) for c in (with_camera, alone)]
+    p50, p95 = (np.percentile(off[0], [50.0, 95.0]) / np.percentile(off[1], [50.0, 95.0])).tolist()
+    return p50, p95
 
 
 HEADER = """\
 | sensor | profile | sets | located | p50, µm | p95, µm | over the truth's | NEES/3 | corner: off, said, µm |
 |---|---|---|---|---|---|---|---|---|
 """
+BY_PRESSES = """\
+| sensor | presses | sets | located | p50, µm | p95, µm | over the truth's | least | said | NEES/3 |
+|---|---|---|---|---|---|---|---|---|---|
+"""
 
 
-def lines_of(row: Row, sets: int, frames: int, presses: int) -> str:
-    """The rows of the table for a sensor, one for each profile."""
-    figures, made = measured(row, sets, frames, presses)
-    true, lines, corner = figures["true"], "", "-"
-    if made:
-        off = np.sqrt(np.mean([corner_off_um(one.sensor, truth_of(row)) ** 2 for one in made]))
-        said = np.sqrt(np.mean([next(q.sigma or 0.0 for q in one.quantities if q.name == "corner") ** 2 for one in made]))
-        corner = f"{off:.1f}, {1000.0 * said:.1f}"
-    for name, f in figures.items():
-        ratio = f"{f.p50_um / true.p50_um:.2f} / {f.p95_um / true.p95_um:.2f}" if f.located and true.located else "-"
-        errors = f"{f.p50_um:.1f} | {f.p95_um:.1f} | {ratio} | {f.nees:.2f}"
-        counts = f"{len(made)} of {sets} | {f.located} of {f.frames}"
-        lines += f"| {row.name} | {name} | {counts} | {errors} | {corner if name == 'calibrated' else ''} |\n"
+def figures_text(f: Figures, true: Figures) -> str:
+    """Errors, and their ratios to those by the true parameters."""
+    ratio = f"{f.p50_um / true.p50_um:.2f} / {f.p95_um / true.p95_um:.2f}" if f.located and true.located else "-"
+    return f"{f.p50_um:.1f} | {f.p95_um:.1f} | {ratio}"
+
+
+def lines_of(row: Row, sets: int, frames: int, counts: Sequence[int]) -> str:
+    """The rows of the table for a sensor, one for each profile; of several numbers of presses one for each of them."""
+    lines = ""
+    by_count, all_made = measured(row, sets, frames, counts)
+    for count, figures in by_count.items():
+        made, calibrated, true = all_made[count], figures["calibrated"], figures["true"]
+        if len(counts) > 1:
+            said = float(np.mean([q.value for one in made for q in one.quantities if q.name == "over_perfect"] or [np.nan]))
+            least = "{:.2f} / {:.2f}".format(*least_of(made)) if len(made) > 1 else "-"
+            done = f"{count} | {len(made)} of {sets} | {calibrated.located} of {calibrated.frames}"
+            end = f"{least} | {said:.2f} | {calibrated.nees:.2f}"
+            lines += f"| {row.name} | {done} | {figures_text(calibrated, true)} | {end} |\n"
+            continue
+        corner = "-"
+        if made:
+            off = np.sqrt(np.mean([corner_off_um(one.sensor, truth_of(row)) ** 2 for one in made]))
+            told = np.sqrt(np.mean([next(q.sigma or 0.0 for q in one.quantities if q.name == "corner") ** 2 for one in made]))
+            corner = f"{off:.1f}, {1000.0 * told:.1f}"
+        for name, f in figures.items():
+            done = f"{len(made)} of {sets} | {f.located} of {f.frames}"
+            end = f"{f.nees:.2f} | {corner if name == 'calibrated' else ''}"
+            lines += f"| {row.name} | {name} | {done} | {figures_text(f, true)} | {end} |\n"
     return lines
 
 
-def about(sets: int, frames: int, presses: int) -> str:
+def about(sets: int, frames: int, counts: Sequence[int]) -> str:
     """What the table is of."""
     aspect, shear, k1 = (f"{100 * PROTOTYPE[name]:g} %" for name in ("aspect_error", "shear_error", "k1_error"))
     return (
-        f"{sets} sets for each sensor, of {presses} presses and {frames} further contacts each. The prototype's errors are "
-        f"aspect {aspect}, shear {shear}, lens {k1} at the corner ({command('tests.bench.calibration')}).\n\n"
+        f"{sets} sets for each sensor, of {' or '.join(map(str, counts))} presses and {frames} further contacts each. The "
+        f"prototype's errors are aspect {aspect}, shear {shear}, lens {k1} at the corner "
+        f"({command('tests.bench.calibration')}).\n\n"
     )
 
 
@@ -226,19 +294,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.calibration", description=__doc__)
     parser.add_argument("--sets", type=int, default=8, metavar="N", help="calibrations of each row")
     parser.add_argument("--frames", type=int, default=50, metavar="N", help="frames located after each calibration")
-    parser.add_argument("--presses", type=int, default=10, metavar="N", help="presses of a calibration")
+    parser.add_argument("--presses", type=int, action="append", metavar="N", help="of a calibration, 10; may be given again")
     parser.add_argument("--only", action="append", metavar="ROW", help="rows whose name holds this; may be given again")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between marks of a page, docs/calibrate.md")
     chosen = parser.parse_args()
-    table = HEADER
-    print(HEADER, end="")
+    counts = chosen.presses or [10]
+    table = BY_PRESSES if len(counts) > 1 else HEADER
+    print(table, end="")
     for row in ROWS:
         if chosen.only is None or any(part in row.name for part in chosen.only):
-            lines = lines_of(row, chosen.sets, chosen.frames, chosen.presses)
+            lines = lines_of(row, chosen.sets, chosen.frames, counts)
             print(lines, end="", flush=True)
             table += lines
     if chosen.page is not None:
-        write_between(chosen.page, "calibration", about(chosen.sets, chosen.frames, chosen.presses) + table)
+        mark = "presses" if len(counts) > 1 else "calibration"
+        write_between(chosen.page, mark, about(chosen.sets, chosen.frames, counts) + table)
 
 
 if __name__ == "__main__":

@@ -48,6 +48,7 @@ class Bundle:
     covariance (6, 6): Rows of parameters that were not free are zero.
     free (6,)
     poses (m, 4): x mm, y mm, theta rad and pull of each press.
+    poses_alone, poses_anew (m, 4, 4): Covariance by its own dots if the camera were known, and with the camera of the others.
     residual_mm each (n, 2): On the gel along u and v: where each dot is seen less where it is expected.
     errors: Of the dots.
     """
@@ -58,6 +59,8 @@ class Bundle:
     free: BoolArray
     push_mm: float
     poses: FloatArray
+    poses_alone: FloatArray
+    poses_anew: FloatArray
     residual_mm: tuple[FloatArray, ...]
     errors: Errors
 
@@ -177,7 +180,7 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
     values, push, poses = z[: camera.COUNT], float(z[camera.COUNT]), z[OF_ALL:].reshape(-1, OF_PRESS)
     free, seen = np.append(problem.free, True), camera.seen_by(problem.sensor, values)
     normal = np.diag(1.0 / np.append(problem.prior_sigmas, PUSH_SIGMA_MM) ** 2)
-    residuals = []
+    residuals, alone, gains, told = [], [], [], []
     for press, by, pose in zip(problem.presses, white, poses, strict=True):
         residual, shared, own = expected(press, seen, push, pose)
         residuals.append(residual)
@@ -185,10 +188,12 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         b = (by @ own.transpose(1, 0, 2)).reshape(-1, OF_PRESS)
         inner = b.T @ b
         inner[3, 3] += 1.0 / PULL_SIGMA**2
-        across = a.T @ b
-        normal += a.T @ a - across @ np.linalg.inv(inner) @ across.T
-    covariance = np.zeros((OF_ALL, OF_ALL))
-    covariance[np.ix_(free, free)] = np.linalg.inv(normal[np.ix_(free, free)])
+        alone.append(np.linalg.inv(inner))
+        gains.append(a.T @ b @ alone[-1])
+        told.append(a.T @ a - gains[-1] @ b.T @ a)
+        normal += told[-1]
+    covariance = _inverse(normal, free)
+    anew = [i + g.T @ _inverse(normal - one, free) @ g for i, g, one in zip(alone, gains, told, strict=True)]
     return Bundle(
         sensor=camera.with_parameters(problem.sensor, values),
         values=values,
@@ -196,9 +201,18 @@ def _bundle(problem: Problem, white: Sequence[FloatArray], z: FloatArray) -> Bun
         free=problem.free,
         push_mm=push,
         poses=poses,
+        poses_alone=np.array(alone),
+        poses_anew=np.array(anew),
         residual_mm=tuple(residuals),
         errors=problem.errors,
     )
+
+
+def _inverse(normal: FloatArray, free: BoolArray) -> FloatArray:
+    """Covariance of the unknowns that are free; rows of the others are zero."""
+    covariance = np.zeros(normal.shape)
+    covariance[np.ix_(free, free)] = np.linalg.inv(normal[np.ix_(free, free)])
+    return covariance
 
 
 def agreeing(presses: Sequence[Press], bundle: Bundle, problem: Problem) -> list[Press]:

@@ -23,6 +23,7 @@ from tactape_fab.sense.calibrate.posedness import (
     refuse_few,
     refuse_unspread,
     remarks_of,
+    share_of_perfect,
     unseen,
 )
 from tactape_fab.sense.calibrate.presses import Frame, Press, located
@@ -130,11 +131,12 @@ def calibrate_sensor(
 
 def _known(given: tuple[int, float], count: int) -> KnownTurn:
     frame, theta_deg = given
+    typed = f"known_theta = {frame},{theta_deg:g}"
     if not 0 <= frame < count:
-        message = f"known_theta: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"
+        message = f"{typed}: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"
         raise SpecError(Problem("known_theta", message))
     if not -360.0 <= theta_deg <= 360.0:
-        raise SpecError(Problem("known_theta", f"known_theta: {theta_deg:g} deg is not from -360 to 360 deg; give one of those"))
+        raise SpecError(Problem("known_theta", f"{typed}: {theta_deg:g} deg is not from -360 to 360 deg; give one of those"))
     return KnownTurn(frame=frame, theta_deg=theta_deg)
 
 
@@ -143,7 +145,7 @@ def _turned(
 ) -> SensorProfile:
     found, answers = located([images[known.frame]], tapes, rough)
     if not found:
-        message = f"known_theta: frame {known.frame} is not located: {answers[0].reason}; name another frame"
+        message = f"known_theta = {known.frame},{known.theta_deg:g}: the frame is not located: {answers[0].reason}; name another"
         raise SpecError(Problem("known_theta", message))
     return upright(rough, known, float(np.degrees(found[0].theta_rad)), valid)
 
@@ -299,6 +301,12 @@ def _quantities(
     rows += [
         Quantity(
             name="corner", value=0.0, sigma=corner_um / 1000, unit="mm", note="error of the camera at the worst place in view"
+        ),
+        Quantity(
+            name="over_perfect",
+            value=share_of_perfect(bundle),
+            sigma=None,
+            note="errors of positions over a perfect camera's",
         ),
         Quantity(
             name="dot", value=1000 * estimate.errors.dot_mm, sigma=None, unit="um", note="error of a whole dot along an axis"

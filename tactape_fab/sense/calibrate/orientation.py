@@ -111,9 +111,9 @@ def upright(sensor: SensorProfile, known: KnownTurn, theta_deg: float, valid: Bo
     off = remainder(known.theta_deg - theta_deg - 90.0 * quarters, 360.0)
     if abs(off) > MOST_OFF_DEG:
         message = (
-            f"known_theta: frame {known.frame} is said to be at {known.theta_deg:g} deg and seen at {theta_deg:.1f} deg; that is "
-            f"{abs(off):.0f} deg from a quarter turn, more than {MOST_OFF_DEG:g}; press along the tape's edge and give 0, 90, "
-            "180 or 270"
+            f"known_theta = {known.frame},{known.theta_deg:g}: the frame is said to be at {known.theta_deg:g} deg and seen at "
+            f"{theta_deg:.1f} deg; that is {abs(off):.0f} deg from a quarter turn, more than {MOST_OFF_DEG:g}; press along the "
+            "tape's edge and give 0, 90, 180 or 270"
         )
         raise SpecError(Problem("known_theta", message))
     quarters = -quarters % 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from math import pi
+from math import ceil, pi
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,8 @@ LARGEST_CORNER_UM, LARGEST_UNSEEN_UM = 50.0, 25.0
 none has: nothing then says that the lens is no more than k1. The stock profile's, uncalibrated, is over 100. With dots at all
 corners a larger one is the gel's, and every press makes it smaller."""
 GOOD_CORNER_UM = 15.0
+GOOD_SHARE = 1.15
+"""Errors of answers over those by the true camera above which more presses are advised."""
 ALIKE = 0.9
 """Mean length of doubled directions from which all presses are turned alike."""
 WORSE_OUTSIDE = 1.5
@@ -153,6 +155,15 @@ def corner_sigma_um(bundle: Bundle) -> float:
     return float(1000.0 * np.sqrt(variance.max() / 2.0) / np.exp(bundle.values[0]))
 
 
+def share_of_perfect(bundle: Bundle) -> float:
+    """Errors of answers over those by a perfect camera, root mean square, of contacts such as the presses.
+
+    Each press is located by the camera of the n - 1 others, whose variance is n / (n - 1) times that of all.
+    """
+    alone, anew = (each[:, :2, :2].trace(axis1=1, axis2=2).mean() for each in (bundle.poses_alone, bundle.poses_anew))
+    return float(np.sqrt(1.0 + (anew / alone - 1.0) * (1.0 - 1.0 / len(bundle.poses))))
+
+
 def refuse_unspread(presses: Sequence[Press], bundle: Bundle, corner_um: float) -> None:
     """Refuse presses that leave the camera open. Raises SpecError."""
     empty = empty_corners(presses, bundle.sensor)
@@ -192,6 +203,13 @@ def remarks_of(
         said.append(
             f"quarter turns of the image cannot be told from presses: rotate90 = {sensor.rotate90} is that of '{start.name}'; "
             "for the true one press once in a known direction and give --known-theta FRAME,DEG"
+        )
+    share = share_of_perfect(bundle)
+    if share > GOOD_SHARE + 0.005:
+        wanted = ceil(len(presses) * (share**2 - 1.0) / (GOOD_SHARE**2 - 1.0))
+        said.append(
+            f"positions err {share:.2f} times as far as by a perfect camera: {wanted} presses in all, spread as these are, make "
+            f"that {GOOD_SHARE:g}"
         )
     if corner_um > GOOD_CORNER_UM:
         empty = empty_corners(presses, sensor)

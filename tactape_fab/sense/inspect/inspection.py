@@ -179,9 +179,10 @@ def _measured(view: View, tape: Tape, photo: bool) -> _Measured:
     except SpecError as error:
         raise SpecError(Problem("scan", f"{view.name}: {error}")) from None
     sites = tape.part_xy_mm()[view.inside]
-    photo = photo or bend_mm(view.warp, sites) > BEND_MM
-    bent = view.warp.raised(CAMERA_ORDER) if photo and len(sites) >= CAMERA_LANDS else view.warp
-    film = fit_film(view.picture, bent, tape, palette, view.inside)
+    film = fit_film(view.picture, view.warp, tape, palette, view.inside)
+    photo = photo or bend_mm(film.warp, sites) > BEND_MM  # lands, as the scatter of bodies bends a warp that is fitted to them
+    if photo and len(sites) >= CAMERA_LANDS and film.warp.order < CAMERA_ORDER:
+        film = fit_film(view.picture, film.warp.raised(CAMERA_ORDER), tape, palette, view.inside)
     bodies = fit_bodies(view.picture, film.warp, tape, palette, sites)
     upright, there = np.zeros(len(sites), dtype=bool), bodies.area >= LEAST_AREA
     gone = np.flatnonzero(~there)

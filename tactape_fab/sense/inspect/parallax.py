@@ -11,16 +11,23 @@ from tactape_fab.sense.inspect.warp import Warp
 from tactape_fab.texture.frames import BoolArray, FloatArray
 
 BEND_MM = 0.025
-"""Bend of a warp from which on the image is a photograph: a scanner's own bends are a few micrometres."""
+"""Bend of a warp from which on the image is a photograph: what is left of a scanner's is a few micrometres."""
 _ROUNDS = 5
 
 
 def bend_mm(warp: Warp, sites_mm: FloatArray) -> float:
-    """Largest distance of a warp from the affine one that fits it best, at some places."""
+    """Largest distance of a warp, at some places, from the nearest one that a scanner has.
+
+    That is an affine one, and a shift of its lines: a scanner's carriage goes unevenly along one axis of the image.
+    """
     px = warp.smooth(sites_mm)
-    a = np.column_stack([sites_mm, np.ones(len(sites_mm))])
-    left = px - a @ np.linalg.lstsq(a, px, rcond=None)[0]
-    return float(np.hypot(*left.T).max()) / warp.px_per_mm
+    line = (px - px.mean(axis=0)) / np.ptp(px, axis=0)
+    off = []
+    for along in line.T:
+        a = np.column_stack([sites_mm, np.ones(len(sites_mm)), along**2, along**3])
+        left = px - a @ np.linalg.lstsq(a, px, rcond=None)[0]
+        off.append(float(np.hypot(*left.T).max()))
+    return min(off) / warp.px_per_mm
 
 
 def without_parallax(bodies: Bodies, sites_mm: FloatArray, good: BoolArray) -> tuple[Bodies, float]:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, sqrt
+from math import ceil, inf, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,9 @@ from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.dot_errors import dots_of
 from tactape_fab.sense.simulation.draw import Frame, draw_poses, frame_at, iterate_frames
 from tactape_fab.sense.simulation.gel import FloatImage
+from tactape_fab.sense.simulation.parts import built_parts_of
 from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.texture.as_built import AS_BUILT_NAME
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
@@ -45,6 +47,8 @@ INSIDE, EDGE = 96, 48
 MANY_SECTORS, FEWER = 1000, 4
 """A code with more sectors than this compares each contact with all of them, and gets so many times fewer contacts."""
 QUICK = 6
+MEASURED, SEEN_MM = 24, 0.02
+"""Contacts of parts at their measured places, and the scatter of parts from which these must be the better ones."""
 
 _SEED = 0
 _STEP = "round trip: contact"
@@ -219,6 +223,43 @@ def full_trips(
         _trip(tape, source, at, sensor, scene, localizer.locate, partial(excuse, source), step)
         for source, at in zip(sources, poses, strict=True)
     ]
+
+
+def check_measured(tape: Tape, contact: Contact | None = None) -> Check:
+    """Locate contacts of parts at their measured places by these, and by the design's: none elsewhere, no fewer, no worse.
+
+    Parameters
+    ----------
+    tape : Tape
+        With its measured places.
+    contact : Contact, optional
+        Default: that of `read_contact`.
+    """
+    from tactape_fab.sense.decode.localizer import Localizer
+
+    assert tape.as_built is not None
+    contact = contact or read_contact()
+    source = Source(name="as-built", parts=built_parts_of(tape))
+    poses = draw_poses(tape, MEASURED, _SEED, contact.sensor, contact.scene)
+    trips, p50_um, said = [], [], []
+    for places, known in (("the measured places", tape), ("the design's", replace(tape, as_built=None))):
+        locate = Localizer([known], contact.sensor).locate
+        trips.append(_trip(tape, source, poses, contact.sensor, contact.scene, locate, lambda *_: LIMITED, lambda: None))
+        error_um = trips[-1].error_um[trips[-1].outcome == RIGHT]
+        p50_um.append(float(np.median(error_um)) if len(error_um) else inf)
+        wrong = f" and {trips[-1].count(WRONG)} elsewhere" if trips[-1].count(WRONG) else ""
+        said.append(f"by {places} {len(error_um)} right{wrong}, error p50 {p50_um[-1]:.1f} um")
+    right, design = (trip.count(RIGHT) for trip in trips)
+    good = not trips[0].count(WRONG)
+    useful = right >= design and (tape.as_built.scatter_mm < SEEN_MM or p50_um[0] < p50_um[1])
+    message = f"of {MEASURED} contacts of the measured parts {', '.join(said)}"
+    return Check(
+        name=f"round trip from {source.name}",
+        passed=good and useful,
+        warning=good and not useful,
+        message=message if useful else f"{message}: they bring nothing; measure again, or delete {AS_BUILT_NAME}",
+        figure=float(right),
+    )
 
 
 def _trip(

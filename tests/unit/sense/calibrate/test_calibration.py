@@ -10,6 +10,7 @@ import pytest
 
 from tactape_fab import FrameError, Localizer, SpecError
 from tactape_fab.sense import Calibration, SensorProfile, calibrate_sensor
+from tactape_fab.sense.calibrate.posedness import share_of_perfect
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.tapes import tape_at
 from tests.thorough import only_thorough, thorough
@@ -49,6 +50,21 @@ def test_the_camera_is_found_within_what_is_said() -> None:
         assert abs(got - value) < 4.0 * sigma, name
     assert figure(found, "px_per_mm_u")[1] < 0.02 and figure(found, "aspect")[1] < 1e-3 and figure(found, "k1")[1] < 3e-3
     assert found.sensor.geometry.sigma_aspect == figure(found, "aspect")[1]
+
+
+def test_it_is_said_how_many_presses_a_good_camera_takes() -> None:
+    found = calibrate_sensor(presses().frames[:6], [TAPE], STOCK)
+    six, ten = (share_of_perfect(one.bundle) for one in (found, calibrated()))
+    assert ten < six and 0.6 < 10.0 * (ten**2 - 1.0) / (6.0 * (six**2 - 1.0)) < 1.6  # the camera's variance is as one over n
+    (note,) = [remark for remark in found.remarks if remark.startswith("positions err")]
+    wanted, camera = int(note.split(": ")[1].split(" presses in all")[0]), 6.0 * (six**2 - 1.0)
+    assert f"{six:.2f} times as far" in note and 1.0 + camera / wanted <= 1.15**2 < 1.0 + camera / (wanted - 1)
+
+
+def test_poses_by_the_camera_of_the_others_are_less_sure() -> None:
+    bundle = calibrated().bundle
+    alone, anew = (np.linalg.eigvalsh(each) for each in (bundle.poses_alone, bundle.poses_anew))
+    assert (0.0 < alone).all() and (alone < anew).all()
 
 
 def test_gel_and_noise_are_found() -> None:
@@ -183,9 +199,9 @@ def test_a_tape_of_another_pitch_is_not_found() -> None:
 @pytest.mark.parametrize(
     ("known", "words"),
     [
-        ((99, 0.0), "known_theta: frame 99 is not from 0 to 9"),
-        ((0, 1000.0), "known_theta: 1000 deg is not from -360 to 360"),
-        ((0, 65.0), "known_theta: frame 0 is said to be at 65 deg and seen at 20.* is 45 deg from a quarter turn"),
+        ((99, 0.0), "known_theta = 99,0: frame 99 is not from 0 to 9"),
+        ((0, 1000.0), "known_theta = 0,1000: 1000 deg is not from -360 to 360"),
+        ((0, 65.0), "known_theta = 0,65: the frame is said to be at 65 deg and seen at 20.* is 45 deg from a quarter turn"),
     ],
 )
 def test_a_known_direction_that_cannot_be_is_refused(known: tuple[int, float], words: str) -> None:

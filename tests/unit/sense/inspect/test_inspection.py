@@ -122,6 +122,13 @@ def test_a_photograph_at_a_slant_serves(kit_40: Kit, tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.present, built.present)
 
 
+def test_scatter_of_the_parts_makes_no_photograph_of_a_scan(kit_40: Kit, tmp_path: Path) -> None:
+    tape = Tape.load(kit_40.path)
+    built = assembled(tape, sigma_mm=0.1, missing=4, seed=1)
+    (one,) = inspect_scans(write(tmp_path / "scan.png", scan(tape, built, Scanner(dpi=700), seed=1)), kit_40.path)
+    assert one.scans[0].growth is None and np.abs(errors_um(one, built).mean(axis=0)).max() < 4.0
+
+
 @only_thorough
 def test_a_camera_s_parallax_is_no_shift_of_parts(kit_40: Kit, tmp_path: Path) -> None:
     """A camera 250 mm above, at a slant, with a lens: bodies are seen up to 20 um farther out than their lands."""
