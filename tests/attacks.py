@@ -321,6 +321,74 @@ def _long_strip(count: int) -> bytes:
     return stl(corners)
 
 
+_PLY_FACES = (
+    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 4000000000\n"
+    b"property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n"
+)
+
+
+def _step(data: bytes) -> bytes:
+    """A STEP file with this data section."""
+    return (
+        b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
+        b"FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));\nENDSEC;\nDATA;\n" + data + b"ENDSEC;\nEND-ISO-10303-21;\n"
+    )
+
+
+def _npy(kind: str, shape: str, version: int = 1) -> bytes:
+    """The header of an array of a kind and a shape."""
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY" + bytes([version, 0]) + len(header).to_bytes(2 if version == 1 else 4, "little") + header
+
+
+def _on_one_edge(count: int) -> bytes:
+    """Triangles that share an edge."""
+    corners = np.zeros((count, 3, 3))
+    corners[:, 1, 2] = 30.0
+    corners[:, 2] = np.random.default_rng(1).uniform(-30.0, 30.0, (count, 3))
+    return stl(corners)
+
+
+def _of_themselves(count: int) -> bytes:
+    """3MF objects, each of two of the one before, the first of itself."""
+    pair = b'<component objectid="%d"/>'
+    objects = [
+        b'<object id="%d"><components>' % i + pair % max(i - 1, 1) * 2 + b"</components></object>" for i in range(1, count)
+    ]
+    build = b'</resources><build><item objectid="%d"/></build></model>' % (count - 1)
+    return _threemf(_MODEL + b"<resources>" + b"".join(objects) + build)
+
+
+def _entities(count: int) -> bytes:
+    """XML entities, each of ten of the one before."""
+    rest = [b'<!ENTITY a%d "%s">' % (i, b"&a%d;" % (i - 1) * 10) for i in range(1, count)]
+    return (
+        b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY a0 "x">'
+        + b"".join(rest)
+        + b']><model unit="millimeter">&a%d;</model>' % (count - 1)
+    )
+
+
+def _drawn(line: Callable[[int], bytes], count: int) -> Callable[[Path], list[str]]:
+    """More drawings on the KiCad board."""
+
+    def change(kit: OpenKit) -> None:
+        kit.data["kicad-pcb"] = kit.data["kicad-pcb"].rstrip()[:-1] + b"".join(map(line, range(count))) + b")\n"
+
+    return _verify(change)
+
+
+def _packed(folder: Path) -> list[str]:
+    (folder / "a.registry").write_bytes(bytes(900_000))
+    return ["registry", "a.registry"]
+
+
+def _wide_as_built(folder: Path) -> list[str]:
+    columns = ",".join(f'"{i}":[{"1," * 449}1]' for i in range(1000))
+    (folder / "kit" / "as-built.json").write_text('{"format":"tactape-as-built/1","parts":{' + columns + "}}")
+    return ["verify", "kit", "--quick"]
+
+
 ATTACKS = (
     # what a kit holds
     Attack(
@@ -554,4 +622,144 @@ ATTACKS = (
         status=2,
         said="SURFACE",
     ),
+    # more of all kinds
+    Attack(
+        kind="emboss",
+        tried="STEP of 900 kB of brackets",
+        make=_emboss("a.step", lambda: _step(b"#1=A(" + b"(" * 450_000 + b")" * 450_000 + b");\n")),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="STEP of 30,000 solids without faces",
+        make=_emboss("a.step", lambda: _step(b"".join(b"#%d=MANIFOLD_SOLID_BREP('',#1);\n" % i for i in range(2, 30000)))),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="STEP of a spline of 80,000 points",
+        make=_emboss(
+            "a.step",
+            lambda: _step(
+                b"#1=CARTESIAN_POINT('',(0.,0.,0.));\n#2=B_SPLINE_SURFACE('',80000,80000,(("
+                + b"#1," * 150000
+                + b"#1)),.UNSPECIFIED.,.F.,.F.,.F.);\n"
+            ),
+        ),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="OBJ of 900 kB of one line",
+        make=_emboss("a.obj", lambda: b"v " + b"1 " * 450_000),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="PLY of a list of 255 corners, announced 4,000,000,000 times",
+        make=_emboss("a.ply", lambda: _PLY_FACES + b"255 " * 200_000),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="STL of triangles on one edge",
+        make=_emboss("a.stl", lambda: _on_one_edge(18_000)),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="ASCII STL of 900 kB of `facet`",
+        make=_emboss("a.stl", lambda: b"solid a\n" + b"facet\n" * 150_000),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="3MF of components that name themselves",
+        make=_emboss("a.3mf", lambda: _of_themselves(6000)),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="emboss",
+        tried="3MF with entities within entities",
+        make=_emboss("a.3mf", lambda: _threemf(_entities(12))),
+        status=2,
+        said="SURFACE",
+    ),
+    Attack(
+        kind="3MF",
+        tried="a model of 900 kB of entities",
+        make=_role("3mf", lambda: _threemf(b'<?xml version="1.0"?><!DOCTYPE a [' + b'<!ENTITY a "x">' * 60_000 + b"]>")),
+        status=4,
+        said="3mf",
+    ),
+    Attack(
+        kind="frames",
+        tried="npz of 900 depths of 4096 x 4096 px",
+        make=_frames("f.npz", lambda: _zip(*((f"d{i}.npy", _npy("<f8", "(4096, 4096)")) for i in range(900)))),
+        status=2,
+        said="f.npz",
+    ),
+    Attack(
+        kind="frames",
+        tried="npy of objects",
+        make=_frames("f.npy", lambda: _npy("|O", "(240, 320)") + b'cos\nsystem\n(S"touch x"\ntR.' * 1000),
+        status=2,
+        said="f.npy",
+    ),
+    Attack(
+        kind="frames",
+        tried="npy of a shape of 900,000 brackets",
+        make=_frames("f.npy", lambda: _npy("<f4", "(" * 449_000 + ")" * 449_000, 2)),
+        status=2,
+        said="f.npy",
+    ),
+    Attack(
+        kind="frames",
+        tried="TIFF of 50,000 directories",
+        make=_frames(
+            "f.tif",
+            lambda: (
+                b"II*\0\x08\0\0\0" + b"".join(struct.pack("<HHHIII", 1, 256, 4, 1, 60000, 26 + 18 * i) for i in range(50_000))
+            ),
+        ),
+        status=2,
+        said="f.tif",
+    ),
+    Attack(
+        kind="KiCad",
+        tried="900 kB of footprints of one name",
+        make=_repeated(
+            "kicad-pcb",
+            '  (footprint "tactape:R',
+            '  (footprint "a" (layer "F.Cu") (at 1 1 1) (fp_text reference "R1") (pad "1" smd rect (at 0 0) (size 1 1)))\n',
+        ),
+        status=4,
+        said="kicad",
+    ),
+    Attack(
+        kind="KiCad",
+        tried="900 kB of different openings",
+        make=_drawn(
+            lambda i: b'(gr_poly (pts (xy %d 1) (xy 2 2) (xy 3 3)) (layer "F.Mask") (width 0) (fill solid))\n' % i, 10_000
+        ),
+        status=4,
+        said="kicad",
+    ),
+    Attack(
+        kind="KiCad",
+        tried="900 kB of ink in one place",
+        make=_drawn(lambda _: b'(gr_line (start 22 22) (end 22 22) (layer "F.SilkS") (width 0.15))\n', 13_000),
+        status=4,
+        said="kicad",
+    ),
+    Attack(kind="registry", tried="900 kB of zeros as a packed registry", make=_packed, status=2, said="a.registry"),
+    Attack(kind="as-built", tried="1,000 columns of 1,000 numbers", make=_wide_as_built, status=4, said="as-built"),
 )
