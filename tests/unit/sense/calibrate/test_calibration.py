@@ -64,7 +64,7 @@ def test_it_is_said_how_many_presses_a_good_camera_takes() -> None:
 def test_poses_by_the_camera_of_the_others_are_less_sure() -> None:
     bundle = calibrated().bundle
     alone, anew = (np.linalg.eigvalsh(each) for each in (bundle.poses_alone, bundle.poses_anew))
-    assert (0.0 < alone).all() and (alone < anew).all()
+    assert (alone > 0.0).all() and (alone < anew).all()
 
 
 def test_gel_and_noise_are_found() -> None:
