@@ -32,7 +32,7 @@ _HOLDS = {
     "none": "an opening for each part, and nothing that holds its pads",
     "gang": "one opening for all parts, and no film that holds a pad",
 }
-"""What holds the pads, best first."""
+"""Ways to hold the pads, best first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

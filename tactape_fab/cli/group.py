@@ -72,7 +72,7 @@ class _Group(click.Group):
         try:
             return super().invoke(ctx)
         except click.UsageError as error:  # click names arguments as they are: `coupon *` takes whatever names a folder holds
-            error.message = one_line(error.message)
+            error.message = one_line(error.message)  # type: ignore[misc]  # click calls it final
             raise
 
     def main(self, *args: Any, **kwargs: Any) -> Any:

@@ -58,30 +58,15 @@ def judge(
 ) -> tuple[Localization, bool]:
     """Accept or refuse the place of a reading.
 
-    Parameters
-    ----------
-    dots : Dots
-        Places in px of square pixels.
-    reading : Reading
-        From `rank.read`.
-    view : View
-    world : Registry or CodePlane
-    limits : Limits
-    pixels : Pixels or None
-        The frame, where its pixels are to refine the pose of an answer that is accepted.
-    pressed : (ContactView, Image, Image) or None
-        The canonical frame, and as dots were detected in it, where its depths are millimetres.
-    sharper : callable or None
-        By what dots are off, in square pixels (n, 2), and how high they are (n,), from where they are seen, px of the frame,
+    dots: Places in px of square pixels.
+    reading: From `rank.read`.
+    pixels: The frame, where its pixels are to refine the pose of an answer that is accepted.
+    pressed (ContactView, Image, Image): The canonical frame, and as dots were detected in it, where its depths are millimetres.
+    sharper: By what dots are off, in square pixels (n, 2), and how high they are (n,), from where they are seen, px of the frame,
         their offsets from the image centre, square pixels, and their nominal places, mm; all (n, 2). Only the pose is fitted to
         better ones: what is searched and accepted, and the contact dot, are as without.
-
-    Returns
-    -------
-    answer : Localization
-        Located, or with the reason of refusal.
-    explained : bool
-        Whether the dots fit an unregistered tape instead.
+    Returns answer: Located, or with the reason of refusal.
+    Returns explained: Whether the dots fit an unregistered tape instead.
     """
     place = reading.place
     on = _on_tape(dots, place, view)
@@ -144,18 +129,11 @@ def judge(
 class _OnTape:
     """Dots on a grid point with a part of the answer's tape, k of all n.
 
-    Attributes
-    ----------
-    inside : ndarray of bool, shape (n,)
-    cells : ndarray of int, shape (k, 2)
-    nominal_mm : ndarray, shape (k, 2)
-        C of each: where its part stands in the texture frame (paper, Eqs. 9 and 10).
-    offset_px : ndarray, shape (k, 2)
-        t of each, here from the image centre to the dot (paper, Eq. 11).
-    weights : ndarray, shape (k,)
-        Lower and doubtful dots weigh less.
-    good : int
-        How many are of `GOOD_TRUST`.
+    inside (n,); cells (k, 2)
+    nominal_mm (k, 2): C of each: where its part stands in the texture frame (paper, Eqs. 9 and 10).
+    offset_px (k, 2): t of each, here from the image centre to the dot (paper, Eq. 11).
+    weights (k,): Lower and doubtful dots weigh less.
+    good: How many are of `GOOD_TRUST`.
     """
 
     inside: BoolArray

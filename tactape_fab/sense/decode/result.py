@@ -26,7 +26,7 @@ _PLANAR = np.array([0, 1, 5])
 """Indices of x, y and the turn about z among the six degrees of freedom."""
 _FRAMES, _ORIGINS = ("texture", "board", "object"), ("tape", "gel")
 _PRESSED = ("tilt_deg", "tilt_covariance", "indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n")
-"""What the contact says, in the order of `to_mapping`."""
+"""Values of the contact, in the order of `to_mapping`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

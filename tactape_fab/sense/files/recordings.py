@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tactape_fab.sense.raw.reconstruct import Reconstruction
 
 MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
-"""What tells a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
+"""Marks of a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
 OTHER_BAGS = (".db3", ".bag")
 """Endings of bags that nothing here reads: SQLite, and those of ROS 1."""
 MOST_FRAMES = 1_000_000

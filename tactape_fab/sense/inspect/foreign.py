@@ -20,7 +20,7 @@ _LEAST_LEVEL = 45.0
 _SHARE = 0.3
 _FIELD_MM = 0.5
 _SHADOW_MM = 0.12
-"""What a body and its shadow cover around it."""
+"""Width that a body and its shadow cover around it."""
 _LAND = (1.30, 1.35)
 """Half of what a part with its lands and opening may cover, in units of the body's length and width."""
 

@@ -20,7 +20,7 @@ TURN_TOLERANCE_DEG = 10.0
 FILM_SIGMA = 0.001
 """A film's own stretch, which no scan tells from the scanner's: polyimide moves by 0.1 % or so."""
 DRIFT_MM = 0.001
-"""What neighbouring parts are wrong by together, standard deviation along each axis: a shadow on one side moves all of them."""
+"""Common error of neighbouring parts, standard deviation along each axis: a shadow on one side moves all of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What a KiCad board shows beside places and copper: openings and ink as the Gerber files have them, outline, settings, rules."""
+"""Content of a KiCad board beside places and copper: openings and ink as the Gerber files have them, outline, settings, rules."""
 
 from __future__ import annotations
 
@@ -40,21 +40,12 @@ _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Made:
-    """What the board shows besides places, as the manifest and the kit's other files have it.
+    """The board's content besides places, as the manifest and the kit's other files have it.
 
-    Attributes
-    ----------
-    name : str
-    thickness_mm : float
-    value, footprint : str
-        Of every part.
-    body_mm : (float, float)
-    backings : dict of str to str
-        Material and thickness by role.
-    gerbers : mapping of str to GerberShapes
-        Layers by role.
-    limits_mm : mapping
-        The fab's limits; one that is not recorded is not compared.
+    value, footprint: Of every part.
+    backings: Material and thickness by role.
+    gerbers: Layers by role.
+    limits_mm: The fab's limits; one that is not recorded is not compared.
     """
 
     name: str

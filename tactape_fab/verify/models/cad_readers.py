@@ -354,7 +354,7 @@ def _trimesh(tape: Tape, expected: Expected, paths: Mapping[str, Path], cpl: Cpl
 
 
 _READERS: dict[str, _Reader] = {"FreeCAD": _freecad, "OCCT": _occt, "trimesh": _trimesh, "PrusaSlicer": _slicer}
-"""What takes longest is started first, and its lines come last."""
+"""The reader that takes longest is started first, and its lines come last."""
 
 
 def _missing(program: str, remedy: str = "") -> Check:

@@ -30,19 +30,10 @@ EMBOSSED_VOLUME_TOLERANCE = 1e-3
 class Expected:
     """Properties that every reader must find.
 
-    Attributes
-    ----------
-    volume_mm3 : float
-    tolerance : float
-        Relative, of a STEP solid's volume.
-    mesh_tolerance_mm3 : float
-    faces : int
-        Number of faces in the text of the STEP solid; 0 without one.
-    bodies : int
-    centre_mm : ndarray of shape (3,), or None
-        Centre of mass of the STEP solid, mm, if a short formula gives it.
-    steps : dict of str to StepText
-        What this version writes as the STEP files, by role; empty for the user's own part.
+    tolerance: Relative, of a STEP solid's volume.
+    faces: Number of faces in the text of the STEP solid; 0 without one.
+    centre_mm (3,): Centre of mass of the STEP solid, mm, if a short formula gives it.
+    steps: What this version writes as the STEP files, by role; empty for the user's own part.
     """
 
     volume_mm3: float

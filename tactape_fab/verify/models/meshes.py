@@ -37,7 +37,7 @@ STL_PLACE_TOLERANCE_MM = 0.005
 """Place tolerance in an STL, whose coordinates have 24 bits of mantissa, and where a dome's rings are polygons."""
 _CHORD_TOLERANCE_MM = 0.002
 _DOME_CHORDS = 1.05
-"""What chords may cut off of a dome on a curved base, where its foot is not round, over what they do on a flat one."""
+"""Volume that chords may cut off a dome on a curved base, where its foot is not round, over that on a flat one."""
 _MOST_MODEL_BYTES = 2 << 30
 _TEXT_PER_TRIANGLE = 300
 _POINT = re.compile(rb"=CARTESIAN_POINT\('',\(([^()]{5,200})\)\)")

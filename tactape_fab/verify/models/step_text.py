@@ -1,4 +1,4 @@
-"""What a kit's STEP files hold, before a CAD kernel is given them: a small one can keep a kernel busy for hours."""
+"""Check of a kit's STEP files before a CAD kernel is given them: a small one can keep a kernel busy for hours."""
 
 from __future__ import annotations
 
@@ -28,14 +28,9 @@ _DATE, _RGB = datetime(1980, 1, 1, tzinfo=timezone.utc), (0.0, 0.0, 0.0)
 class StepText:
     """The data section of a STEP file, its colours left out.
 
-    Attributes
-    ----------
-    digest : bytes
-        Its SHA-256.
-    count : Counter of bytes
-        Entities of each kind.
-    plain : bool
-        Whether all before it is a short header, and nothing in it is a comment.
+    digest: Its SHA-256.
+    count: Entities of each kind.
+    plain: Whether all before it is a short header, and nothing in it is a comment.
     """
 
     digest: bytes
@@ -54,7 +49,7 @@ def step_text(data: bytes) -> StepText:
 
 
 def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile]) -> dict[str, StepText]:
-    """What this version writes as those STEP files of a tape that `files` has, by role."""
+    """STEP files of a tape as this version writes them, those that `files` has, by role."""
     title = f"{tape.name} mould" if form.negative else tape.name
     steps = {"step-solid": step_text(solid_step(tape, form, name=title, date=_DATE, rgb=_RGB))}
     if "step-assembly" in files:
@@ -63,7 +58,7 @@ def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile])
 
 
 def strange(found: StepText, own: StepText) -> str | None:
-    """What a STEP file has that no version writes for this tape; None if it may be given to a CAD kernel."""
+    """A statement of a STEP file that no version writes for this tape; None if it may be given to a CAD kernel."""
     if not found.plain:
         return "it has comments or a long header"
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}

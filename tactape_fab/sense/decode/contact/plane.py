@@ -16,7 +16,7 @@ from tactape_fab.texture.frames import FloatArray
 LEAST_TOPS = 8
 """Six numbers are fitted."""
 GAIN, GAIN_SIGMA = 0.95, 0.05
-"""What sensors make of slopes, believed before the frame is seen: a depth network that saturates at slopes of 1.2 loses 2 to 11 %
+"""Share of slopes that sensors measure, a prior: a depth network that saturates at slopes of 1.2 loses 2 to 11 %
 of tilts and curvatures between the steep edges of parts (elastic simulator, 0.5 to 10 N); one that does not loses nothing."""
 BENT_SIGMA = 0.1
 """Curvature of a tape, 1/mm, believed before the frame is seen."""

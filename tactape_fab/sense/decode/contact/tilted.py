@@ -64,20 +64,12 @@ def tilted_pose(
     the contact looks as the camera's scale, aspect and shear do, but about the contact's middle: it moves the image's centre,
     which is far from it under a tilt.
 
-    Parameters
-    ----------
-    pose : Pose
-        Fitted to `offset_px`.
-    slope : ndarray, shape (2,)
-        Rise of the tape towards the sensor along image u and v.
-    offset_px, seen_px : ndarray, shape (n, 2)
-        Dots from the image centre, square pixels: with those at the rim put back, and as detected.
-    texture_mm, weights, view
-        As for `fit_pose`.
-    heights : ndarray, shape (n,)
-        Of the tops, in any unit.
-    border_mm : ndarray, shape (n,)
-        How far dots are from the image's border.
+    pose: Fitted to `offset_px`.
+    slope (2,): Rise of the tape towards the sensor along image u and v.
+    offset_px, seen_px (n, 2): Dots from the image centre, square pixels: with those at the rim put back, and as detected.
+    texture_mm, weights, view: As for `fit_pose`.
+    heights (n,): Of the tops, in any unit.
+    border_mm (n,): How far dots are from the image's border.
     """
     square = float(slope @ slope)
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)

@@ -46,7 +46,7 @@ MOVE_FLOOR = np.diag([0.003, 0.003, 0.0005]) ** 2
 """Errors of the dots' pose that their scatter does not show, mm, mm and rad: of 100 frames one was off by 5 um, 5 sigma."""
 LEAST_SIGMA_MM = 0.0005
 USUAL_MM = 0.005
-"""What places scatter by apart from the pixels' noise, where it is not known yet."""
+"""Scatter of places apart from the pixels' noise, where it is not known yet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
