@@ -1,4 +1,4 @@
-"""What a kit's STEP files hold, before a CAD kernel is given them: a small one can keep a kernel busy for hours."""
+"""Entities of a kit's STEP files, counted before a CAD kernel is given them: a small file can keep a kernel busy for hours."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def step_text(data: bytes) -> StepText:
 
 
 def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile]) -> dict[str, StepText]:
-    """What this version writes as those STEP files of a tape that `files` has, by role."""
+    """STEP files of a tape as this version writes them, those that `files` has, by role."""
     title = f"{tape.name} mould" if form.negative else tape.name
     steps = {"step-solid": step_text(solid_step(tape, form, name=title, date=_DATE, rgb=_RGB))}
     if "step-assembly" in files:
@@ -63,7 +63,7 @@ def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile])
 
 
 def strange(found: StepText, own: StepText) -> str | None:
-    """What a STEP file has that no version writes for this tape; None if it may be given to a CAD kernel."""
+    """Fault of a STEP file that no version writes for this tape; None if it may be given to a CAD kernel."""
     if not found.plain:
         return "it has comments or a long header"
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}

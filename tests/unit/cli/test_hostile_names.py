@@ -105,7 +105,8 @@ def place(flat_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Path:
     parts |= {"designator": [EVIL], "present": [True]}
     content = {"format": "tactape-as-built/1", "tape": EVIL, "manifest_sha256": EVIL, "parts": parts, "source": [{"kind": EVIL}]}
     (folder / "evil.json").write_text(json.dumps(content))
-    np.savez(folder / "f.npz", **{"depth": np.zeros((1, 240, 320), np.float32), EVIL: np.zeros(3)})
+    arrays: dict[str, Any] = {"depth": np.zeros((1, 240, 320), np.float32), EVIL: np.zeros(3)}
+    np.savez(folder / "f.npz", **arrays)
     return folder
 
 
