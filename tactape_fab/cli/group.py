@@ -72,8 +72,9 @@ class _Group(click.Group):
         try:
             return super().invoke(ctx)
         except click.UsageError as error:  # click names arguments as they are: `coupon *` takes whatever names a folder holds
-            error.message = one_line(error.message)  # type: ignore[misc]  # click calls it final
-            raise
+            if error.message.isprintable():
+                raise
+            raise click.UsageError(one_line(error.message), error.ctx) from error
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         for stream in (sys.stdout, sys.stderr):

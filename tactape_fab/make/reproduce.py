@@ -180,7 +180,7 @@ def _refuse_contradiction(content: Mapping[str, Any]) -> None:
 
 
 def _other(values: Mapping[str, Any], tape: Tape) -> list[Problem]:
-    """Differences of a spec from a manifest's tape."""
+    """Options of a spec that are not those of a manifest's tape."""
     board = tape.board
     known = {
         "sector": tape.sector,

@@ -128,7 +128,7 @@ def pair_all_lands(layers: FilmLayers, lands: Recorded, tape: Tape) -> dict[str,
 
 
 def shown_on_board(name: str, tape: Tape, record: FilmManifest, gerbers: Mapping[str, GerberContent]) -> Made:
-    """Content of a KiCad board of a tape, or of a panel of such tapes, besides places."""
+    """Expected content of the KiCad board of a tape, or of a panel of such tapes, besides places."""
     return Made(
         name=name,
         thickness_mm=tape.board.thickness_mm,

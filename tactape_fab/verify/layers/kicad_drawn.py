@@ -1,4 +1,4 @@
-"""Content of a KiCad board beside places and copper: openings and ink as the Gerber files have them, outline, settings, rules."""
+"""Checks of a KiCad board beside places and copper: openings and ink as the Gerber files have them, outline, settings, rules."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ATTRIBUTES = {"R": ("smd",), "H": _NOT_PLACED, "F": ("smd", *_NOT_PLACED)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Made:
-    """The board's content besides places, as the manifest and the kit's other files have it.
+    """Expected content of a board besides places, as the manifest and the kit's other files have it.
 
     value, footprint: Of every part.
     backings: Material and thickness by role.

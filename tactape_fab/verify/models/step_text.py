@@ -1,4 +1,4 @@
-"""Check of a kit's STEP files before a CAD kernel is given them: a small one can keep a kernel busy for hours."""
+"""Entities of a kit's STEP files, counted before a CAD kernel is given them: a small file can keep a kernel busy for hours."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def written_steps(tape: Tape, form: SolidForm, files: Mapping[str, WrittenFile])
 
 
 def strange(found: StepText, own: StepText) -> str | None:
-    """A statement of a STEP file that no version writes for this tape; None if it may be given to a CAD kernel."""
+    """Fault of a STEP file that no version writes for this tape; None if it may be given to a CAD kernel."""
     if not found.plain:
         return "it has comments or a long header"
     most = {kind: _MORE * count + _SPARE for kind, count in own.count.items()}
