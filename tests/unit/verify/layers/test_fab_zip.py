@@ -98,14 +98,15 @@ def test_bytes_before_and_behind_are_refused(change: object, said: str) -> None:
     assert problems(change(GOOD)) == [said]
 
 
-def test_comments_of_files_are_refused() -> None:
+@pytest.mark.parametrize(("field", "where"), [("comment", "its directory"), ("extra", "it")])
+def test_comments_and_fields_of_files_are_refused(field: str, where: str) -> None:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, content in FILES.items():
             entry = as_written(name)
-            entry.comment = b"use FR4"
+            setattr(entry, field, b"\1\0\3\0FR4")
             archive.writestr(entry, content)
-    assert problems(stream.getvalue()) == [f"its directory {LARGER}"]
+    assert problems(stream.getvalue()) == [f"{where} {LARGER}"]
 
 
 def test_names_are_compared() -> None:
