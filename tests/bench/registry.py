@@ -1,4 +1,4 @@
-"""What many tapes cost the decoder: `python -m tests.bench.registry [--tapes 256 4096 65536] [--frames 100] [--rounds 5]`.
+"""What many tapes cost the decoder: `python -m tests.bench.registry [--tapes 256 4096 65536] [--frames 100] [--page FILE]`.
 
 Processor time of a frame (contacts of 11x9 mm) beside that with one tape, of loading a packed registry, and memory of each tape
 beyond its symbols, which stay in the file. Then 256 tapes that each have holes beside 256 without, `anoto-6x6` about the smallest
@@ -32,6 +32,7 @@ from tactape_fab.texture.plane import encode
 from tactape_fab.texture.registry import read_tapes
 from tests.bench.code_trust import tape_of_code
 from tests.bench.localization_rows import SECTOR, SEED, registered_tape
+from tests.bench.marks import command, write_between
 
 TAPES = (256, 4096, 65_536)
 HOLES_MM = ((25.0, 12.5, 3.0), (75.0, 12.5, 3.0), (25.0, 37.5, 3.0), (75.0, 37.5, 3.0))
@@ -113,15 +114,45 @@ def in_process(*arguments: object) -> dict[str, Any]:
     return found
 
 
-def packed_row(name: str, tapes: Sequence[Tape], folder: Path, world: World, frames: int, rounds: int) -> None:
+def packed_row(name: str, tapes: Sequence[Tape], folder: Path, world: World, frames: int, rounds: int) -> str:
     file = folder / "tapes.registry"
     file.write_bytes(pack(tapes, [""] * len(tapes)))
     row = in_process(file, world, frames, rounds)
-    print(
+    return (
         f"| {name} | {world} | {row['p50']:.2f} | {row['p99']:.2f} | {row['p50'] / row['one']:.1f} | "
-        f"{row['located']} of {frames} | {row['loaded_s']:.2f} | {row['ready_s']:.2f} | {row['bytes']:.0f} |",
-        flush=True,
+        f"{row['located']} of {frames} | {row['loaded_s']:.2f} | {row['ready_s']:.2f} | {row['bytes'] / 1e3:.1f} |"
     )
+
+
+def table(wanted: str | None, counts: Iterable[int], worlds: Sequence[World], frames: int, rounds: int) -> Iterator[str]:
+    """Lines of Markdown, each when it is measured."""
+    yield f"Load {os.getloadavg()[0]:.1f}; {frames} frames, the least of {rounds} rounds. Memory is beside the symbols.\n"
+    with tempfile.TemporaryDirectory() as name:
+        folder, holed = Path(name), examine(TapeSpec(sector=SECTOR, holes_mm=HOLES_MM)).layout.tape
+        rows = [(f"{n:,}", registered_tape(), n) for n in counts] if wanted in (None, "registry") else []
+        if wanted in (None, "holes"):
+            rows.append((f"256, {len(holed.omitted)} points of each without a part", holed, 256))
+        if rows:
+            yield "| tapes | world | p50, ms | p99, ms | p50 / one tape | located | load, s | ready, s | kB a tape |"
+            yield "|---" * 9 + "|"
+        for title, like, count in rows:
+            tapes = list(tapes_like(like, count))
+            for world in worlds:
+                yield packed_row(title, tapes, folder, world, frames, rounds)
+        if wanted in (None, "anoto"):
+            yield f"\n| {ANOTO}, contact | world | p50, ms | p99, ms | located |\n|---|---|---|---|---|"
+            for side in ANOTO_MM:
+                for world in get_args(World):
+                    row = in_process(f"{ANOTO} {side}", world, frames, rounds)
+                    yield f"| {side:g} mm | {world} | {row['p50']:.2f} | {row['p99']:.2f} | {row['located']} of {frames} |"
+        if wanted in (None, "manifests"):
+            for tape in tapes_like(registered_tape(), MANIFESTS):
+                kit = folder / "kits" / tape.name
+                kit.mkdir(parents=True)
+                content = {"format": "tactape-manifest/1", "fab": {"name": "generic-fpc"}, **tape.to_mapping()}
+                (kit / "manifest.json").write_text(json.dumps(content), encoding="utf-8")
+            row = in_process(folder / "kits", "open", 0, 0)
+            yield f"\nThe manifests of {row['tapes']:,} kits, not packed: {row['loaded_s']:.2f} s."
 
 
 def main() -> None:
@@ -130,46 +161,21 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=100, metavar="N")
     parser.add_argument("--rounds", type=int, default=5, metavar="N", help="of which a frame's least time is taken")
     parser.add_argument("--only", choices=("registry", "holes", "anoto", "manifests"))
-    parser.add_argument("--world", choices=get_args(World), help="both unless said")
+    parser.add_argument("--world", choices=get_args(World), help="of registries, both unless said; of Anoto always both")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="where the tables go, between its marks")
     parser.add_argument("--one", nargs=4, metavar=("OF", "WORLD", "FRAMES", "ROUNDS"), help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.one:
         of, world, frames, rounds = chosen.one
         print(json.dumps(measured(of, world, int(frames), int(rounds))))
         return
-    wanted, worlds = chosen.only, (chosen.world,) if chosen.world else get_args(World)
-    print(f"load {os.getloadavg()[0]:.1f}; {chosen.frames} frames, the least of {chosen.rounds} rounds each; processor time")
-    with tempfile.TemporaryDirectory() as folder:
-        asked = (Path(folder), chosen.frames, chosen.rounds)
-        if wanted in (None, "registry", "holes"):
-            print("\n| tapes | world | p50, ms | p99, ms | p50 / one tape | located | load, s | ready, s | bytes a tape |")
-            print("|---" * 9 + "|")
-        for count in chosen.tapes if wanted in (None, "registry") else ():
-            tapes = list(tapes_like(registered_tape(), count))
-            for world in worlds:
-                packed_row(f"{count:,}", tapes, asked[0], world, *asked[1:])
-        if wanted in (None, "holes"):
-            holed = examine(TapeSpec(sector=SECTOR, holes_mm=HOLES_MM)).layout.tape
-            for name, like in (("256", registered_tape()), (f"256, {len(holed.omitted)} points without a part", holed)):
-                for world in worlds:
-                    packed_row(name, list(tapes_like(like, 256)), asked[0], world, *asked[1:])
-        if wanted in (None, "anoto"):
-            print(f"\n| {ANOTO}, contact | world | p50, ms | p99, ms | located |\n|---|---|---|---|---|")
-            for side in ANOTO_MM:
-                for world in worlds:
-                    row = in_process(f"{ANOTO} {side}", world, *asked[1:])
-                    print(
-                        f"| {side:g} mm | {world} | {row['p50']:.2f} | {row['p99']:.2f} | {row['located']} of {asked[1]} |",
-                        flush=True,
-                    )
-        if wanted in (None, "manifests"):
-            for tape in tapes_like(registered_tape(), MANIFESTS):
-                kit = asked[0] / "kits" / tape.name
-                kit.mkdir(parents=True)
-                content = {"format": "tactape-manifest/1", "fab": {"name": "generic-fpc"}, **tape.to_mapping()}
-                (kit / "manifest.json").write_text(json.dumps(content), encoding="utf-8")
-            row = in_process(asked[0] / "kits", "open", 0, 0)
-            print(f"\nthe manifests of {row['tapes']} kits, not packed: {row['loaded_s']:.2f} s")
+    lines = []
+    worlds = (chosen.world,) if chosen.world else get_args(World)
+    for line in table(chosen.only, chosen.tapes, worlds, chosen.frames, chosen.rounds):
+        print(line, flush=True)
+        lines.append(line)
+    if chosen.page:
+        write_between(chosen.page, "registry", "\n".join([*lines, f"\n({command('tests.bench.registry')})"]) + "\n")
 
 
 if __name__ == "__main__":

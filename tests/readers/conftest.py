@@ -73,7 +73,7 @@ def reader(request: pytest.FixtureRequest, tmp_path: Path) -> Reader:
 def solid_variants(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Variant]:
     """Every kind of solid that a test of this run asks for, written once; not to be changed."""
     folder = tmp_path_factory.mktemp("solids")
-    asked = {call.params.get("name") for item in request.session.items if (call := getattr(item, "callspec", None))}
+    asked = {str(call.params.get("name")) for item in request.session.items if (call := getattr(item, "callspec", None))}
     return {name: write_variant(name, folder) for name in NAMES if name in asked}
 
 
