@@ -18,6 +18,9 @@ LEAST_CONTRAST = 25.0
 """Least distance of the body's colour from the film's, of 255."""
 _LEAST_OWN = 10.0
 """Colour of a body that film has at no brightness, of 255; a grey scan has none."""
+MOST_WHITE, _WHITE = 0.5, 250.0
+"""Share of the parts' metal that may be white, and what is: at 1200 dpi places are off by 2.2 um rms with 0.01 (glare), 3.3 with
+0.3, 4.2 with 0.54, more than 5 from 0.66 on, where good parts are listed as well."""
 _MOST_SITES = 600
 _SHADE = 0.65
 """Film in the shadow of a part, as a share of its brightness."""
@@ -51,7 +54,7 @@ class Palette:
 def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -> Palette:
     """Median colours at the centres of parts, on their ends, and midway between four grid points.
 
-    Raises SpecError if bodies do not stand out from the film.
+    Raises SpecError if the scan is over-exposed, or bodies do not stand out from the film.
     """
     length, width, _ = tape.part.body_mm
     step = max(1, int(inside.sum()) // _MOST_SITES)
@@ -61,10 +64,14 @@ def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -
     axis = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
     ends = np.concatenate([sites + 0.55 * length * axis, sites - 0.55 * length * axis])
     between = texture_to_board((cells + 0.5) * tape.pitch_mm, tape.board.texture_origin_mm)
-    body, metal, film = (
-        np.median(np.median(sample(picture, warp, at, turn, small), axis=1), axis=0).astype(np.float64)
-        for at in (sites, ends, between)
-    )
+    seen = [sample(picture, warp, at, turn, small) for at in (sites, ends, between)]
+    white = float((seen[1].min(axis=2) >= _WHITE).mean())
+    if white > MOST_WHITE:
+        raise SpecError(
+            f"it is over-exposed: {white:.0%} of the parts' metal is white, more than {MOST_WHITE:.0%}, so edges are not where "
+            "they seem; scan darker, without automatic levels"
+        )
+    body, metal, film = (np.median(np.median(each, axis=1), axis=0).astype(np.float64) for each in seen)
     if np.abs(body - film).max() < LEAST_CONTRAST:
         raise SpecError(
             f"bodies do not stand out from the film: {_rgb(body)} against {_rgb(film)}; scan in colour, with more light"

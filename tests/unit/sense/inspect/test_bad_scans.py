@@ -69,6 +69,10 @@ def blocks_as_png(picture: Picture) -> bytes:
     return png(np.asarray(cv2.imdecode(np.frombuffer(jpeg(picture, 12), dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8))
 
 
+def brighter(picture: Picture, times: float, plus: float = 0.0) -> Picture:
+    return np.asarray(np.clip(picture.astype(np.float32) * times + plus, 0, 255), dtype=np.uint8)
+
+
 THIS, OTHER, SAME_TAG = "this", "other", "other with the same tag"
 BAD: dict[str, tuple[Callable[[Picture], bytes], str, float | None, str]] = {
     "another tape, by its tag": (png, OTHER, None, "it shows a tape with tag 7, and tactape-s009 has tag 9: another tape"),
@@ -85,6 +89,8 @@ BAD: dict[str, tuple[Callable[[Picture], bytes], str, float | None, str]] = {
     "cropped at the top": (lambda p: png(p[p.shape[0] // 3 :]), THIS, 1200, "outside the scans: cropped"),
     "JPEG of low quality": (lambda p: jpeg(p, 12), THIS, None, "JPEG of quality 12, below 30"),
     "JPEG blocks saved as PNG": (blocks_as_png, THIS, None, "full of JPEG blocks"),
+    "over-exposed": (lambda p: png(brighter(p, 2.0)), THIS, None, "is white, more than 50%, so edges are not where they seem"),
+    "over-exposed, no tag can be read": (lambda p: png(brighter(p, 3.0, 120.0)), THIS, 1200, "it is over-exposed: 100% of the"),
     "empty lid": (lambda p: png(np.full((1200, 1800, 3), 236, np.uint8)), THIS, None, "it is empty"),
     "black": (lambda p: png(np.zeros((1200, 1800, 3), np.uint8)), THIS, 1200, "it is empty"),
     "noise of no dpi": (noise, THIS, None, "no tag of the family tag36h11 is in it, and it does not say its dpi; give --dpi"),
@@ -131,6 +137,13 @@ def test_a_scan_that_is_not_there_is_named(scanned: Scanned, tmp_path: Path) -> 
 def test_a_good_jpeg_serves(scanned: Scanned, tmp_path: Path) -> None:
     (one,) = inspect_scans(write(tmp_path / "good.jpg", scanned.picture, cv2.IMWRITE_JPEG_QUALITY, 90), scanned.kit)
     np.testing.assert_array_equal(one.present, scanned.built.present)
+
+
+def test_a_bright_scan_whose_metal_glares_serves(scanned: Scanned, tmp_path: Path) -> None:
+    """A third of the metal is white, and nearly all film in its red channel."""
+    (one,) = inspect_scans(write(tmp_path / "bright.png", brighter(scanned.picture, 1.5)), scanned.kit)
+    np.testing.assert_array_equal(one.present, scanned.built.present)
+    assert len(one.foreign_mm) == len(scanned.built.specks) and not one.covered.any()
 
 
 def test_a_bomb_is_refused_before_a_pixel_is_unpacked(scanned: Scanned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
