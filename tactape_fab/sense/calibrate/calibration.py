@@ -306,7 +306,7 @@ def _quantities(
             name="over_perfect",
             value=share_of_perfect(bundle),
             sigma=None,
-            note="errors of positions over a perfect camera's",
+            note="rms of positions over a perfect camera's, as expected",
         ),
         Quantity(
             name="dot", value=1000 * estimate.errors.dot_mm, sigma=None, unit="um", note="error of a whole dot along an axis"

@@ -156,12 +156,13 @@ def corner_sigma_um(bundle: Bundle) -> float:
 
 
 def share_of_perfect(bundle: Bundle) -> float:
-    """Errors of answers over those by a perfect camera, root mean square, of contacts such as the presses.
+    """Expected root mean square of errors of answers over that by a perfect camera, of contacts such as the presses.
 
-    Each press is located by the camera of the n - 1 others, whose variance is n / (n - 1) times that of all.
+    Each press is located by the camera of the n - 1 others, whose variance is n / (n - 1) times that of all. All count the same:
+    one of few dots, whose own error is large, would hide the camera's in all others.
     """
-    alone, anew = (each[:, :2, :2].trace(axis1=1, axis2=2).mean() for each in (bundle.poses_alone, bundle.poses_anew))
-    return float(np.sqrt(1.0 + (anew / alone - 1.0) * (1.0 - 1.0 / len(bundle.poses))))
+    alone, anew = (each[:, :2, :2].trace(axis1=1, axis2=2) for each in (bundle.poses_alone, bundle.poses_anew))
+    return float(np.sqrt(1.0 + ((anew / alone).mean() - 1.0) * (1.0 - 1.0 / len(bundle.poses))))
 
 
 def refuse_unspread(presses: Sequence[Press], bundle: Bundle, corner_um: float) -> None:
@@ -208,8 +209,8 @@ def remarks_of(
     if share > GOOD_SHARE + 0.005:
         wanted = ceil(len(presses) * (share**2 - 1.0) / (GOOD_SHARE**2 - 1.0))
         said.append(
-            f"positions err {share:.2f} times as far as by a perfect camera: {wanted} presses in all, spread as these are, make "
-            f"that {GOOD_SHARE:g}"
+            f"by the covariance of the presses, positions are expected to err {share:.2f} times as far (rms, no median) as by a "
+            f"perfect camera; with {wanted} presses in all, spread as these are, {GOOD_SHARE:g} times is expected"
         )
     if corner_um > GOOD_CORNER_UM:
         empty = empty_corners(presses, sensor)
