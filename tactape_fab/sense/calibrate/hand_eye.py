@@ -25,6 +25,8 @@ from tactape_fab.sense.files.arm_poses import HAND_EYE_FORMAT, ArmPose
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 
+MOST_LEFT_MM, MOST_LEFT_RAD = 1.0, 0.1
+"""Of the sensor in the tape's plane and about its normal: arm and gel leave less; poses of others, or in other units, more."""
 LEAST_POSES = 5
 SIGMAS = np.array([0.1, 0.1, 0.3, 0.02, 0.02, 0.004])
 """Errors to start from: x, y, z of the sensor on the tape, mm, and turns about its axes, rad, in its own frame."""
@@ -87,7 +89,7 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     bundle: To start from.
     presses: Its presses.
     arm_poses: Those of frames that are no press are not used.
-    Raises SpecError for fewer than five presses with a pose on one tape.
+    Raises SpecError for fewer than five presses with a pose on one tape, and for poses that do not fit the presses.
     """
     flange = {pose.frame: pose.flange_to_base for pose in arm_poses}
     names = [press.tape for press in presses if press.frame in flange]
@@ -96,8 +98,8 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
     which = [k for k, press in enumerate(presses) if press.frame in flange and press.tape == name]
     if len(which) < LEAST_POSES or on_board is None or on_board.surface is not None:
         message = (
-            f"hand_eye: {len(which)} of {len(presses)} presses have a pose of the flange, and {LEAST_POSES} on one flat tape are "
-            "needed; name the frames by their index from 0 in the column frame"
+            f"--hand-eye: {len(which)} of {len(presses)} presses have a pose of the flange, and {LEAST_POSES} on one flat tape "
+            "are needed; name the frames by their index from 0 in the column frame"
         )
         raise SpecError(Problem("hand_eye", message))
     arm = np.array([flange[presses[k].frame] for k in which])
@@ -114,13 +116,21 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         # as many unknowns as two transforms have are spread over the six kinds of rows
         freedom = max(1.0 - 12.0 / (6.0 * len(which)), 0.3)
         sigmas = np.maximum(np.sqrt((left**2).mean(axis=0) / freedom), LEAST_SIGMAS)
+    rms = np.sqrt((left**2).mean(axis=0))
+    if rms[:2].max() > MOST_LEFT_MM or rms[5] > MOST_LEFT_RAD:
+        message = (
+            f"--hand-eye: poses of the flange do not fit the presses: {rms[:2].max():.2g} mm and {np.degrees(rms[5]):.2g} deg "
+            f"are left over on the tape (rms), more than {MOST_LEFT_MM:g} mm or {np.degrees(MOST_LEFT_RAD):.2g} deg; give the "
+            "poses of these frames, x, y, z in mm, the quaternion as qw,qx,qy,qz with qw first, of the flange in the base"
+        )
+        raise SpecError(Problem("hand_eye", message))
     return HandEye(
         sensor_to_flange=matrix_of(z[-12:-6]),
         tape_to_base=matrix_of(z[-6:]),
         covariance=covariance,
         tape=name,
         frames=tuple(presses[k].frame for k in which),
-        left=np.sqrt((left**2).mean(axis=0)),
+        left=rms,
         remarks=tuple(_remarks(covariance)),
     )
 

@@ -65,5 +65,22 @@ def test_a_flange_that_never_tilts_leaves_the_reach_open() -> None:
 
 def test_few_poses_are_refused() -> None:
     made = presses()
-    with pytest.raises(SpecError, match="hand_eye: 3 of 10 presses have a pose of the flange, and 5 on one flat tape are needed"):
+    with pytest.raises(
+        SpecError, match="--hand-eye: 3 of 10 presses have a pose of the flange, and 5 on one flat tape are needed"
+    ):
         calibrate_sensor(made.frames, [TAPE], STOCK, arm_poses=arm_poses(made.poses)[:3])
+
+
+@pytest.mark.parametrize("wrong", ["in metres", "of other frames"])
+def test_poses_that_do_not_fit_the_presses_are_refused(wrong: str) -> None:
+    made = presses()
+    poses = arm_poses(made.poses)
+    matrices = [pose.flange_to_base.copy() for pose in poses]
+    if wrong == "in metres":
+        for matrix in matrices:
+            matrix[:3, 3] /= 1000.0
+    else:
+        matrices = matrices[3:] + matrices[:3]
+    with pytest.raises(SpecError, match=r"--hand-eye: poses of the flange do not fit the presses: .* are left over on the tape"):
+        changed = [ArmPose(frame=pose.frame, flange_to_base=matrix) for pose, matrix in zip(poses, matrices, strict=True)]
+        calibrate_sensor(made.frames, [TAPE], STOCK, arm_poses=changed)
