@@ -72,6 +72,26 @@ def listening(zenoh: Any, endpoint: str, how: str = "listen") -> Iterator[Any]:
         yield session
 
 
+def wait_until_matched(bus: ZenohBus, *topics: str) -> None:
+    """Until the bus knows who reads it: what is written before is lost."""
+    end = time.monotonic() + 60.0
+    while not all(bus._publishers[topic].matching_status.matching for topic in topics):
+        assert time.monotonic() < end, "nobody reads"
+        time.sleep(0.02)
+
+
+def received(samples: Any, count: int) -> list[Any]:
+    """The next so many samples; a lost one fails a test and does not stop it."""
+    found: list[Any] = []
+    end = time.monotonic() + 60.0
+    while len(found) < count and time.monotonic() < end:
+        sample = samples.try_recv()
+        found += [sample] if sample is not None else []
+        time.sleep(0.0 if sample is not None else 0.01)
+    assert len(found) == count
+    return found
+
+
 # Keys and attachments
 
 
@@ -98,13 +118,13 @@ def test_messages_arrive_byte_for_byte_as_in_a_log(zenoh: Any) -> None:
     with listening(zenoh, endpoint) as session:
         samples = session.declare_subscriber("**", zenoh.handlers.FifoChannel(100))
         with ZenohBus(endpoint, Naming(frame_id="cup")) as bus:
-            time.sleep(0.5)  # until both know of each other
+            wait_until_matched(bus, *TOPICS)
             for k in range(3):
                 assert bus.write(located(k))
             assert not bus.write(
                 Located(frame=9, depth=np.zeros(SHAPE), sensor=SENSOR, fix=Localization(status="none", located=False))
             )
-            found = [samples.recv() for _ in range(9)]
+            found = received(samples, 9)
     for k in range(3):
         expected = encoded(located(k), Naming(frame_id="cup"))
         assert expected is not None
@@ -120,7 +140,7 @@ def test_a_reader_that_is_too_slow_loses_frames_and_hears_so(zenoh: Any) -> None
     with listening(zenoh, endpoint) as session:
         samples = session.declare_subscriber(key_of(DEPTH_TOPIC), zenoh.handlers.RingChannel(2))
         with ZenohBus(endpoint) as bus:
-            time.sleep(0.5)
+            wait_until_matched(bus, DEPTH_TOPIC)
             start = time.perf_counter()
             for k in range(count):
                 bus.write(located(k, depth))
@@ -137,9 +157,9 @@ def test_local_is_this_machine_alone_and_is_said_when_taken(zenoh: Any, monkeypa
     monkeypatch.setattr(zenoh_bus, "LOCAL_ENDPOINT", endpoint)
     with ZenohBus("local") as bus, listening(zenoh, endpoint, "connect") as session:
         samples = session.declare_subscriber(key_of(POSE_TOPIC), zenoh.handlers.FifoChannel(10))
-        time.sleep(0.5)
+        wait_until_matched(bus, POSE_TOPIC)
         bus.write(located(1))
-        pose: Any = STORE.deserialize_cdr(samples.recv().payload.to_bytes(), TOPICS[POSE_TOPIC].name)
+        pose: Any = STORE.deserialize_cdr(received(samples, 1)[0].payload.to_bytes(), TOPICS[POSE_TOPIC].name)
         assert pose.pose.pose.position.x == 1e-3
         with pytest.raises(SpecError, match=f"give --zenoh {endpoint}"):
             ZenohBus("local")
@@ -162,7 +182,11 @@ def test_two_processes_over_zenoh(zenoh: Any, default_kit: Kit, tmp_path: Path) 
         watching = ["watch", str(tmp_path / "frames.npz"), "--tape", str(default_kit.path), "--zenoh", endpoint]
         done = subprocess.run([str(TACTAPE), *watching], capture_output=True, encoding="utf-8", check=False)
         assert done.returncode == 0, done.stderr
-        lines = reader.stdout.read().splitlines()
+        try:
+            lines = reader.communicate(timeout=60)[0].splitlines()
+        except subprocess.TimeoutExpired:
+            reader.kill()
+            raise
     board = frames.position_mm * (1, -1) + default_kit.tape.board.texture_origin_mm
     assert len(lines) == 3
     for line in lines:

@@ -37,6 +37,9 @@ LEAN_MM = 0.045
 USUAL_MM, USUAL_DOTS = 0.0095, 8.0
 """Error of a dot under a tilt believed before the frame is seen, and how many dots this belief counts as: the scatter of 17 dots,
 on which nine unknowns were fitted, is often too small by chance. A larger one is believed as it is."""
+AS_DRAWN, FITTED = 3.0, 1.0
+"""How much likelier it is that tops are drawn, before the frame is seen, and by how much a dot's error tells. Gels of the imprint
+model have a crown, so a slope beside their middle, but no pressure; heights of dots differ there, too."""
 STRAIN = 2.4
 """Standard deviation of a linear displacement of the dots about their middle that is left, under a tilt of 5 degrees, over that
 which independent errors of the dots make of it. It grows with the square of the slope. Seed 5 of the elastic simulator."""
@@ -79,8 +82,9 @@ def tilted_pose(
     drawn_mm2 = share * DRAWN * (length_mm**2 + width_mm**2) / 2.0
     drawn = drawn_mm2 * view.px_per_mm * _relative_slopes(heights, offset_px / view.px_per_mm)
     moved = offset_px + share * (seen_px - offset_px) - drawn
-    moved = moved + ((sqrt(1.0 + square) - 1.0) / square) * (moved @ slope)[:, None] * slope
+    moved = _upright(moved, slope)
     found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs)
+    undrawn = fit_pose(_upright(offset_px, slope), texture_mm, weights, view.px_per_mm, view.beliefs)
     if not (np.isfinite(found.position_mm).all() and np.isfinite(found.covariance).all() and np.isfinite(found.px_per_mm)):
         return pose, offset_px, (np.zeros((3, 3)), np.zeros(3))
     # what may be left: a share of what was taken off, a lean of the tops, and a strain about the dots' middle
@@ -96,9 +100,21 @@ def tilted_pose(
         other = fit_pose(moved + by, texture_mm, weights, view.px_per_mm, view.beliefs)
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
-    strain = changes.T @ changes
+    apart = np.array([*(undrawn.position_mm - found.position_mm), remainder(undrawn.theta_rad - found.theta_rad, tau)])
+    odds = AS_DRAWN * (undrawn.sigma_mm / found.sigma_mm) ** (FITTED * count)
+    not_drawn = 1.0 / (1.0 + odds) if np.isfinite(apart).all() else 0.0
+    apart[~np.isfinite(apart)] = 0.0
+    strain = changes.T @ changes + (1.0 - not_drawn) * not_drawn * np.outer(apart, apart)
     own = found.covariance * (sigma_mm / found.sigma_mm) ** 2
-    return replace(found, covariance=own + strain, agree=pose.agree), moved, (strain, changes[0] / DRAWN_ERROR)
+    towards = not_drawn * apart
+    mixed = replace(
+        found,
+        position_mm=found.position_mm + towards[:2],
+        theta_rad=remainder(found.theta_rad + float(towards[2]), tau),
+        covariance=own + strain,
+        agree=pose.agree,
+    )
+    return mixed, moved, (strain, (1.0 - not_drawn) * changes[0] / DRAWN_ERROR)
 
 
 def of_pixels(pose: Pose, tilted: tuple[FloatArray, FloatArray]) -> Pose:
@@ -111,6 +127,12 @@ def of_pixels(pose: Pose, tilted: tuple[FloatArray, FloatArray]) -> Pose:
         theta_rad=remainder(pose.theta_rad - turn, tau),
         covariance=pose.covariance + PIXELS**2 * strain,
     )
+
+
+def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:
+    """Places as on a tape that is not tilted: the cosine of the tilt along its slope is taken out."""
+    square = float(slope @ slope)
+    return seen_px + ((sqrt(1.0 + square) - 1.0) / square) * (seen_px @ slope)[:, None] * slope
 
 
 def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:

@@ -14,8 +14,10 @@ from tactape_fab import Localization, Localizer, Tape
 from tactape_fab.base.errors import SpecError
 from tactape_fab.sense import Frame, Scene, SensorProfile, iterate_frames, load_sensor
 from tactape_fab.sense.decode.pixels.patches import BLURS_MM, USUAL_BLUR_MM, fitted, pixel_fit, settled_patches
+from tactape_fab.sense.decode.result import Refined
 from tactape_fab.sense.geometry import Gel, Geometry
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tests.bench.localization_rows import plane_gel
 from tests.bench.pixel_bound import slope_noise_mm
 from tests.contacts import TAPE
 
@@ -140,11 +142,20 @@ def test_oblong_and_fine_pixels(px_per_mm: tuple[float, float]) -> None:
 
 @pytest.mark.parametrize("center_px", [None, (170.0, 110.0)])
 def test_a_camera_with_shear_and_lens_is_undone(center_px: tuple[float, float] | None) -> None:
-    sensor = replace(SENSOR, geometry=Geometry(aspect=0.04, shear=0.02, k1=0.05, center_px=center_px))
+    """Of a plane gel: beside the middle of a crowned one, the contact is tilted."""
+    sensor = replace(plane_gel(), slope_noise=SLOPE, geometry=Geometry(aspect=0.04, shear=0.02, k1=0.05, center_px=center_px))
     seen = list(frames(12, slope=0.0, sensor=sensor, contact_offset_mm=(2.0, 1.0)))
     fixes = [Localizer(TAPE, sensor, refine="pixels").locate(frame.depth) for frame in seen]
     assert {fix.refined for fix in fixes} == {"pixels"}
     assert rms_um(fixes, seen) < 0.6
+
+
+@pytest.mark.parametrize("refine", ["dots", "pixels"])
+def test_a_crowned_gel_that_is_imprinted_without_pressure_is_in_the_covariance(refine: Refined) -> None:
+    """Heights of dots show a slope, but no top is drawn by it; what is taken off for it is about as unsure."""
+    seen = list(iterate_frames(TAPE, 24, 19, load_sensor("gelsight-mini"), Scene(contact_offset_mm=(0.0, 3.0))))
+    localizer = Localizer(TAPE, refine=refine)
+    assert np.mean([nees(localizer.locate(frame.depth), frame) for frame in seen]) < 1.6
 
 
 def test_a_camera_that_is_not_the_profiles_is_in_the_covariance() -> None:
