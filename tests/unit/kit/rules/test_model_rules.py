@@ -134,6 +134,21 @@ def test_a_process_is_named_where_its_own_check_passes(name: str, monkeypatch: p
         assert ("--process other" in found.message) is makes
 
 
+@pytest.mark.parametrize(("value_mm", "warn_mm"), [(0.9, None), (0.2, 0.9)])
+def test_a_wider_element_stands_so_far_apart_that_no_gap_is_warned_of(value_mm: float, warn_mm: float | None) -> None:
+    process = limited("gap", value_mm, warn_mm)
+    examined = examine(spec_of(part="block", size_mm=(30.0, 20.0), rotation_deg=0.0))
+    width_mm = examined.tape.part.body_mm[1] + 0.2
+    process = replace(
+        process, limits={**process.limits, "feature": replace(process.limits["feature"], value_mm=width_mm, warn_mm=None)}
+    )
+    found = by_rule(check_models(examined.tape, SolidForm(), process, examined.spec, examined.profiles.part))["feature"]
+    (way,) = (way for way in alternatives(found.message) if "--body" in way)
+    rows = findings(typed("--sector 7 --size 30x20 --part block --rotation 0 --process sla", way))[1]
+    assert rows["feature"]["value"] == pytest.approx(width_mm)
+    assert rows["gap"]["value"] == pytest.approx(0.9, abs=0.0015)
+
+
 @pytest.mark.parametrize("body", ["0.4x0.05", "1.2x0.05"])
 def test_a_cap_that_must_be_higher_is_as_wide_as_its_height_asks_for(body: str) -> None:
     """No cap is higher than its radius, and none is made wider than it need be."""
