@@ -92,7 +92,9 @@ def test_parts_that_were_not_measured_may_be_as_far_off_as_those_that_were() -> 
         ("parts.designator", ["R1", "R3", "R1", "R7", "R9"], "R1 occurs twice"),
         ("parts.designator", ["R1", "R3", "R05", "R7", "R9"], "designator[2] = 'R05' is no designator"),
         ("parts.designator", ["R1", 3, None, "R7", "R9"], "(2 are wrong)"),
+        ("parts.designator", ["R1", "R3", "R5", "R5", "R9"], "R5 occurs twice"),
         ("parts.designator", "R1", "is not a list"),
+        ("parts.sigma_mm", [0.0] * 6, "sigma_mm has 6 entries for 5 designators"),
         ("parts.dx_mm", [0.0] * 4, "dx_mm has 4 entries for 5 designators"),
         ("parts.dx_mm", [0.0, float("nan"), 0.0, 0.0, 0.0], "dx_mm[1] = nan"),
         ("parts.dx_mm", [0.0, 0.0, 11.0, 0.0, 0.0], "dx_mm[2] = 11.0 is no number of mm from -10 to 10"),
@@ -152,7 +154,8 @@ def test_designators_have_eight_digits_at_most() -> None:
     content["parts"]["designator"] = names
     assert AsBuilt.from_mapping(content).number.tolist() == [1, 3, 5, 7, 99_999_999]
     for wrong in ("R100000000", "R0", "R", "C5", "R²", "R+5", "R 5", 5):
-        assert f"designator[4] = {wrong!r} is no designator; give R and" in refused({"parts.designator": [*names[:4], wrong]})
+        text = refused({"parts.designator": [*names[:4], wrong]})
+        assert f"designator[4] = {wrong!r} is no designator; give R and" in text and "are wrong" not in text
 
 
 def test_sources_are_bounded() -> None:
