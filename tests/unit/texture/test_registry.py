@@ -151,6 +151,8 @@ def test_measured_places_are_those_given_those_beside_the_kit_or_none(tmp_path: 
     assert shifts(*read_tapes([one, two, three], ["none"])) == [None, None, None]
     (unused,) = messages(one, three, as_built=tuple(files))
     assert "given-2.json is for the manifest" in unused and digest_of(two)[:12] + "..., and none of tape-1, tape-3 has" in unused
+    six = [kit(tmp_path / f"more-{n}", n) for n in range(10, 16)]
+    assert "none of tape-10, tape-11, tape-12, tape-13, tape-14 has" in messages(*six, as_built=(files[0],))[0]
     assert messages(one, as_built=("none", files[0])) == [
         "--as-built none is given together with files; give either none or the files"
     ]
