@@ -120,13 +120,13 @@ def test_values_nobody_should_trust_are_refused(key: str, value: object, said: s
 )
 def test_values_may_reach_their_limits(key: str, least: float, most: float) -> None:
     values = np.array([least, most, 0.0, 0.0, 0.0])
-    content = places(**{key: values}).to_mapping()
+    content = places(5, **{key: values}).to_mapping()
     assert getattr(AsBuilt.from_mapping(content), key).tolist() == values.tolist()
     for beyond in (np.nextafter(least, -np.inf), np.nextafter(most, np.inf)):
         column = [0.0, 0.0, 0.0, 0.0, float(beyond)]
         assert f"parts.{key}[4] = " in refused({f"parts.{key}": column})
         with pytest.raises(SpecError, match=f"{key} has values that are not from"):
-            places(**{key: np.array(column)})
+            places(5, **{key: np.array(column)})
 
 
 def test_the_film_may_stretch_by_a_tenth() -> None:

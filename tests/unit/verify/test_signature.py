@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -95,6 +97,9 @@ def test_another_manifest_or_signature_fails(kit: Path, keys: Path) -> None:
     signature.mkdir()
     found = check(kit, keys / "shop.pub")
     assert not found.passed and found.message.startswith("manifest.json.sig cannot be read: ") and "None" not in found.message
+    signature.rmdir()
+    signature.symlink_to(signature.name)
+    assert check(kit, keys / "shop.pub").message == f"manifest.json.sig cannot be read: {os.strerror(errno.ELOOP)}"
 
 
 def test_a_manifest_that_is_too_large_is_not_read_whole(kit: Path, keys: Path) -> None:
@@ -121,7 +126,9 @@ def test_a_key_that_cannot_sign_is_refused(key: str, keys: Path) -> None:
     (problem,) = caught.value.problems
     assert problem.key == "sign" and "without a password" in problem.message
     assert problem.message.startswith("sign = ") and "None" not in problem.message
-    cannot = "cannot be read: " if key in ("missing", ".") else "is no private key that can be used; "
+    cannot = {"missing": f"cannot be read: {os.strerror(errno.ENOENT)}; ", ".": "cannot be read: "}.get(
+        key, "is no private key that can be used; "
+    )
     assert cannot in problem.message
 
 
@@ -131,7 +138,9 @@ def test_a_key_that_cannot_check_is_refused(key: str, kit: Path, keys: Path) -> 
         check_signed(kit, keys / key)
     (problem,) = caught.value.problems
     assert problem.key == "key" and "the .pub file of ssh-keygen" in problem.message
-    cannot = "cannot be read: " if key in ("missing", ".") else "is no public key that can be used; "
+    cannot = {"missing": f"cannot be read: {os.strerror(errno.ENOENT)}; ", ".": "cannot be read: "}.get(
+        key, "is no public key that can be used; "
+    )
     assert cannot in problem.message
 
 
