@@ -164,5 +164,7 @@ def test_the_list_with_most_columns_in_common_is_meant() -> None:
     assert "no column X (mm); write it with the columns Reference designator, X (mm)" in refused(
         b"Reference designator,Y (mm),Rotation,Side\n"
     )
+    of_another_style = ",".join(cpl.PLACEMENTS["macrofab"].headers).encode() + b"\n"
+    assert "no column Mid X, Mid Y, Layer; write it with" in refused(of_another_style)
     assert read("\ufeff".encode() + HEADER)[0].xy_mm.shape == (0, 2)
     assert cpl.MOST_CPL_BYTES == 64 << 20
