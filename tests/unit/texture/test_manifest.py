@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path, PurePosixPath
 
 import pytest
@@ -57,6 +59,11 @@ def test_a_manifest_is_found_by_its_folder_or_itself(tmp_path: Path) -> None:
     for wrong in (tmp_path / "loop", tmp_path / ("x" * 300), "a\0b"):
         with pytest.raises(SpecError, match="is no kit"):
             find_manifest(wrong)
+
+
+def test_a_name_that_is_none_on_this_system_says_why(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=f"is no kit: {os.strerror(errno.ENAMETOOLONG)}; give the folder"):
+        find_manifest(tmp_path / ("x" * 300))
 
 
 def test_a_folder_that_is_being_built_is_none_by_any_way(tmp_path: Path) -> None:
