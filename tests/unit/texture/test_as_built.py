@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from tactape_fab import AsBuilt, Film, SpecError
-from tactape_fab.texture.as_built import MOST_BYTES, manifest_digest
+from tactape_fab.texture.as_built import (
+    as_built_of,
+    manifest_digest,
+)
 
 
 def places(count: int = 5, **other: Any) -> AsBuilt:
@@ -89,7 +92,9 @@ def test_parts_that_were_not_measured_may_be_as_far_off_as_those_that_were() -> 
         ("parts.designator", ["R1", "R3", "R1", "R7", "R9"], "R1 occurs twice"),
         ("parts.designator", ["R1", "R3", "R05", "R7", "R9"], "designator[2] = 'R05' is no designator"),
         ("parts.designator", ["R1", 3, None, "R7", "R9"], "(2 are wrong)"),
+        ("parts.designator", ["R1", "R3", "R5", "R5", "R9"], "R5 occurs twice"),
         ("parts.designator", "R1", "is not a list"),
+        ("parts.sigma_mm", [0.0] * 6, "sigma_mm has 6 entries for 5 designators"),
         ("parts.dx_mm", [0.0] * 4, "dx_mm has 4 entries for 5 designators"),
         ("parts.dx_mm", [0.0, float("nan"), 0.0, 0.0, 0.0], "dx_mm[1] = nan"),
         ("parts.dx_mm", [0.0, 0.0, 11.0, 0.0, 0.0], "dx_mm[2] = 11.0 is no number of mm from -10 to 10"),
@@ -109,6 +114,121 @@ def test_values_nobody_should_trust_are_refused(key: str, value: object, said: s
     assert said in refused({key: value})
 
 
+@pytest.mark.parametrize(
+    ("key", "least", "most"),
+    [("dx_mm", -10.0, 10.0), ("dy_mm", -10.0, 10.0), ("rotation_deg", -360.0, 360.0), ("sigma_mm", 0.0, 10.0)],
+)
+def test_values_may_reach_their_limits(key: str, least: float, most: float) -> None:
+    values = np.array([least, most, 0.0, 0.0, 0.0])
+    content = places(5, **{key: values}).to_mapping()
+    assert getattr(AsBuilt.from_mapping(content), key).tolist() == values.tolist()
+    for beyond in (np.nextafter(least, -np.inf), np.nextafter(most, np.inf)):
+        column = [0.0, 0.0, 0.0, 0.0, float(beyond)]
+        assert f"parts.{key}[4] = " in refused({f"parts.{key}": column})
+        with pytest.raises(SpecError, match=f"{key} has values that are not from"):
+            places(5, **{key: np.array(column)})
+
+
+def test_the_film_may_stretch_by_a_tenth() -> None:
+    film = {"scale": [0.9, 1.1], "shear": -0.1, "sigma": 0.1}
+    read = AsBuilt.from_mapping({**places().to_mapping(), "film": film}).film
+    assert (read.scale, read.shear, read.sigma) == ((0.9, 1.1), -0.1, 0.1)
+    assert AsBuilt.from_mapping({**places().to_mapping(), "film": {**film, "shear": 0.1}}).film.shear == 0.1
+    for key, value in (("scale", [0.899, 1.0]), ("scale", [1.0, 1.101]), ("shear", 0.101), ("shear", -0.101), ("sigma", -1e-9)):
+        assert f"film.{key}" in refused({f"film.{key}": value})
+    assert "film.sigma" in refused({"film.sigma": 0.101})
+    without = {key: value for key, value in places().to_mapping().items() if key not in ("film", "source")}
+    assert (AsBuilt.from_mapping(without).film, AsBuilt.from_mapping(without).source) == (Film(), ())
+
+
+def test_parts_in_any_order_are_read_in_that_of_their_numbers() -> None:
+    content = places().to_mapping()
+    for column in content["parts"].values():
+        column.reverse()
+    assert AsBuilt.from_mapping(content).to_mapping() == places().to_mapping()
+
+
+def test_designators_have_eight_digits_at_most() -> None:
+    names = ["R1", "R3", "R5", "R7", "R99999999"]
+    content = places().to_mapping()
+    content["parts"]["designator"] = names
+    assert AsBuilt.from_mapping(content).number.tolist() == [1, 3, 5, 7, 99_999_999]
+    for wrong in ("R100000000", "R0", "R", "C5", "R²", "R+5", "R 5", 5):
+        text = refused({"parts.designator": [*names[:4], wrong]})
+        assert f"designator[4] = {wrong!r} is no designator; give R and" in text and "are wrong" not in text
+
+
+def test_sources_are_bounded() -> None:
+    room = 10_000 - len(json.dumps({"kind": "scan", "note": ""}))
+    rows = [{"kind": "scan", "note": "x" * room}] * 2
+    assert AsBuilt.from_mapping({**places().to_mapping(), "source": rows}).source == tuple(rows)
+    assert "source[1] has NaN or more" in refused({"source": [rows[0], {**rows[0], "note": "x" * (room + 1)}]})
+    assert "source[0] has NaN or more" in refused({"source": [{"kind": "scan", "note": float("nan")}]})
+    one = [{"kind": "aoi", "drift_mm": 10.0}]
+    assert len(AsBuilt.from_mapping({**places().to_mapping(), "source": one * 1000}).source) == 1000
+    assert "source" in refused({"source": one * 1001})
+    for drift_mm in (-1e-9, 10.001, "0"):
+        assert "source[0].drift_mm" in refused({"source": [{"kind": "aoi", "drift_mm": drift_mm}]})
+
+
+def test_the_drift_is_that_of_the_last_source() -> None:
+    def drift_mm(*said: object) -> float:
+        return places(source=tuple({"kind": "scan", "drift_mm": value} for value in said)).drift_mm
+
+    assert (drift_mm(0.02, 0.01), drift_mm(0), drift_mm(10.0), drift_mm(1)) == (0.01, 0.0, 10.0, 1.0)
+    assert (drift_mm(), drift_mm(10.001), drift_mm(-0.1), drift_mm("0.1"), drift_mm(None)) == (0.0,) * 5
+    assert places(source=({"kind": "scan"},)).drift_mm == 0.0
+
+
+def test_scatter_and_mean_are_of_the_parts_that_are_there() -> None:
+    dx_mm, dy_mm = np.array([0.3, 0.3, 9.0, 0.3, 0.3]), np.array([0.5, 0.3, 9.0, 0.3, 0.5])
+    built = places(dx_mm=dx_mm, dy_mm=dy_mm)
+    assert built.mean_mm == pytest.approx(0.5)
+    assert built.scatter_mm == pytest.approx(np.sqrt((4 * 0.09 + 2 * 0.25 + 2 * 0.09) / 8))
+    nobody = places(present=np.zeros(5, dtype=bool))
+    assert (nobody.scatter_mm, nobody.mean_mm, nobody.missing) == (0.0, 0.0, 5)
+    assert not built.number.flags.writeable and not built.sigma_mm.flags.writeable
+
+
+@pytest.mark.parametrize("present", [9, 10])
+def test_few_measured_parts_say_nothing_of_the_others(present: int) -> None:
+    built = places(20, present=np.arange(20) < present)
+    sigma_mm = built.parts(np.zeros((50, 2))).sigma_mm[1]
+    assert sigma_mm == (built.scatter_mm if present == 10 else 0.0)
+    found = built.parts(np.zeros((50, 2)))
+    assert found.present.sum() == 50 - built.missing == 30 + present
+    assert found.rotation_deg[::2][:20].tolist() == built.rotation_deg.tolist() and not found.rotation_deg[1::2].any()
+
+
+def test_the_file_has_a_line_for_each_key_and_no_digit_too_many(tmp_path: Path) -> None:
+    built = places(
+        1, number=np.array([12]), dx_mm=np.array([0.12345678]), dy_mm=np.array([-1e-9]), rotation_deg=np.array([1.23456]),
+        present=np.array([True]), sigma_mm=np.array([0.00300049]),
+        film=Film(scale=(1.0123456789, 0.9), shear=1.23456789e-5, sigma=1.23456789e-5),
+    )  # fmt: skip
+    text = built.write(tmp_path / "a.json").read_text()
+    assert (
+        text
+        == """{
+  "format": "tactape-as-built/1",
+  "tape": "t",
+  "manifest_sha256": "%s",
+  "film": {"scale": [1.012345679, 0.9], "shear": 1.2346e-05, "sigma": 1.2346e-05},
+  "parts": {
+    "designator": ["R12"],
+    "dx_mm": [0.123457],
+    "dy_mm": [0.0],
+    "rotation_deg": [1.235],
+    "present": [true],
+    "sigma_mm": [0.003]
+  },
+  "source": [{"dpi": 1200, "kind": "scan"}]
+}
+"""
+        % ("0" * 64)
+    )
+
+
 def test_all_findings_come_together() -> None:
     text = refused({"tape": 4, "film.shear": "x", "parts.dx_mm": [], "parts.present": []})
     assert all(said in text for said in ("tape = 4", "film.shear", "dx_mm has 0 entries", "present is not 5"))
@@ -125,7 +245,7 @@ def test_files_that_are_no_table_are_refused(tmp_path: Path, text: str) -> None:
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     file = tmp_path / "as-built.json"
     with file.open("wb") as stream:
-        stream.truncate(MOST_BYTES + 1)
+        stream.truncate((64 << 20) + 1)
     with pytest.raises(SpecError, match="more than"):
         AsBuilt.load(file)
 
@@ -175,3 +295,32 @@ def test_a_file_of_another_kind_is_refused_in_one_line() -> None:
         AsBuilt.from_mapping({"format": "tactape-manifest/1", "sector": 7, "code": "microdots-4x4"})
     (problem,) = caught.value.problems
     assert "'tactape-manifest/1'" in problem.message and "tactape-as-built/1" in problem.message
+
+
+def test_a_kit_has_the_places_that_are_given_those_beside_it_or_none(tmp_path: Path) -> None:
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text(json.dumps({"name": "t"}))
+    assert as_built_of(manifest, "t", 9) is None
+    built = places(manifest_sha256=manifest_digest(manifest))
+    elsewhere = built.write(tmp_path / "other.json")
+    for given in (built, elsewhere, str(elsewhere)):
+        found = as_built_of(manifest, "t", 9, given)
+        assert found is not None and found.to_mapping() == built.to_mapping()
+    assert as_built_of(manifest, "t", 9) is None
+    places(manifest_sha256=built.manifest_sha256, sigma_mm=np.full(5, 0.2)).write(tmp_path)
+    beside = as_built_of(manifest, "t", 9)
+    assert beside is not None and beside.sigma_mm[0] == 0.2
+    assert as_built_of(manifest, "t", 9, "none") is None
+    with pytest.raises(SpecError, match="R9 exceeds R8"):
+        as_built_of(manifest, "t", 8)
+    with pytest.raises(SpecError, match="more than their displacement"):
+        as_built_of(manifest, "t", 9, most_mm=1e-4)
+
+
+def test_shapes_and_numbers_of_a_program_are_checked() -> None:
+    assert len(places(0, present=np.empty(0, dtype=bool)).number) == 0
+    for number in (np.array([0, 1, 2, 3, 4]), np.array([1, 3, 2, 4, 5]), np.ones((5, 1), dtype=np.int64)):
+        with pytest.raises(SpecError, match="not ascending from 1"):
+            places(number=number)
+    with pytest.raises(SpecError, match=r"dy_mm has shape \(4,\), not \(5,\)"):
+        places(dy_mm=np.zeros(4))

@@ -144,11 +144,14 @@ def test_a_manifest_s_symbols_are_vouched_for(code: Code) -> None:
     origin = code.default_origin(3)
     symbols = code.symbols(3, origin, SHAPE, (), USUAL_DIRECTIONS)
     entry = code.digest_entry(symbols)
+    assert set(entry) == ({"symbols_sha256"} if code.plane is None else set())
     code.check_symbols(symbols, 3, origin, Fields(entry))
     changed = symbols.copy()
     changed[2, 5] = (changed[2, 5] + 1) % USUAL_DIRECTIONS
-    with pytest.raises(SpecError, match="symbols"):
+    with pytest.raises(SpecError, match="symbols") as caught:
         code.check_symbols(changed, 3, origin, Fields(entry))
+    place = f"sector 3, origin [{origin[0]}, {origin[1]}] at 1 grid points, first at column 5, row 2: "
+    assert code.plane is None or place in str(caught.value)
 
 
 @every_code

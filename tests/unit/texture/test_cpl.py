@@ -80,3 +80,91 @@ def test_a_kicad_list_without_rows_or_with_blank_lines_is_one() -> None:
     assert read(KICAD % b"")[0].xy_mm.shape == (0, 2)
     content, problems = read(KICAD % b"R1 0R R_0201 1.0 2.0 -45.0 top\n\n")
     assert (content.lines, content.sides, problems) == ((4,), ("Top",), [])
+
+
+@pytest.mark.parametrize(
+    ("house", "given_deg", "written_deg"),
+    [
+        (
+            "generic",
+            (0.0, 45.0, 360.0, -90.0, 359.99996, 180.0, 0.00004, 0.00006),
+            (0.0, 45.0, 0.0, 270.0, 0.0, 180.0, 0.0, 0.0001),
+        ),
+        ("macrofab", (0.0, 45.0, 360.0, -90.0, 270.0, 0.00004), (0.0, 315.0, 0.0, 90.0, 90.0, 0.0)),
+        ("kicad", (0.0, 45.0, 180.0, 180.001, 270.0, -180.0, 540.0), (0.0, 45.0, 180.0, -179.999, -90.0, 180.0, 180.0)),
+    ],
+)
+def test_rotations_are_written_as_a_house_wants_them(
+    house: str, given_deg: tuple[float, ...], written_deg: tuple[float, ...]
+) -> None:
+    table = cpl.PLACEMENTS[house]
+    assert [table.written_deg(deg) for deg in given_deg] == pytest.approx(written_deg, abs=1e-9)
+
+
+def test_each_house_has_its_own_words() -> None:
+    said = {name: (t.ending, t.style, t.unit_mm, t.side, t.clockwise, t.half_turns) for name, t in cpl.PLACEMENTS.items()}
+    usual = ("-cpl.csv", "csv", 1.0, "Top", False, False)
+    assert said == {
+        **dict.fromkeys(("generic", "jlcpcb", "pcbway", "eurocircuits"), usual),
+        "macrofab": (".xyrs", "tab", 0.0254, "1", True, False),
+        "kicad": ("-top.pos", "kicad", 1.0, "top", False, True),
+    }
+    assert tuple(said) == cpl.ASSEMBLY_FORMATS
+
+
+def test_numbers_may_reach_ten_metres_and_a_turn() -> None:
+    rows = (b"R1,10000,-10000,Top,360\n", b"R2,10000.001,0,Top,0\n", b"R3,0,-10000.001,Top,-360\n", b"R4,0,0,Top,360.01\n")
+    content, problems = read(HEADER + b"".join(rows))
+    assert content.xy_mm.tolist()[0] == [10_000.0, -10_000.0] and content.rotation_deg.tolist()[2] == -360.0
+    assert problems == [
+        "cpl line 3: Mid X = '10000.001' is not a number from -10000 to 10000 mm; correct it",
+        "cpl line 4: Mid Y = '-10000.001' is not a number from -10000 to 10000 mm; correct it",
+        "cpl line 5: Rotation = '360.01' is not a number from -360 to 360 deg; correct it",
+    ]
+
+
+@pytest.mark.parametrize("cell", ["", "1_0", "\u0661", "0x1", "nan", "inf", "1e", "1mil", "mm", "--1", "1e999"])
+def test_what_is_no_number_in_every_program_is_none(cell: str) -> None:
+    content, problems = read(HEADER + f"R1,1,2,Top,0\nR2,{cell},2,Top,0\n".encode())
+    assert len(problems) == 1 and problems[0].startswith(f"cpl line 3: Mid X = {cell!r} is not a number")
+    assert content.xy_mm[0].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("cell", ["1.5", "+1.5", "15e-1", "1.5mm", " 1.5mm ", " 1.5 "])
+def test_numbers_may_have_blanks_and_their_unit(cell: str) -> None:
+    content, problems = read(HEADER + f"R1,{cell},-{cell.strip(' +')},Top,0\n".encode())
+    assert not problems and content.xy_mm.tolist() == [[1.5, -1.5]]
+
+
+def test_no_more_than_twenty_problems_are_said_the_first_lines_first() -> None:
+    for count in (20, 21):
+        content, problems = read(HEADER + b"".join(b"R%d,x,0,Top,0\n" % n for n in range(count)))
+        assert [message.split(":")[0] for message in problems] == [f"cpl line {n}" for n in range(2, 22)]
+        assert len(content.lines) == count
+
+
+def test_other_columns_are_kept_by_their_content() -> None:
+    content, problems = read(TABBED + b"R1\t1000\t2000\t45\tbottom\t1\t9\t8\tv\tf\t0\tn\n")
+    assert not problems and content.table is cpl.PLACEMENTS["macrofab"] and content.headers == content.table.headers
+    wanted = {"type": "1", "length": "9", "width": "8", "value": "v", "footprint": "f", "populate": "0", "part_number": "n"}
+    assert content.texts == {key: (value,) for key, value in wanted.items()}
+    assert content.xy_mm.tolist() == [[25.4, 50.8]] and content.sides == ("bottom",)
+
+
+def test_lines_of_a_kicad_list_are_those_of_the_file() -> None:
+    rows = b"R1 0R R_0201 1.0 2.0 180.0 top\n# a comment\n\nR2 0R R_0201 3.0 4.0 0.0 bottom\nR3 0R\n"
+    content, problems = read(KICAD % rows)
+    assert (content.lines, content.sides, content.texts["footprint"]) == ((4, 7), ("Top", "bottom"), ("R_0201", "R_0201"))
+    assert problems == ["cpl line 8: it has 2 cells where the header has 7; correct it"]
+    assert content.xy_mm.tolist() == [[1.0, 2.0], [3.0, 4.0]] and content.rotation_deg.tolist() == [180.0, 0.0]
+    assert "no last line" in refused(KICAD.replace(b"# Ref", b"#Ref") % b"")
+
+
+def test_the_list_with_most_columns_in_common_is_meant() -> None:
+    assert "no column X (mm); write it with the columns Reference designator, X (mm)" in refused(
+        b"Reference designator,Y (mm),Rotation,Side\n"
+    )
+    of_another_style = ",".join(cpl.PLACEMENTS["macrofab"].headers).encode() + b"\n"
+    assert "no column Mid X, Mid Y, Layer; write it with" in refused(of_another_style)
+    assert read("\ufeff".encode() + HEADER)[0].xy_mm.shape == (0, 2)
+    assert cpl.MOST_CPL_BYTES == 64 << 20

@@ -44,7 +44,7 @@ def test_neighbouring_places_are_as_near_as_is_said(count: int, directions: Dire
     xy = directions.xy
     apart = np.linalg.norm(xy[:, None] - xy, axis=2)[~np.eye(count, dtype=bool)].min()
     assert directions.spacing * np.sqrt(2.0) == pytest.approx(apart, rel=1e-12)
-    assert directions.reads_within < apart / 2.0
+    assert directions.reads_within == 1.0 / np.ceil(2.0 / apart) < apart / 2.0  # the largest 1/n that is less
 
 
 @every_count
@@ -55,6 +55,13 @@ def test_what_is_read_within_the_limit_is_nearest_to_its_own_place(
     off = share * directions.reads_within * np.array([np.cos(angle), np.sin(angle)])
     distance = np.linalg.norm(directions.xy[:, None] + off - directions.xy, axis=2)
     assert distance.argmin(axis=1).tolist() == list(range(count))
+
+
+@every_count
+def test_tables_cannot_be_changed(count: int, directions: Directions) -> None:
+    for table in (directions.gray_codes, directions.clockwise):
+        with pytest.raises(ValueError, match="read-only"):
+            table[0] = 1
 
 
 def test_how_far_parts_move_towards_a_diagonal() -> None:

@@ -8,6 +8,8 @@ import pytest
 from tactape_fab.texture.frames import (
     DIRECTIONS_XY,
     LETTERS,
+    TURNED,
+    board_to_picture,
     board_to_texture,
     rows_to_symbols,
     snap_mm,
@@ -105,3 +107,15 @@ def test_snapping_twice_changes_nothing_over_ten_metres() -> None:
     once = snap_mm(values)
     assert np.abs(once - values).max() <= 0.5e-6 + 1e-9
     assert np.array_equal(snap_mm(once), once)
+
+
+def test_a_quarter_turn_counter_clockwise_takes_north_to_west() -> None:
+    assert [LETTERS[value] for value in TURNED] == list("WSNEwsne")
+    for array in (TURNED, DIRECTIONS_XY):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_points_of_a_picture_are_pixel_centres() -> None:
+    found = board_to_picture([(1.0, 9.0), (1.05, 8.95), (3.0, 8.0)], (1.0, 9.0), 10.0)
+    np.testing.assert_allclose(found, [(-0.5, -0.5), (0.0, 0.0), (19.5, 9.5)], atol=1e-9)

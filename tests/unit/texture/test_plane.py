@@ -261,8 +261,9 @@ def test_one_wrong_symbol_in_a_4x4_window_mostly_goes_unnoticed() -> None:
 
 def test_a_patch_smaller_than_a_window_has_no_windows() -> None:
     code = sequences_of("anoto-6x6")
-    places = locate_windows(code, np.zeros((5, 9), dtype=np.uint8))
-    assert places.valid.shape == places.column.shape == places.row.shape == places.sector.shape == (0, 4)
+    for shape, windows in (((5, 9), (0, 4)), ((9, 5), (4, 0)), ((5, 5), (0, 0)), ((3, 3), (0, 0))):
+        places = locate_windows(code, np.zeros(shape, dtype=np.uint8))
+        assert places.valid.shape == places.column.shape == places.row.shape == places.sector.shape == windows
 
 
 def test_default_origin_literals() -> None:

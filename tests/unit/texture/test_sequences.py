@@ -136,3 +136,12 @@ def test_sum_before_counts_all_digits_before_an_index(sequence: NumberSequence) 
 def test_digits_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         de_bruijn(2, 4).digits[0] = 1
+
+
+def test_windows_that_do_not_occur_have_no_place_and_tables_cannot_be_changed() -> None:
+    sequence = anoto_secondary()[0]
+    absent = sorted(set(range(3**5)) - set(sequence.window_values().tolist()))
+    assert len(absent) == 243 - 236 and sequence.place_of_window[absent].tolist() == [-1] * 7
+    for table in (sequence.place_of_window, sequence.digits):
+        with pytest.raises(ValueError, match="read-only"):
+            table[0] = 1

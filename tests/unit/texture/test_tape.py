@@ -6,6 +6,7 @@ import copy
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from tactape_fab import Kit, Tape, TapeSpec
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.texture.manifest import MANIFEST_FORMAT, UNFINISHED_SUFFIX, find_manifest, read_manifest
+from tests.measured import measured
+from tests.tapes import tape_at
 from tests.unit.base.test_fields import JSON
 
 TAPE_KEYS = (
@@ -250,6 +253,128 @@ def test_a_value_of_the_wrong_type_is_named(path: tuple[str, ...], bad: Any) -> 
 )
 def test_a_value_out_of_range_is_named(path: tuple[str, ...], value: Any) -> None:
     assert names(refused_keys(with_value(path, value)), path)
+
+
+def reaching(path: tuple[str, ...], value: Any) -> dict[str, Any]:
+    """The mapping with a value, and beside it what that value needs."""
+    if path[0] == "surface":
+        return {**MAPPING, "surface": {**SURFACE, path[1]: value}}
+    mapping = with_value(path, value)
+    if path == ("board", "size_mm"):
+        mapping["board"]["corner_radius_mm"] = 0.0
+    if path == ("part", "top_mm"):
+        mapping["part"] |= {"shape": "dome", "body_mm": [0.6, 0.6, 0.9]}
+    return mapping
+
+
+SURFACE = {"source": "finger.stl", "sha256": "0" * 64, "centre_mm": [1.0, 2.0, 3.0], "up": [0.0, 0.0, 1.0], "radius_mm": None}
+BOTH_SIDES: list[tuple[tuple[str, ...], list[Any], list[Any]]] = [
+    (("sector",), [], [-1, 256]),
+    (("name",), ["a", "a" * 64, "9.A_-"], ["", "a" * 65, ".a", "-a"]),
+    (("pitch_mm",), [0.51, 100.0], [100.001, 0.0]),
+    (("displacement_mm",), [0.749, 1e-9], [0.75, 0.0]),
+    (("board", "size_mm"), [[1e-9, 20.0], [10_000.0, 10_000.0]], [[10_000.1, 20.0], [20.0, 10_000.1], [20.0, 0.0]]),
+    (("board", "texture_origin_mm"), [[0.0, 10_000.0], [10_000.0, 0.0]], [[-0.1, 0.0], [0.0, -0.1], [10_000.1, 0.0]]),
+    (("board", "corner_radius_mm"), [0.0, 10.0], [-1e-9, 10.01]),
+    (("board", "thickness_mm"), [1e-9, 100.0], [0.0, 100.1]),
+    (("board", "holes"), [[], [[0.0, 10_000.0, 10_000.0], [10_000.0, 0.0, 0.0]]], [[[-0.1, 0.0, 1.0]], [[0.0, 0.0, 10_001.0]]]),
+    (("part", "body_mm"), [[100.0, 100.0, 100.0], [1e-9] * 3], [[100.1, 1.0, 1.0], [1.0, 100.1, 1.0], [1.0, 1.0, 100.1]]),
+    (("part", "body_mm"), [], [[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]]),
+    (("part", "name"), ["x" * 200], ["x" * 201]),
+    (("part", "rotation_deg"), [-360.0, 360.0], [-360.1, 360.1]),
+    (("part", "top_mm"), [1e-9, 0.599], [0.0, 0.6]),
+    (("tag", "id"), [0, 586], [-1, 587]),
+    (("tag", "cell_mm"), [1e-9, 100.0], [0.0, 100.1]),
+    (("tag", "center_mm"), [[0.0, 10_000.0], [10_000.0, 0.0]], [[-0.1, 0.0], [0.0, -0.1], [10_000.1, 0.0], [0.0, 10_000.1]]),
+    (("tag", "rotation_deg"), [-360.0, 360.0], [-360.1, 360.1]),
+    (("surface", "source"), ["x" * 300], ["x" * 301]),
+    (("surface", "sha256"), ["0123456789abcdef" * 4], ["0" * 63, "0" * 65, "g" * 64]),
+    (("surface", "centre_mm"), [[-1e5, 1e5, 0.0], [0.0, -1e5, 1e5]], [[-100_001.0, 0.0, 0.0], [0.0, 100_001.0, 0.0], [0.0, 0.0]]),
+    (("surface", "up"), [[-1.0, 1.0, 0.0], [0.0, 1.0, -1.0]], [[-1.01, 0.0, 0.0], [0.0, 1.01, 0.0], [0.0] * 4]),
+    (("surface", "radius_mm"), [None, -1e9, 1e9], [-1.1e9, 1.1e9]),
+]
+
+
+@pytest.mark.parametrize(("path", "within", "beyond"), BOTH_SIDES, ids=[".".join(path) for path, _, _ in BOTH_SIDES])
+def test_each_limit_from_both_sides(path: tuple[str, ...], within: list[Any], beyond: list[Any]) -> None:
+    for value in within:
+        mapping = reaching(path, value)
+        assert Tape.from_mapping(mapping).to_mapping() == mapping
+    for value in beyond:
+        assert names(refused_keys(reaching(path, value)), path)
+
+
+def test_a_board_has_10_000_holes_at_most() -> None:
+    mapping = with_value(("board", "holes"), [[1.0, 1.0, 0.5]] * 10_000)
+    assert len(Tape.from_mapping(mapping).board.holes) == 10_000
+    assert refused_keys(with_value(("board", "holes"), [[1.0, 1.0, 0.5]] * 10_001)) == ["board.holes"]
+
+
+def test_a_dome_is_round_and_lower_than_its_radius_or_has_a_flat_top() -> None:
+    for shape, body_mm, top_mm, is_one in (
+        ("dome", [0.6, 0.6, 0.299], None, True),
+        ("dome", [0.6, 0.6, 0.3], None, False),
+        ("dome", [0.6, 0.5, 0.2], None, False),
+        ("dome", [0.6, 0.6, 0.9], 0.2, True),
+        ("dome", [0.6, 0.5, 0.2], 0.2, False),
+        ("block", [0.6, 0.5, 0.9], None, True),
+    ):
+        part = {**MAPPING["part"], "shape": shape, "body_mm": body_mm, **({} if top_mm is None else {"top_mm": top_mm})}
+        mapping = {**MAPPING, "part": part}
+        if is_one:
+            assert Tape.from_mapping(mapping).to_mapping() == mapping
+        else:
+            assert refused_keys(mapping) == ["part.body_mm"]
+
+
+def test_a_grid_has_at_least_a_window_and_not_too_many_points() -> None:
+    smallest = tape_at(7, (4, 4)).to_mapping()
+    assert Tape.from_mapping(smallest).to_mapping() == smallest
+    wide = {**MAPPING, "code": "anoto-6x6", "sector": 0, "origin": [0, 0], "symbols": []}
+    assert refused_keys({**wide, "columns": 1000, "rows": 500}) == ["symbols"]
+    assert refused_keys({**wide, "columns": 1000, "rows": 501}) == ["columns"]
+
+
+def test_points_are_omitted_to_the_last_one_and_each_once() -> None:
+    last = [[TAPE.columns - 1, 0], [0, TAPE.rows - 1]]
+    assert Tape.from_mapping(with_value(("omitted",), last)).omitted.tolist() == last
+    for wrong in ([[TAPE.columns, 0]], [[0, TAPE.rows]], [[0, -1]], [[0]], [[0, False]], [last[0]] * 2):
+        assert refused_keys(with_value(("omitted",), wrong)) == ["omitted"]
+
+
+def test_bodies_that_are_long_leave_half_a_turn_open_and_others_four() -> None:
+    part = TAPE.part
+    for shape, body_mm, turns_deg in (
+        ("block", (0.5, 0.4, 0.2), (0, 180)),
+        ("block", (0.4, 0.5, 0.2), (0, 180)),
+        ("block", (0.499, 0.4, 0.2), (0, 90, 180, 270)),
+        ("dome", (0.5, 0.4, 0.2), (0, 90, 180, 270)),
+    ):
+        assert replace(part, shape=shape, body_mm=body_mm).open_turns_deg == turns_deg
+
+
+def test_parts_are_where_the_design_has_them_unless_they_were_measured() -> None:
+    assert TAPE.as_built is None and TAPE.present.tolist() == TAPE.placed.tolist()
+    plain = TAPE.built_parts()
+    assert plain.shift_mm.shape == (TAPE.part_count, 2) and plain.present.all() and TAPE.part_count > 9
+    assert not (plain.shift_mm.any() or plain.rotation_deg.any() or plain.sigma_mm.any())
+    built, _ = measured(TAPE, 0.05, missing=0.2)
+    assert built.as_built is not None and built.as_built.missing > 0
+    found, there = built.built_parts(), built.as_built.present
+    assert found.shift_mm[:, 0].tolist() == built.as_built.dx_mm.tolist() and found.present.tolist() == there.tolist()
+    gone = {tuple(cell) for cell in TAPE.cells()[~there].tolist()} | {tuple(cell) for cell in TAPE.omitted.tolist()}
+    assert {(c, r) for r, c in np.argwhere(~built.present).tolist()} == gone
+    assert built.placed.tolist() == TAPE.placed.tolist()
+
+
+def test_eight_directions_are_told() -> None:
+    assert (TAPE.in_directions, replace(TAPE, directions=8).in_directions) == ("", " in 8 directions")
+    assert replace(TAPE, directions=8).points_in.count == 8
+
+
+def test_tapes_that_read_the_same_have_one_key() -> None:
+    same = replace(TAPE, name="other", pitch_mm=2.0, tag=None)
+    assert same.texture_key == TAPE.texture_key != replace(TAPE, sector=101).texture_key
 
 
 def test_one_changed_symbol_is_found_and_its_place_named() -> None:

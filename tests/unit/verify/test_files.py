@@ -20,11 +20,14 @@ from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
 from tactape_fab.verify.files import (
+    _ATTRIBUTES,
+    _TAGS,
     ALWAYS,
     EMBOSSED,
     LATER,
     SIM,
     WrittenFile,
+    check_as_built,
     check_listed,
     check_picture,
     check_signature,
@@ -34,6 +37,7 @@ from tactape_fab.verify.files import (
     read_inside,
     roles_of,
 )
+from tests.measured import measured
 from tests.tapes import tape_at
 
 FILES = {"copper-top": ("fab/a.gbr", b"copper"), "cpl": ("cpl.csv", b"parts"), "job": ("fab/j.gbrjob", b"{}")}
@@ -292,6 +296,12 @@ def test_a_drawing_that_runs_or_fetches_is_refused(change: Callable[[bytes], byt
     assert not found.passed and found.message == "the SVG cannot be opened"
 
 
+def test_a_drawing_may_hold_every_shape_and_attribute_of_this_tool() -> None:
+    attributes = b" ".join(name + b'="1"' for name in sorted(_ATTRIBUTES - {b"href"})) + b' href="#a1"'
+    shapes = b"".join(b"<%b %b></%b>" % (tag, attributes, tag) for tag in sorted(_TAGS - {b"svg"}))
+    assert pictured(b"<svg " + attributes + b">" + shapes + b"</svg>").passed
+
+
 def test_pictures_that_are_cut_or_too_large_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     good = png(30, 20)
     for data in (good[:-1], good[1:], good[:40], b"\x89PNG\r\n\x1a\n", good.replace(b"PNG", b"PNK")):
@@ -300,6 +310,33 @@ def test_pictures_that_are_cut_or_too_large_are_refused(monkeypatch: pytest.Monk
     monkeypatch.setattr("tactape_fab.verify.files.MOST_PX", 30)
     assert pictured(image=png(30, 30)).passed
     assert not pictured(image=png(31, 30)).passed and not pictured(image=png(30, 31)).passed
+
+
+# Measured places
+
+
+def test_measured_places_beside_a_manifest_are_told_and_those_of_another_fail(tmp_path: Path) -> None:
+    tape, file = tape_at(7, (8, 8)), tmp_path / "manifest.json"
+    file.write_text("{}")
+    assert check_as_built(file, tape) == (tape, [])
+    built = measured(tape, 0.0, digest=hashlib.sha256(b"{}").hexdigest())[0].as_built
+    assert built is not None
+    off = {"dx_mm": np.full(64, 0.03), "dy_mm": np.where(np.arange(64) == 5, 0.0, 0.04), "present": np.arange(64) != 5}
+    scan, aoi = {"kind": "scan"}, {"kind": "aoi"}
+    for source, said in (((scan, aoi, scan), "scan, aoi"), ((), "a source that it does not name")):
+        replace(built, **off, source=source).write(file.parent)
+        found, (check,) = check_as_built(file, tape)
+        assert found.as_built is not None and found.as_built.missing == 1
+        assert (check.name, check.passed, check.unit) == ("as-built", True, "mm")
+        assert check.figure == pytest.approx(0.05 / 2**0.5)
+        assert check.message == (
+            f"64 of 64 parts measured by {said}: 1 missing, the others 35.4 um off the design (rms per axis); on the mean "
+            "50.0 um, by which they move every position; nothing in the kit vouches for them"
+        )
+    replace(built, manifest_sha256="0" * 64).write(file.parent)
+    found, (check,) = check_as_built(file, tape)
+    assert found is tape and not check.passed
+    assert check.message.startswith("as-built.json: ") and check.message.endswith("; or delete the file")
 
 
 # Report

@@ -102,12 +102,15 @@ def limited(rule: str, value_mm: float, warn_mm: float | None = None) -> Process
     return replace(process, limits={**process.limits, rule: limit})
 
 
-def test_a_film_that_no_process_makes_is_made_without_one() -> None:
+def test_what_no_process_makes_is_made_without_one() -> None:
     tape, spec, part = (examined := examine(spec_of())).tape, examined.spec, examined.profiles.part
     found = by_rule(check_models(tape, SolidForm(base_mm=1e-3), limited("base", 9.0), spec, part))
     assert found["base"].message.endswith("; use --base 9")
     found = by_rule(check_models(tape, SolidForm(), limited("feature", 9.0), spec.but(holes_mm=((1.0, 1.0, 0.5),)), part))
     assert found["feature"].message.endswith("; leave out --process") and found["feature"].limit == 9.0
+    block = (examined := examine(spec_of(part="block"))).spec.but(holes_mm=((1.0, 1.0, 0.5),))
+    found = by_rule(check_models(examined.tape, SolidForm(), limited("feature", 99.0), block, examined.profiles.part))
+    assert found["feature"].message.endswith("; leave out --process") and "--body" not in found["feature"].message
 
 
 @pytest.mark.parametrize("name", ["block", "dome"])
@@ -132,6 +135,21 @@ def test_a_process_is_named_where_its_own_check_passes(name: str, monkeypatch: p
         monkeypatch.setattr(process_rules, "load_process", lambda _, other=other: other)
         found = by_rule(check_models(tape, SolidForm(), limited("height", 2.0), spec, part))["height"]
         assert ("--process other" in found.message) is makes
+
+
+@pytest.mark.parametrize(("value_mm", "warn_mm"), [(0.9, None), (0.2, 0.9)])
+def test_a_wider_element_stands_so_far_apart_that_no_gap_is_warned_of(value_mm: float, warn_mm: float | None) -> None:
+    process = limited("gap", value_mm, warn_mm)
+    examined = examine(spec_of(part="block", size_mm=(30.0, 20.0), rotation_deg=0.0))
+    width_mm = examined.tape.part.body_mm[1] + 0.2
+    process = replace(
+        process, limits={**process.limits, "feature": replace(process.limits["feature"], value_mm=width_mm, warn_mm=None)}
+    )
+    found = by_rule(check_models(examined.tape, SolidForm(), process, examined.spec, examined.profiles.part))["feature"]
+    (way,) = (way for way in alternatives(found.message) if "--body" in way)
+    rows = findings(typed("--sector 7 --size 30x20 --part block --rotation 0 --process sla", way))[1]
+    assert rows["feature"]["value"] == pytest.approx(width_mm)
+    assert rows["gap"]["value"] == pytest.approx(0.9, abs=0.0015)
 
 
 @pytest.mark.parametrize("body", ["0.4x0.05", "1.2x0.05"])

@@ -9,17 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactape_fab import Localizer
+from tactape_fab import Localizer, Tape
 from tactape_fab.sense.decode import accept
-from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _refusal
+from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _refusal, judge
+from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
+from tactape_fab.sense.decode.rank import Reading
 from tactape_fab.sense.decode.rule import LEAST_DOTS, MISREAD_SHARE, Limits
 from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import PlanePlace
 from tactape_fab.sense.decode.search.search import Place, Rivals
 from tactape_fab.sense.decode.search.sequence_plane import SequencePlane
+from tactape_fab.sense.decode.search.single_place import shown_by
 from tactape_fab.texture.code import get_code
-from tests.contacts import DELTA, TAPE, W, dots, tape_of, texture_of
+from tests.contacts import DELTA, POSE, TAPE, W, dots, is_near, seen, tape_of, texture_of
+from tests.measured import measured
 
 LIMITS = Limits(max_p_false=1e-3, kappa=30.0)
 CLEAR = {"p_tape": 1e-9, "p_place": 1e-9, "lead": log(1e6), "agree": 40, "good": 40}
@@ -230,3 +234,65 @@ def test_half_a_contact_may_hang_over_the_edge() -> None:
     assert fix.located and fix.position_mm == pytest.approx((0.5, 11.0), abs=1e-5)
     assert fix.n_dots == len(seen_px) > len(own) == fix.n_agree
     assert fix.cell is not None and fix.cell[0] >= 0
+
+
+# Poses
+
+
+def judged(place: Place, on_tape: int, unregistered_share: float = 0.0) -> tuple[Any, bool]:
+    """What is said of a place with so many dots on its tape, and four beside it."""
+    cells = np.array([*[(c, r) for r in range(4, 9) for c in range(4, 9)][:on_tape], (-9, -9), (-8, -9), (-9, -8), (-8, -8)])
+    index = {cell: n for n, cell in enumerate((c, r) for r in range(TAPE.rows) for c in range(TAPE.columns))}
+    texture = texture_of(TAPE)
+    xy_px = seen(np.array([texture[index[c, r]] if c >= 0 else (c * W, r * W) for c, r in cells.tolist()]), (9.0, 9.0), 0.0)
+    n = len(cells)
+    found = Dots(xy_px=xy_px, weights=np.ones(n), trust=np.ones(n), elongation=np.zeros((n, 2)))
+    reading = Reading(place=replace(place, cells=cells, shown=shown_by(TAPE)), grid_weight=0.0)
+    world = Registry(tapes=(TAPE,), families=(), unregistered_share=unregistered_share)
+    return judge(found, reading, Localizer([TAPE])._view, world, LIMITS)
+
+
+def test_enough_dots_must_lie_on_the_tape(place: Place) -> None:
+    sure = replace(place, score=99.0, others=0.0)
+    fix, explained = judged(sure, LEAST_DOTS)
+    assert (fix.located, fix.n_agree, explained) == (True, LEAST_DOTS, False)
+    assert is_near(fix, (9.0, 9.0), 0.0, 2e-3, 0.05)
+    fix, explained = judged(sure, LEAST_DOTS - 1)
+    assert (fix.located, fix.reason, explained) == (False, "too few dots lie on a tape", False)
+
+
+def test_dots_beside_the_tape_may_be_those_of_another(monkeypatch: pytest.MonkeyPatch, place: Place) -> None:
+    monkeypatch.setattr(accept, "rivals", lambda *_, **__: FOUND)
+    fix, explained = judged(replace(place, score=99.0), LEAST_DOTS - 1, 0.01)
+    assert (fix.located, fix.reason, explained) == (False, "looks like s9, which is not registered", True)
+
+
+def drifting(tape: Tape, drift_mm: float) -> Tape:
+    """Measured places that neighbours have wrong together by so much, besides what each is wrong by."""
+    built = tape.as_built
+    assert built is not None
+    sigma_mm = np.hypot(built.sigma_mm, drift_mm)
+    return replace(tape, as_built=replace(built, sigma_mm=sigma_mm, source=({"kind": "scan", "drift_mm": drift_mm},)))
+
+
+def test_measured_places_are_where_the_dots_are_and_their_drift_is_the_answer_s() -> None:
+    built, _ = measured(TAPE, 0.05)
+    assert built.as_built is not None
+    moved = texture_of(TAPE) + np.stack([built.as_built.dx_mm, -built.as_built.dy_mm], axis=1)
+    xy_px = dots(texture_mm=moved)
+    steady, unsteady = (Localizer([drifting(built, mm)], world="closed").locate_dots(xy_px) for mm in (0.0, 0.3))
+    for fix in (steady, unsteady):
+        assert fix.located and fix.places == "as-built" and is_near(fix, *POSE, 1e-5, 1e-4)
+        assert np.abs(np.array(fix.contact_mm) - moved).max(axis=1).min() < 1e-9
+    assert steady.covariance is not None and unsteady.covariance is not None
+    np.testing.assert_allclose(unsteady.covariance - steady.covariance, np.diag([0.09, 0.09, 0.0]), atol=1e-9)
+    nominal = Localizer([TAPE], world="closed").locate_dots(xy_px)
+    assert nominal.located and not is_near(nominal, *POSE, 1e-4, 1e-3)
+
+
+def test_without_tapes_a_contact_has_its_place_in_the_plane() -> None:
+    fix = Localizer.from_code(TAPE.code, W, DELTA).locate_dots(dots())
+    known = Localizer([TAPE], world="closed").locate_dots(dots())
+    assert fix.located and (fix.sector, fix.index) == (7, known.index), fix.reason
+    assert fix.plane_mm == pytest.approx(np.array(TAPE.origin) * W + POSE[0], abs=1e-5)
+    assert fix.n_agree == len(dots()) and fix.theta_deg == pytest.approx(POSE[1], abs=1e-4)
