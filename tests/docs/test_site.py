@@ -74,6 +74,7 @@ def test_every_page_can_be_reached() -> None:
     assert sorted(pages) == sorted([*(page.name for page in DOCS.glob("*.md")), "changelog.md", "contributing.md", "security.md"])
 
 
+@only_thorough
 @pytest.mark.skipif(find_spec("zensical") is None, reason="zensical is missing; pip install .[docs], with Python 3.11 or newer")
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, str(DOCS / "site" / "build.py"), str(tmp_path)]

@@ -13,7 +13,7 @@ from tactape_fab import Kit
 from tactape_fab.base.errors import MissingLibraryError, TactapeError
 from tactape_fab.base.launch import python_command, run
 from tactape_fab.base.libraries import library
-from tests.thorough import thorough
+from tests.thorough import only_thorough, thorough
 
 NOT_BY_DEFAULT = ("build123d", "OCP", "manifold3d", "scipy", "matplotlib", "mcap", "rerun", "pupil_apriltags")
 NOT_ON_A_ROBOT = (*NOT_BY_DEFAULT, "shapely", "cv2", "trimesh", "gerbonara", "jinja2", "HersheyFonts", "rtree", "kornia_rs")
@@ -32,6 +32,7 @@ def robot(line: str, folder: Path) -> tuple[int, str, str]:
     return without(NOT_ON_A_ROBOT, line, folder)
 
 
+@only_thorough
 @pytest.mark.parametrize("options", ["", thorough("--part block")])
 def test_the_default_installation_makes_and_verifies_with_no_cad_kernel(options: str, tmp_path: Path) -> None:
     status, _, errors = without(NOT_BY_DEFAULT, f"make --sector 7 --size 20x20 -o kit {options}", tmp_path)

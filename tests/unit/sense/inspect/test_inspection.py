@@ -113,6 +113,7 @@ def test_the_code_says_which_of_several_tapes_it_is(scanned: Scanned, tmp_path: 
     assert one.tape.name == "tactape-s007" and one.scans[0].found_by == "code"
 
 
+@only_thorough
 def test_a_photograph_at_a_slant_serves(kit_40: Kit, tmp_path: Path) -> None:
     tape = Tape.load(kit_40.path)
     built = assembled(tape, missing=3, seed=11)

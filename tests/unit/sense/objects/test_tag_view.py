@@ -13,6 +13,7 @@ from tactape_fab.base.errors import FrameError, SpecError
 from tactape_fab.sense.objects.tag_view import tag_corners_mm
 from tactape_fab.texture.tape import Tape
 from tests.bench import camera
+from tests.thorough import only_thorough
 
 CAMERA = np.array([[1000.0, 0.0, 640.0], [0.0, 1100.0, 480.0], [0.0, 0.0, 1.0]])
 POSE = (np.asarray(cv2.Rodrigues(np.array([0.3, -0.2, 1.0]))[0]), np.array([10.0, -20.0, 280.0]))
@@ -73,6 +74,7 @@ def test_what_is_no_pose_is_refused(tape: Tape) -> None:
 # Pictures
 
 
+@only_thorough
 def test_points_of_the_texture_are_seen_within_a_tenth_of_a_millimetre() -> None:
     pytest.importorskip("pupil_apriltags")
     large = camera.measure(2.0, 3)

@@ -29,6 +29,7 @@ from tactape_fab.solids.surface.place import lay_out
 from tactape_fab.texture.tape import TapePart
 from tactape_fab.verify.models.embossed import check_embossed
 from tests.surfaces import ball, box, cylinder, emboss, kit_folder, mesh_of, planned, saddle
+from tests.thorough import only_thorough
 
 GRID_MM = np.stack(np.meshgrid(np.arange(-15.0, 16.0, 1.5), np.arange(-12.0, 13.0, 1.5)), axis=2).reshape(-1, 2)
 
@@ -360,6 +361,7 @@ def test_a_part_that_distorts_everywhere_is_refused_with_a_place_that_can_be_tak
     assert not list(tmp_path.glob("*.tmp"))
 
 
+@only_thorough
 def test_no_triangle_is_so_thin_that_readers_disagree_on_the_pole_of_a_capsule(tmp_path: Path) -> None:
     """Elements lean against each other there; trimesh, which joins vertices that are near, found the mesh open."""
     path = tmp_path / "capsule.stl"
