@@ -47,19 +47,19 @@ def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | 
         reason = error.strerror or error
         raise TactapeError(f"the {what} cannot be written to {target}: {reason}; use -o to name another folder") from error
     finally:
-        clear_away(folder, new_parents)
+        try:
+            clear_away(folder, new_parents)
+        except BaseException:  # a second signal, or no memory for the call
+            clear_away(folder, new_parents)
+            raise
 
 
 def clear_away(folder: Path, new_parents: Sequence[Path]) -> None:
-    """Remove everything, even if a second signal arrives meanwhile."""
-    try:
-        shutil.rmtree(folder, ignore_errors=True)
-        for parent in new_parents:  # innermost first; a folder that holds a kit is kept
-            with suppress(OSError):
-                parent.rmdir()
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
+    """Remove what is not finished."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for parent in new_parents:  # innermost first; a folder that holds a kit is kept
+        with suppress(OSError):
+            parent.rmdir()
 
 
 def put_in_place(folder: Path, target: Path, *, overwrite: Overwrite) -> None:
