@@ -406,11 +406,17 @@ def without_block(text: str) -> str:
     return re.sub(rf",\s*#{foot}(?=[,)])", "", text)
 
 
+def wall_wider(text: str) -> str:
+    """The first rounded wall with a radius 10 um larger than that of its edges."""
+    return re.sub(r"(CYLINDRICAL_SURFACE\('',#\d+,)(\d+\.\d*)", lambda found: f"{found[1]}{float(found[2]) + 0.01:.9f}", text, count=1)
+
+
 SPHERE = ("CYLINDRICAL_SURFACE('',", "SPHERICAL_SURFACE('',")
 KERNEL_SOLID = [
     case("a vertex moved", text_of("step-solid", vertex_moved), "step-solid by OCCT"),
     case("a block deleted", text_of("step-solid", without_block), "step-solid by OCCT"),
-    case("the surface of a wall", replaced("step-solid", *SPHERE), "step-solid by OCCT"),
+    case("a wall with another radius", text_of("step-solid", wall_wider), "step-solid by OCCT"),
+    case("the surface of a wall", replaced("step-solid", *SPHERE), "step-solid by CAD kernels", says="1 of SPHERICAL_SURFACE"),
     case("a name that is not there", replaced("step-solid", "=CLOSED_SHELL('',(#", "=CLOSED_SHELL('',(#9"), "step-solid by OCCT"),
 ]
 
