@@ -408,7 +408,9 @@ def without_block(text: str) -> str:
 
 def wall_wider(text: str) -> str:
     """The first rounded wall with a radius 10 um larger than that of its edges."""
-    return re.sub(r"(CYLINDRICAL_SURFACE\('',#\d+,)(\d+\.\d*)", lambda found: f"{found[1]}{float(found[2]) + 0.01:.9f}", text, count=1)
+    return re.sub(
+        r"(CYLINDRICAL_SURFACE\('',#\d+,)(\d+\.\d*)", lambda found: f"{found[1]}{float(found[2]) + 0.01:.9f}", text, count=1
+    )
 
 
 SPHERE = ("CYLINDRICAL_SURFACE('',", "SPHERICAL_SURFACE('',")

@@ -71,7 +71,7 @@ def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> lis
             if not row:
                 continue
             if len(found) >= MOST_ROWS:
-                problems.append(Problem(key, f"{key} has more than {MOST_ROWS} rows; give one for a frame"))
+                problems.append(Problem(key, f"{key} = {shown_path(path)} has more than {MOST_ROWS} rows; give one for a frame"))
             if len(found) >= MOST_ROWS or len(problems) >= MOST_PROBLEMS:
                 break
             faults, pose = _pose(dict(zip(names, row, strict=False)), len(row) == len(names), frames)
@@ -79,7 +79,7 @@ def read_arm_poses(path: str | Path, key: str, frames: int | None = None) -> lis
                 faults = [f"frame {pose.frame} is there twice; leave one out"]
             elif pose is not None:
                 found[pose.frame] = pose
-            problems += [Problem(key, f"{key} line {number}: {fault}") for fault in faults]
+            problems += [Problem(key, f"{key} = {shown_path(path)} line {number}: {fault}") for fault in faults]
     except csv.Error as error:
         problems.append(Problem(key, f"{key} = {shown_path(path)} is no CSV: {error}"))
     if not found and not problems:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import remainder, sqrt, tau
+from math import exp, inf, log, remainder, sqrt, tau
 
 import numpy as np
 
@@ -37,9 +37,9 @@ LEAN_MM = 0.045
 USUAL_MM, USUAL_DOTS = 0.0095, 8.0
 """Error of a dot under a tilt believed before the frame is seen, and how many dots this belief counts as: the scatter of 17 dots,
 on which nine unknowns were fitted, is often too small by chance. A larger one is believed as it is."""
-AS_DRAWN, FITTED = 3.0, 1.0
-"""How much likelier it is that tops are drawn, before the frame is seen, and by how much a dot's error tells. Gels of the imprint
-model have a crown, so a slope beside their middle, but no pressure; heights of dots differ there, too."""
+AS_DRAWN = 3.0
+"""How much likelier it is that tops are drawn than that they are not, before the frame is seen. Gels of the imprint model have a
+crown, so a slope beside their middle, but no pressure; heights of dots differ there, too."""
 STRAIN = 2.4
 """Standard deviation of a linear displacement of the dots about their middle that is left, under a tilt of 5 degrees, over that
 which independent errors of the dots make of it. It grows with the square of the slope. Seed 5 of the elastic simulator."""
@@ -101,8 +101,7 @@ def tilted_pose(
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
     apart = np.array([*(undrawn.position_mm - found.position_mm), remainder(undrawn.theta_rad - found.theta_rad, tau)])
-    odds = AS_DRAWN * (undrawn.sigma_mm / found.sigma_mm) ** (FITTED * count)
-    not_drawn = 1.0 / (1.0 + odds) if np.isfinite(apart).all() else 0.0
+    not_drawn = _share_not_drawn(found.sigma_mm, undrawn.sigma_mm, count) if np.isfinite(apart).all() else 0.0
     apart[~np.isfinite(apart)] = 0.0
     strain = changes.T @ changes + (1.0 - not_drawn) * not_drawn * np.outer(apart, apart)
     own = found.covariance * (sigma_mm / found.sigma_mm) ** 2
@@ -127,6 +126,14 @@ def of_pixels(pose: Pose, tilted: tuple[FloatArray, FloatArray]) -> Pose:
         theta_rad=remainder(pose.theta_rad - turn, tau),
         covariance=pose.covariance + PIXELS**2 * strain,
     )
+
+
+def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
+    """Probability that no top is drawn, from the errors of dots under either law; a dot counts once, as neighbours err alike."""
+    if not (0.0 < drawn_mm < inf and 0.0 < undrawn_mm < inf):
+        return 0.0
+    odds = log(AS_DRAWN) + dots * (log(undrawn_mm) - log(drawn_mm))
+    return 1.0 / (1.0 + exp(min(odds, 700.0)))
 
 
 def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:
