@@ -1,4 +1,4 @@
-"""Every failing call of every command that writes: `python -m tests.faults` prints the table; some minutes.
+"""Every failing call of every command that writes: `python -m tests.faults [--page docs/limits.md]`, for some minutes.
 
 A fault leaves what was there or what a whole run makes, nothing else of any name, and one line that says why.
 """
@@ -10,6 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from tests.bench.marks import command, write_between
 from tests.faults.injected import KINDS, attempt, calls, state
 from tests.faults.runs import CASES, prepared, small_kit
 
@@ -19,6 +20,8 @@ def main() -> None:
     parser.add_argument("--run", action="append", choices=list(CASES), default=[])
     parser.add_argument("--kind", action="append", choices=KINDS, default=[])
     parser.add_argument("--every", type=int, default=1, help="only each N-th call")
+    parser.add_argument("--allocations-every", type=int, default=1, help="only each N-th of its allocations")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the table between marks of a page, docs/limits.md")
     asked = parser.parse_args()
     rows, wrong = [], 0
     with tempfile.TemporaryDirectory(prefix="tactape-faults-") as scratch:
@@ -32,7 +35,7 @@ def main() -> None:
                 prepared(case, kit, folder)
                 count = calls(kind, case.run, folder)
                 after = state(folder)
-                numbers = range(1, count + 1, asked.every)
+                numbers = range(1, count + 1, asked.allocations_every if kind == "allocation" else asked.every)
                 bad = 0
                 for number in numbers:
                     found = attempt(kind, number, case.run, prepared(case, kit, folder), before, after)
@@ -44,7 +47,10 @@ def main() -> None:
             rows.append(f"| {name} | {' | '.join(cells)} |")
             print(rows[-1], file=sys.stderr, flush=True)
     kinds = asked.kind or KINDS
-    print(f"| run | {' | '.join(kinds)} |\n|---|{'--:|' * len(kinds)}\n" + "\n".join(rows))
+    table = f"| run | {' | '.join(kinds)} |\n|---|{'--:|' * len(kinds)}\n" + "\n".join(rows) + "\n"
+    print(table)
+    if asked.page is not None:
+        write_between(asked.page, "faults", f"Failing calls of all that a run makes ({command('tests.faults')}).\n\n{table}")
     sys.exit(bool(wrong))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -53,3 +54,10 @@ def test_a_command_that_writes_in_place_is_found(kind: str, kit: Kit, tmp_path: 
     after = state(folder)
     found: list[Outcome] = [attempt(kind, n, careless, prepared(case, kit, folder), before, after) for n in range(1, count + 1)]
     assert count >= 2 and all(outcome.wrong for outcome in found[1:])
+
+
+def test_the_page_has_a_row_for_each_command_and_none_is_wrong() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "limits.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"<!-- faults -->\n(.*?)<!-- /faults -->\n", text, re.DOTALL)
+    assert re.findall(r"^\| ([a-z][^|]*?) \|", table, re.MULTILINE) == ["run", *CASES]
+    assert "wrong" not in table and "`python -m tests.faults " in table
