@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.sense.decode.contact.surface import ContactView, contact_surface
-from tactape_fab.sense.decode.contact.tilted import of_pixels, tilted_pose
+from tactape_fab.sense.decode.contact.tilted import tilted_pose
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.filters import Image
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
@@ -33,6 +33,7 @@ there so many registered places of even weight. 256 tapes of the default size ha
 _BY_CHANCE = 1e-5
 """Share of max_p_false. Where p_tape is below it, chance does not explain the dots; nor can an unregistered tape at its default
 origin by its edge, where dots beyond it may be anything."""
+_TILTED = "the contact is tilted: its pressure falls across the parts, which the dots' heights tell and their pixels do not"
 
 _AROUND = {count: of.xy[np.argsort(of.gray_codes)] for count, of in DIRECTIONS.items()}
 
@@ -96,7 +97,7 @@ def judge(
     reason = _refusal(p_tape, doubt, limits, agree, on.good)
     if reason is not None:
         return Localization(located=False, reason=reason, **said), other
-    tilted = None
+    drawn = False
     if pressed is not None and seen_px is not None:
         gel, image, small = pressed
         said["contact"] = contact = contact_surface(gel, image, small, seen_px, pose.agree, on.weights, view.pitch_mm)
@@ -104,7 +105,7 @@ def judge(
         if slope is not None:
             places = (offset_px, gel.on_gel(seen_px) * view.px_per_mm + shift_px, on.nominal_mm)
             border_mm = gel.from_border_mm(seen_px)
-            pose, offset_px, tilted = tilted_pose(pose, slope, *places, on.weights, heights, border_mm, view)
+            pose, offset_px, drawn = tilted_pose(pose, slope, *places, on.weights, heights, border_mm, contact.as_film(), view)
     # the contact's centre, and of the dots that agree the one nearest to it: the contact dot (paper, Eqs. 2 and 3)
     u, v = (on.offset_px - (dots.trust @ dots.xy_px / dots.trust.sum() - view.centre_px)).T
     nearest = np.where(pose.agree, np.hypot(u, v), np.inf).argmin()
@@ -116,10 +117,9 @@ def judge(
         said["places"] = "as-built" if place.as_built else "nominal"
     if pixels is not None:
         part = world.tapes[place.tape].part if isinstance(world, Registry) and isinstance(place, Place) else None
-        pose, said["refine_reason"] = refine(pixels, view, part, offset_px, on.nominal_mm, pose, placed_mm)
+        refined = (pose, _TILTED) if drawn else refine(pixels, view, part, offset_px, on.nominal_mm, pose, placed_mm)
+        pose, said["refine_reason"] = refined
         said["refined"] = "pixels" if said["refine_reason"] is None else "dots"
-        if tilted is not None and said["refine_reason"] is None:
-            pose = of_pixels(pose, tilted)
     if built is not None:
         pose = replace(pose, covariance=pose.covariance + np.diag([built.drift_mm**2, built.drift_mm**2, 0.0]))
     return Localization(located=True, **said, **_described(place, world, on.cells[nearest], on.nominal_mm[nearest], pose)), False

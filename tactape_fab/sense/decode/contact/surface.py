@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, sqrt
+from math import ceil, hypot, sqrt
 
 import numpy as np
 
@@ -149,6 +149,15 @@ class ContactSurface:
         slope = self.plane.rise[1:]
         return slope if LEAST_SLOPE**2 < float(slope @ slope) < MOST_SLOPE**2 else None
 
+    def as_film(self) -> bool:
+        """Whether the tops' curvature beyond the gel's crown is about one axis at most: a film is not bent into a dome."""
+        plane, crown_mm = self.plane, self.view.gel.crown_mm
+        if plane is None or crown_mm is None:
+            return False
+        u, v, uv = (plane.shown[3:] / plane.gain + (1 / crown_mm[0], 1 / crown_mm[1], 0.0)).tolist()
+        least = abs(abs(u + v) / 2 - hypot((u - v) / 2, uv))
+        return bool(least < FILM + 2.0 * sqrt(plane.shown_variance.diagonal()[3:].max()) / plane.gain)
+
     @cached_property
     def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
         """Force, N, and the frame's zero, mm, each with its standard deviation; None where it is not known."""
@@ -215,6 +224,9 @@ LEAST_SLOPE = 0.0175
 """Slope, 1 degree, below which a contact counts as flat."""
 MOST_SLOPE = 0.58
 """Slope, 30 degrees, above which depths are no millimetres: a frame in another unit has a place all the same."""
+FILM = 0.002
+"""Curvature, 1/mm, below which there is none: contacts of the elastic simulator show 0.0003 beside the crown's, those of the
+imprint model, which are domes, 0.005 and more."""
 LEAST_OFF = 0.25
 """Share of the crown's radius times that slope by which the middle of the dots is at least off the image's centre then. Where
 forces are small it is all of it; at 10 N, where the image is full of dots, about a third."""

@@ -3,49 +3,48 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import exp, inf, log, remainder, sqrt, tau
+from math import cos, exp, inf, log, pi, remainder, sin, sqrt, tau
 
 import numpy as np
 
-from tactape_fab.sense.decode.contact.plane import terms
 from tactape_fab.sense.decode.contact.surface import LEAST_SLOPE
-from tactape_fab.sense.decode.grid.long_parts import BEND, HEIGHT_ERROR, SLOPE
+from tactape_fab.sense.decode.grid.long_parts import BEND, HEIGHT_ERROR, SLOPE, drawn_px
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
 
 WHOLLY = 0.03
 """Slope, 1.7 degrees, from which a contact counts as tilted in full."""
-DRAWN, DRAWN_ERROR = 0.345, 0.08
-"""How far tops are drawn to where the pressure is by a relative slope of it of 1/mm, over the mean of the squares of length and
-width, mm^2; and how much of that, as a share, is unsure. `long_parts` has the difference between along a part and across it; this
-is what both have in common. Of 0201 it is 0.075 to 0.09 mm^2 from the middle of a contact down to a third of the height there,
-tilted by 2 or 5 degrees along either axis, with 0.5 and 2 N; of 01005 0.03 mm^2 (seed 5 of the elastic simulator). All dots of a
-tilted contact are drawn to its middle, which is millimetres off the image's centre: without it the pose is off by 8 um at 2
-degrees along v, 4 along u."""
-USUAL_BODY_MM = (0.6, 0.3)
-"""Length and width where no part is known."""
+DRAWN, DRAWN_ERROR = (0.46, 0.25), 0.04
+"""How far a top is drawn to where the pressure is, along a part and across it, by a relative slope of the pressure of 1/mm, over
+the square of its length and of its width, mm^2; and how much of that, as a share, is unsure. Of 0201 it is 0.16 and 0.02 mm^2,
+with 0.5 and 2 N, tilted by 2 and 5 degrees along either axis (constants here: seeds 5, 61 and 77 of the elastic simulator). All
+dots of a tilted contact are drawn to its middle, millimetres off the image's centre: the pose would be 10 um off at 2 degrees."""
+MOST_DRAWN = 0.13
+"""How far at most, over the length and the width: tops of 0201 come near to these 0.08 mm from a relative slope of 0.5/mm on."""
+USUAL_BODY_MM = (0.45, 0.45)
+"""Length and width where no part is known, nor which way it lies."""
+TWIST = 0.02
+"""Third derivatives of the pressure over it, 1/mm^3, believed before the frame is seen. A tilted contact ends at the image's
+border on one side: there a surface of second order errs as a lens would, and moves the pose by 15 um at 5 degrees."""
 FLOOR = 0.2
 """Least pressure that is believed, over that of whole dots."""
-LOW, RELIABLE, STEEPNESS = 0.25, 0.6, 0.45
-"""A low dot of a tilted contact is mostly not at the rim: put back, it errs by 14 um at a weight of 0.65, 17 at 0.5, 25 at 0.3.
+LOW, RELIABLE, STEEPNESS = 0.15, 0.6, 0.45
+"""A low dot of a tilted contact is mostly not at the rim: put back, it errs by 16 um at a weight of 0.65, 18 at 0.5, 22 at 0.4.
 So (`RELIABLE` - weight) / `STEEPNESS` of what it misses is left, but at least the first share and at most all."""
 BORDER_MM, AT_BORDER = 0.65, 0.3
 """So near the image's border the filter mirrors a part, and its top is 5 to 25 um too far inside; most weight that it has."""
-LEAN_MM = 0.045
+LEAN_MM = 0.03
 """How far beside the top of a part, over the slope, its dot may be."""
-USUAL_MM, USUAL_DOTS = 0.0095, 8.0
+USUAL_MM, USUAL_DOTS = 0.011, 3.0
 """Error of a dot under a tilt believed before the frame is seen, and how many dots this belief counts as: the scatter of 17 dots,
 on which nine unknowns were fitted, is often too small by chance. A larger one is believed as it is."""
-AS_DRAWN = 3.0
-"""How much likelier it is that tops are drawn than that they are not, before the frame is seen. Gels of the imprint model have a
-crown, so a slope beside their middle, but no pressure; heights of dots differ there, too."""
-STRAIN = 2.4
-"""Standard deviation of a linear displacement of the dots about their middle that is left, under a tilt of 5 degrees, over that
-which independent errors of the dots make of it. It grows with the square of the slope. Seed 5 of the elastic simulator."""
-PIXELS, PIXELS_DRAWN = 0.45, 0.31
-"""Share of what is left, and of what tops are drawn by, in centres that are fitted to pixels (seed 5, 2 degrees, 0.5 N)."""
-_STEEP = 0.0875
+CANCELS, CANCELS_MM = 0.36, 0.0085
+"""Share of the dots' variance that does not move a pose, where they err by so much or less: under pressure neighbours push each
+other by 20 um, equal and opposite. What more they err by, as misplaced parts do, counts in full."""
+AS_DRAWN = 0.3
+"""How much likelier it is that the tops of no film are drawn than that they are not tilted, before the frame is seen. Contacts of
+the imprint model beside the crown of a gel have a slope, but no pressure that falls: how well dots fit tells that, too."""
 
 
 def tilted_pose(
@@ -57,15 +56,15 @@ def tilted_pose(
     weights: FloatArray,
     heights: FloatArray,
     border_mm: FloatArray,
+    film: bool,
     view: View,
-) -> tuple[Pose, FloatArray, tuple[FloatArray, FloatArray]]:
-    """The pose with the tilt's bias taken off and its uncertainty in the covariance; the places of dots that it is fitted to, and
-    for `of_pixels` what of the covariance is the tilt's, and how far the tops' drawing moved the pose, mm and rad.
+) -> tuple[Pose, FloatArray, bool]:
+    """The pose with the tilt's bias taken off and its uncertainty in the covariance; the places of dots that it is fitted to; and
+    whether their tops are drawn, as under a tilt they are.
 
     A tilted tape is seen foreshortened along its slope, by the cosine of its tilt. Its pressure falls all across the contact, and
-    draws the tops of all dots along: where `rim.settled` took low dots for those at a rim, the heights say it better. A strain of
-    the contact looks as the camera's scale, aspect and shear do, but about the contact's middle: it moves the image's centre,
-    which is far from it under a tilt.
+    draws the tops of all dots along: where `rim.settled` took low dots for those at a rim, and `long_parts` the heights of whole
+    ones, the heights of all say it better.
 
     pose: Fitted to `offset_px`.
     slope (2,): Rise of the tape towards the sensor along image u and v.
@@ -73,59 +72,43 @@ def tilted_pose(
     texture_mm, weights, view: As for `fit_pose`.
     heights (n,): Of the tops, in any unit.
     border_mm (n,): How far dots are from the image's border.
+    film: Whether the tops are bent as those of a film: they are tilted then, whatever else.
     """
     square = float(slope @ slope)
     share = min(max((sqrt(square) - LEAST_SLOPE) / (WHOLLY - LEAST_SLOPE), 0.0), 1.0)
     weights = 1.0 - (1.0 - weights) * (1.0 - share + share * np.clip((RELIABLE - weights) / STEEPNESS, LOW, 1.0))
     weights = np.where(border_mm < BORDER_MM, np.minimum(weights, AT_BORDER), weights)
-    length_mm, width_mm = USUAL_BODY_MM if view.part is None else view.part.body_mm[:2]
-    drawn_mm2 = share * DRAWN * (length_mm**2 + width_mm**2) / 2.0
-    drawn = drawn_mm2 * view.px_per_mm * _relative_slopes(heights, offset_px / view.px_per_mm)
-    moved = offset_px + share * (seen_px - offset_px) - drawn
-    moved = _upright(moved, slope)
-    found = fit_pose(moved, texture_mm, weights, view.px_per_mm, view.beliefs)
-    undrawn = fit_pose(_upright(offset_px, slope), texture_mm, weights, view.px_per_mm, view.beliefs)
-    if not (np.isfinite(found.position_mm).all() and np.isfinite(found.covariance).all() and np.isfinite(found.px_per_mm)):
-        return pose, offset_px, (np.zeros((3, 3)), np.zeros(3))
-    # what may be left: a share of what was taken off, a lean of the tops, and a strain about the dots' middle
-    count = float(np.count_nonzero(pose.agree))
-    believed = sqrt((count * found.sigma_mm**2 + USUAL_DOTS * USUAL_MM**2) / (count + USUAL_DOTS))
-    sigma_mm, from_middle = max(found.sigma_mm, believed), moved - moved[pose.agree].mean(axis=0)
-    reach, directions = np.linalg.eigh(from_middle[pose.agree].T @ from_middle[pose.agree])
-    sigmas = STRAIN * (square / _STEEP**2) * sigma_mm * view.px_per_mm / np.sqrt(np.maximum(reach, 1e-300))
-    left = [DRAWN_ERROR * drawn, np.broadcast_to(LEAN_MM * view.px_per_mm * slope, moved.shape)]
-    left += [s * (from_middle @ d)[:, None] * along for s, d in zip(sigmas, directions.T, strict=True) for along in np.eye(2)]
+    drawn = share * view.px_per_mm * _drawn_mm(_relative_slopes(heights, offset_px / view.px_per_mm), pose, view)
+    along_parts = None if view.part is None else drawn_px(view.part, heights, offset_px, texture_mm, view.px_per_mm)
+    if along_parts is not None:  # has been taken off, by heights of whole dots alone
+        seen_px = seen_px + along_parts
+    moved = _upright(offset_px + share * (seen_px - offset_px) - drawn, slope)
+    settled = replace(view.beliefs, pulled=False)
+    found = fit_pose(moved, texture_mm, weights, view.px_per_mm, settled)
+    if not (found.finite and 0.0 < found.sigma_mm < inf):
+        return pose, offset_px, False
+    # what may be left: a share of what was taken off, and a lean of the tops
+    left = (DRAWN_ERROR * drawn, LEAN_MM * view.px_per_mm * slope)
     changes = np.zeros((len(left), 3))
     for by, change in zip(left, changes, strict=True):
-        other = fit_pose(moved + by, texture_mm, weights, view.px_per_mm, view.beliefs)
+        other = fit_pose(moved + by, texture_mm, weights, view.px_per_mm, settled)
         change[:2], change[2] = other.position_mm - found.position_mm, remainder(other.theta_rad - found.theta_rad, tau)
     changes[~np.isfinite(changes).all(axis=1)] = 0.0
-    apart = np.array([*(undrawn.position_mm - found.position_mm), remainder(undrawn.theta_rad - found.theta_rad, tau)])
-    not_drawn = _share_not_drawn(found.sigma_mm, undrawn.sigma_mm, count) if np.isfinite(apart).all() else 0.0
-    apart[~np.isfinite(apart)] = 0.0
+    apart = np.array([*(pose.position_mm - found.position_mm), remainder(pose.theta_rad - found.theta_rad, tau)])
+    count = float(pose.agree.sum())
+    not_drawn = 0.0 if film else _share_not_drawn(found.sigma_mm, pose.sigma_mm, count)
     strain = changes.T @ changes + (1.0 - not_drawn) * not_drawn * np.outer(apart, apart)
-    own = found.covariance * (sigma_mm / found.sigma_mm) ** 2
+    own = max((count + USUAL_DOTS * (USUAL_MM / found.sigma_mm) ** 2) / (count + USUAL_DOTS), 1.0)
+    own -= CANCELS * min(CANCELS_MM / found.sigma_mm, 1.0) ** 2
     towards = not_drawn * apart
     mixed = replace(
         found,
         position_mm=found.position_mm + towards[:2],
         theta_rad=remainder(found.theta_rad + float(towards[2]), tau),
-        covariance=own + strain,
+        covariance=(1.0 - not_drawn) * own * found.covariance + not_drawn * pose.covariance + strain,
         agree=pose.agree,
     )
-    return mixed, moved, (strain, (1.0 - not_drawn) * changes[0] / DRAWN_ERROR)
-
-
-def of_pixels(pose: Pose, tilted: tuple[FloatArray, FloatArray]) -> Pose:
-    """A pose from the pixels of a tilted contact, less its bias, and its covariance; `tilted` is from `tilted_pose`."""
-    strain, drawn = tilted
-    x, y, turn = (PIXELS_DRAWN * drawn).tolist()
-    return replace(
-        pose,
-        position_mm=pose.position_mm - (x, y),
-        theta_rad=remainder(pose.theta_rad - turn, tau),
-        covariance=pose.covariance + PIXELS**2 * strain,
-    )
+    return (mixed, moved, True) if not_drawn < 0.5 else (mixed, offset_px, False)
 
 
 def _share_not_drawn(drawn_mm: float, undrawn_mm: float, dots: float) -> float:
@@ -142,13 +125,27 @@ def _upright(seen_px: FloatArray, slope: FloatArray) -> FloatArray:
     return seen_px + ((sqrt(1.0 + square) - 1.0) / square) * (seen_px @ slope)[:, None] * slope
 
 
+def _drawn_mm(slopes: FloatArray, pose: Pose, view: View) -> FloatArray:
+    """How far tops are drawn by relative slopes of the pressure, 1/mm, in image axes; both (n, 2)."""
+    size_mm = np.array(USUAL_BODY_MM if view.part is None else view.part.body_mm[:2])
+    psi = 0.0 if view.part is None else pose.theta_rad - view.part.rotation_deg * pi / 180.0
+    to_part = np.array([[cos(psi), -sin(psi)], [sin(psi), cos(psi)]])  # for rows
+    most_mm = MOST_DRAWN * size_mm
+    along = most_mm * np.tanh(slopes @ to_part * (np.array(DRAWN) * size_mm**2 / most_mm))
+    drawn: FloatArray = along @ to_part.T
+    return drawn
+
+
 def _relative_slopes(heights: FloatArray, at_mm: FloatArray) -> FloatArray:
-    """Slopes of the pressure at the dots over the pressure, 1/mm, by a second-order surface through their heights; (n, 2)."""
-    rows = terms(at_mm - at_mm.mean(axis=0))
+    """Slopes of the pressure at the dots over the pressure, 1/mm, by a third-order surface through their heights; (n, 2)."""
+    x, y = (at_mm - at_mm.mean(axis=0)).T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    rows = np.stack([one, x, y, x * x / 2, y * y / 2, x * y, x**3 / 6, x * x * y / 2, x * y * y / 2, y**3 / 6])
+    along_u = np.stack([none, one, none, x, none, y, x * x / 2, x * y, y * y / 2, none])
+    along_v = np.stack([none, none, one, none, y, x, none, x * x / 2, x * y, y * y / 2])
     shares = heights / max(float(np.sort(heights)[3 * len(heights) // 4]), 1e-300)
-    known, level = rows[shares > 0.0], shares[shares > 0.0]
-    prior = np.diag([1e-9, *[(HEIGHT_ERROR / SLOPE) ** 2] * 2, *[(HEIGHT_ERROR / BEND) ** 2] * 3])
-    surface = np.linalg.solve(known.T @ known + prior, known.T @ level)
-    along_u = surface[1] + surface[3] * rows[:, 1] + surface[5] * rows[:, 2]
-    along_v = surface[2] + surface[4] * rows[:, 2] + surface[5] * rows[:, 1]
-    return np.stack([along_u, along_v], axis=1) / np.maximum(rows @ surface, FLOOR)[:, None]
+    known, level = rows[:, shares > 0.0], shares[shares > 0.0]
+    prior = np.diag([1e-9, *(HEIGHT_ERROR / np.repeat((SLOPE, BEND, TWIST), (2, 3, 4))) ** 2])
+    surface = np.linalg.solve(known @ known.T + prior, known @ level)
+    slopes: FloatArray = np.stack([surface @ along_u, surface @ along_v], axis=1) / np.maximum(surface @ rows, FLOOR)[:, None]
+    return slopes

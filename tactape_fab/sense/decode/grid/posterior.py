@@ -56,6 +56,7 @@ class Beliefs:
         deviation.
     lean: How much farther neighbours push along parts than across, times cos and sin of twice the parts' direction on the
         texture.
+    pulled: Whether dots at the rim may lie inwards still.
     """
 
     sigmas: FloatArray
@@ -64,6 +65,7 @@ class Beliefs:
     gel_mm: float = 0.0
     correlation_mm: float = 1.0
     lean: tuple[float, float] = (0.0, 0.0)
+    pulled: bool = True
 
 
 class _Terms(NamedTuple):
@@ -150,6 +152,8 @@ def posterior(
     (a, b), c2, s2 = beliefs.lean, c * c - s * s, 2.0 * c * s
     lean_u, lean_v = a * c2 - b * s2, a * s2 + b * c2
     apart, squares = _drawn(seen_mm, texture_mm, weights, c, s, middle_x, middle_y, lean_u, lean_v, target, to_fill)
+    if not beliefs.pulled:
+        drawn[1] = 0.0
     if not (squares < inf and apart > ONE_PLACE * squares):
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     rim_mm2 = RIM_MM**2

@@ -249,6 +249,44 @@ def test_a_tilted_contact_is_where_it_is(v_deg: float, radius_mm: float | None, 
     assert np.mean(squares[:6]) < 3.5  # 1 within five standard deviations
 
 
+def errors_of(sensor: SensorProfile, scene: Scene, count: int, seed: int, refine: Refined) -> tuple[FloatArray, FloatArray]:
+    """Errors of poses, mm, mm and rad, and NEES/3 of each."""
+    localizer, errors, squares = Localizer([TAPE], sensor, refine=refine), [], []
+    for frame in iterate_frames(TAPE, count, seed, scene=scene):
+        fix = localizer.locate(frame.depth)
+        assert fix.position_mm is not None and fix.theta_deg is not None and fix.covariance is not None
+        turn = np.radians((fix.theta_deg - frame.theta_deg + 180.0) % 360.0 - 180.0)
+        error = np.array([*(np.asarray(fix.position_mm) - frame.position_mm), turn])
+        errors.append(error)
+        squares.append(error @ np.linalg.solve(fix.covariance, error) / 3)
+    return np.array(errors), np.array(squares)
+
+
+def test_a_steep_contact_at_the_image_s_border_is_where_it_is() -> None:
+    """All dots are then on one side of the image's centre, and the border cuts the contact off: poses were 20 um off per axis."""
+    scene = Scene(elastic=ElasticContact(force_n=2.0, tilt_deg=(5.0, 0.0)), slope_noise=0.032)
+    errors, squares = errors_of(SENSOR, scene, 12, 34, "dots")
+    assert np.sqrt(np.mean(errors[:, :2] ** 2)) < 0.015
+    assert squares.mean() < 2.0  # 1 within six standard deviations
+
+
+@pytest.mark.parametrize("refine", ["dots", "pixels"])
+def test_a_crown_that_no_pressure_goes_with_moves_no_pose(refine: Refined) -> None:
+    """The imprint model has none: contacts beside the image's centre look tilted, and are not."""
+    scene = Scene(contact_offset_mm=(4.0, 3.0), slope_noise=0.032)
+    errors, squares = errors_of(SENSOR, scene, 12, 34, refine)
+    plain, _ = errors_of(replace(SENSOR, gel=replace(SENSOR.gel, crown_mm=None)), scene, 12, 34, refine)
+    assert np.abs(errors - plain).max() < 0.002
+    assert squares.mean() < 2.0
+
+
+def test_pixels_of_a_tilted_contact_are_left() -> None:
+    frame = frame_of(2.0, tilt_deg=(0.0, -3.0))
+    fix, by_dots = Localizer([TAPE], SENSOR, refine="pixels").locate(frame.depth), located(frame)
+    assert fix.refined == "dots" and fix.refine_reason is not None and "tilted" in fix.refine_reason
+    assert fix.position_mm == by_dots.position_mm
+
+
 def test_the_answer_keeps_nothing_of_the_caller_s_frame() -> None:
     frame = frame_of(2.0)
     depth = frame.depth.copy()
