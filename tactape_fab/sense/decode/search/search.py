@@ -38,8 +38,9 @@ _PLENTY = 0.05
 """Weight of other places, as a multiple of the answer's, that what counts at its bound hardly adds to: known well enough."""
 _ROUNDING = 0.1
 """More than bounds in single precision may be too small by (ln)."""
-_RIVALS_NEGLIGIBLE = -14.5
-"""`tally.NEGLIGIBLE` for unregistered tapes, which have fewer groups of places."""
+_RIVALS_SHARE = 0.02
+"""exp(`NEGLIGIBLE`) over the allowed error, where dots may hang over the edges of unregistered tapes: there are so many groups
+of places then that half of the contacts of 7x7 mm and fewer were searched two or three times."""
 PRECISION = 1e-5
 
 
@@ -249,7 +250,8 @@ def rivals(
     cue, base = np.log(place.turn_weights), _unregistered_weights(others, place, share)
     likely = place.score + float(cue[place.turn]) - least_lead - _ROUNDING if least_lead > 0.0 else inf
     enough = _enough(precision, place.score + place.weight)
-    negligible, strict = _RIVALS_NEGLIGIBLE, _strict(place.groups, enough)
+    strict = _strict(place.groups, enough)
+    negligible = max(min(NEGLIGIBLE, log(_RIVALS_SHARE * enough)), strict) if beyond else NEGLIGIBLE
     while True:
         found, bounded = _NO_RIVALS, 0.0
         for t, g, sites, family in others:
