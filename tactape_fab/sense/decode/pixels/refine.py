@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from math import cos, hypot, log, pi, sin, sqrt
+from math import cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.dots.filters import Image, averaged
+from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.sense.decode.dots.rim import ONE_SIDED
 from tactape_fab.sense.decode.grid.pose import Pose, fit_pose
-from tactape_fab.sense.decode.grid.posterior import Beliefs, eliminate
+from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, rehearse_patches, settled_patches, unknown_relief
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
@@ -24,13 +25,16 @@ LEAST_AGREEING = 6
 """Refined dots that agree with a pose; the scatter of fewer is chance."""
 RIM_MM = 2.5
 """Neighbours within this distance say where the contact's middle lies."""
-PULL_MM, PULL_WEIGHT, PULL_REST = 0.2, 0.05, 0.8
-"""How far a rim draws a dot inwards for each unit of its missing height, believed before the frame is seen; how many squared
-units this belief counts as; and the share that is left when the frame's own figure is taken out. On frames without noise the
-figure is 0.1, 0.2 and 0.3 mm for rims 1.6, 0.8 and 0.4 mm wide, 0.12 mm for a blur of 0.08 mm, each with a scatter of 35 %; noise
-of the heights makes it more: 0.8 gives less error than 0.35 and 0.5, in three scenes of 100 contacts each."""
+PULL_MM, PULL_WEIGHT, PULL_SCATTER = 0.27, 0.05, 0.35
+"""How far a rim draws a dot inwards for each unit of its missing height m, as m / (1 + 2 m), believed before the frame is seen;
+how many squared units this belief counts as; and by what share one dot differs from another. On frames without noise, for small
+m, it is 0.1, 0.2 and 0.3 mm for rims 1.6, 0.8 and 0.4 mm wide, 0.12 mm for a blur of 0.08 mm. Contacts of 7x7 mm: dots that miss
+0.1 of their height are 26 um too far inwards, those that miss 0.25 47 um."""
+HEIGHT_ERROR, AT_RIM, AT_RIM_STEP = 5.5, 2.1, 0.5
+"""Error of a whole dot's height as a share of it, over that of its place, 1/mm; how many of them are missing where a dot is as
+likely at the rim as not; and width of the step. A dot of 3 um has a height of 1.65 %: most that miss less are whole."""
 LEVEL_ERROR = 0.02
-"""Share of its height by which noise alone makes a whole dot lower: they scatter by 0.017."""
+"""Share of its height that a dot must miss to be looked at as one at the rim."""
 LEAST_INNER = 4
 """Dots inside the contact that say what a whole dot is; the higher half of all where they are fewer."""
 MOST_MISFIT = 0.8
@@ -81,7 +85,7 @@ def refine(
     if part is None or unknown is not None:
         return pose, unknown
     at = fit.to_px(offset_px / view.px_per_mm)
-    chosen = np.flatnonzero(pose.agree & has_patch(fit, at))
+    chosen = has_patch(fit, at).nonzero()[0]
     if len(chosen) < LEAST_PATCHES:
         return pose, f"only {len(chosen)} dots have all the pixels around them"
     if fit.factor > 1:
@@ -103,20 +107,29 @@ def refine(
         left = median(found.left)
     gel_mm, nominal_mm = fit.from_px(centres), texture_mm.take(chosen, 0)
     c, s = cos(pose.theta_rad), sin(pose.theta_rad)
-    turned = np.array([[c, -s], [s, c]])  # for rows
+    turned = np.array([[c, s], [-s, c]])  # for rows: from the texture's axes to the image's
     slopes = np.maximum(found.left, left) / fit.freedom
     own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
-    inwards, low = at_rim(nominal_mm, texture_mm[pose.agree], found.imprint)
+    inwards, low = at_rim(nominal_mm, texture_mm, found.imprint)
     scale = view.px_per_mm / pose.px_per_mm
-    error_mm = pose.position_mm + gel_mm @ turned * scale - nominal_mm
-    weights = 1.0 / (own + (PULL_MM * low) ** 2 + USUAL_MM**2)
-    error_mm = _without_camera(error_mm @ turned.T, gel_mm, weights, view.beliefs) @ turned
-    pull_mm = _pull_mm(low, (error_mm * inwards).sum(axis=1))
-    drawn_mm = (pull_mm * low)[:, None] * inwards
+    drawn_mm, room = gel_mm * scale + (pose.position_mm - nominal_mm) @ turned, np.empty((7, 2, len(own)))
+    _rim_law(
+        drawn_mm,
+        gel_mm,
+        inwards @ turned,
+        low,
+        own,
+        view.beliefs.sigmas,
+        view.beliefs.centre_mm,
+        view.beliefs.corner_mm,
+        room,
+        np.zeros((7, 8)),
+        weights := np.empty(len(own)),
+    )
     refined = fit_pose(
-        (gel_mm - drawn_mm @ turned.T / scale) * view.px_per_mm,
+        (gel_mm - drawn_mm / scale) * view.px_per_mm,
         nominal_mm,
-        _weights(own, error_mm - drawn_mm, PULL_REST * pull_mm * low),
+        weights,
         view.px_per_mm,
         view.beliefs,
         least_sigma_mm=LEAST_SIGMA_MM,
@@ -131,8 +144,8 @@ def rehearse_pixels(fit: PixelFit, parts: Iterable[TapePart]) -> None:
     """Compile the kernels and make the tables of some parts now, so that no frame waits."""
     rehearse_patches(fit, parts)
     place, some = np.zeros((1, 2)), np.ones(7)
-    _mean_directions(place, place, place)
-    _take_camera(place, place, some[:1], some, place[0], some, np.empty((1, 2, 7)), np.zeros((7, 8)))
+    at_rim(place, place, some[:1])
+    _rim_law(place, place, place, some[:1], some[:1], some, place[0], some, np.zeros((7, 2, 1)), np.eye(7, 8), some[:1])
 
 
 def _doubt(pose: Pose, refined: Pose) -> str | None:
@@ -166,52 +179,75 @@ def mm_of_px(fit: PixelFit, at_px: FloatArray) -> FloatArray:
     return np.stack([steps[0] - steps[1], steps[2] - steps[3]], axis=1)
 
 
-def _without_camera(error_mm: FloatArray, gel_mm: FloatArray, weights: FloatArray, beliefs: Beliefs) -> FloatArray:
-    """Errors of dots, image axes, less what the pose and the camera, within its priors, may be off by; both (n, 2)."""
-    left, rates, normal = error_mm.copy(), np.empty((len(weights), 2, 7)), np.zeros((7, 8))
-    _take_camera(left, gel_mm, weights, beliefs.sigmas, beliefs.centre_mm, beliefs.corner_mm, rates, normal)
-    return left
-
-
 @kernel()
-def _take_camera(
+def _rim_law(
     error_mm: FloatArray,
     gel_mm: FloatArray,
-    weights: FloatArray,
+    inwards: FloatArray,
+    low: FloatArray,
+    own: FloatArray,
     sigmas: FloatArray,
     centre_mm: FloatArray,
     corner_mm: FloatArray,
     rates: FloatArray,
     normal: FloatArray,
+    weights: FloatArray,
 ) -> None:
-    """`_without_camera` in place, by least squares; `rates` (n, 2, 7) and `normal` (7, 8), zero before, are work buffers."""
-    for i in range(len(weights)):
+    """Replace errors of dots by how far the rim draws each of them, and fill in weights: least variance over that of each dot.
+
+    Axes are the image's. The law's one unknown is fitted to the errors less what the pose and the camera, within its priors, may
+    be off by. A dot's variance is its own (n,), the rim's, and what else places scatter by. `rates` (7, 2, n) and `normal`
+    (7, 8), zero before, are work buffers.
+    """
+    n, all_of = len(own), PULL_WEIGHT
+    for i in range(n):
+        # the missing height is the rim's, or noise
+        missing = low[i] + LEVEL_ERROR if low[i] > 0.0 else 0.0
+        noise, drawn = HEIGHT_ERROR * np.sqrt(own[i]), missing / (1.0 + 2.0 * missing)
+        likely = 1.0 / (1.0 + np.exp((AT_RIM - missing / noise) / AT_RIM_STEP))
+        low[i], all_of = likely * drawn, all_of + (likely * drawn) ** 2
+        unsure = likely * (noise**2 + (PULL_SCATTER * drawn) ** 2 + (1.0 - likely) * drawn**2)
+        weight, weights[i] = 1.0 / (own[i] + PULL_MM**2 * (low[i] ** 2 + unsure) + USUAL_MM**2), unsure
         x, y = gel_mm[i, 0], gel_mm[i, 1]
         dx, dy = x - centre_mm[0], y - centre_mm[1]
         square = (dx / corner_mm[0]) ** 2 + (dy / corner_mm[1]) ** 2
-        u, v = rates[i, 0], rates[i, 1]
+        u, v = rates[:, 0, i], rates[:, 1, i]
         # x, y, the turn, ln of the scale, aspect, shear and k1
         aspect, bend = sigmas[1] / 2.0, sigmas[3] * square
         u[0], u[1], u[2], u[3], u[4], u[5], u[6] = 1.0, 0.0, -y, sigmas[0] * x, aspect * x, sigmas[2] * y, bend * dx
         v[0], v[1], v[2], v[3], v[4], v[5], v[6] = 0.0, 1.0, x, sigmas[0] * y, -aspect * y, 0.0, bend * dy
         for k in range(7):
             for m in range(7):
-                normal[k, m] += weights[i] * (u[k] * u[m] + v[k] * v[m])
-            normal[k, 7] += weights[i] * (u[k] * error_mm[i, 0] + v[k] * error_mm[i, 1])
+                normal[k, m] += weight * (u[k] * u[m] + v[k] * v[m])
+            normal[k, 7] += weight * (u[k] * error_mm[i, 0] + v[k] * error_mm[i, 1])
     for k in range(3, 7):  # the priors
         normal[k, k] += 1.0
     for k in range(7):
         eliminate(normal, k, 7)
-    for i in range(len(weights)):
+    pull_mm = PULL_WEIGHT * PULL_MM
+    for i in range(n):
         for axis in range(2):
             for k in range(7):
-                error_mm[i, axis] -= rates[i, axis, k] * normal[k, 7]
-
-
-def _pull_mm(low: FloatArray, along_mm: FloatArray) -> float:
-    """How far the rim draws a dot inwards for each unit of missing height, from the errors of dots inwards."""
-    pull = (float(low @ along_mm) + PULL_WEIGHT * PULL_MM) / (float(low @ low) + PULL_WEIGHT)
-    return min(max(pull, 0.0), 2.0 * PULL_MM)
+                error_mm[i, axis] -= rates[k, axis, i] * normal[k, 7]
+            pull_mm += low[i] * error_mm[i, axis] * inwards[i, axis]
+    pull_mm = min(max(pull_mm / all_of, 0.0), 2.0 * PULL_MM)
+    squares, owns, whole, least = rates[0, 0], rates[1, 0], 0, np.inf
+    for i in range(n):
+        x, y = pull_mm * low[i] * inwards[i, 0], pull_mm * low[i] * inwards[i, 1]
+        if pull_mm**2 * weights[i] <= own[i]:
+            squares[whole], owns[whole] = (error_mm[i, 0] - x) ** 2 + (error_mm[i, 1] - y) ** 2, own[i]
+            whole += 1
+        weights[i] = own[i] + pull_mm**2 * weights[i]
+        error_mm[i, 0], error_mm[i, 1] = x, y
+    scatter = 0.0
+    if whole >= LEAST_INNER:
+        # the squared length of a normal vector has the median 2 ln 2 times the variance of a component
+        scatter = max(select(squares[:whole], whole // 2) / (2.0 * np.log(2.0)) - select(owns[:whole], whole // 2), 0.0)
+    for i in range(n):
+        weights[i] += scatter
+        least = min(least, weights[i])
+    for i in range(n):
+        weights[i] = least / weights[i]
 
 
 def at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -221,19 +257,16 @@ def at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray
     neighbours_mm (k, 2): Those of all dots of the contact.
     height (n,)
     """
-    mean = np.empty(texture_mm.shape)
-    _mean_directions(texture_mm, neighbours_mm, mean)
-    length = np.hypot(mean[:, 0], mean[:, 1])
-    inner = length <= ONE_SIDED
-    level = median(height[inner] if np.count_nonzero(inner) >= LEAST_INNER else np.sort(height)[len(height) // 2 :])
-    low = np.where(inner, 0.0, np.minimum(np.maximum(1.0 - LEVEL_ERROR - height / level, 0.0), 1.0))
-    return mean / np.maximum(length, 1e-9)[:, None], low
+    inwards, low = np.empty(texture_mm.shape), np.empty(len(height))
+    _at_rim(texture_mm, neighbours_mm, height, inwards, low)
+    return inwards, low
 
 
 @kernel()
-def _mean_directions(texture_mm: FloatArray, neighbours_mm: FloatArray, mean: FloatArray) -> None:
-    """Fill in the mean of the unit vectors to the neighbours within `RIM_MM`."""
-    for i in range(len(texture_mm)):
+def _at_rim(texture_mm: FloatArray, neighbours_mm: FloatArray, height: FloatArray, inwards: FloatArray, low: FloatArray) -> None:
+    """`at_rim`, by the mean of the unit vectors to the neighbours within `RIM_MM`: long where they are all to one side."""
+    n, inner = len(height), 0
+    for i in range(n):
         count = x = y = 0.0
         for k in range(len(neighbours_mm)):
             dx, dy = neighbours_mm[k, 0] - texture_mm[i, 0], neighbours_mm[k, 1] - texture_mm[i, 1]
@@ -242,17 +275,19 @@ def _mean_directions(texture_mm: FloatArray, neighbours_mm: FloatArray, mean: Fl
                 count += 1.0
                 x += dx / distance
                 y += dy / distance
-        mean[i, 0], mean[i, 1] = x / max(count, 1.0), y / max(count, 1.0)
-
-
-def _weights(own: FloatArray, error_mm: FloatArray, rim_mm: FloatArray) -> FloatArray:
-    """Least variance over that of each dot: its own (n,), mm^2, the rim's, and what else places scatter by."""
-    whole = rim_mm <= np.sqrt(own)
-    scatter = 0.0
-    if np.count_nonzero(whole) >= LEAST_INNER:
-        x, y = error_mm[whole].T
-        # the squared length of a normal vector has the median 2 ln 2 times the variance of a component
-        scatter = max(median((x - median(x)) ** 2 + (y - median(y)) ** 2) / (2.0 * log(2.0)) - median(own[whole]), 0.0)
-    variance = own + rim_mm**2 + scatter
-    weights: FloatArray = variance.min() / variance
-    return weights
+        length = np.sqrt(x * x + y * y)
+        inwards[i, 0], inwards[i, 1] = x / max(length, 1e-9), y / max(length, 1e-9)
+        if length <= ONE_SIDED * max(count, 1.0):
+            inwards[i, 0] = inwards[i, 1] = 0.0
+            low[inner] = height[i]
+            inner += 1
+    if inner < LEAST_INNER:
+        inner = n
+        for i in range(n):
+            low[i] = height[i]
+        level = select(low, n // 2 + (n - n // 2) // 2)
+    else:
+        level = select(low[:inner], inner // 2)
+    for i in range(n):
+        at_side = inwards[i, 0] != 0.0 or inwards[i, 1] != 0.0
+        low[i] = min(max(1.0 - LEVEL_ERROR - height[i] / level, 0.0), 1.0) if at_side else 0.0

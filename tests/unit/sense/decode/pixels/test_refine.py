@@ -93,6 +93,31 @@ def test_variances_of_whole_dots_are_those_of_their_errors() -> None:
     assert 0.9 < np.median(np.concatenate(normalised)) / np.log(2) < 1.4
 
 
+def test_neighbours_do_not_draw_each_other() -> None:
+    """Two parts 1 mm apart: either's flank reaches into the other's patch, and without it in the relief both are 2.7 um off."""
+    fit, off, alone = pixel_fit(SENSOR), [], []
+    for frame in frames(8, slope=0.0):
+        truth, to_body = whole(frame), body_axes(frame.theta_deg)
+        apart = np.hypot(*(truth[:, None] - truth).T) / 16.0 + 9.0 * np.eye(len(truth))
+        inner = (np.hypot(*((truth - truth.mean(axis=0)) / 16.0).T) < 3.0) & (apart.min(axis=0) < 1.05)
+        chosen = truth[inner]
+        together = fitted(fit, frame.depth, chosen, to_body, TAPE.part, 0.15, truth)
+        off.append(together.moved_mm * 1000)
+        alone.append(fitted(fit, frame.depth, chosen, to_body, TAPE.part, 0.15, chosen[:0]).moved_mm * 1000)
+    um, alone_um = np.concatenate(off), np.concatenate(alone)
+    assert len(um) > 20
+    assert np.sqrt((um**2).mean()) < 0.8 and np.sqrt((alone_um**2).mean()) > 2.0
+
+
+def test_a_dot_at_the_rim_is_put_back_by_what_it_misses() -> None:
+    """Contacts of 7x7 mm without noise: a third of their dots stand at the rim, drawn inwards by up to 0.1 mm."""
+    seen = list(frames(20, slope=0.0, contact_mm=(7.0, 7.0)))
+    fixes = [Localizer(TAPE, SENSOR, refine="pixels").locate(frame.depth) for frame in seen]
+    refined = [(fix, frame) for fix, frame in zip(fixes, seen, strict=True) if fix.refined == "pixels"]
+    assert len(refined) > 15
+    assert rms_um([fix for fix, _ in refined], [frame for _, frame in refined]) < 0.6
+
+
 def test_a_small_blur_is_found_from_a_start_that_is_wrong() -> None:
     fit = pixel_fit(SENSOR)
     for blur_mm in (0.06, 0.08, 0.1):
@@ -110,11 +135,11 @@ def test_a_small_blur_is_found_from_a_start_that_is_wrong() -> None:
 
 
 def test_poses_are_better_and_as_uncertain_as_they_say() -> None:
-    seen = list(frames(30))
+    seen = list(frames(100))
     dots, pixels = Localizer(TAPE, SENSOR), Localizer(TAPE, SENSOR, refine="pixels")
     before, after = [[one.locate(frame.depth) for frame in seen] for one in (dots, pixels)]
     # one of them stays at the dots, which scatter less there
-    assert {fix.refined for fix in before} == {"dots"} and sum(fix.refined == "pixels" for fix in after) >= 29
+    assert {fix.refined for fix in before} == {"dots"} and sum(fix.refined == "pixels" for fix in after) >= 98
     assert rms_um(after, seen) < 0.9 * rms_um(before, seen) and rms_um(before, seen) < 0.9
     assert 0.6 < np.mean([nees(fix, frame) for fix, frame in zip(after, seen, strict=True)]) < 1.5
     kept = ("tape", "cell", "n_dots", "n_agree", "contact_mm", "p_tape", "p_place")
@@ -170,8 +195,8 @@ def test_wide_blurs_are_left_to_the_dots_where_these_scatter_less() -> None:
     seen = list(frames(20, elastomer_mm=0.25))
     localizer, plain = Localizer(TAPE, SENSOR, refine="pixels"), Localizer(TAPE, SENSOR)
     fixes = [localizer.locate(frame.depth) for frame in seen]
-    assert sum(str(fix.refine_reason).startswith("refined dots scatter by") for fix in fixes) > 10
-    assert rms_um(fixes, seen) < 1.1 * rms_um([plain.locate(frame.depth) for frame in seen], seen)
+    assert sum(str(fix.refine_reason).startswith("refined dots scatter by") for fix in fixes) >= 8
+    assert rms_um(fixes, seen) < rms_um([plain.locate(frame.depth) for frame in seen], seen)
 
 
 def test_a_wrong_blur_in_the_profile_does_hardly_any_harm() -> None:
