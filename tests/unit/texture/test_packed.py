@@ -143,7 +143,7 @@ def test_no_damaged_file_is_read(packed: bytes, tmp_path: Path) -> None:
         (lambda index: index["tapes"].append(index["tapes"][0]), "not all there"),
         (lambda index: index["tapes"][1].update(name="../up"), "name = '../up'"),
         (lambda index: index["tapes"][1].update(sector=8), "tapes[1]: symbols differ from code"),
-        (lambda index: index["tapes"][1].update(sector=256), "sector = 256"),
+        (lambda index: index["tapes"][1].update(sector=256), "sector = 256 is outside 0 to 255"),
         (lambda index: index["tapes"][1].update(origin=[-1, 0]), "origin[0] = -1"),
         (lambda index: index["tapes"][1].update(tag_id=True), "tag_id = True"),
         (lambda index: index["tapes"][1].update(tag_id=587), "tag_id = 587"),

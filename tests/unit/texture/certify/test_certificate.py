@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 
 from tactape_fab import Kit, Tape, TapeSpec, default_origin
 from tactape_fab.kit.examine.tape import examine
+from tactape_fab.texture.certify import nearest
 from tactape_fab.texture.certify.certificate import (
     LISTED,
     SIDES,
@@ -359,6 +360,21 @@ def test_a_corner_and_a_window_in_common_are_conflicts_after_those_of_one_tape()
     assert "1 x 1 grid points of it at 100,200 are" in said[0, 1]
     shared = {c.tapes: c.message for c in found if c.kind == "windows"}
     assert "1 pair of 4x4 windows" in shared[1, 3] and "6 pairs of 4x4" in shared[1, 2] and (0, 1) not in shared
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pairs_come_in_portions_as_full_as_may_be(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nearest, "_CHUNK", 10)
+    random = np.random.default_rng(seed)
+    ends = np.repeat(lengths := np.cumsum(random.integers(1, 14, 9)), np.diff(lengths, prepend=0))
+    starts = np.flatnonzero(random.random(len(ends)) < 0.8)
+    portions = [list(zip(a.tolist(), b.tolist(), strict=True)) for a, b in nearest._within_runs(starts, ends[starts])]
+    every = [[(a, b) for b in range(a + 1, ends[a])] for a in starts.tolist()]
+    assert [pair for portion in portions for pair in portion] == [pair for of in every for pair in of]
+    for portion, following in pairwise(portions):
+        of_next = sum(a == following[0][0] for a, _ in following)
+        assert len(portion) + of_next > 10 and (len(portion) <= 10 or len({a for a, _ in portion}) == 1)
+    assert all(portions)
 
 
 def test_windows_asked_for_are_compared_with_those_after_them_alone() -> None:
