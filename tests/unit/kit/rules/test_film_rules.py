@@ -287,7 +287,9 @@ def test_the_bow_under_a_body_is_that_of_a_circle() -> None:
         rules = found({"bend_radius_mm": 5.0, "bend_axis": axis, "rotation_deg": 0.0, "pitch_mm": 2.2, "displacement_mm": 0.25})
         sag_mm = 5.0 - (25.0 - (along_mm / 2) ** 2) ** 0.5
         assert rules["bend-part"].value == pytest.approx(sag_mm, rel=1e-3)
-        assert f"under a body, {along_mm:.2f} mm along {axis}" in rules["bend-part"].message
+        assert f"under a body, {along_mm:.2f} mm along {axis}" in rules["bend-part"].message and rules["bend-part"].passed
+    tight = found({"bend_radius_mm": 0.45, "bend_axis": "x", "rotation_deg": 0.0, "pitch_mm": 2.2, "displacement_mm": 0.25})
+    assert tight["bend-part"].message.endswith("the film would bow by 100.0 um")
 
 
 def test_problems_come_together() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,6 +27,7 @@ from tactape_fab.verify.trip.round_trip import (
     WRONG,
     Trip,
     check_measured,
+    full_trips,
     quick_trip,
     read_contact,
     trip_checks,
@@ -257,3 +258,78 @@ def test_parts_in_place_that_the_quick_method_misses_are_its_own_limit(monkeypat
 def test_a_quick_trip_locates_its_contacts() -> None:
     made = quick_trip(TAPE, source())
     assert made.outcome.tolist() == [RIGHT] * 6 and made.error_um.max() < 100.0
+
+
+def test_contacts_that_the_quick_method_misses_are_lost_where_error_free_symbols_suffice(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactape_fab.sense.decode.paper.locate_paper", lambda *_, **__: [fix(False)])
+    made = quick_trip(TAPE, source())
+    assert made.outcome.tolist() == [LOST] * 6 and made.tolerated == 1.0
+
+
+@dataclass
+class Drawn:
+    """What `full_trips` asks its stand-ins for."""
+
+    poses: list[tuple[int, int, bool]] = field(default_factory=list)
+    excuses: list[Any] = field(default_factory=list)
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> Drawn:
+    asked = Drawn()
+
+    def poses(_: Tape, count: int, seed: int, *__: object, edge: bool) -> Any:
+        asked.poses.append((count, seed, edge))
+        return np.zeros((count, 3))
+
+    def made(*arguments: Any) -> Trip:
+        asked.excuses.append(arguments[6])
+        for _ in arguments[2]:
+            arguments[7]()
+        return trip([RIGHT])
+
+    monkeypatch.setattr(round_trip, "draw_poses", poses)
+    monkeypatch.setattr(round_trip, "_trip", made)
+    monkeypatch.setattr("tactape_fab.sense.decode.localizer.Localizer", lambda *_: SimpleNamespace(locate=None))
+    monkeypatch.setattr("tactape_fab.verify.trip.limit.rule_of", lambda *rest: len(rest))
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("code", "counts", "each"),
+    [("microdots-4x4", (12, 4), (6, 2)), ("microdots-4x4", (7, 1), (3, 1)), ("anoto-6x6", (24, 4), (3, 1))],
+)
+def test_contacts_are_divided_among_the_sources(code: str, counts: tuple[int, int], each: tuple[int, int], drawn: Drawn) -> None:
+    steps: list[tuple[int, int]] = []
+    tape = tape_at(7, (10, 10), code=code)
+    trips = full_trips(tape, [source(), source("copper")], None, lambda _, *step: steps.append(step), counts=counts)
+    assert len(trips) == 2
+    assert drawn.poses == [(n, seed, edge) for seed in (0, 1) for n, edge in zip(each, (False, True), strict=True)]
+    total = 2 * sum(each)
+    assert steps == [(done, total) for done in range(total + 1)]
+
+
+@pytest.mark.parametrize(
+    ("error_free", "as_seen", "stricter", "placed", "outcome"),
+    [
+        (False, True, True, True, LIMITED),
+        (True, False, True, True, NOISY),
+        (True, True, False, True, BARELY),
+        (True, True, True, True, MISSED),
+        (True, True, True, False, LOST),
+    ],
+)
+def test_what_is_not_located_is_excused_by_the_first_reason(
+    error_free: bool, as_seen: bool, stricter: bool, placed: bool, outcome: int, drawn: Drawn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def seen(rule: int, *_: object, told_parts: bool) -> Any:
+        assert told_parts == (rule == 2)  # the stricter rule has one argument more
+        return fix(as_seen if told_parts else stricter)
+
+    monkeypatch.setattr("tactape_fab.verify.trip.limit.error_free", lambda *_: fix(error_free))
+    monkeypatch.setattr("tactape_fab.verify.trip.limit.as_seen", seen)
+    monkeypatch.setattr(round_trip, "frame_at", lambda *_: SimpleNamespace(depth=None))
+    monkeypatch.setattr(round_trip, "in_place", lambda *_: placed)
+    monkeypatch.setattr(round_trip, "parts_shown", lambda *_: None)
+    full_trips(TAPE, [source()], counts=(1, 1))
+    assert drawn.excuses[0](0, np.zeros(3)) == outcome
