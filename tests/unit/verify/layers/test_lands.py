@@ -18,6 +18,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import placed_outline, rotate
 from tactape_fab.verify.layers.lands import (
     Recorded,
+    _turn_deg,
     apart_mm,
     check_lands,
     check_openings,
@@ -149,6 +150,20 @@ def test_missing_and_doubled_pairs_are_named() -> None:
     assert set(flat) == {"copper pairs"} and flat["copper pairs"].message == "an aperture without area"
 
 
+def test_the_worst_pair_is_named_with_its_place() -> None:
+    content = moved(9, (0.004, 0.0))(moved(4, (0.0042, 0.0))(copper()))
+    x, y = PLACES[2] + np.array([0.0021, 0.0])
+    said = lands_of(content)["copper places"]
+    assert said.message == f"2 pairs are off the CPL, worst by 2.1 um at R3 ({x:.3f}, {y:.3f}) mm"
+    assert said.figure == pytest.approx(2.1)
+
+
+def test_one_aperture_of_two_without_area_is_enough() -> None:
+    for outlines in ((np.zeros((4, 2)), copper().aperture_outlines_mm[0]), (copper().aperture_outlines_mm[0], np.zeros((4, 2)))):
+        found = lands_of(replace(copper(), aperture_outlines_mm=outlines))
+        assert set(found) == {"copper pairs"} and "an aperture without area" in found["copper pairs"].message
+
+
 def openings_of(content: GerberContent, places: FloatArray = PLACES) -> dict[str, Check]:
     of_cpl = cpl(places)
     found = check_openings(content, RECORDED, TAPE, of_cpl, point_tree(of_cpl.xy_mm) if len(places) else point_tree(PLACES))
@@ -221,3 +236,10 @@ def test_records_are_read_with_their_bounds() -> None:
     ):
         read_recorded(table := Fields(content))
         assert len(table.problems) == wrong
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 89.0, 120.0, 179.0, -30.0, -135.0, 225.0, 350.0])
+def test_the_angle_of_two_lines_is_that_of_the_lines_and_not_of_their_ends(turn_deg: float) -> None:
+    for b in (-170.0, 0.0, 45.0, 200.0):
+        angle = np.degrees(np.arccos(min(abs(np.cos(np.radians(turn_deg))), 1.0)))
+        assert float(_turn_deg(np.array(b + turn_deg), np.array(b))) == pytest.approx(angle, abs=1e-5)
