@@ -18,6 +18,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import placed_outline, rotate
 from tactape_fab.verify.layers.lands import (
     Recorded,
+    _outline_axis_deg,
     _turn_deg,
     apart_mm,
     check_lands,
@@ -243,3 +244,12 @@ def test_the_angle_of_two_lines_is_that_of_the_lines_and_not_of_their_ends(turn_
     for b in (-170.0, 0.0, 45.0, 200.0):
         angle = np.degrees(np.arccos(min(abs(np.cos(np.radians(turn_deg))), 1.0)))
         assert float(_turn_deg(np.array(b + turn_deg), np.array(b))) == pytest.approx(angle, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "angle_deg"), [((0.46, 0.40), 30.0), ((0.40, 0.46), 30.0), ((0.40, 0.409), None), ((0.409, 0.40), None)]
+)
+def test_a_land_shows_its_direction_unless_it_is_square(size_mm: tuple[float, float], angle_deg: float | None) -> None:
+    land = LandPattern(size_mm=size_mm, corner_radius_mm=0.05, offset_mm=0.32)
+    found = _outline_axis_deg(placed_outline(size_mm, 0.05, 30.0), land)
+    assert found is None if angle_deg is None else found is not None and found % 180.0 == pytest.approx(angle_deg, abs=0.01)
