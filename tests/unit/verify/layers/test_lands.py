@@ -159,6 +159,17 @@ def test_the_worst_pair_is_named_with_its_place() -> None:
     assert said.figure == pytest.approx(2.1)
 
 
+def test_outlines_and_areas_that_differ_say_by_how_much() -> None:
+    off = copper().aperture_outlines_mm[0] + rotate((0.0, 0.0421), TAPE.part.rotation_deg)
+    shape = lands_of(replace(copper(), aperture_outlines_mm=(off,)))["copper shape"]
+    assert shape.figure == pytest.approx(42.1, abs=0.01) and shape.message == "outline off by 42.1 um of the manifest's"
+    assert lands_of(copper())["copper shape"].message == "outline within 0.0 um of the manifest's"
+    area = lands_of(scaled(1.05)(copper()))["copper area"]
+    right = lands_of(copper())["copper area"].figure
+    assert right is not None and area.figure == pytest.approx(1.05**2 * (100.0 + right) - 100.0)
+    assert area.message.endswith(f"specified ({area.figure:+.2f} %)")
+
+
 def test_one_aperture_of_two_without_area_is_enough() -> None:
     for outlines in ((np.zeros((4, 2)), copper().aperture_outlines_mm[0]), (copper().aperture_outlines_mm[0], np.zeros((4, 2)))):
         found = lands_of(replace(copper(), aperture_outlines_mm=outlines))

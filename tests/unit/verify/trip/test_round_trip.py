@@ -98,10 +98,11 @@ def test_no_contact_at_all_is_a_warning_that_says_what_to_do() -> None:
 
 def test_the_first_contact_elsewhere_and_what_the_decoder_says_are_named() -> None:
     reasons = Counter({"too few dots": 2, "no grid": 1})
-    found = line(trip([RIGHT, LOST, WRONG, LOST, WRONG, LOST], reasons=reasons))
+    made = trip([RIGHT, LOST, WRONG, LOST, WRONG, LOST], reasons=reasons)
+    found = line(replace(made, error_um=made.error_um * 500.0))
     assert (found.passed, found.warning, found.figure) == (False, False, 1.0)
     assert found.message.split("; ") == [
-        "2 of 6 contacts decode to another place, first at x 2.25, y 2.50 mm, 20 deg, 0.003 mm off",
+        "2 of 6 contacts decode to another place, first at x 2.25, y 2.50 mm, 20 deg, 1.500 mm off",
         "3 of 6 contacts are not located though the tape says enough there, first at x 1.25, y 1.50 mm, 10 deg",
         "the decoder says 2 times: too few dots",
     ]
