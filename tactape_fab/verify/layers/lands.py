@@ -148,7 +148,7 @@ def check_lands(
     cpl: CplContent,
     rows: shapely.STRtree,
     *,
-    lines: bool = False,
+    lines: bool,
 ) -> list[Check]:
     """Check that each part has two lands, centred at its CPL row, with direction and shape at the CPL's rotation.
 

@@ -20,7 +20,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import simulate
 from tactape_fab.texture.as_built import AsBuilt
 from tactape_fab.texture.code import get_plane
-from tactape_fab.texture.packed import FIRST_LINE, MOST_TAPES, is_packed, pack
+from tactape_fab.texture.packed import FIRST_LINE, is_packed, pack
 from tactape_fab.texture.plane import encode
 from tactape_fab.texture.registry import read_registered, read_tapes
 
@@ -73,6 +73,12 @@ def test_tapes_come_back_as_they_were(tapes: list[Tape], packed: bytes, tmp_path
     assert pack(tapes, [entry.fab for entry in found]) == packed
 
 
+def test_a_tag_may_have_the_last_id(packed: bytes, tmp_path: Path) -> None:
+    (tmp_path / "last.registry").write_bytes(resealed(packed, lambda index: index["tapes"][1].update(tag_id=586)))
+    tag = read_tapes([tmp_path / "last.registry"])[1].tag
+    assert tag is not None and tag.id == 586
+
+
 def test_a_packed_registry_decodes_as_its_kits_do(tapes: list[Tape], tmp_path: Path) -> None:
     file = tmp_path / "all.registry"
     file.write_bytes(pack(tapes[:2], ["", ""]))
@@ -118,6 +124,8 @@ def test_no_damaged_file_is_read(packed: bytes, tmp_path: Path) -> None:
         refusal(file, bytes(changed))
     refusal(file, packed + b"\0")
     refusal(file, packed[:BEGIN] + b"\xff" * 8 + packed[BEGIN + 8 :])
+    rest = (len(packed) - BEGIN - 7).to_bytes(8, "little") + packed[BEGIN + 8 :]  # an index that is a byte longer than the file
+    assert "cut off" in refusal(file, FIRST_LINE + sha256(rest).hexdigest().encode() + b"\n" + rest)
     file.write_bytes(b"tactape-registry/2\n" + packed[BEGIN:])
     with pytest.raises(SpecError, match="cannot be read as JSON"):
         read_tapes([file])
@@ -128,15 +136,17 @@ def test_no_damaged_file_is_read(packed: bytes, tmp_path: Path) -> None:
     [
         (lambda index: index.update(tapes=[]), "names no tapes"),
         (lambda index: index.update(tapes=7), "tapes = 7 is not a list"),
-        (lambda index: index.update(tapes=[0] * (MOST_TAPES + 1)), "more than"),
-        (lambda index: index["tapes"][0].update(design=99), "tapes[0].design"),
+        (lambda index: index.update(tapes=[0] * 65_537), "more than"),
+        (lambda index: index["tapes"][0].update(design=len(index["designs"])), "tapes[0].design"),
         (lambda index: index["tapes"].insert(0, []), "tapes[0].design is missing"),
         (lambda index: index["tapes"].pop(), "more symbols than its tapes have"),
         (lambda index: index["tapes"].append(index["tapes"][0]), "not all there"),
         (lambda index: index["tapes"][1].update(name="../up"), "name = '../up'"),
         (lambda index: index["tapes"][1].update(sector=8), "tapes[1]: symbols differ from code"),
+        (lambda index: index["tapes"][1].update(sector=256), "sector = 256 is outside 0 to 255"),
         (lambda index: index["tapes"][1].update(origin=[-1, 0]), "origin[0] = -1"),
         (lambda index: index["tapes"][1].update(tag_id=True), "tag_id = True"),
+        (lambda index: index["tapes"][1].update(tag_id=587), "tag_id = 587"),
         (lambda index: index["tapes"][0].update(fab="x" * 201), "fab = "),
         (lambda index: index["tapes"][4].update(symbols_sha256="0" * 64), "one of them was changed"),
         (lambda index: index["designs"][0].update(columns=10**9), "columns = 1000000000"),

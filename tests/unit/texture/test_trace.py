@@ -64,6 +64,19 @@ def test_every_window_tells_its_place() -> None:
         assert (places.column == np.arange(124)).all() and (places.row == np.arange(124)[:, None]).all()
 
 
+def test_a_tape_may_have_all_points_of_a_sector_and_its_windows_are_counted_by_row() -> None:
+    assert TRACE.most_points == encode(TRACE, 3, (0, 0), (127, 127)).size
+    places = locate_windows(TRACE, encode(TRACE, 3, (40, 60), (5, 9)))
+    assert places.column.tolist() == [list(range(40, 46))] * 2 and places.row.tolist() == [[60] * 6, [61] * 6]
+
+
+def test_an_element_tells_its_place_if_it_is_of_a_sector() -> None:
+    for sector, column, row in ((0, 0, 0), (255, 126, 126), (3, 126, 0), (77, 5, 120)):
+        assert TRACE.place_of(TRACE.power(column + 129 * (row + 127 * sector))) == (sector, (column, row))
+    assert TRACE.place_of(TRACE.power(127)) is None  # between two rows
+    assert TRACE.place_of(TRACE.power(129 * 127 * 256)) is None  # after the last sector
+
+
 def test_a_wrong_symbol_is_never_unnoticed() -> None:
     rng = np.random.default_rng(5)
     symbols = encode(TRACE, 9, (0, 0), (4, 120))

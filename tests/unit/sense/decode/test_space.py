@@ -66,6 +66,13 @@ def test_the_covariance_is_that_of_poses_drawn(surface: Surface) -> None:
     assert found == pytest.approx(found.T) and (np.linalg.eigvalsh(found / np.outer(scale, scale)) > -1e-9).all()
 
 
+def test_what_is_unknown_has_no_covariances() -> None:
+    covariance = np.diag([0.004, 0.006, 0.002, inf, inf, 0.005]) ** 2
+    found = pose_covariance(texture_plane, np.array([*STATE[:3], 0.0, 0.0, 0.0]), covariance)
+    lost = np.isinf(np.diag(found))
+    assert lost.any() and not lost.all() and (found[lost] == np.diag(np.diag(found))[lost]).all() and (found == found.T).all()
+
+
 def test_round_a_cylinder_a_place_that_is_unsure_is_a_direction_that_is() -> None:
     """An error along the circumference turns the pose about the cylinder's axis, by itself over the radius."""
     state, covariance = np.array([20.0, 12.0, 0.0, 0.0, 0.0, 0.0]), np.diag([0.01**2, 0, 0, 0, 0, 0])

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tactape_fab import Kit, Tape, default_origin
+from tactape_fab import Kit, Tape, TapeSpec, default_origin
+from tactape_fab.kit.examine.tape import examine
+from tactape_fab.texture.certify import nearest
 from tactape_fab.texture.certify.certificate import (
     LISTED,
     SIDES,
@@ -25,9 +27,9 @@ from tactape_fab.texture.certify.certificate import (
     window_words,
 )
 from tactape_fab.texture.certify.nearest import Pairs, Search, near_pairs, plan_search
-from tactape_fab.texture.certify.pairs import BEYOND, EXACT_TO, NO_WINDOWS, across, conflicts
+from tactape_fab.texture.certify.pairs import NO_WINDOWS, across, conflicts
 from tactape_fab.texture.code import CODE_NAMES, get_code, get_plane
-from tactape_fab.texture.frames import symbols_to_rows
+from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
 from tactape_fab.texture.plane import encode
 from tactape_fab.texture.windows import symbol_distance, windows_of
 from tests.tapes import tape_at
@@ -259,9 +261,33 @@ def test_nearest_distance_of_each_window() -> None:
 
 
 def test_tapes_are_as_far_apart_as_comparing_every_pair_says() -> None:
-    tapes = [small_tape(s) for s in range(0, 36, 3)]
-    texts = {side: [cut(t, side) for t in tapes] for side in SIDES}
-    for side in SIDES:
+    assert_as_brute([small_tape(s) for s in range(0, 36, 3)], SIDES)
+
+
+def test_tapes_that_show_parts_of_each_other_turned_are_as_near_as_comparing_every_pair_says() -> None:
+    whole = tape_at(7, (7, 6)).symbols
+    once, twice = (
+        replace(tape_at(7, (len(s[0]), len(s))), symbols=s) for s in (turned_symbols(whole, 1), turned_symbols(whole, 2))
+    )
+    changed = once.symbols.copy()
+    changed[2, 2] ^= 1
+    strange = tape_at(9, (5, 5))
+    tapes = [strange, replace(once, symbols=changed), twice, replace(twice, symbols=whole), once, tape_at(3, (3, 9)), strange]
+    assert_as_brute(tapes, (4, 5))
+
+
+def turned_symbols(symbols: SymbolArray, quarters: int) -> SymbolArray:
+    """A whole texture turned counter-clockwise."""
+    rows = symbols_to_rows(np.rot90(symbols, quarters))
+    for _ in range(quarters):
+        rows = ["".join(TURN[letter] for letter in row) for row in rows]
+    return np.array([["NWES".index(letter) for letter in row] for row in rows], dtype=np.uint8)
+
+
+def assert_as_brute(tapes: Sequence[Tape], sides: Sequence[int]) -> None:
+    """Distances between tapes are those of every window of one with every window of another in every turn."""
+    texts = {side: [cut(t, side) for t in tapes] for side in sides}
+    for side in sides:
         found = across(tapes, side)
         pairs = []
         for a, b in product(range(len(tapes)), repeat=2):
@@ -271,17 +297,34 @@ def test_tapes_are_as_far_apart_as_comparing_every_pair_says() -> None:
                 for turn, seen in enumerate(turns_of(v))
             ]
             least = min((d[0] for d in distances), default=NO_WINDOWS)
-            wanted = NO_WINDOWS if a == b or not distances else min(least, BEYOND)
+            wanted = NO_WINDOWS if a == b or not distances else min(least, 5)
             assert found.matrix[a, b] == wanted
+            assert found.rows()[a][b] == (None if wanted == NO_WINDOWS else wanted)
             assert found.shared[a, b] == (0 if a == b else sum(d[0] == 0 for d in distances))
             pairs += distances if a < b else []
         least = min(d[0] for d in pairs)
-        nearest = sorted(p[1:] for p in pairs if p[0] == least)
-        assert found.distance == min(least, BEYOND)
-        if least <= EXACT_TO:
-            assert found.pairs == len(nearest)
-            rows = zip(found.first.tolist(), found.second.tolist(), found.turn.tolist(), strict=True)
-            assert [(tuple(a), tuple(b), t) for a, b, t in rows] == nearest[:LISTED]
+        nearest = sorted(p[1:] for p in pairs if p[0] == least) if least < 5 else []
+        assert (found.distance, found.pairs) == (min(least, 5), len(nearest))
+        rows = zip(found.first.tolist(), found.second.tolist(), found.turn.tolist(), strict=True)
+        assert [(tuple(a), tuple(b), t) for a, b, t in rows] == nearest[:LISTED]
+
+
+def test_eight_directions_are_told_apart_beside_tapes_of_four() -> None:
+    four = tape_at(7, (5, 5))
+    eight = replace(four, directions=8, symbols=four.symbols + 4)
+    assert across([four, eight], 4).distance == across([eight, four], 4).distance == 5
+
+
+def test_one_tape_with_windows_is_at_no_distance() -> None:
+    found = across([tape_at(7, (5, 5)), tape_at(7, (3, 9))], 4)
+    assert (found.distance, found.pairs) == (None, 0)
+
+
+def test_tapes_of_a_code_without_a_plane_conflict_where_their_symbols_are_the_same() -> None:
+    one, other = (examine(TapeSpec(sector=s, code="touch-1", size_mm=(30.0, 20.0), tag="none")).layout.tape for s in (3, 4))
+    tapes = [one, replace(other, sector=3), replace(one, name="copy")]
+    found = conflicts(tapes, ["one", "other", "copy"], across(tapes, 4))
+    assert [(c.kind, c.tapes) for c in found if c.kind != "windows"] == [("same-tape", (0, 2))]
 
 
 def test_conflicts_name_what_two_tapes_share() -> None:
@@ -302,6 +345,47 @@ def test_conflicts_name_what_two_tapes_share() -> None:
     assert windows.shared[0, 2] >= 2 * 4
     assert next(c for c in found if c.tapes == (0, 2)).message.endswith("and 5 x 7 grid points of it at 115,205 are on both")
     assert ("windows", (0, 2)) in kinds
+
+
+def test_a_corner_and_a_window_in_common_are_conflicts_after_those_of_one_tape() -> None:
+    tapes = [tape_at(7, (6, 5), origin=(100, 200), name=name) for name in ("base", "copy")]
+    corner = tape_at(7, (6, 5), origin=(95, 196), name="corner")
+    window = tape_at(7, (4, 4), origin=(102, 201), name="window")
+    tapes = [corner, *tapes, window]
+    found = conflicts(tapes, [t.name for t in tapes], across(tapes, 4))
+    in_plane = [(c.kind, c.tapes) for c in found if c.kind in ("same-tape", "overlap")]
+    assert in_plane == [("same-tape", (1, 2)), *(("overlap", pair) for pair in ((0, 1), (0, 2), (1, 3), (2, 3)))]
+    said = {c.tapes: c.message for c in found if c.kind != "windows"}
+    assert "at origin 100,200: they are the same tape" in said[1, 2]
+    assert "1 x 1 grid points of it at 100,200 are" in said[0, 1]
+    shared = {c.tapes: c.message for c in found if c.kind == "windows"}
+    assert "1 pair of 4x4 windows" in shared[1, 3] and "6 pairs of 4x4" in shared[1, 2] and (0, 1) not in shared
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pairs_come_in_portions_as_full_as_may_be(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nearest, "_CHUNK", 10)
+    random = np.random.default_rng(seed)
+    ends = np.repeat(lengths := np.cumsum(random.integers(1, 14, 9)), np.diff(lengths, prepend=0))
+    starts = np.flatnonzero(random.random(len(ends)) < 0.8)
+    portions = [list(zip(a.tolist(), b.tolist(), strict=True)) for a, b in nearest._within_runs(starts, ends[starts])]
+    every = [[(a, b) for b in range(a + 1, ends[a])] for a in starts.tolist()]
+    assert [pair for portion in portions for pair in portion] == [pair for of in every for pair in of]
+    for portion, following in pairwise(portions):
+        of_next = sum(a == following[0][0] for a, _ in following)
+        assert len(portion) + of_next > 10 and (len(portion) <= 10 or len({a for a, _ in portion}) == 1)
+    assert all(portions)
+
+
+def test_windows_asked_for_are_compared_with_those_after_them_alone() -> None:
+    tape = tape_at(7, (7, 6))
+    windows = windows_of(tape.symbols, tape.placed, 4, turns=4)
+    for queries in (1, 5, windows.count - 1):
+        search = plan_search(4, windows.count, 16)
+        found = []
+        for some in near_pairs(windows.words, search, queries=queries):
+            found += list(zip(some.first.tolist(), some.second.tolist(), some.turn.tolist(), strict=True))
+        assert sorted(found) == [(a, b, t) for a in range(queries) for b in range(queries, windows.count) for t in range(4)]
 
 
 def test_nearest_windows_of_the_default_origins() -> None:

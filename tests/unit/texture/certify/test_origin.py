@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.certify.origin import choose_origin, choose_sector
 from tactape_fab.texture.certify.pairs import across
 from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.windows import windows_of
 from tests.tapes import tape_at
 
 CODE = get_plane("microdots-4x4")
@@ -48,6 +50,51 @@ def test_search_is_the_same_every_time_and_looks_where_no_other_sector_lies() ->
         for other in (s for s in range(256) if s != 7):
             c, r = default_origin(CODE.name, other)
             assert abs(c - column) >= 20 or abs(r - row) >= 14
+
+
+@pytest.mark.parametrize("shape", [(200, 4), (4, 200)])
+def test_long_tapes_of_other_sectors_are_left_beside(shape: tuple[int, int]) -> None:
+    tried = np.array(choose._origins(CODE, 7, shape, 160)[1:])
+    others = np.array([default_origin(CODE.name, s) for s in range(256) if s != 7])
+    apart = np.abs(tried[:, None] - others)
+    assert len(tried) > 100 and ((apart[..., 0] >= shape[1]) | (apart[..., 1] >= shape[0])).all()
+
+
+def test_a_place_is_occupied_where_grid_points_are_shared() -> None:
+    tape = tape_at(7, (6, 5), origin=(50, 60))
+    taken = {(50 + c, 60 + r) for c in range(6) for r in range(5)}
+    for column, row in product((43, 46, 47, 50, 55, 56), (53, 57, 58, 60, 64, 65)):
+        mine = {(column + c, row + r) for c in range(4) for r in range(3)}
+        assert choose._occupied((column, row), CODE, 7, (3, 4), [tape]) == bool(mine & taken)
+    assert not choose._occupied((50, 60), CODE, 8, (3, 4), [tape])
+    assert not choose._occupied((50, 60), get_plane("debruijn-4x4"), 7, (3, 4), [tape])
+
+
+def test_origins_are_weighed_by_windows_of_four_then_of_five_then_by_pairs() -> None:
+    for origin in choose._origins(CODE, 7, WHOLE.shape, 12):
+        assert choose._merit(CODE, 7, origin, WHOLE, None) == merit(7, origin)
+
+
+def test_one_window_that_an_existing_tape_has_is_at_no_distance() -> None:
+    tape = tape_at(7, (9, 8))
+    both = (tape.symbols[2:6, 3:7], tape_at(8, (9, 8)).symbols[2:6, 3:7])
+    own, strange = (windows_of(symbols, np.ones((4, 4), dtype=bool), 4, turns=4) for symbols in both)
+    assert choose._farthest([own], [tape]) == ([0], 0)
+    assert choose._farthest([own, strange], [tape])[0] == [1]
+
+
+def test_of_equally_good_origins_the_first_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choose, "_merit", lambda *_: (3, 5, -1))
+    assert choose_origin(CODE, 7, WHOLE).origin == default_origin(CODE.name, 7)
+
+
+def test_as_many_origins_are_tried_as_asked_and_tapes_end_within_the_plane() -> None:
+    for count in (2, 3, 40):
+        assert len(set(choose._origins(CODE, 7, (4, 4), count))) == count
+    last = CODE.range - 20, CODE.range - 14
+    assert choose._fits(last, CODE, WHOLE.shape)
+    assert not choose._fits((last[0] + 1, last[1]), CODE, WHOLE.shape)
+    assert not choose._fits((last[0], last[1] + 1), CODE, WHOLE.shape)
 
 
 def test_avoiding_takes_the_farthest_of_those_looked_at() -> None:

@@ -1,0 +1,52 @@
+"""Tapes that may be touched: equal ones once, with the grid points of both, and the world that they are in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactape_fab import Tape
+from tactape_fab.base.errors import SpecError
+from tactape_fab.sense.decode.search.hypotheses import distinct, register
+from tests.measured import measured
+from tests.tapes import tape_at
+
+
+def cells(tape: Tape) -> set[tuple[int, int]]:
+    return {(column, row) for column, row in tape.cells().tolist()}
+
+
+def test_tapes_of_one_texture_are_one_with_the_grid_points_of_both() -> None:
+    wide, tall = tape_at(7, (12, 6)), replace(tape_at(7, (8, 10)), name="tall")
+    tall = replace(tall, omitted=np.array([(2, 8), (3, 2)]))
+    (both,) = distinct([wide, tall])
+    assert (both.name, both.columns, both.rows) == (wide.name, 12, 10)
+    assert cells(both) == cells(wide) | cells(tall)
+    for tape in (wide, tall):
+        assert np.array_equal(both.symbols[: tape.rows, : tape.columns], tape.symbols)
+    assert np.array_equal(distinct([tall, wide])[0].symbols, both.symbols)
+
+
+def test_tapes_that_differ_in_anything_that_a_touch_shows_are_two() -> None:
+    tape = tape_at(7, (12, 6))
+    others = [replace(tape, pitch_mm=1.6), replace(tape, displacement_mm=0.3), replace(tape, directions=8), tape_at(8, (12, 6))]
+    found = distinct([tape, *others, tape])
+    assert [of.texture_key for of in found] == [of.texture_key for of in (tape, *others)]
+
+
+def test_a_measured_tape_and_its_design_are_not_told_apart() -> None:
+    known, _ = measured(tape_at(7, (12, 10)), 0.05)
+    with pytest.raises(SpecError, match="a touch cannot tell which of them was measured"):
+        distinct([known, replace(known, as_built=None)])
+    assert len(distinct([known, known])) == 1
+    alone, beside = register([known], unregistered_share=0.0), register([known, tape_at(8, (12, 10))], unregistered_share=0.5)
+    assert [of is None for of in alone.built] == [False] and [of is None for of in beside.built] == [False, True]
+
+
+def test_the_world_is_open_where_strangers_have_a_share() -> None:
+    for share, is_open in ((0.0, False), (1e-9, True), (0.5, True)):
+        registry = register([tape_at(7, (12, 10))], unregistered_share=share)
+        assert registry.unregistered_share == share and registry.built == ()
+        assert (registry.families[0].unregistered is not None) == is_open
