@@ -23,4 +23,7 @@ def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], 
         setattr(sys.modules[package], name, value)
         return value
 
-    return attribute, lambda: sorted({*vars(sys.modules[package]), *module_of}), sorted(module_of)
+    def shown() -> list[str]:
+        return sorted({name for name in vars(sys.modules[package]) if name.startswith("__")} | module_of.keys())
+
+    return attribute, shown, sorted(module_of)

@@ -33,6 +33,13 @@ NAMES = exported()
 NAMED = [pytest.param(package, name, id=f"{package}.{name}") for package, name in NAMES]
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_dir_shows_the_public_names_alone(package: str) -> None:
+    module = importlib.import_module(package)
+    assert {name for name in dir(module) if not name.startswith("__")} == {name for name in module.__all__ if name[0] != "_"}
+    assert {"__all__", "__doc__", "__name__"} <= set(dir(module))
+
+
 # What is imported
 
 

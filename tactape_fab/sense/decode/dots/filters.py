@@ -220,7 +220,7 @@ def _find_tops(
         for u in range(w):
             highest[u] = wide[v, u]
         for t in range(1, reach + 1):
-            over, under = max(v - t, 0), min(v + t, h - 1)
+            over, under = v - t if v > t else 0, v + t if v + t < h else h - 1
             for u in range(w):
                 highest[u] = max(highest[u], wide[over, u], wide[under, u])
         for u in range(1, w - 1):
@@ -306,7 +306,7 @@ def _trough(high: Image, v: int, u: int, du: float, dv: float, along: float, acr
     h, w = high.shape
     deepest, far = 0.0, along
     for k in range(4):  # ahead, behind, and on either side
-        row, column = int(v + far * dv + 0.5), int(u + far * du + 0.5)
+        row, column = np.int64(v + far * dv + 0.5), np.int64(u + far * du + 0.5)
         far = -far
         if k == 1:
             far, du, dv = across, -dv, du

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.sense.decode.rule import LEAST_TRUST
@@ -88,13 +89,13 @@ def _level(weights: FloatArray, trust: FloatArray, heights: FloatArray) -> tuple
     half = n // 2
     if half < 2:
         return 1.0, LEAST_SCATTER
-    level = min(select(heights[:n], half), 1.0)
+    level = clip(select(heights[:n], half), 0.0, 1.0)
     upper = 0.0
     for k in range(half, n):
         upper += heights[k]
     # the mean of a normal variable above its median is 0.8 standard deviations from it
     scatter = 1.25 * (upper / (n - half) / level - 1.0)
-    return level, min(max(scatter, LEAST_SCATTER), MOST_SCATTER)
+    return level, clip(scatter, LEAST_SCATTER, MOST_SCATTER)
 
 
 @kernel(fastmath=True)
@@ -115,7 +116,7 @@ def _settle(
     level, scatter = _level(weights, trust, heights)
     strong = 0
     for i in range(n):
-        share[i] = min(weights[i] / level, 1.0)
+        share[i] = clip(weights[i] / level, 0.0, 1.0)
         moved[i, 0], moved[i, 1] = xy[i, 0], xy[i, 1]
         if weights[i] >= STRONG:
             xs[strong], ys[strong] = xy[i, 0] / pitch_px, xy[i, 1] / pitch_px
@@ -149,6 +150,6 @@ def _settle(
         low -= BELIEVED_SCATTERS * scatter
         if low > 0.0:
             # outwards, away from the neighbours; amid others (u, v) is short, and so is the shift
-            pull = PULL * pitch_px * low / max(mean, ONE_SIDED) / (support + 1e-9)
+            pull = PULL * pitch_px * low / clip(mean, ONE_SIDED, np.inf) / (support + 1e-9)
             moved[i, 0] -= pull * u
             moved[i, 1] -= pull * v

@@ -61,10 +61,10 @@ def _shift(high: Image, seen_px: FloatArray, coarse: int, weights: Image, out: F
     for i in range(len(seen_px)):
         out[i, 0] = out[i, 1] = heights[i] = 0.0
         x, y = (seen_px[i, 0] - far) / coarse, (seen_px[i, 1] - far) / coarse
-        u, v = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
+        u, v = np.int64(np.floor(x + 0.5)), np.int64(np.floor(y + 0.5))
         if u < REACH or v < REACH or u >= w - REACH or v >= h - REACH:
             continue
-        a, b = int((x - u + 0.5) * STEPS + 0.5), int((y - v + 0.5) * STEPS + 0.5)
+        a, b = np.int64((x - u + 0.5) * STEPS + 0.5), np.int64((y - v + 0.5) * STEPS + 0.5)
         height = gx = gy = hxx = hyy = hxy = np.float32(0.0)
         around, across, down = high[v - REACH : v + REACH + 1, u - REACH : u + REACH + 1], weights[a], weights[b]
         for j in range(2 * REACH + 1):

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.jit import inlined_kernel, kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.rule import (
     GOOD_WEIGHT,
     LEAST_SIGMA,
@@ -176,9 +177,9 @@ def _on_grid(grid: Grid, u: float, v: float) -> tuple[float, float]:
 @inlined_kernel()
 def squared_error(weight: float, sigma: float) -> float:
     """`rule.squared_errors` of one dot."""
-    noise = sigma / min(max(weight, LEAST_WEIGHT), 1.0)
-    rim = RIM_ERROR * max(1.0 - weight, 0.0)
-    return noise * noise + rim * rim
+    noise = sigma / clip(weight, LEAST_WEIGHT, 1.0)
+    rim = RIM_ERROR * clip(1.0 - weight, 0.0, 1.0)
+    return float(noise * noise + rim * rim)
 
 
 @kernel()
@@ -204,8 +205,8 @@ def _fitted(
             e, f = k - node_k, j - node_j
             variance = squared_error(weights[i], sigma)
             # exp(-d / 2 variance) of the four places share all but exp(+-shift e / variance), exp(+-shift f / variance)
-            east = np.exp(min(max(shift * e / variance, -LARGEST_LN), LARGEST_LN))
-            south = np.exp(min(max(shift * f / variance, -LARGEST_LN), LARGEST_LN))
+            east = np.exp(clip(shift * e / variance, -LARGEST_LN, LARGEST_LN))
+            south = np.exp(clip(shift * f / variance, -LARGEST_LN, LARGEST_LN))
             west, north = 1.0 / east, 1.0 / south
             total = east + west + south + north
             to_east, to_south = east - west, south - north
@@ -230,7 +231,7 @@ def _fitted(
                 count += 2.0 * fits
         # M step: sigma as `rule.sigma_of`, not from the start's distances; then the grid
         if step > 0:
-            sigma = min(max(np.sqrt(square / count), LEAST_SIGMA), MOST_SIGMA)
+            sigma = clip(np.sqrt(square / count), LEAST_SIGMA, MOST_SIGMA)
         if step < FIT_STEPS - 1:
             grid = _moved(xy, room, grid, free_scale)
     return grid, sigma, value
@@ -239,8 +240,8 @@ def _fitted(
 @inlined_kernel()
 def _between(e: float, f: float, share: float) -> tuple[float, float, float]:
     """Terms of the four diagonal places in the sum over all places, and in its moments along +a and +b."""
-    down = np.exp(min(max(share * (e + f), -LARGEST_LN), LARGEST_LN))
-    up = np.exp(min(max(share * (e - f), -LARGEST_LN), LARGEST_LN))
+    down = np.exp(clip(share * (e + f), -LARGEST_LN, LARGEST_LN))
+    up = np.exp(clip(share * (e - f), -LARGEST_LN, LARGEST_LN))
     against_down, against_up = 1.0 / down, 1.0 / up
     along, across = down - against_down, up - against_up
     return down + against_down + up + against_up, along + across, along - across
@@ -282,7 +283,8 @@ def _moved(xy: FloatArray, ideal: FloatArray, grid: Grid, free_scale: bool) -> G
         num_a += w * (u * px + v * py)
         num_b += w * (u * py - v * px)
         den += w * (u * u + v * v)
-    a, b = num_a / max(den, 1e-12), num_b / max(den, 1e-12)
+    den = clip(den, 1e-12, np.inf)
+    a, b = num_a / den, num_b / den
     if not free_scale:
         factor = np.sqrt((grid[0] ** 2 + grid[1] ** 2) / (a * a + b * b))
         a, b = factor * a, factor * b

@@ -12,6 +12,7 @@ from math import factorial, pi
 import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -97,7 +98,7 @@ def _climb(xy: FloatArray, weights: FloatArray, angle: float, pitch: float, step
         slope -= k * power
         bend += power if k != 0 else -2.0 * power
     # no step where the powers bend upwards: the parabola has no top
-    return min(max(0.5 * slope / bend, -0.5), 0.5) if bend < 0.0 else 0.0
+    return clip(0.5 * slope / bend, -0.5, 0.5) if bend < 0.0 else 0.0
 
 
 @inlined_kernel()
@@ -154,11 +155,12 @@ def _fill_lattices(
     found: FloatArray,
 ) -> int:
     """Fill what `find_lattices` returns, and return how many there are. The arrays from `few` to `marks` are work buffers."""
-    steps = int(np.ceil(tolerance / _SCALE_STEP))
+    steps = np.int64(np.ceil(tolerance / _SCALE_STEP))
+    parts = steps if steps > 0 else 1
     _choose(xy, weights, ordered, few, few_weights)
     power, best, which, taken = powers[0], powers[1], marks[0], marks[1]
     for k in range(2 * steps + 1):
-        scan_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / max(steps, 1)), waves, power)
+        scan_power(few, few_weights, pitch_px * (1.0 + tolerance * (k - steps) / parts), waves, power)
         for j in range(ANGLES):
             if k == 0 or power[j] > best[j]:
                 best[j], which[j], taken[j] = power[j], k, 0
@@ -177,7 +179,7 @@ def _fill_lattices(
             break
         taken[top] = 1
         angle = top * (pi / 2) / ANGLES
-        pitch = pitch_px * (1.0 + tolerance * (which[top] - steps) / max(steps, 1))
+        pitch = pitch_px * (1.0 + tolerance * (which[top] - steps) / parts)
         step_angle, step_pitch = (pi / 2) / ANGLES, pitch_px * _SCALE_STEP
         for _ in range(REFINEMENTS):
             angle += step_angle * _climb(xy, weights, angle, pitch, step_angle, 0.0)
@@ -185,7 +187,7 @@ def _fill_lattices(
                 pitch += step_pitch * _climb(xy, weights, angle, pitch, 0.0, step_pitch)
             step_angle *= 0.4
             step_pitch *= 0.4
-        pitch = min(max(pitch, pitch_px * (1 - tolerance)), pitch_px * (1 + tolerance))
+        pitch = clip(pitch, pitch_px * (1 - tolerance), pitch_px * (1 + tolerance))
         ar, ai, br, bi = _sums(xy, weights, angle, pitch)
         found[n, 0], found[n, 1] = angle, pitch
         found[n, 2], found[n, 3] = np.arctan2(ai, ar), np.arctan2(bi, br)

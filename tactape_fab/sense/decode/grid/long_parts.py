@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 
 from tactape_fab.base.jit import kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.texture.frames import FloatArray
@@ -102,5 +103,5 @@ def _draw(
         # half of it along the part, half of it back across: what both have in common is that of the rim, and of the scale
         slope = along_u * du + along_v * dv
         move_u, move_v = drawn_mm2 * (slope * along_u - du / 2.0), drawn_mm2 * (slope * along_v - dv / 2.0)
-        share = px_per_mm * min(FARTHEST_MM / max(np.sqrt(move_u * move_u + move_v * move_v), 1e-9), 1.0)
+        share = px_per_mm * clip(FARTHEST_MM / clip(np.sqrt(move_u * move_u + move_v * move_v), 1e-9, np.inf), 0.0, 1.0)
         out[i, 0], out[i, 1] = share * move_u, share * move_v

@@ -8,6 +8,7 @@ from math import exp, isfinite, remainder, tau
 import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.sense.decode.grid.posterior import MOST_CORRELATED, Beliefs, posterior
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
@@ -118,7 +119,8 @@ def _similarity(px: FloatArray, mm: FloatArray, weights: FloatArray, out: FloatA
         den += w * (p * p + q * q)
         along += w * (p * s + q * t)
         across += w * (q * s - p * t)
-    out[0], out[1] = along / max(den, 1e-12), across / max(den, 1e-12)
+    den = clip(den, 1e-12, np.inf)
+    out[0], out[1] = along / den, across / den
     out[2], out[3], out[4], out[5] = u, v, x, y
 
 
@@ -147,7 +149,7 @@ def _median_distance(squares: FloatArray, weights: FloatArray, ordered: FloatArr
         return float(upper)
     lower = ordered[0]
     for i in range(1, n // 2):
-        lower = max(lower, ordered[i])
+        lower = clip(lower, ordered[i], np.inf)
     return float(0.5 * (lower + upper))
 
 
@@ -156,11 +158,11 @@ def _base_weights(weights: FloatArray, out: FloatArray) -> None:
     """Weights at most 1, zero for dots that may be noise; those of all dots where that leaves too few."""
     count = 0
     for i in range(len(weights)):
-        out[i] = min(weights[i], 1.0) if weights[i] > LEAST_WEIGHT else 0.0
+        out[i] = clip(weights[i], 0.0, 1.0) if weights[i] > LEAST_WEIGHT else 0.0
         count += 1 if out[i] > 0.0 else 0
     if count < 4:
         for i in range(len(weights)):
-            out[i] = min(max(weights[i], LEAST_WEIGHT), 1.0)
+            out[i] = clip(weights[i], LEAST_WEIGHT, 1.0)
 
 
 @kernel()
@@ -193,15 +195,15 @@ def _agreeing(
             fit[0], fit[1] = fit[0] / length, fit[1] / length
         _squares(px, mm, fit, squares)
         # the median distance of two normal axes is 1.177 sigma (Rayleigh)
-        sigma, count = max(_median_distance(squares, base, ordered) / 1.177, least_sigma_mm), 0.0
+        sigma, count = clip(_median_distance(squares, base, ordered) / 1.177, least_sigma_mm, np.inf), 0.0
         for i in range(n):
             distance = np.sqrt(squares[i])
             # weights of Geman and McClure: an outlier's influence falls to 0
             keep[i] = base[i] / (1.0 + (distance / (2.5 * sigma)) ** 2) ** 2
-            agree[i] = base[i] > 0.0 and distance <= AGREE_SIGMAS * sigma * max(1.0, 0.6 / base[i])
+            agree[i] = base[i] > 0.0 and distance <= AGREE_SIGMAS * sigma * clip(0.6 / base[i], 1.0, np.inf)
             count += 1.0 if agree[i] else 0.0
     if count >= 4.0:
         reach = AGREE_SIGMAS * sigma * (1.0 + FEW_DOTS / count)
         for i in range(n):
-            keep[i] = base[i] if np.sqrt(squares[i]) <= reach * max(1.0, 0.6 / base[i]) else 0.0
+            keep[i] = base[i] if np.sqrt(squares[i]) <= reach * clip(0.6 / base[i], 1.0, np.inf) else 0.0
     fit[6] = sigma

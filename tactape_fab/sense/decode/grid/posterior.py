@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import TapePart, is_long
@@ -244,7 +245,8 @@ def _drawn(
                 share = weights[k] * np.exp((1.0 - square) / (2.0 * PUSH_REACH_MM**2))
                 push_x += share * (dx + lean_u * dx + lean_v * dy)
                 push_y += share * (dy + lean_v * dx - lean_u * dy)
-        missing = min(1.0 - weights[i], PULL_MOST, PULL_FALL * max(PULL_END - 1.0 + weights[i], 0.0)) / max(total, 1e-300)
+        least = clip(PULL_FALL * clip(PULL_END - 1.0 + weights[i], 0.0, np.inf), 0.0, PULL_MOST)
+        missing = clip(1.0 - weights[i], -np.inf, least) / clip(total, 1e-300, np.inf)
         out[0, 0, i], out[0, 1, i] = push_x, push_y
         out[1, 0, i], out[1, 1, i] = missing * x, missing * y
     return squares - (u * u + v * v) / len(weights), squares
@@ -400,7 +402,7 @@ def _stepped(normal: FloatArray, spread: FloatArray, state: FloatArray, variance
     # the variance at which its score vanishes (REML; Harville, JASA 72 (1977) 320): for dots of equal weights the sum of
     # squares over the degrees of freedom. The prior adds its errors, and 2 go off for the mean of an inverse gamma variable
     errors = USUAL_ERRORS + variance * (2.0 * known - trace)
-    return float((USUAL_ERRORS * USUAL_MM**2 + variance * variance * max(square, 0.0)) / max(errors - 2.0, 1.0))
+    return float((USUAL_ERRORS * USUAL_MM**2 + variance * variance * clip(square, 0.0, np.inf)) / clip(errors - 2.0, 1.0, np.inf))
 
 
 _linearised_alone, _stepped_alone = kernel()(_linearised.py_func), kernel()(_stepped.py_func)
