@@ -36,13 +36,7 @@ else:
     with suppress(ImportError):
         # numba tries rules in the order of their imports. A kernel that is kept imports those of arrays last: for each a[i] those
         # of strings, lists and dicts are tried before, which takes two fifths of the time for types, a tenth of all
-        from numba.core.typing import arraydecl, builtins, collections  # noqa: F401
-
-        if COMPILED:  # and rules of numbers before those of lists, sets and arrays for each a + b: another twentieth
-            from numba.core.registry import cpu_target
-            from numba.core.typing.templates import builtin_registry
-
-            cpu_target.typing_context.install_registry(builtin_registry)
+        from numba.core.typing import arraydecl, collections  # noqa: F401
 if _before is None:
     del os.environ[_COLOURS]
 
