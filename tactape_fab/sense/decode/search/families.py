@@ -51,7 +51,6 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
         if code is None:
             found.append(_matrix_family(name, members, order))
             continue
-        holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
         largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
         sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
         registered = sites_of(
@@ -60,7 +59,7 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
             origins=np.array([tape.origin for tape in members]),
             size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
             sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
-            holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
+            placed=[tape.placed for tape in members],
             beside_many=open_world,
         )
         unregistered = _unregistered(code, sizes, members) if open_world else None

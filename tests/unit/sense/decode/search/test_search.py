@@ -153,6 +153,9 @@ REGISTRIES = {
         tape_of(21, holes=((1, 1),)),
     ],
     "many": [tape_of(s, (20, 14)) for s in range(5, 25)],
+    "many, holes": [
+        tape_of(s, (40, 20), holes=((30, 10), (31, 10), (12, 3), (1, 1)) if s % 3 else ((30, 10), (5, 19))) for s in range(5, 25)
+    ],
     "touch": [touch_of(1)],
     "touch, holes": [touch_of(2, holes=((30, 10), (31, 10), (0, 5)))],
     "touch and planes": [touch_of(3), tape_of(8), touch_of(4, (30, 20)), touch_of(5, (4, 40), ((1, 1),)), touch_of(6)],
