@@ -13,6 +13,7 @@ from tactape_fab.sense.decode.search.tally import BEST, ManyRoom, Room, Tally, c
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _ROUNDING = 1e-6
+# numba compiles a function anew for each literal it is called with, and so axes are `np.int64`
 
 
 @inner_kernel()
@@ -50,16 +51,16 @@ def weigh_holed(
         for site in range(span[0], span[1]):
             more.of_rows[site] = NEVER
         for j in range(group[ROWS]):
-            if over_holes(holed, group, 1, j):
-                _bound_whole(more, tables, sites, (group, holed), turn, 1, j, span)
+            if over_holes(holed, group, np.int64(1), j):
+                _bound_whole(more, tables, sites, (group, holed), turn, np.int64(1), j, span)
                 for site in range(span[0], span[1]):
                     more.of_rows[site] = max(more.of_rows[site], more.bounds[site])
     for i in range(group[COLUMNS]):
-        if not over_holes(holed, group, 0, i):
+        if not over_holes(holed, group, np.int64(0), i):
             continue
         x, of_rows = group[X] + i, limit[1]
         if more is not None:
-            _bound_whole(more, tables, sites, (group, holed), turn, 0, i, span)
+            _bound_whole(more, tables, sites, (group, holed), turn, np.int64(0), i, span)
         for site in range(span[0], span[1]):
             if more is not None:
                 of_rows = more.of_rows[site]
@@ -77,7 +78,7 @@ def weigh_holed(
             for j in range(group[ROWS]):
                 value, y = out[phase] + rest, group[Y] + j
                 phase = phase + 1 if phase + 1 < length else 0
-                if value >= least and over_holes(holed, group, 1, j):
+                if value >= least and over_holes(holed, group, np.int64(1), j):
                     value = _evidence(tables, sites, (turn, site), (x, y), least)
                     if value >= least:
                         count_at(tally, value, 1.0, terms, (turn, site, x, y, place[SECTOR, 0], place[SECTOR, 1]))
@@ -143,7 +144,7 @@ def _add_whole(
         out[p] = 0.0
     for k in range(group[FIRST_COLUMN], group[LAST_COLUMN]):
         if holed[0, column + k + 1] > holed[0, column + k]:
-            rest += _line_within(tables.most[turn, 0], 0, k, (low, high))
+            rest += _line_within(tables.most[turn, 0], np.int64(0), k, (low, high))
             continue
         above = lines[high, k, phases[k] : phases[k] + length]
         for p in range(length):

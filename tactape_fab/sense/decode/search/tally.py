@@ -197,11 +197,11 @@ def _count_sector(candidate: Candidate, tally: Tally, room: Room) -> None:
         if room.most[0, i] == NEVER:
             continue
         y_phase, x_phase = (column + i) % length, row % length
-        near = over_holes(candidate.holed, group, 0, i)
+        near = over_holes(candidate.holed, group, np.int64(0), i)
         for j in range(group[ROWS]):
             value = float(room.lines[0, i, x_phase]) + float(room.lines[1, j, y_phase])
             x_phase = x_phase + 1 if x_phase + 1 < length else 0
-            if near and over_holes(candidate.holed, group, 1, j):
+            if near and over_holes(candidate.holed, group, np.int64(1), j):
                 continue
             if value + terms[0] > tally.sums[BEST] - FAR_BELOW or value + terms[1] > tally.sums[NEXT_STRONGEST]:
                 at = (candidate.at[0], candidate.at[1], group[X] + i, group[Y] + j, place[SECTOR, 0], place[SECTOR, 1])
