@@ -59,7 +59,7 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
             origins=np.array([tape.origin for tape in members]),
             size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
             sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
-            placed=[tape.placed for tape in members],
+            placed=(tape.placed for tape in members),
             beside_many=open_world,
         )
         unregistered = _unregistered(code, sizes, members) if open_world else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -65,14 +65,14 @@ def sites_of(
     size_of: IntArray,
     sectors: IntArray,
     barred: IntArray | None = None,
-    placed: Sequence[BoolArray] = (),
+    placed: Iterable[BoolArray] | None = None,
     overhang: bool = True,
     beside_many: bool = True,
 ) -> Sites:
     """Sites from the plane origins (n, 2) of their tapes, which of some sizes each has, and u and v of their sectors (n, 2).
 
-    `barred` as in `Sites`; `placed` says which grid points have a part, of all sites or of none; `overhang` says whether dots may
-    hang over the tapes' edges, `beside_many` whether the same dots are compared with many sites elsewhere.
+    `barred` as in `Sites`; `placed` says which grid points have a part, of all sites, or None where all have; `overhang` says
+    whether dots may hang over the tapes' edges, `beside_many` whether the same dots are compared with many sites elsewhere.
     """
     length, table = code.main.length, np.array(sizes, dtype=np.int64)
     pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
@@ -80,7 +80,7 @@ def sites_of(
     for axis, (found, _) in enumerate(pairs):
         phases[axis, : len(found)] = found
     everyone = sectors[:, 0] < 0
-    layout, bare = _layouts(placed, table.max(axis=0)) if placed else (np.zeros(len(size_of), dtype=np.int64), _NONE_BARE)
+    layout, bare = (np.zeros(len(size_of), dtype=np.int64), _NONE_BARE) if placed is None else _layouts(placed, table.max(axis=0))
     holed = np.zeros((len(bare), 2, max(table.max(), *bare.shape[1:]) + 1), dtype=np.int64)
     for axis in range(2):
         lines = bare.any(axis=1 + axis)
@@ -116,18 +116,19 @@ def sites_of(
     )
 
 
-def _layouts(placed: Sequence[BoolArray], size: IntArray) -> tuple[IntArray, BoolArray]:
+def _layouts(placed: Iterable[BoolArray], size: IntArray) -> tuple[IntArray, BoolArray]:
     """`Sites.layout` and `Sites.bare`, for tapes of at most so many columns and rows."""
     found: dict[tuple[tuple[int, ...], bytes], int] = {}
-    bare, layout = [np.zeros(size[::-1], dtype=np.bool_)], np.zeros(len(placed), dtype=np.int64)
-    for site, there in enumerate(placed):
+    bare, layout = [np.zeros(size[::-1], dtype=np.bool_)], []
+    for there in placed:
         if there.all():
+            layout.append(0)
             continue
         key = (there.shape, there.tobytes())
-        layout[site] = found.setdefault(key, len(bare))
-        if layout[site] == len(bare):
+        layout.append(found.setdefault(key, len(bare)))
+        if layout[-1] == len(bare):
             bare.append(np.pad(~there, [(0, int(size[1 - axis]) - there.shape[axis]) for axis in range(2)]))
-    return layout, np.array(bare)
+    return np.array(layout, dtype=np.int64), np.array(bare)
 
 
 def _phases(code: PlaneCode, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
