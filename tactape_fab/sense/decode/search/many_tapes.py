@@ -43,11 +43,11 @@ _ANYTHING = 1e6
 
 
 def many_room(tables: Tables, sites: Sites) -> ManyRoom | None:
-    """Buffers for some dots and sites, no bounds known; empty ones where no class has many, None where no other sites have."""
+    """Buffers for some dots and sites; empty ones where no class has many or holes, None where no other sites have many."""
     if sites.kinds[3] == 0:
         return None
     length = len(sites.signs) // 3
-    if sites.kinds[2] == 0:
+    if sites.kinds[2] == 0 and len(sites.bare) == 1:  # `holes` bounds few sites as well
         return _no_room(length)
     return _room_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1])
 
