@@ -68,7 +68,7 @@ def weigh_holed(
                     dropped += group[ROWS]
                     continue
             place = sites.table[site]
-            rest, most = _add_whole(out, tables, (group, holed), turn, x, sites.phases[0, place[START, 0] + x :])
+            rest, most = _add_whole(out, tables, (group, holed), turn, x, (sites.phases[0], place[START, 0] + x))
             rest += of_rows
             if most + rest < least:
                 dropped += group[ROWS]
@@ -132,13 +132,14 @@ def _line_within(most: FloatArray, axis: int, line: int, dots: tuple[int, int]) 
 
 @inner_kernel(fastmath=True)
 def _add_whole(
-    out: Floats, tables: Tables, of: tuple[IntArray, IntArray], turn: int, column: int, phases: IntArray
+    out: Floats, tables: Tables, of: tuple[IntArray, IntArray], turn: int, column: int, where: tuple[IntArray, int]
 ) -> tuple[float, float]:
     """Fill in what the dots' columns over no hole say for every phase; the most that the others can say, and the largest entry.
 
-    ``column`` is where the dots' first column lies on the tape, ``phases`` begin with that of the plane there.
+    ``column`` is where the dots' first column lies on the tape, before its edge as well; ``where`` the plane's phases, and its
+    place among them.
     """
-    (group, holed), lines, rest = of, tables.lines[turn, 0], 0.0
+    (group, holed), (phases, start), lines, rest = of, where, tables.lines[turn, 0], 0.0
     low, high, length = group[FIRST_ROW], group[LAST_ROW], len(out)
     for p in range(length):
         out[p] = 0.0
@@ -146,11 +147,12 @@ def _add_whole(
         if holed[0, column + k + 1] > holed[0, column + k]:
             rest += _line_within(tables.most[turn, 0], np.int64(0), k, (low, high))
             continue
-        above = lines[high, k, phases[k] : phases[k] + length]
+        shift = phases[start + k]
+        above = lines[high, k, shift : shift + length]
         for p in range(length):
             out[p] += above[p]
         if low > 0:
-            below = lines[low, k, phases[k] : phases[k] + length]
+            below = lines[low, k, shift : shift + length]
             for p in range(length):
                 out[p] -= below[p]
     largest = out[0]

@@ -147,6 +147,7 @@ TURNS = np.array([0.4, 0.3, 0.2, 0.1])
 REGISTRIES = {
     "one": [tape_of(7)],
     "holes": [tape_of(7, holes=((30, 10), (31, 10), (33, 12)))],
+    "holes at the edge": [tape_of(7, (30, 20), (0, 0), ((1, 4), (0, 0), (12, 1)))],
     "narrow": [tape_of(7, (4, 40))],
     "mixed": [
         tape_of(7, (30, 20)),
