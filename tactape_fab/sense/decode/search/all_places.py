@@ -6,30 +6,22 @@ hangs over an edge. A group that cannot matter is counted at its bound; all othe
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.decode.search.evidence import Floats, Tables
-from tactape_fab.sense.decode.search.groups import OVER, Groups, Holes, Weights, X, Y, hole_evidence
-from tactape_fab.sense.decode.search.many_tapes import ManyRoom, choose, known_columns, many_room, prepare
+from tactape_fab.sense.decode.search.evidence import Tables
+from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights
+from tactape_fab.sense.decode.search.holes import reach_holes, weigh_holed
+from tactape_fab.sense.decode.search.many_tapes import choose, known_columns, many_room, prepare
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
-from tactape_fab.sense.decode.search.tally import BEST, Candidate, Room, Tally, count_bound, least_of, weigh_site
+from tactape_fab.sense.decode.search.tally import BEST, Candidate, ManyRoom, Room, Tally, count_bound, least_of, weigh_site
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
     """Compare the dots with every place of every site, and add the places to a tally."""
-    holes = hole_evidence(tables, sites) if len(sites.holes) else _no_holes(len(sites.table))
     many = many_room(tables, sites)
-    _weigh(tables, sites, *groups, *weights, tally, _room(sites), many, None if many is None else sites.barred, *holes)
-
-
-@cache
-def _no_holes(count: int) -> Holes:
-    """Of so many sites; kernels do not write to it."""
-    return Holes(np.full(count, -1), np.empty((4, 0), dtype=np.float32))
+    _weigh(tables, sites, *groups, *weights, tally, _room(sites), many, None if many is None else sites.barred)
 
 
 def _room(sites: Sites) -> Room:
@@ -51,15 +43,12 @@ def _weigh(
     room: Room,
     many: ManyRoom | None,
     barred: IntArray | None,
-    starts: IntArray,
-    said: Floats,
 ) -> None:
     """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
 
-    First the classes of many sites, then those of few or with holes, each time places with all dots on a tape before others.
+    First the classes of many sites, then those of few, each time places with all dots on a tape before others.
     Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
     """
-    pad = tables.dots.shape[1]
     if many is not None and sites.kinds[2] == 1:
         prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, room, many)
     for order in range(4):
@@ -79,22 +68,18 @@ def _weigh(
                         continue
                     bound, of = limit[0] + limit[1], limit[2] + tapes
                     least = least_of(of, terms, tally.sums)
-                    if starts[first] < 0 and bound < least:
+                    if bound < least:
                         count_bound(np.exp(bound + of + terms[0] - tally.sums[BEST]), bound + terms[1], tally.sums)
                         continue
                     left = last - first
                     if many is not None and order < 2:
                         left = choose(tables, sites, (group, limit), turn, (first, last), least, of, terms, tally, many)
                     for c in range(left):
-                        site, stride, of_y = first + c, np.int64(0), limit[1]
-                        known, hole = said[turn, :0], said[turn, :0]
+                        site, of_y, known = first + c, limit[1], room.lines[0, 0, :0]
                         if many is not None and order < 2:
                             site = many.chosen[c]
                             if over == 0:
                                 known, of_y = known_columns(many, turn, sites.table[site], group), many.of_rows[site]
-                        if starts[site] >= 0:
-                            stride = sites.sizes[size, 0] + 2 * pad
-                            hole = said[turn, starts[site] + (group[Y] + pad) * stride + group[X] + pad :]
                         candidate = Candidate(
                             known,
                             tables.lines[turn],
@@ -104,7 +89,13 @@ def _weigh(
                             (limit[0], of_y),
                             of,
                             terms,
-                            hole,
-                            stride,
+                            sites.holed[sites.layout[site]],
                         )
                         weigh_site(candidate, sites.phases, barred, tally, room)
+                    site = first
+                    while sites.layout[first] > 0 and site < last:  # those of one layout follow one another
+                        begin, layout = site, sites.layout[site]
+                        while site < last and sites.layout[site] == layout:
+                            site += 1
+                        if reach_holes(sites.holed[layout], group):
+                            weigh_holed(tables, sites, (group, limit), turn, (begin, site), of, terms, tally, room, many)

@@ -183,12 +183,12 @@ def _candidates(
     """The places of most evidence by the design on tapes that were measured, the best one among them."""
     rows = []
     for of, (family, t) in enumerate(zip(families, place.tables, strict=True)):
-        for site, tape in enumerate(family.tapes):
+        for tape in family.tapes:
             if built[tape] is None:
                 continue
             size = np.array([tapes[tape].columns, tapes[tape].rows])
             for turn in range(4):
-                cells, values = places_near(t, family.shown[site], turn, np.zeros(2), float(size.sum() + 1000), LEAST_DOTS)
+                cells, values = places_near(t, shown_by(tapes[tape]), turn, np.zeros(2), float(size.sum() + 1000), LEAST_DOTS)
                 over = (~((cells >= 0) & (cells <= size - t.size[turn])).all(axis=1)).astype(np.int64)
                 row = np.column_stack([np.broadcast_to([of, tape, turn], (len(cells), 3)), cells, over])
                 few = np.argsort(-values, kind="stable")[:CANDIDATES]

@@ -13,7 +13,6 @@ from tactape_fab.sense.decode.search.matrices import Matrices, matrices_of
 from tactape_fab.sense.decode.search.plane_sites import OVERHANG, Sites, sites_of
 from tactape_fab.sense.decode.search.single_place import shown_by
 from tactape_fab.texture.code import default_origin, get_code
-from tactape_fab.texture.frames import SymbolArray
 from tactape_fab.texture.plane import PlaneCode
 from tactape_fab.texture.tape import Tape
 
@@ -23,7 +22,6 @@ class Family:
     """Tapes of one code.
 
     tapes: Registered tape of each site of `registered`.
-    shown: Symbols of the parts of each, from `single_place.shown_by`.
     registered: Matrices for a code that is not made of sequences.
     unregistered: All sectors at their default origins and at those of the registered tapes, but for the latter; None in a closed
         world, and of a code without sequences, whose tapes are to each other as any texture is.
@@ -32,7 +30,6 @@ class Family:
 
     code: str
     tapes: tuple[int, ...]
-    shown: tuple[SymbolArray, ...]
     registered: Sites | Matrices
     unregistered: Sites | None
     beyond: Sites | None
@@ -54,7 +51,6 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
         if code is None:
             found.append(_matrix_family(name, members, order))
             continue
-        holes = [(site, column, row) for site, tape in enumerate(members) for row, column in np.argwhere(~tape.placed).tolist()]
         largest = (max(LEAST_COLUMNS, *(t.columns for t in members)), max(LEAST_ROWS, *(t.rows for t in members)))
         sizes = sorted({largest, *((tape.columns, tape.rows) for tape in members)})
         registered = sites_of(
@@ -63,15 +59,12 @@ def families(tapes: Sequence[Tape], *, open_world: bool) -> list[Family]:
             origins=np.array([tape.origin for tape in members]),
             size_of=np.array([sizes.index((tape.columns, tape.rows)) for tape in members]),
             sectors=np.array([divmod(tape.sector, code.main.length) for tape in members]),
-            holes=np.array(holes, dtype=np.int64).reshape(-1, 3),
+            placed=(tape.placed for tape in members),
             beside_many=open_world,
         )
         unregistered = _unregistered(code, sizes, members) if open_world else None
         beyond = None if unregistered is None else _over_all_edges(unregistered)
-        shown = tuple(shown_by(tape) for tape in members)
-        found.append(
-            Family(code=name, tapes=tuple(order), shown=shown, registered=registered, unregistered=unregistered, beyond=beyond)
-        )
+        found.append(Family(code=name, tapes=tuple(order), registered=registered, unregistered=unregistered, beyond=beyond))
     return found
 
 
@@ -83,7 +76,6 @@ def _matrix_family(name: str, tapes: Sequence[Tape], numbers: Sequence[int]) -> 
     return Family(
         code=name,
         tapes=tuple(numbers[k] for k in order),
-        shown=shown,
         registered=matrices_of(shown, sizes, max(tape.directions for tape in tapes)),
         unregistered=None,
         beyond=None,

@@ -1,4 +1,4 @@
-"""Groups of places of a tape: by which of the dots' columns and rows lie on it, and what holes take from the evidence."""
+"""Groups of places of a tape: by which of the dots' columns and rows lie on it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tactape_fab.base.jit import inner_kernel, kernel
-from tactape_fab.sense.decode.search.evidence import Floats, Tables
-from tactape_fab.sense.decode.search.plane_sites import ORIGIN, OVERHANG, SECTOR, START, Sites
+from tactape_fab.sense.decode.search.evidence import Tables
+from tactape_fab.sense.decode.search.plane_sites import OVERHANG
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 X, COLUMNS, FIRST_COLUMN, LAST_COLUMN, Y, ROWS, FIRST_ROW, LAST_ROW, OVER = range(9)
@@ -37,17 +37,6 @@ class Weights(NamedTuple):
 
     place: FloatArray
     turn: FloatArray
-
-
-class Holes(NamedTuple):
-    """Evidence of the dots on grid points without a part, which a place must not count.
-
-    starts (n,): Start of each site's part of `said`, -1 without holes.
-    said (4, m): Of a site the rows of its places follow one another, from a contact's width before the tape to one behind it.
-    """
-
-    starts: IntArray
-    said: Floats
 
 
 def groups_of(tables: Tables, sizes: IntArray, least: int) -> Groups:
@@ -129,32 +118,3 @@ def _add_places(groups: IntArray, spans: IntArray, classes: IntArray, counts: Fl
                 if groups[g, OVER] > classes[k, OVERHANG]:  # only the first group has all dots on the tape
                     break
                 counts[turn, groups[g, OVER]] += float(tapes * groups[g, COLUMNS] * groups[g, ROWS])
-
-
-def hole_evidence(tables: Tables, sites: Sites) -> Holes:
-    """Evidence of the dots on grid points without a part, at every place of the sites that have such points."""
-    holed = np.unique(sites.holes[:, 0])
-    places = (sites.sizes[sites.size_of[holed]] + 2 * tables.dots.shape[1]).prod(axis=1)
-    starts = np.full(len(sites.table), -1, dtype=np.int64)
-    starts[holed] = np.cumsum(places) - places
-    said = np.zeros((4, places.sum()), dtype=np.float32)
-    _add_holes(tables, sites, starts, said)
-    return Holes(starts, said)
-
-
-@kernel()
-def _add_holes(tables: Tables, sites: Sites, starts: IntArray, said: Floats) -> None:
-    pad, length = tables.dots.shape[1], len(sites.signs) // 3
-    # X[r, c] and Y[r, c] of docs/codes.md: a line's phase, the place along it, and u or v of the sector
-    for k in range(len(sites.holes)):
-        site, column, row = sites.holes[k, 0], sites.holes[k, 1], sites.holes[k, 2]
-        place = sites.table[site]
-        x_phase = sites.phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
-        y_phase = sites.phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
-        x_sign, y_sign = sites.signs[x_phase % length], sites.signs[y_phase % length]
-        stride = sites.sizes[sites.size_of[site], 0] + 2 * pad
-        for turn in range(4):
-            for i in range(tables.cells.shape[1]):
-                said_by = tables.evidence[turn, i]
-                at = (row - tables.cells[turn, i, 1] + pad) * stride + column - tables.cells[turn, i, 0] + pad
-                said[turn, starts[site] + at] += said_by[0] + said_by[1] * x_sign + said_by[2] * y_sign

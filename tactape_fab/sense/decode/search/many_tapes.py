@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,11 +19,13 @@ from tactape_fab.sense.decode.search.bounds import (
 )
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
 from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights
+from tactape_fab.sense.decode.search.holes import weigh_holed
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, Sites
 from tactape_fab.sense.decode.search.tally import (
     BEST,
     LEAST_SHARE,
     Candidate,
+    ManyRoom,
     Room,
     Tally,
     count_bound,
@@ -41,29 +42,12 @@ _ANYTHING = 1e6
 """A bound that drops nothing, and yet leaves a sum its digits."""
 
 
-class ManyRoom(NamedTuple):
-    """Work buffers for many sites.
-
-    starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`.
-    bounds, of_rows (n,): From `_bound_sites`.
-    chosen (n,): From `survivors`.
-    guess: Of `_first_guess`.
-    """
-
-    known: Bounds
-    starts: Floats
-    bounds: FloatArray
-    of_rows: FloatArray
-    chosen: IntArray
-    guess: Tally
-
-
 def many_room(tables: Tables, sites: Sites) -> ManyRoom | None:
-    """Buffers for some dots and sites, no bounds known; empty ones where no class has many, None where no other sites have."""
+    """Buffers for some dots and sites; empty ones where no class has many or holes, None where no other sites have many."""
     if sites.kinds[3] == 0:
         return None
     length = len(sites.signs) // 3
-    if sites.kinds[2] == 0:
+    if sites.kinds[2] == 0 and len(sites.bare) == 1:  # `holes` bounds few sites as well
         return _no_room(length)
     return _room_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1])
 
@@ -76,7 +60,9 @@ def _no_room(length: int) -> ManyRoom:
 
 def _room_for(dots: int, length: int, sites: int, lines: int) -> ManyRoom:
     starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
-    return ManyRoom(no_bounds(dots, length), starts, np.empty(sites), np.empty(sites), chosen, new_tally())
+    return ManyRoom(
+        no_bounds(dots, length), starts, np.empty(sites), np.empty(sites), chosen, new_tally(), np.empty(dots, dtype=np.int64)
+    )
 
 
 @inlined_kernel()
@@ -201,8 +187,11 @@ def _first_guess(
                         (_ANYTHING, _ANYTHING),
                         0.0,
                         (base[turn, over], 0.0),
-                        nothing,
-                        np.int64(0),
+                        sites.holed[sites.layout[site]],
                     )
                     weigh_site(candidate, sites.phases, sites.barred, guess, room)
+                    if sites.layout[site] > 0:
+                        weigh_holed(
+                            tables, sites, (group, limit), turn, (site, site + 1), 0.0, (base[turn, over], 0.0), guess, room, more
+                        )
     return float(guess.sums[BEST])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.sense.decode.search.evidence import Floats, signs_of
-from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.frames import BoolArray, IntArray
 from tactape_fab.texture.plane import PlaneCode
 
 START, ORIGIN, SECTOR = range(3)
@@ -18,6 +19,7 @@ _WORTH_BOUNDS = 6
 """Sites of a class from which on bounds are computed for it."""
 
 Steps = npt.NDArray[np.uint8]
+_NONE_BARE = np.zeros((1, 1, 1), dtype=np.bool_)
 
 
 class Sites(NamedTuple):
@@ -30,7 +32,9 @@ class Sites(NamedTuple):
     table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
         plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
     barred (k, 3): Site, u and v of sectors that may not lie where all others may.
-    holes (k, 3): Site, column and row of grid points without a part.
+    layout (n,): Which grid points of each site have no part, as one of the next two's entries; 0 where all have one.
+    bare (k, rows, columns): The grid points without a part.
+    holed (k, 2, m + 1): Of the first columns, and of the first rows, how many have such a point.
     sizes (j, 2): Columns and rows that occur in the family.
     size_of (n,): Which of them each site has.
     classes (k, 6): Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1
@@ -44,7 +48,9 @@ class Sites(NamedTuple):
     steps: Steps
     table: IntArray
     barred: IntArray
-    holes: IntArray
+    layout: IntArray
+    bare: BoolArray
+    holed: IntArray
     sizes: IntArray
     size_of: IntArray
     classes: IntArray
@@ -59,14 +65,14 @@ def sites_of(
     size_of: IntArray,
     sectors: IntArray,
     barred: IntArray | None = None,
-    holes: IntArray | None = None,
+    placed: Iterable[BoolArray] | None = None,
     overhang: bool = True,
     beside_many: bool = True,
 ) -> Sites:
     """Sites from the plane origins (n, 2) of their tapes, which of some sizes each has, and u and v of their sectors (n, 2).
 
-    `barred` and `holes` as in `Sites`; `overhang` says whether dots may hang over the tapes' edges, `beside_many` whether the
-    same dots are compared with many sites elsewhere.
+    `barred` as in `Sites`; `placed` says which grid points have a part, of all sites, or None where all have; `overhang` says
+    whether dots may hang over the tapes' edges, `beside_many` whether the same dots are compared with many sites elsewhere.
     """
     length, table = code.main.length, np.array(sizes, dtype=np.int64)
     pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
@@ -74,10 +80,13 @@ def sites_of(
     for axis, (found, _) in enumerate(pairs):
         phases[axis, : len(found)] = found
     everyone = sectors[:, 0] < 0
-    holed = np.zeros(len(size_of), dtype=bool)
-    holed[[] if holes is None else holes[:, 0]] = True
+    layout, bare = (np.zeros(len(size_of), dtype=np.int64), _NONE_BARE) if placed is None else _layouts(placed, table.max(axis=0))
+    holed = np.zeros((len(bare), 2, max(table.max(), *bare.shape[1:]) + 1), dtype=np.int64)
+    for axis in range(2):
+        lines = bare.any(axis=1 + axis)
+        holed[:, axis, 1:] = np.cumsum(np.pad(lines, ((0, 0), (0, holed.shape[2] - 1 - lines.shape[1]))), axis=1)
     shut = np.bincount(np.empty(0, dtype=np.int64) if barred is None else barred[:, 0], minlength=len(size_of))
-    alike = np.stack([np.asarray(size_of), everyone, holed, shut])
+    alike = np.stack([np.asarray(size_of), everyone, layout > 0, shut])
     bounds = [0, *(np.flatnonzero((np.diff(alike.astype(np.int64)) != 0).any(axis=0)) + 1).tolist(), len(size_of)]
     classes = [
         (
@@ -86,7 +95,7 @@ def sites_of(
             size_of[first],
             length * length - shut[first] if everyone[first] else 1,
             overhang or everyone[first],
-            last - first >= _WORTH_BOUNDS and not holed[first],
+            last - first >= _WORTH_BOUNDS,
         )
         for first, last in pairwise(bounds)
     ]
@@ -97,12 +106,29 @@ def sites_of(
         steps=(np.diff(phases, append=0) % length).astype(np.uint8),
         table=np.stack([np.column_stack([start for _, start in pairs]), origins % length, sectors], axis=1).astype(np.int64),
         barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
-        holes=np.empty((0, 3), dtype=np.int64) if holes is None else holes,
+        layout=layout,
+        bare=bare,
+        holed=holed,
         sizes=table,
         size_of=np.asarray(size_of, dtype=np.int64),
         classes=np.array(classes, dtype=np.int64),
         kinds=np.array([table.max(), not all(many), any(many), any(many) or beside_many], dtype=np.int64),
     )
+
+
+def _layouts(placed: Iterable[BoolArray], size: IntArray) -> tuple[IntArray, BoolArray]:
+    """`Sites.layout` and `Sites.bare`, for tapes of at most so many columns and rows."""
+    found: dict[tuple[tuple[int, ...], bytes], int] = {}
+    bare, layout = [np.zeros(size[::-1], dtype=np.bool_)], []
+    for there in placed:
+        if there.all():
+            layout.append(0)
+            continue
+        key = (there.shape, there.tobytes())
+        layout.append(found.setdefault(key, len(bare)))
+        if layout[-1] == len(bare):
+            bare.append(np.pad(~there, [(0, int(size[1 - axis]) - there.shape[axis]) for axis in range(2)]))
+    return np.array(layout, dtype=np.int64), np.array(bare)
 
 
 def _phases(code: PlaneCode, firsts: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:

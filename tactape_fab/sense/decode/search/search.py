@@ -18,7 +18,7 @@ from tactape_fab.sense.decode.search.families import Family
 from tactape_fab.sense.decode.search.groups import Groups, Weights, count_places, groups_of
 from tactape_fab.sense.decode.search.matrices import LARGEST_CONTACT, Matrices, weigh_matrices
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, TAPES, Sites
-from tactape_fab.sense.decode.search.single_place import evidence_at, places_near
+from tactape_fab.sense.decode.search.single_place import NO_PART, evidence_at, places_near, shown_by
 from tactape_fab.sense.decode.search.tally import (
     BEST,
     BOUNDED,
@@ -209,15 +209,16 @@ def search(
             answer, total, best = tuple(near.places[top].tolist()), total * exp(best - float(raised[top])), float(raised[top])
         total += float((np.exp(raised - best) - np.exp(without - best)).sum())
     of, turn, site, column, row = answer
-    family = families[of]
-    score, _ = evidence_at(tables[of], family.shown[site], turn, column, row)
+    tape = families[of].tapes[site]
+    symbols = shown_by(tapes[tape])
+    score, _ = evidence_at(tables[of], symbols, turn, column, row)
     return Place(
         score=score,
         weight=best - score,
-        tape=family.tapes[site],
+        tape=tape,
         turn=turn,
         cells=tables[of].cells[turn] + np.array([column, row]),
-        shown=family.shown[site],
+        shown=symbols,
         others=max(total - 1.0, 0.0),
         lead=score + float(cue[turn]) - _next_best(tallies, answer),
         most_said=float(tables[of].most[turn, :, -1, -1].sum()),
@@ -294,7 +295,7 @@ def rehearse_search(families: Sequence[Family], directions: int) -> None:
         tables = tables_of(nodes, q, family.signs, LARGEST_CONTACT)
         groups = groups_of(tables, family.registered.sizes, LEAST_DOTS)
         count_places(groups, family.registered.classes)
-        evidence_at(tables, family.shown[0], 0, 0, 0)
+        evidence_at(tables, np.full((1, 1), NO_PART, dtype=np.uint8), 0, 0, 0)
         if isinstance(family.registered, Matrices):
             weigh_matrices(tables, family.registered, LEAST_DOTS, base, cue, new_tally())
             continue
@@ -387,7 +388,7 @@ def _near(
                 if prior.tape not in (None, tape.name):
                     continue
                 at, reach = np.asarray(prior.position_mm) / tape.pitch_mm - centre, prior.radius_mm / tape.pitch_mm
-                cells, evidence = places_near(t, family.shown[site], turn, at, reach, LEAST_DOTS)
+                cells, evidence = places_near(t, shown_by(tape), turn, at, reach, LEAST_DOTS)
                 inside = ((cells >= 0) & (cells <= np.array([tape.columns, tape.rows]) - t.size[turn])).all(axis=1)
                 places = np.column_stack([np.broadcast_to([of, turn, site], (len(cells), 3)), cells])
                 found.append(_Near(places=places, evidence=evidence, over=(~inside).astype(np.int64)))

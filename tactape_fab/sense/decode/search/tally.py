@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
-from tactape_fab.sense.decode.search.bounds import NEVER
+from tactape_fab.sense.decode.search.bounds import NEVER, Bounds
 from tactape_fab.sense.decode.search.evidence import Floats, add_lines
 from tactape_fab.sense.decode.search.groups import COLUMNS, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START
@@ -59,7 +59,7 @@ class Candidate(NamedTuple):
     limit: Bounds of what the x and the y bits say.
     of: ln of the number of places of the group on all sites.
     terms: ln of the weight of each place, and ln of what speaks for its turn besides the bits.
-    hole, stride: `groups.hole_evidence` from the group's first place on, and its width; 0 without holes.
+    holed (2, m + 1): `Sites.holed` of the site: places where the dots reach over lines of both axes that have holes are left out.
     """
 
     known: Floats
@@ -70,8 +70,7 @@ class Candidate(NamedTuple):
     limit: tuple[float, float]
     of: float
     terms: tuple[float, float]
-    hole: Floats
-    stride: int | np.int64
+    holed: IntArray
 
 
 class Room(NamedTuple):
@@ -85,6 +84,25 @@ class Room(NamedTuple):
     lines: Floats
     most: FloatArray
     allowed: BoolArray
+
+
+class ManyRoom(NamedTuple):
+    """Work buffers for many sites.
+
+    starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`.
+    bounds, of_rows (n,): From `_bound_sites`.
+    chosen (n,): From `survivors`.
+    guess: Of `_first_guess`.
+    whole (m,): Of `holes`.
+    """
+
+    known: Bounds
+    starts: Floats
+    bounds: FloatArray
+    of_rows: FloatArray
+    chosen: IntArray
+    guess: Tally
+    whole: IntArray
 
 
 @inner_kernel()
@@ -146,8 +164,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
             room.most[axis, k] = value
             most = max(most, value)
         bound += most - limit[axis]
-        # with holes no line is a bound: what is taken off may speak against the place
-        if most == NEVER or (candidate.stride == 0 and drop(bound, places, candidate.of, terms, tally.sums)):
+        if most == NEVER or drop(bound, places, candidate.of, terms, tally.sums):
             return
         axis = 1 - axis
     if barred is not None and every:
@@ -156,10 +173,18 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
         _count_sector(candidate, tally, room)
 
 
+@inner_kernel()
+def over_holes(holed: IntArray, group: IntArray, axis: int, place: int) -> bool:
+    """Whether some of a group's dots' columns (rows) at one of its places are columns (rows) of the tape that have holes."""
+    own = 4 * axis
+    at = group[own] + place
+    return bool(holed[axis, at + group[own + 3]] > holed[axis, at + group[own + 2]])
+
+
 @inlined_kernel()
 def _count_sector(candidate: Candidate, tally: Tally, room: Room) -> None:
     """Places of a group where one sector lies: the x phase is that of the first row, the y phase that of the first column."""
-    place, group, terms, stride = candidate.place, candidate.group, candidate.terms, candidate.stride
+    place, group, terms = candidate.place, candidate.group, candidate.terms
     # phases of docs/codes.md: r + u and c + v; those of the lines are in `room.lines` already
     row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
     length, y_best = room.lines.shape[2], NEVER
@@ -167,16 +192,17 @@ def _count_sector(candidate: Candidate, tally: Tally, room: Room) -> None:
         y_best = max(y_best, room.most[1, j])
     for i in range(group[COLUMNS]):
         best = room.most[0, i] + y_best
-        if stride == 0 and best + terms[0] < tally.sums[BEST] - FAR_BELOW and best + terms[1] < tally.sums[NEXT_STRONGEST]:
+        if best + terms[0] < tally.sums[BEST] - FAR_BELOW and best + terms[1] < tally.sums[NEXT_STRONGEST]:
             continue
         if room.most[0, i] == NEVER:
             continue
         y_phase, x_phase = (column + i) % length, row % length
+        near = over_holes(candidate.holed, group, np.int64(0), i)
         for j in range(group[ROWS]):
             value = float(room.lines[0, i, x_phase]) + float(room.lines[1, j, y_phase])
             x_phase = x_phase + 1 if x_phase + 1 < length else 0
-            if stride > 0:
-                value -= float(candidate.hole[j * stride + i])
+            if near and over_holes(candidate.holed, group, np.int64(1), j):
+                continue
             if value + terms[0] > tally.sums[BEST] - FAR_BELOW or value + terms[1] > tally.sums[NEXT_STRONGEST]:
                 at = (candidate.at[0], candidate.at[1], group[X] + i, group[Y] + j, place[SECTOR, 0], place[SECTOR, 1])
                 count_at(tally, np.float64(value), 1.0, terms, at)  # single precision would be another function to compile

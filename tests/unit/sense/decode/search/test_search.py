@@ -14,7 +14,10 @@ from tactape_fab import Prior, Tape, TapeSpec, default_origin
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense.decode.rule import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE
+from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.decode.search.families import families
+from tactape_fab.sense.decode.search.many_tapes import many_room
+from tactape_fab.sense.decode.search.plane_sites import Sites
 from tactape_fab.sense.decode.search.search import Place, rivals, search, strangers
 from tactape_fab.texture.code import get_code, get_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -144,6 +147,7 @@ TURNS = np.array([0.4, 0.3, 0.2, 0.1])
 REGISTRIES = {
     "one": [tape_of(7)],
     "holes": [tape_of(7, holes=((30, 10), (31, 10), (33, 12)))],
+    "holes at the edge": [tape_of(7, (30, 20), (0, 0), ((1, 4), (0, 0), (12, 1)))],
     "narrow": [tape_of(7, (4, 40))],
     "mixed": [
         tape_of(7, (30, 20)),
@@ -153,6 +157,9 @@ REGISTRIES = {
         tape_of(21, holes=((1, 1),)),
     ],
     "many": [tape_of(s, (20, 14)) for s in range(5, 25)],
+    "many, holes": [
+        tape_of(s, (40, 20), holes=((30, 10), (31, 10), (12, 3), (1, 1)) if s % 3 else ((30, 10), (5, 19))) for s in range(5, 25)
+    ],
     "touch": [touch_of(1)],
     "touch, holes": [touch_of(2, holes=((30, 10), (31, 10), (0, 5)))],
     "touch and planes": [touch_of(3), tape_of(8), touch_of(4, (30, 20)), touch_of(5, (4, 40), ((1, 1),)), touch_of(6)],
@@ -245,6 +252,16 @@ def test_rivals_are_a_plain_enumeration(
     assert asked.score == pytest.approx(found.value[top], abs=1e-3)
     assert asked.lead == pytest.approx(lead, abs=1e-3)
     assert asked.weight >= np.exp(score - place.score - place.weight)[top] * (1 - 1e-3)
+
+
+def test_few_tapes_with_holes_have_buffers_for_their_bounds() -> None:
+    world = families(REGISTRIES["holes"], open_world=True)[0].registered
+    assert isinstance(world, Sites)
+    nodes, q = seen(tape_of(7), (28, 9), 0, np.random.default_rng(5), dots=14, doubt=0.02)
+    room = many_room(tables_of(nodes, q, world.signs, 24), world)
+    assert room is not None
+    assert len(room.bounds) == len(room.of_rows) == len(world.table)
+    assert len(room.whole) >= 6
 
 
 def test_a_prior_weighs_half_near_the_last_fix() -> None:

@@ -1,0 +1,183 @@
+"""Places where dots may lie on grid points without a part, which count for nothing there: on tapes with holes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactape_fab.base.jit import inner_kernel
+from tactape_fab.sense.decode.search.bounds import NEVER, slot_of
+from tactape_fab.sense.decode.search.evidence import Floats, Tables
+from tactape_fab.sense.decode.search.groups import COLUMNS, FIRST_COLUMN, FIRST_ROW, LAST_COLUMN, LAST_ROW, ROWS, X, Y
+from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START, Sites
+from tactape_fab.sense.decode.search.tally import BEST, ManyRoom, Room, Tally, count_at, count_bound, least_of, over_holes
+from tactape_fab.texture.frames import FloatArray, IntArray
+
+_ROUNDING = 1e-6
+# numba compiles a function anew for each literal it is called with, and so axes are `np.int64`
+
+
+@inner_kernel()
+def reach_holes(holed: IntArray, group: IntArray) -> bool:
+    """Whether dots lie over columns and rows with holes at some place of a group."""
+    found = True
+    for axis in range(2):
+        own = 4 * axis
+        low, high = group[own] + group[own + 2], group[own] + group[own + 1] - 1 + group[own + 3]
+        found = found and holed[axis, high] > holed[axis, low]
+    return bool(found)
+
+
+@inner_kernel(no_rewrites=False)
+def weigh_holed(
+    tables: Tables,
+    sites: Sites,
+    of: tuple[IntArray, FloatArray],
+    turn: int,
+    span: tuple[int, int],
+    of_all: float,
+    terms: tuple[float, float],
+    tally: Tally,
+    room: Room,
+    more: ManyRoom | None,
+) -> None:
+    """The places of a group that `tally.weigh_site` leaves out, of sites with one layout: lines without holes bound them.
+
+    A dot that does not count has ln E = 0, which is at most what it can say anywhere: that bounds it, whether it counts or not.
+    ``of`` are the group's fields and limits, ``span`` the first site and the last + 1; `tally.drop` has ``of_all`` and ``terms``.
+    """
+    (group, limit), holed, out = of, sites.holed[sites.layout[span[0]]], room.lines[0, 0]
+    length, least, dropped = len(out), least_of(of_all, terms, tally.sums), 0.0
+    if more is not None:
+        for site in range(span[0], span[1]):
+            more.of_rows[site] = NEVER
+        for j in range(group[ROWS]):
+            if over_holes(holed, group, np.int64(1), j):
+                _bound_whole(more, tables, sites, (group, holed), turn, np.int64(1), j, span)
+                for site in range(span[0], span[1]):
+                    more.of_rows[site] = max(more.of_rows[site], more.bounds[site])
+    for i in range(group[COLUMNS]):
+        if not over_holes(holed, group, np.int64(0), i):
+            continue
+        x, of_rows = group[X] + i, limit[1]
+        if more is not None:
+            _bound_whole(more, tables, sites, (group, holed), turn, np.int64(0), i, span)
+        for site in range(span[0], span[1]):
+            if more is not None:
+                of_rows = more.of_rows[site]
+                if more.bounds[site] + of_rows < least:
+                    dropped += group[ROWS]
+                    continue
+            place = sites.table[site]
+            rest, most = _add_whole(out, tables, (group, holed), turn, x, (sites.phases[0], place[START, 0] + x))
+            rest += of_rows
+            if most + rest < least:
+                dropped += group[ROWS]
+                continue
+            # the x phase is that of the first row, as in `tally._count_sector`
+            phase = (place[ORIGIN, 1] + group[Y] + place[SECTOR, 0]) % length
+            for j in range(group[ROWS]):
+                value, y = out[phase] + rest, group[Y] + j
+                phase = phase + 1 if phase + 1 < length else 0
+                if value >= least and over_holes(holed, group, np.int64(1), j):
+                    value = _evidence(tables, sites, (turn, site), (x, y), least)
+                    if value >= least:
+                        count_at(tally, value, 1.0, terms, (turn, site, x, y, place[SECTOR, 0], place[SECTOR, 1]))
+                        least = least_of(of_all, terms, tally.sums)
+                dropped += value < least
+    # some were dropped below a lesser bound, and some are counted by `tally.weigh_site`: this is no less than all weigh
+    if dropped > 0.0:
+        count_bound(dropped * np.exp(least + terms[0] - tally.sums[BEST]), least + terms[1], tally.sums)
+
+
+@inner_kernel(fastmath=True)
+def _bound_whole(
+    more: ManyRoom,
+    tables: Tables,
+    sites: Sites,
+    of: tuple[IntArray, IntArray],
+    turn: int,
+    axis: int,
+    place: int,
+    span: tuple[int, int],
+) -> None:
+    """Fill `ManyRoom.bounds` at a group's place along an axis: pairs of lines without holes, and the most of the others."""
+    (group, holed), own, other, most, rest, count = of, 4 * axis, 4 * (1 - axis), tables.most[turn, axis], 0.0, 0
+    dots, start = (group[other + 2], group[other + 3]), group[own] + place
+    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis])
+    pairs, line_most, k, last = more.known.pairs[slot], more.known.line_most[slot], group[own + 2], group[own + 3]
+    while k < last:
+        if holed[axis, start + k + 1] > holed[axis, start + k]:
+            rest += _line_within(most, axis, k, dots)
+        elif k % 2 == 0 and k + 1 < last and holed[axis, start + k + 2] == holed[axis, start + k + 1]:
+            more.whole[count] = k
+            count, k = count + 1, k + 1
+        else:
+            rest += line_most[k]
+        k += 1
+    for site in range(span[0], span[1]):
+        at, bound = sites.table[site, START, axis] + start, rest
+        for n in range(count):
+            bound += pairs[more.whole[n] // 2, sites.steps[axis, at + more.whole[n]]]
+        more.bounds[site] = bound
+
+
+@inner_kernel()
+def _line_within(most: FloatArray, axis: int, line: int, dots: tuple[int, int]) -> float:
+    """The most that a range of the dots in a column or row can say, from an entry of `Tables.most`."""
+    low, high = dots
+    if axis == 1:
+        return float(most[high, line + 1] - most[low, line + 1] - most[high, line] + most[low, line])
+    return float(most[line + 1, high] - most[line, high] - most[line + 1, low] + most[line, low])
+
+
+@inner_kernel(fastmath=True)
+def _add_whole(
+    out: Floats, tables: Tables, of: tuple[IntArray, IntArray], turn: int, column: int, where: tuple[IntArray, int]
+) -> tuple[float, float]:
+    """Fill in what the dots' columns over no hole say for every phase; the most that the others can say, and the largest entry.
+
+    ``column`` is where the dots' first column lies on the tape, before its edge as well; ``where`` the plane's phases, and its
+    place among them.
+    """
+    (group, holed), (phases, start), lines, rest = of, where, tables.lines[turn, 0], 0.0
+    low, high, length = group[FIRST_ROW], group[LAST_ROW], len(out)
+    for p in range(length):
+        out[p] = 0.0
+    for k in range(group[FIRST_COLUMN], group[LAST_COLUMN]):
+        if holed[0, column + k + 1] > holed[0, column + k]:
+            rest += _line_within(tables.most[turn, 0], np.int64(0), k, (low, high))
+            continue
+        shift = phases[start + k]
+        above = lines[high, k, shift : shift + length]
+        for p in range(length):
+            out[p] += above[p]
+        if low > 0:
+            below = lines[low, k, shift : shift + length]
+            for p in range(length):
+                out[p] -= below[p]
+    largest = out[0]
+    for p in range(1, length):
+        largest = max(largest, out[p])
+    return float(rest), float(largest)
+
+
+@inner_kernel()
+def _evidence(tables: Tables, sites: Sites, of: tuple[int, int], at: tuple[int, int], least: float) -> float:
+    """Ln E of the dots on a tape's parts, the dots' corner at a column and row; or a bound of it that is below ``least``."""
+    (turn, site), place, bare, m = of, sites.table[of[1]], sites.bare[sites.layout[of[1]]], tables.dots.shape[1] - 1
+    cells, evidence, bound = tables.cells[turn], tables.evidence[turn], tables.most[turn, 0, m, m] + tables.most[turn, 1, m, m]
+    columns, rows = sites.sizes[sites.size_of[site], 0], sites.sizes[sites.size_of[site], 1]
+    length = len(sites.signs) // 3
+    for i in range(len(cells)):
+        column, row, said = at[0] + cells[i, 0], at[1] + cells[i, 1], 0.0
+        if 0 <= column < columns and 0 <= row < rows and not bare[row, column]:
+            # X[r, c] and Y[r, c] of docs/codes.md: a line's phase, the place along it, and u or v of the sector
+            x_phase = sites.phases[0, place[START, 0] + column] + place[ORIGIN, 1] + row + place[SECTOR, 0]
+            y_phase = sites.phases[1, place[START, 1] + row] + place[ORIGIN, 0] + column + place[SECTOR, 1]
+            said = (
+                evidence[i, 0] + evidence[i, 1] * sites.signs[x_phase % length] + evidence[i, 2] * sites.signs[y_phase % length]
+            )
+        bound += said - (evidence[i, 0] + abs(evidence[i, 1]) + abs(evidence[i, 2]))
+        if bound < least - _ROUNDING:
+            break
+    return float(bound)
