@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tactape_fab.sense.decode.search.families import _least_size, families
-from tactape_fab.sense.decode.search.plane_sites import OVERHANG, SECTOR
+from tactape_fab.sense.decode.search.plane_sites import OVERHANG, SECTOR, Sites
 from tests.tapes import tape_at
 
 
@@ -27,6 +27,7 @@ def test_a_closed_world_has_no_strangers() -> None:
     tape = tape_at(7, (12, 10))
     (family,) = families([tape], open_world=False)
     assert family.unregistered is None and family.beyond is None and family.tapes == (0,)
+    assert isinstance(family.registered, Sites) and len(family.registered.table) == 1
 
 
 @pytest.mark.parametrize(
