@@ -4,7 +4,8 @@
 
 e is the error of (x, y, theta), C the covariance that was said. NEES/3, the mean of e^T C^-1 e / 3, is 1 where C is true and
 errors are normal; of N frames it scatters by sqrt(2 / 3 N). The last columns are errors of aspect and shear,
-`Localization.strain`, over their standard deviation: root mean squares, 1 where that is true. The decoder has the stock profile
+`Localization.strain`, over their standard deviation: root mean squares, 1 where that is true; on strips the aspect is that of
+foreshortening, several times its deviation, and counts here as an error. The decoder has the stock profile
 in every row, whatever the truth is, but for the size of the gel's displacement and, where gels are not elastic, the crown.
 """
 

@@ -119,12 +119,14 @@ def test_messages_arrive_byte_for_byte_as_in_a_log(zenoh: Any) -> None:
         samples = session.declare_subscriber("**", zenoh.handlers.FifoChannel(100))
         with ZenohBus(endpoint, Naming(frame_id="cup")) as bus:
             wait_until_matched(bus, *TOPICS)
+            found = []
             for k in range(3):
                 assert bus.write(located(k))
+                found += received(samples, 3)  # one frame after the other: a bus drops what a busy reader is too slow for
             assert not bus.write(
                 Located(frame=9, depth=np.zeros(SHAPE), sensor=SENSOR, fix=Localization(status="none", located=False))
             )
-            found = received(samples, 9)
+            assert samples.try_recv() is None
     for k in range(3):
         expected = encoded(located(k), Naming(frame_id="cup"))
         assert expected is not None

@@ -26,6 +26,9 @@ LOCAL, LOCAL_ENDPOINT = "local", "tcp/127.0.0.1:7447"
 DOMAIN = 0
 """ROS_DOMAIN_ID, of which a key begins."""
 _PATIENCE_MS = 3000
+_WAIT_BEFORE_DROP_US = 20_000
+"""Zenoh's own 1000 us is shorter than a time slice of a busy machine: a pose behind a depth map of 300 kB was dropped, though its
+reader kept up (zenoh issue 847). Under the 40 ms of a frame."""
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream)/\S{1,200}")
 
 
@@ -90,10 +93,11 @@ class ZenohBus:
 
 
 def _settings(endpoint: str) -> dict[str, Any]:
-    """Zenoh's configuration: one endpoint, and no scouting by multicast, which would leave this machine."""
+    """Zenoh's configuration: one endpoint, no scouting by multicast, which leaves this machine, and when to drop a message."""
     connect = {"endpoints": [] if endpoint == LOCAL else [endpoint], "exit_on_failure": True, "timeout_ms": _PATIENCE_MS}
     listen = {"endpoints": [LOCAL_ENDPOINT if endpoint == LOCAL else "tcp/127.0.0.1:0"]}
-    return {"mode": "peer", "connect": connect, "listen": listen, "scouting/multicast/enabled": False}
+    drop = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
+    return {"mode": "peer", "connect": connect, "listen": listen, "scouting/multicast/enabled": False, drop: _WAIT_BEFORE_DROP_US}
 
 
 def key_of(topic: str, sensor: str = "") -> str:
