@@ -211,7 +211,7 @@ def test_no_docstring_opens_with_what() -> None:
     """It names the thing instead: "The shapes of a Gerber file", not "What a Gerber file draws"."""
     kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     paths = Path(tactape_fab.__file__).parent.rglob("*.py")
-    nodes = [(path.name, node) for path in paths for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
+    nodes = [(path.name, node) for path in paths for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, kinds)]
     assert len(nodes) > 3000
     assert [name for name, node in nodes if (ast.get_docstring(node) or "").startswith("What")] == []
 
