@@ -33,6 +33,8 @@ _UV_NAMES = {
 """What uv calls the settings of pip, and how it parts several."""
 _VENDORED = ("pip", "setuptools", "pkg_resources", "_distutils_hack")
 """What a fresh environment has before anything is installed."""
+_COMPILED = (".pyc", ".nbi", ".nbc")
+"""What Python and numba write at the first use."""
 
 
 def clean_environment() -> dict[str, str]:
@@ -198,9 +200,14 @@ class Fresh:
 def fresh_environment(folder: Path, *installs: Sequence[str | Path], interpreter: str = sys.executable) -> Fresh:
     """Make an environment, and have pip install into it, one call for each list of arguments.
 
-    The size is that of the files, without pip's own and without what Python compiles on first use.
+    The size is that of the files, without pip's own and without what Python and numba compile on first use.
     """
     subprocess.run([interpreter, "-m", "venv", folder], env=clean_environment(), check=True)
+    return installed(folder, *installs)
+
+
+def installed(folder: Path, *installs: Sequence[str | Path]) -> Fresh:
+    """The same of an environment that is there."""
     python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
     start = perf_counter()
     for words in installs:
@@ -213,7 +220,7 @@ def fresh_environment(folder: Path, *installs: Sequence[str | Path], interpreter
     seconds = perf_counter() - start
     (site,) = folder.glob("lib/python3*/site-packages")
     own = [p for p in site.iterdir() if not p.name.startswith(_VENDORED)]
-    files = [f for p in own for f in ([p] if p.is_file() else p.rglob("*")) if f.is_file() and f.suffix != ".pyc"]
+    files = [f for p in own for f in ([p] if p.is_file() else p.rglob("*")) if f.is_file() and f.suffix not in _COMPILED]
     return Fresh(python=python, size_bytes=sum(f.stat().st_size for f in files), seconds=seconds)
 
 

@@ -11,6 +11,7 @@ import subprocess
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,6 +30,7 @@ from tests.installs import (
     clean_environment,
     fresh_environment,
     installable,
+    installed,
     interpreter,
     registry_answers,
     uv_program,
@@ -95,66 +97,57 @@ def environment(tmp_path: Path) -> Iterator[Path]:
 @only_thorough
 @pytest.mark.usefixtures("registry")
 @pytest.mark.parametrize("version", ENDS)
-def test_fresh_environment_makes_a_tape_and_decodes_a_frame(version: str, wheel: Path, environment: Path, tmp_path: Path) -> None:
+def test_a_robot_s_half_and_then_the_default_installation(
+    version: str, wheel: Path, small_kit: Kit, environment: Path, tmp_path: Path
+) -> None:
+    """A robot locates with three libraries; pip adds the rest to the same environment, which makes a tape and decodes a frame.
+
+    One environment for both: its numpy and numba are unpacked and its kernels compiled once.
+    """
     python = interpreter(version)
     if python is None:
         pytest.skip(f"Python {version} is not installed")
-    fresh = fresh_environment(environment, [wheel], interpreter=python)
-    print(f"Python {version}, default: {fresh.size_bytes / 1e6:.0f} MB in {fresh.seconds:.0f} s")
-    assert fresh.size_bytes <= DEFAULT_MB * 1e6
-    programs = fresh.python.parent
-
+    more = ("tomli",) if version == "3.10" else ()
+    robot = fresh_environment(environment, [*ROBOT, *more], ["--no-deps", wheel], interpreter=python)
+    assert robot.size_bytes <= ROBOT_MB * 1e6
     elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
+    shutil.copytree(small_kit.path, elsewhere / "kit")
     (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "tactape-fab").symlink_to(programs / "tactape-fab")  # as pipx puts it on the path
+    (tmp_path / "bin" / "tactape-fab").symlink_to(robot.python.with_name("tactape-fab"))  # as pipx puts it on the path
     path = os.pathsep.join([str(tmp_path / "bin"), os.defpath])
 
     def tactape(line: str) -> str:
         return run([tmp_path / "bin" / "tactape-fab", *line.split()], elsewhere, path)
 
-    diagnosis = json.loads(tactape("doctor --json"))
-    assert diagnosis["python"].split()[1].startswith(f"{version}.")
-    assert Path(diagnosis["package"]).is_relative_to(environment)
-    assert None not in diagnosis["libraries"].values() and not diagnosis["decoder"]["compiled"]
+    def diagnosis() -> Any:
+        return json.loads(tactape("doctor --json"))
 
-    tactape("make --sector 7 --w 1.5 --delta 0.25")
-    tactape("verify tactape-s007")
-    tactape("simulate tactape-s007 -o frames.npz --pose 20,12,30")
-    (fix,) = map(json.loads, tactape("decode frames.npz --tape tactape-s007 --json --overlay pictures").splitlines())
-    assert fix["located"] and fix["tape"] == "tactape-s007"
-    assert fix["position_mm"] == pytest.approx([20.0, 12.0], abs=0.02) and fix["theta_deg"] == pytest.approx(30.0, abs=0.5)
-    assert (elsewhere / "pictures" / "frame-000000.png").read_bytes().startswith(b"\x89PNG")
-    assert json.loads(tactape("doctor --json"))["decoder"]["compiled"]
-
-
-@only_thorough
-@pytest.mark.usefixtures("registry")
-@pytest.mark.parametrize("version", ENDS)
-def test_a_robot_locates_with_three_libraries(
-    version: str, wheel: Path, small_kit: Kit, environment: Path, tmp_path: Path
-) -> None:
-    python = interpreter(version)
-    if python is None:
-        pytest.skip(f"Python {version} is not installed")
-    more = ("tomli",) if version == "3.10" else ()
-    fresh = fresh_environment(environment, [*ROBOT, *more], ["--no-deps", wheel], interpreter=python)
-    assert fresh.size_bytes <= ROBOT_MB * 1e6
-    elsewhere = tmp_path / "elsewhere"
-    shutil.copytree(small_kit.path, elsewhere / "kit")
-
-    def tactape(line: str) -> str:
-        return run([fresh.python.with_name("tactape-fab"), *line.split()], elsewhere)
-
+    assert not diagnosis()["decoder"]["compiled"]
     tactape("simulate kit -o frames.npz --pose 8,8,30")
     for line in ("decode frames.npz --tape kit --json", "watch frames.npz --rate max --no-drop --tape kit --json"):
         assert json.loads(tactape(line).splitlines()[0])["located"]
     tactape("certify kit")
     tactape("registry kit")
-    run([fresh.python, "-c", _ROBOT, "kit", "frames.npz"], elsewhere)  # compiles what it has not yet
-    found = json.loads(run([fresh.python, "-c", _ROBOT, "kit", "frames.npz"], elsewhere))
-    print(f"Python {version}, robot's half: {fresh.size_bytes / 1e6:.0f} MB in {fresh.seconds:.0f} s; {found}")
+    run([robot.python, "-c", _ROBOT, "kit", "frames.npz"], elsewhere)  # compiles what it has not yet
+    found = json.loads(run([robot.python, "-c", _ROBOT, "kit", "frames.npz"], elsewhere))
+    print(f"Python {version}, robot's half: {robot.size_bytes / 1e6:.0f} MB in {robot.seconds:.0f} s; {found}")
     assert found["located"] and found["resident_mb"] <= ROBOT_RESIDENT_MB and found["ready_s"] <= READY_S
+
+    default = installed(environment, [wheel])
+    print(f"Python {version}, default: {default.size_bytes / 1e6:.0f} MB, {default.seconds:.0f} s more")
+    assert default.size_bytes <= DEFAULT_MB * 1e6
+    said = diagnosis()
+    assert said["python"].split()[1].startswith(f"{version}.")
+    assert Path(said["package"]).is_relative_to(environment)
+    assert None not in said["libraries"].values()
+    tactape("make --sector 7 --w 1.5 --delta 0.25")
+    tactape("verify tactape-s007")
+    tactape("simulate tactape-s007 -o seventh.npz --pose 20,12,30")
+    (fix,) = map(json.loads, tactape("decode seventh.npz --tape tactape-s007 --json --overlay pictures").splitlines())
+    assert fix["located"] and fix["tape"] == "tactape-s007"
+    assert fix["position_mm"] == pytest.approx([20.0, 12.0], abs=0.02) and fix["theta_deg"] == pytest.approx(30.0, abs=0.5)
+    assert (elsewhere / "pictures" / "frame-000000.png").read_bytes().startswith(b"\x89PNG")
+    assert diagnosis()["decoder"]["compiled"]
 
 
 @pytest.fixture(scope="module")
