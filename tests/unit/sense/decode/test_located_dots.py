@@ -307,9 +307,15 @@ def on_texture(offset_px: FloatArray) -> FloatArray:
 
 def put_together(nominal_mm: FloatArray, **changed: object) -> LocatedDots:
     q = np.arange(20.0).reshape(5, 4)
-    said = {"inside": INSIDE, "cells": np.array([(3, 4), (5, 6), (7, 8)]), "offset_px": OFFSETS, "pose": FITTED} | changed
+    said = {
+        "turn": 1,
+        "inside": INSIDE,
+        "cells": np.array([(3, 4), (5, 6), (7, 8)]),
+        "offset_px": OFFSETS,
+        "pose": FITTED,
+    } | changed
     dots = Dots(xy_px=SEEN + 0.5, weights=np.ones(5), trust=np.ones(5), seen_px=said.pop("seen_px", SEEN))  # type: ignore[arg-type]
-    return located_dots(dots, q, 1, nominal_mm=nominal_mm, view=SAID, **said)  # type: ignore[arg-type]
+    return located_dots(dots, q, nominal_mm=nominal_mm, view=SAID, **said)  # type: ignore[arg-type]
 
 
 def test_each_row_is_its_dot_s() -> None:
@@ -344,7 +350,8 @@ def test_symbols_of_a_turned_grid_are_the_texture_s() -> None:
     for turn in range(4):
         assert [int(column) for column in _columns(8)[turn]] == [(eight.index(s) + 2 * turn) % 8 for s in "NWESnwes"]
     q = np.arange(20.0).reshape(5, 4)
-    assert put_together(np.zeros((3, 2))).symbol.tolist() == q[:, [0, 3, 1, 2]].tolist()
+    for turn in (1, 5, -3):
+        assert put_together(np.zeros((3, 2)), turn=turn).symbol.tolist() == q[:, [0, 3, 1, 2]].tolist()
 
 
 def test_strain_is_told_where_the_frame_leaves_less_than_the_share_of_the_profile_s_deviation() -> None:
@@ -369,7 +376,7 @@ def test_lazy_dots_are_computed_once_and_have_no_other_fields() -> None:
 
     lazy = LazyDots(compute)
     with pytest.raises(AttributeError, match="'LazyDots' object has no attribute 'cells'"):
-        _ = lazy.cells  # type: ignore[attr-defined]
+        _ = lazy.cells
     assert not asked
     assert lazy.inlier.tolist() == [False, True, False, False, True]
     assert lazy.cell[1].tolist() == [3, 4] and lazy.uv_px.tolist() == SEEN.tolist() and asked == [1]

@@ -204,6 +204,12 @@ def test_a_first_grid_that_does_not_fit_as_it_should_is_put_in_order_with_the_ot
     assert reading is not None and reading.place.tape == 2 and reading.grid_weight == log(GRID_SHARES[0])  # type: ignore[union-attr]
 
 
+def test_two_grids_that_were_put_in_order_are_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(powers=(0.5, 0.4), expected=(False, True), values=(1.0, 2.0))
+    best_of(monkeypatch, world)
+    assert world.tried == [1, 0] and len(world.asked["grids"]) == 2
+
+
 def test_a_single_grid_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     for expected in (True, False):
         world = World(powers=(0.5,), expected=(expected,), values=(1.0,))
@@ -249,6 +255,6 @@ def test_a_code_alone_is_asked_for_its_plane(monkeypatch: pytest.MonkeyPatch) ->
             return world.of_plane(nodes, q)
 
     Plane.__abstractmethods__ = frozenset()
-    reading = best_of(monkeypatch, world, registry=Plane(get_plane(TAPE.code)))  # type: ignore[abstract]
+    reading = best_of(monkeypatch, world, registry=Plane(get_plane(TAPE.code)))
     assert reading is not None and reading.place.score == 9.0 and world.tried == [0, 1, 2]
     assert not world.asked["turns"] and not world.asked["built"]

@@ -263,6 +263,8 @@ def test_a_tilted_tape_says_nothing_of_the_sensor_s_distance_but_from_the_gel(fr
     assert tape is not None and gel is not None and np.isfinite(gel).all()
     assert tape[2].tolist() == [0.0, 0.0, inf, 0.0, 0.0, 0.0] and tape[:, 2].tolist() == tape[2].tolist()
     assert gel[2, 2] == pytest.approx(0.0025, rel=0.01)
+    turns = np.ix_([0, 1, 3, 4, 5], [3, 4, 5])
+    assert tape[turns][2:] == pytest.approx(gel[turns][2:]) and (np.diag(tape) > 0.0).all()
 
 
 def test_objects_and_origins_that_do_not_fit_are_refused() -> None:
@@ -275,3 +277,12 @@ def test_objects_and_origins_that_do_not_fit_are_refused() -> None:
 def test_a_contact_is_solid_from_sixteen_dots() -> None:
     assert [status_of(n) for n in (0, 1, SOLID_DOTS - 1, SOLID_DOTS)] == ["none", "weak", "weak", "solid"]
     assert SOLID_DOTS == 16  # paper, section III-B.2
+
+
+def test_of_an_answer_only_what_is_said_is_known() -> None:
+    bare = Localization(status="none", located=False)
+    told = bare.to_mapping()
+    assert {key: value for key, value in told.items() if value is not None} == {
+        **{"status": "none", "located": False, "n_dots": 0, "n_agree": 0, "elapsed_ms": 0.0}
+    }
+    assert "contact" not in repr(TOUCHED).replace("contact_mm", "")  # some kilobytes of depths
