@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from dataclasses import replace
+from math import cos, radians, sin
 
 import numpy as np
 import pytest
@@ -13,7 +14,11 @@ from tactape_fab import Localization, Localizer, TapeSpec, texture_to_board
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense import LocatedDots, Scene, load_sensor, simulate, simulate_frames
 from tactape_fab.sense.decode import accept
-from tactape_fab.sense.decode.located_dots import located_dots
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.grid.pose import Pose
+from tactape_fab.sense.decode.grid.posterior import Beliefs
+from tactape_fab.sense.decode.located_dots import ALIKE, OBSERVED, LazyDots, _columns, located_dots, strain_of
+from tactape_fab.sense.decode.rank import View
 from tactape_fab.sense.geometry import Geometry
 from tactape_fab.sense.simulation.draw import Frames
 from tactape_fab.texture.code import TOUCH_CODE
@@ -256,3 +261,122 @@ def test_dots_pass_to_other_processes_whether_asked_for_or_not(localizer: Locali
     there = pickle.loads(pickle.dumps(fix))
     assert isinstance(there.dots, LocatedDots)
     assert there.dots.to_mapping() == dots_of(fix).to_mapping()
+
+
+# Put together by hand: every number is another
+
+SAID = View(
+    pitch_mm=W,
+    displacement_mm=DELTA,
+    part=None,
+    px_per_mm=16.0,
+    scale_tolerance=0.06,
+    centre_px=CENTRE,
+    beliefs=Beliefs(sigmas=np.array([0.05, 0.03, 0.02, 0.04]), corner_mm=np.array([12.0, 11.0]), centre_mm=np.array([0.9, -0.6])),
+)
+FITTED = Pose(
+    position_mm=np.array([12.0, 7.5]),
+    theta_rad=radians(25.0),
+    px_per_mm=15.2,
+    covariance=np.eye(3),
+    agree=np.array([True, False, True]),
+    sigma_mm=0.01,
+    camera=np.array([(0.08, -0.05, 0.06), (0.001, 0.002, 0.003)]),
+)
+OFFSETS = np.array([(0.0, 0.0), (70.0, -40.0), (-55.0, 65.0)])
+SEEN = np.array([(10.0, 20.0), (30.0, 40.0), (50.0, 60.0), (70.0, 80.0), (90.0, 15.0)])
+INSIDE = np.array([False, True, True, False, True])
+
+
+def on_texture(offset_px: FloatArray) -> FloatArray:
+    """Where a pixel's point is by the fit, as `posterior` has it: lens, then aspect and shear, then turn and scale."""
+    aspect, shear, k1 = FITTED.camera[0]
+    lens_mm, corner_mm = SAID.beliefs.centre_mm, SAID.beliefs.corner_mm
+
+    def straight(seen_mm: FloatArray) -> FloatArray:
+        out = seen_mm
+        for _ in range(100):  # out (1 + k1 |out / corner|^2) = seen
+            out = seen_mm / (1.0 + k1 * ((out / corner_mm) ** 2).sum())
+        return out
+
+    c, s = cos(FITTED.theta_rad), sin(FITTED.theta_rad)
+    drawn = FITTED.px_per_mm / SAID.px_per_mm * np.array([(1.0 + aspect / 2, shear), (0.0, 1.0 - aspect / 2)])
+    from_centre = straight(offset_px / SAID.px_per_mm - lens_mm) - straight(-lens_mm)
+    return np.asarray(FITTED.position_mm + np.array([(c, s), (-s, c)]) @ np.linalg.solve(drawn, from_centre))
+
+
+def put_together(nominal_mm: FloatArray, **changed: object) -> LocatedDots:
+    q = np.arange(20.0).reshape(5, 4)
+    said = {
+        "turn": 1,
+        "inside": INSIDE,
+        "cells": np.array([(3, 4), (5, 6), (7, 8)]),
+        "offset_px": OFFSETS,
+        "pose": FITTED,
+    } | changed
+    dots = Dots(xy_px=SEEN + 0.5, weights=np.ones(5), trust=np.ones(5), seen_px=said.pop("seen_px", SEEN))  # type: ignore[arg-type]
+    return located_dots(dots, q, nominal_mm=nominal_mm, view=SAID, **said)  # type: ignore[arg-type]
+
+
+def test_each_row_is_its_dot_s() -> None:
+    there = np.array([on_texture(offset) for offset in OFFSETS])
+    found = put_together(there - [(0.1, 0.2), (0.3, -0.4), (-0.5, 0.6)])
+    assert found.uv_px.tolist() == SEEN.tolist() and found.uv_px is not SEEN
+    assert found.cell.tolist() == [[-1, -1], [3, 4], [5, 6], [-1, -1], [7, 8]]
+    assert found.inlier.tolist() == [False, True, False, False, True]
+    assert found.residual_mm[INSIDE] == pytest.approx(np.array([(0.1, 0.2), (0.3, -0.4), (-0.5, 0.6)]), abs=2e-5)
+    assert np.isnan(found.residual_mm[~INSIDE]).all()
+    assert put_together(there, seen_px=None).uv_px == pytest.approx(SEEN + 0.5)
+
+
+def test_the_image_s_centre_is_at_the_answer_s_position() -> None:
+    found = put_together(np.tile(FITTED.position_mm, (3, 1)))
+    assert found.residual_mm[1] == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_without_a_dot_beside_the_tape_the_arrays_are_copies() -> None:
+    all_on = {"inside": np.ones(3, dtype=bool), "cells": np.array([(3, 4), (5, 6), (7, 8)])}
+    found = put_together(np.zeros((3, 2)), **all_on)
+    assert found.cell.tolist() == all_on["cells"].tolist() and found.inlier.tolist() == FITTED.agree.tolist()
+    assert found.cell is not all_on["cells"] and all_on["cells"].flags.writeable and FITTED.agree.flags.writeable
+
+
+def test_symbols_of_a_turned_grid_are_the_texture_s() -> None:
+    """The grid has its symbols clockwise from its first axis, a tape in the order N, W, E, S."""
+    clockwise = "ESWN"
+    for turn in range(4):
+        assert [int(column) for column in _columns(4)[turn]] == [(clockwise.index(s) + turn) % 4 for s in "NWES"]
+    eight = "EeSsWwNn"
+    for turn in range(4):
+        assert [int(column) for column in _columns(8)[turn]] == [(eight.index(s) + 2 * turn) % 8 for s in "NWESnwes"]
+    q = np.arange(20.0).reshape(5, 4)
+    for turn in (1, 5, -3):
+        assert put_together(np.zeros((3, 2)), turn=turn).symbol.tolist() == q[:, [0, 3, 1, 2]].tolist()
+
+
+def test_strain_is_told_where_the_frame_leaves_less_than_the_share_of_the_profile_s_deviation() -> None:
+    below, above = OBSERVED - 1e-9, OBSERVED + 1e-9
+    for shares, told in (((below, above), (True, False)), ((above, below), (False, True)), ((below, below), (True, True))):
+        sigmas = np.array(shares) * SAID.beliefs.sigmas[1:3]
+        pose = replace(FITTED, camera=np.array([(0.08, -0.05, 0.06), (*sigmas, 0.003)]))
+        found = strain_of(pose, SAID)
+        assert found["strain"] == (0.08 if told[0] else None, -0.05 if told[1] else None, None)
+        expected = [ALIKE * sigma if is_told else None for sigma, is_told in zip(sigmas, told, strict=True)]
+        assert found["strain_sigma"] == (*expected, None)
+    exact = replace(FITTED, camera=np.array([(0.08, -0.05, 0.06), (OBSERVED * 0.03, OBSERVED * 0.02, 0.0)]))
+    assert strain_of(exact, SAID) == {"strain": (None, None, None), "strain_sigma": (None, None, None)}
+
+
+def test_lazy_dots_are_computed_once_and_have_no_other_fields() -> None:
+    asked = []
+
+    def compute() -> LocatedDots:
+        asked.append(1)
+        return put_together(np.zeros((3, 2)))
+
+    lazy = LazyDots(compute)
+    with pytest.raises(AttributeError, match="'LazyDots' object has no attribute 'cells'"):
+        _ = lazy.cells
+    assert not asked
+    assert lazy.inlier.tolist() == [False, True, False, False, True]
+    assert lazy.cell[1].tolist() == [3, 4] and lazy.uv_px.tolist() == SEEN.tolist() and asked == [1]

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import cos, inf, radians, sin
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactape_fab import Localization, SpecError, Tape, texture_to_board
-from tactape_fab.sense import Mount, sensor_on_object
+from tactape_fab.sense import LocatedDots, Mount, sensor_on_object
+from tactape_fab.sense.decode.result import SOLID_DOTS, state_of, status_of, surface_of
+from tactape_fab.sense.decode.space import Surface, pose_covariance, texture_plane
 from tests.contacts import TAPE
 
 COVARIANCE = np.array([(4e-4, 1e-4, -2e-5), (1e-4, 9e-4, 3e-5), (-2e-5, 3e-5, 1e-5)])
@@ -145,3 +149,140 @@ def test_a_mapping_needs_no_frame_number() -> None:
     assert "frame" not in fix.to_mapping()
     assert fix.to_mapping(3) == {"frame": 3, **fix.to_mapping()}
     assert next(iter(fix.to_mapping(0))) == "frame"
+
+
+# What a contact says, put together by hand: every number is another
+
+RISE = np.array([0.7, 0.02, -0.03])
+OF_RISE = np.array([(4e-4, 1e-5, 2e-5), (1e-5, 9e-6, 3e-6), (2e-5, 3e-6, 16e-6)])
+TILT = (np.array([radians(3.0), radians(-2.0)]), np.array([(5e-6, 1e-6), (1e-6, 7e-6)]))
+
+
+def pressed(**said: object) -> Any:
+    """A contact that says so much; nothing else."""
+    nothing: dict[str, object] = {"plane": None, "tilt": None, "indentation": None, "force": (None, None), "ahead": None}
+    return SimpleNamespace(**nothing | said)
+
+
+PLANE = SimpleNamespace(rise=RISE, covariance=OF_RISE)
+TOUCHED = replace(fix_at((20.0, 12.0), 30.0), contact=pressed(plane=PLANE, ahead=(0.31, 0.05)))
+
+
+def test_what_a_contact_says_has_its_own_names() -> None:
+    contact = pressed(tilt=TILT, indentation=(0.12, 0.01), force=((4.5, 0.6), (0.9, 0.8)))
+    fix = replace(fix_at((20.0, 12.0), 30.0), contact=contact)
+    assert fix.tilt_deg == pytest.approx((3.0, -2.0)) and fix.tilt_covariance is TILT[1]
+    assert (fix.indentation_mm, fix.indentation_sigma_mm, fix.force_n, fix.force_sigma_n) == (0.12, 0.01, 4.5, 0.6)
+    told = fix.to_mapping()
+    assert told["tilt_deg"] == pytest.approx((3.0, -2.0)) and told["tilt_covariance"] == TILT[1].tolist()
+    names = ("indentation_mm", "indentation_sigma_mm", "force_n", "force_sigma_n")
+    assert [told[name] for name in names] == [0.12, 0.01, 4.5, 0.6] and "contact" not in told
+
+
+@pytest.mark.parametrize("contact", [None, pressed()], ids=["no contact", "a contact that says nothing"])
+def test_what_no_contact_says_is_none(contact: Any) -> None:
+    fix = replace(fix_at((20.0, 12.0), 30.0), contact=contact)
+    assert (fix.tilt_deg, fix.tilt_covariance) == (None, None)
+    assert (fix.indentation_mm, fix.indentation_sigma_mm, fix.force_n, fix.force_sigma_n) == (None, None, None, None)
+    assert fix.transform(origin="gel") is None and fix.covariance6(origin="gel") is None
+
+
+def test_a_mapping_has_what_dots_say_if_it_is_asked_for() -> None:
+    array = np.arange(6.0).reshape(3, 2)
+    flags = np.array([True, False, True])
+    said = LocatedDots(uv_px=array, cell=array.astype(np.int64) + 1, symbol=array + 2.0, residual_mm=array + 3.0, inlier=flags)
+    fix = replace(fix_at((20.0, 12.0), 30.0), dots=said)
+    assert "dots" not in fix.to_mapping()
+    assert fix.to_mapping(dots=True) == {
+        **fix.to_mapping(),
+        "dots": {
+            "uv_px": [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]],
+            "cell": [[1, 2], [3, 4], [5, 6]],
+            "symbol": [[2.0, 3.0], [4.0, 5.0], [6.0, 7.0]],
+            "residual_mm": [[3.0, 4.0], [5.0, 6.0], [7.0, 8.0]],
+            "inlier": [True, False, True],
+        },
+    }
+    assert replace(fix, dots=None).to_mapping(dots=True)["dots"] is None
+
+
+def test_the_state_has_slopes_and_the_gel_s_distance_where_the_contact_shows_them() -> None:
+    flat = state_of(replace(TOUCHED, contact=None))
+    assert flat is not None and flat[1] is not None
+    assert flat[0].tolist() == [20.0, 12.0, radians(30.0), 0.0, 0.0, 0.0]
+    assert flat[1][:3, :3] == pytest.approx(COVARIANCE)
+    assert flat[1][3:, :3].tolist() == [[0.0] * 3] * 3 and flat[1][3:, 3:].tolist() == np.diag([inf, inf, 0.0]).tolist()
+    tape = state_of(TOUCHED)
+    assert tape is not None and tape[1] is not None
+    assert tape[0].tolist() == [20.0, 12.0, radians(30.0), 0.02, -0.03, 0.0]
+    assert tape[1][3:, 3:].tolist() == [[9e-6, 3e-6, 0.0], [3e-6, 16e-6, 0.0], [0.0, 0.0, 0.0]]
+    gel = state_of(TOUCHED, "gel")
+    assert gel is not None and gel[1] is not None
+    assert gel[0].tolist() == [20.0, 12.0, radians(30.0), 0.02, -0.03, 0.31]
+    assert gel[1][3:, 3:] == pytest.approx(np.array([(9e-6, 3e-6, 1e-5), (3e-6, 16e-6, 2e-5), (1e-5, 2e-5, 0.0025)]))
+    assert gel[1][:3, :3] == pytest.approx(COVARIANCE) and not gel[1][3:, :3].any() and not gel[1][:3, 3:].any()
+
+
+def test_there_is_no_state_without_a_pose() -> None:
+    lost = (replace(TOUCHED, located=False), replace(TOUCHED, position_mm=None), replace(TOUCHED, theta_deg=None))
+    for fix in lost:
+        assert state_of(fix) is None and state_of(fix, "gel") is None
+    assert state_of(replace(TOUCHED, contact=pressed(plane=PLANE)), "gel") is None
+    assert state_of(replace(TOUCHED, contact=pressed(plane=PLANE))) is not None
+
+
+def test_there_is_no_surface_of_a_tape_that_is_not_located() -> None:
+    for fix in (replace(TOUCHED, located=False), replace(TOUCHED, position_mm=None)):
+        assert surface_of(fix, "texture", None) is None and surface_of(fix, "board", None) is None
+    assert surface_of(TOUCHED, "texture", None) is texture_plane
+
+
+def test_an_object_is_asked_where_the_tape_is_and_nothing_of_it_is_certain_but_along_the_normal() -> None:
+    asked = []
+
+    class Cup:
+        def surface_of(self, fix: Localization) -> Surface | None:
+            asked.append(fix)
+            return texture_plane
+
+    cup = Cup()
+    assert surface_of(TOUCHED, "object", cup) is texture_plane and asked == [TOUCHED]
+    state = state_of(TOUCHED)
+    assert state is not None and state[1] is not None
+    expected = pose_covariance(texture_plane, state[0], state[1])
+    assert TOUCHED.covariance6("object", on=cup) == pytest.approx(expected) and np.isfinite(expected).all()
+    flat = replace(TOUCHED, contact=None)
+    found = flat.covariance6("object", on=cup)
+    assert found is not None and np.isfinite(np.diag(found)[:3]).all() and found[2, 2] == pytest.approx(0.0, abs=1e-12)
+    assert asked == [TOUCHED, TOUCHED, flat]
+
+
+@pytest.mark.parametrize("frame", ["texture", "board"])
+def test_a_tilted_tape_says_nothing_of_the_sensor_s_distance_but_from_the_gel(frame: str) -> None:
+    tape, gel = TOUCHED.covariance6(frame), TOUCHED.covariance6(frame, origin="gel")
+    assert tape is not None and gel is not None and np.isfinite(gel).all()
+    assert tape[2].tolist() == [0.0, 0.0, inf, 0.0, 0.0, 0.0] and tape[:, 2].tolist() == tape[2].tolist()
+    assert gel[2, 2] == pytest.approx(0.0025, rel=0.01)
+    turns = np.ix_([0, 1, 3, 4, 5], [3, 4, 5])
+    assert tape[turns][2:] == pytest.approx(gel[turns][2:]) and (np.diag(tape) > 0.0).all()
+
+
+def test_objects_and_origins_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(SpecError, match="on is for frame = 'object', not 'board'"):
+        surface_of(TOUCHED, "board", SimpleNamespace(surface_of=lambda fix: texture_plane))
+    with pytest.raises(SpecError, match="origin = 'lens' is neither 'tape' nor 'gel'"):
+        TOUCHED.transform(origin="lens")
+
+
+def test_a_contact_is_solid_from_sixteen_dots() -> None:
+    assert [status_of(n) for n in (0, 1, SOLID_DOTS - 1, SOLID_DOTS)] == ["none", "weak", "weak", "solid"]
+    assert SOLID_DOTS == 16  # paper, section III-B.2
+
+
+def test_of_an_answer_only_what_is_said_is_known() -> None:
+    bare = Localization(status="none", located=False)
+    told = bare.to_mapping()
+    assert {key: value for key, value in told.items() if value is not None} == {
+        **{"status": "none", "located": False, "n_dots": 0, "n_agree": 0, "elapsed_ms": 0.0}
+    }
+    assert "contact" not in repr(TOUCHED).replace("contact_mm", "")  # some kilobytes of depths

@@ -6,8 +6,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from math import cos, pi, sin
 from pathlib import Path
-from typing import Literal
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +18,25 @@ import pytest
 from tactape_fab import Localizer
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense import load_sensor, simulate
+from tactape_fab.sense.decode import wrong_profile as module
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.result import SOLID_DOTS
+from tactape_fab.sense.decode.rule import GOOD_TRUST
+from tactape_fab.sense.decode.wrong_profile import (
+    LEAST_AXIS,
+    LEAST_NEAREST,
+    LEAST_PITCH,
+    LEAST_POWER,
+    MOST_NEAREST,
+    MOST_PITCH,
+    SURE_SHARE,
+    _centred,
+    _flipped,
+    _nearest,
+    _pitch,
+    _powers,
+)
+from tactape_fab.texture.frames import FloatArray
 from tests.bench.impostors import other_surface, plain_grid, random_bumps, random_symbols
 from tests.contacts import CENTRE, DELTA, POSE, TAPE, W, dots, is_near, tape_of
 
@@ -188,3 +209,105 @@ def test_small_contacts_keep_their_reasons(localizer: Localizer) -> None:
     ]
     assert any(reason != "None" for reason in reasons)
     assert not any("set " in reason for reason in reasons), reasons
+
+
+# The steps, by dots put together by hand
+
+
+def seen_at(shift: float = 1 / 6) -> Any:
+    return SimpleNamespace(view=SimpleNamespace(pitch_px=20.0, shift=shift, centre_px=np.array([150.0, 110.0])))
+
+
+def some_dots(count: int, trust: float = 1.0) -> Dots:
+    xy = np.stack(np.divmod(np.arange(count, dtype=np.float64), 5.0), axis=1) * 20.0
+    return Dots(xy_px=xy, weights=np.ones(count), trust=np.full(count, trust))
+
+
+def test_dots_are_mirrored_about_the_image_s_centre() -> None:
+    raw = Dots(xy_px=np.array([(140.0, 7.0), (150.0, 8.0)]), weights=np.ones(2), trust=np.ones(2))
+    assert _flipped(seen_at(), raw).xy_px.tolist() == [[160.0, 7.0], [150.0, 8.0]]
+
+
+def test_low_and_doubtful_dots_say_less_of_a_grid_and_high_ones_no_more() -> None:
+    xy = np.array([(0.0, 0.0), (10.0, 0.0), (40.0, 8.0)])
+    raw = Dots(xy_px=xy, weights=np.array([3.0, 0.25, 1.0]), trust=np.array([1.0, 1.0, 0.5]))
+    about, strength = _centred(raw)
+    assert strength.tolist() == [1.0, 0.25, 0.5] and about == pytest.approx(xy - (30.0 / 2.5, 4.0 / 2.5))
+
+
+def test_the_nearest_of_dots_is_another_one() -> None:
+    assert _nearest(np.array([(0.0, 0.0), (3.0, 4.0), (3.0, 10.0)])) == 5.0
+
+
+def test_a_perfect_grid_has_all_the_power_and_ridges_have_it_at_one_axis() -> None:
+    angle, pitch = 0.3, 7.0
+    c, s = cos(angle), sin(angle)
+    rows, columns = (a.ravel() for a in np.indices((5, 4)))
+    grid = pitch * np.stack([c * columns - s * rows, s * columns + c * rows], axis=1)
+    assert _powers(grid, np.full(20, 0.5), angle, pitch) == pytest.approx((1.0, 1.0))
+    along = grid + np.outer(np.linspace(0.0, 4.0 * pitch, 20, endpoint=False), (-s, c))
+    first, second = _powers(along, np.ones(20), angle, pitch)
+    assert first == pytest.approx(1.0) and second < 0.5
+
+
+def pitch_of(
+    monkeypatch: pytest.MonkeyPatch,
+    lattices: list[tuple[float, float]],
+    *,
+    nearest: float = 0.9,
+    powers: tuple[float, float] = (0.9, 0.9),
+    dots: Dots | None = None,
+    shift: float = 1 / 6,
+) -> tuple[float | None, list[tuple[Any, ...]]]:
+    """The pitch that is found where these (pitch, power) are the grids, and how they were asked for."""
+    asked: list[tuple[Any, ...]] = []
+
+    def find(xy: FloatArray, strength: FloatArray, *of: Any) -> FloatArray:
+        asked.append(of)
+        return np.array([(0.1, pitch, 0.0, 0.0, power) for pitch, power in lattices]).reshape(-1, 5)
+
+    monkeypatch.setattr(module, "find_lattices", find)
+    monkeypatch.setattr(module, "_nearest", lambda xy: nearest)
+    monkeypatch.setattr(module, "_powers", lambda *_: powers)
+    return _pitch(seen_at(shift), some_dots(SOLID_DOTS) if dots is None else dots), asked
+
+
+def test_grids_are_looked_for_within_the_pitches_that_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, ((middle_px, share, most),) = pitch_of(monkeypatch, [])
+    assert middle_px * (1.0 - share) == pytest.approx(LEAST_PITCH * 20.0)
+    assert middle_px * (1.0 + share) == pytest.approx(MOST_PITCH * 20.0) and most == module.MOST_GRIDS
+
+
+def test_a_grid_needs_as_many_trusted_dots_as_a_solid_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    for count, trust, found in (
+        (SOLID_DOTS, 1.0, 1.0),
+        (SOLID_DOTS - 1, 1.0, None),
+        (SOLID_DOTS, GOOD_TRUST, None),
+        (SOLID_DOTS, GOOD_TRUST + 1e-9, 1.0),
+    ):
+        assert pitch_of(monkeypatch, [(1.0, 0.9)], dots=some_dots(count, trust))[0] == found
+
+
+def test_a_grid_needs_its_share_of_the_power_that_displaced_dots_keep(monkeypatch: pytest.MonkeyPatch) -> None:
+    for shift in (1 / 6, 1 / 12):
+        least = max(SURE_SHARE * ((1.0 + cos(2.0 * pi * shift)) / 2.0) ** 2, LEAST_POWER)
+        for power, found in ((least + 1e-9, 1.0), (least - 1e-9, None)):
+            assert pitch_of(monkeypatch, [(1.0, power)], shift=shift)[0] == found
+
+
+def test_the_grid_of_most_power_is_the_one_that_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert pitch_of(monkeypatch, [(1.0, 0.7), (1.1, 0.9), (0.9, 0.8)])[0] == 1.1
+
+
+def test_dots_of_a_grid_are_a_pitch_apart_and_show_both_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for nearest, found in (
+        (LEAST_NEAREST, 1.0),
+        (LEAST_NEAREST - 1e-9, None),
+        (MOST_NEAREST, 1.0),
+        (MOST_NEAREST + 1e-9, None),
+    ):
+        assert pitch_of(monkeypatch, [(1.0, 0.9)], nearest=nearest)[0] == found
+    for powers, found in (((0.9, LEAST_AXIS), 1.0), ((0.9, LEAST_AXIS - 1e-9), None), ((LEAST_AXIS - 1e-9, 0.9), None)):
+        assert pitch_of(monkeypatch, [(1.0, 0.9)], powers=powers)[0] == found
+    # the next grid is taken where the first one's dots are not a pitch apart
+    assert pitch_of(monkeypatch, [(2.0, 0.95), (1.0, 0.9)], nearest=1.0)[0] == 1.0
