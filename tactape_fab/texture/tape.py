@@ -33,6 +33,7 @@ TAG_IDS = 587
 PART_SHAPES = ("block", "dome")
 
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+NAME_REMEDY = "use 1 to 64 letters, digits, '.', '_', '-'"
 LONGEST_MM = 10_000.0
 MOST_HOLES = 10_000
 
@@ -390,7 +391,7 @@ def _read_tape(table: Fields) -> Tape:
     origin = table.integers("origin", 2, low=0, high=code.range - 1)
     columns = table.integer("columns", low=code.window, high=code.range, default=code.window)
     rows = table.integer("rows", low=code.window, high=code.range, default=code.window)
-    name = table.text("name", pattern=NAME_PATTERN, remedy="use letters, digits, '.', '_', '-'")
+    name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     directions = read_directions(table, code)

@@ -24,7 +24,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES, read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.files import (
     ALWAYS,
@@ -146,7 +146,7 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
     table = Fields(manifest)
     table.table("tool")
     record = _PanelRecord(
-        name=table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'"),
+        name=table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY),
         panel=read_panel_record(table.table("panel")),
         placed=read_placed(table),
         film=read_film_manifest(table),
