@@ -21,16 +21,18 @@ from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined, examine
-from tactape_fab.kit.panel.arrange import plan_packed, plan_panel, read_panel_record
+from tactape_fab.kit.panel.geometry import read_panel_record
+from tactape_fab.kit.panel.tabs_and_marks import plan_packed, plan_panel
 from tactape_fab.kit.profiles.confirm import read_trials
 from tactape_fab.kit.spec.tape_spec import KEYS, PROFILE_KEYS, TapeSpec
 from tactape_fab.make.kit import fill_kit
 from tactape_fab.make.panel import fill_panel
+from tactape_fab.texture.board import MOST_HOLES
 from tactape_fab.texture.certify.origin import Choice
 from tactape_fab.texture.code import has_plane
 from tactape_fab.texture.manifest import MANIFEST_NAME, MOST_MANIFEST_BYTES, find_manifest, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
-from tactape_fab.texture.tape import MOST_HOLES, NAME_PATTERN, NAME_REMEDY, Tape
+from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.certificate import difference
 from tactape_fab.verify.files import named, read_inside
 from tactape_fab.verify.verification import Verification

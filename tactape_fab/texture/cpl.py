@@ -15,8 +15,8 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import LONGEST_MM
 
 Style = Literal["csv", "tab", "kicad"]
 Columns = tuple[tuple[str, str], ...]

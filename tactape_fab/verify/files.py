@@ -20,7 +20,7 @@ from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
-from tactape_fab.texture.as_built import AS_BUILT_NAME
+from tactape_fab.texture.as_built_file import AS_BUILT_NAME
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.kit.panel.arrange import Panel, plan_packed
+from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.max_rects import bottom_left, fill_sheets, short_side_fit
+from tactape_fab.kit.panel.tabs_and_marks import plan_packed
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, snap_mm
 

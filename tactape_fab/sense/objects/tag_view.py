@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.libraries import library
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.texture.tape import Tape
 
 TAG_CELLS = 8
 """Cells along the side of tag36h11 between the corners that detectors give: 6 of data and the black border."""

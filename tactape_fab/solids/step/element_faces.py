@@ -15,7 +15,7 @@ import numpy as np
 from tactape_fab.solids.elements import block_corners_mm, sphere_radius_mm
 from tactape_fab.solids.step.part21 import Step, Template, TextArray, Writer, index_of, real, reals, reversed_steps
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,10 +15,11 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.layout import tape_legend
 from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tag import CODE_CELLS
-from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.job_file import known_fab
 from tactape_fab.verify.layers.written_form import alike, segments
 
