@@ -11,9 +11,11 @@ import numpy as np
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.solids.step.solid import solid_step
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import encode
-from tactape_fab.texture.tape import Board, Tape, TapePart
+from tactape_fab.texture.tape import Tape
 
 DATE = datetime(2026, 1, 1, tzinfo=timezone.utc)
 BLOCK = TapePart(name="block", shape="block", body_mm=(0.6, 0.3, 0.23), rotation_deg=45.0)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab import Tape, default_origin
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.code import get_plane
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import encode
-from tactape_fab.texture.tape import Board, TapePart
 
 
 def tape_at(

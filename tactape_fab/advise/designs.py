@@ -23,7 +23,7 @@ from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 FILM = "fpc"
 ROTATION_DEG = 45.0

@@ -35,8 +35,8 @@ from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.part import is_long
 from tactape_fab.texture.plane import Plane, PlaneCode
-from tactape_fab.texture.tape import is_long
 
 _SCENE = Scene()
 BODY_MM = 0.23

@@ -15,12 +15,14 @@ from tactape_fab.base.errors import Problem, ReachProblem, SpecError, refusal
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.board import TAG_FAMILY, Board, Tag
 from tactape_fab.texture.code import DEFAULT_CODE, Code, get_code
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, SymbolArray, snap_mm, texture_to_board
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import MOST_POINTS
 from tactape_fab.texture.shapes import inset_mm, reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS
-from tactape_fab.texture.tape import TAG_FAMILY, Board, Tag, Tape, TapePart
+from tactape_fab.texture.tape import Tape
 
 TAG_KEEP_OUT_MM = 0.5
 """Free film between the tag's ring and the outline, and between the ring and the field, mm."""

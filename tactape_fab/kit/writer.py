@@ -18,7 +18,7 @@ from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.film.anchors import anchor_plan
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.film.layout import Layout
-from tactape_fab.kit.panel.arrange import Panel, Place
+from tactape_fab.kit.panel.geometry import Panel, Place
 from tactape_fab.kit.profiles import FabProfile, LandPattern, PartProfile, ProcessProfile
 from tactape_fab.kit.render.backing import render_adhesive, render_stiffener
 from tactape_fab.kit.render.components import render_components

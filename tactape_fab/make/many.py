@@ -18,7 +18,7 @@ from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.examine.tape_lists import Planned
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
-from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.packing import PackedPanel, pack_panels
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec

@@ -13,7 +13,7 @@ from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined
 from tactape_fab.kit.order_facts import panel_order_facts
 from tactape_fab.kit.output_place import Overwrite
-from tactape_fab.kit.panel.arrange import Panel
+from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.fab_dxf import render_fab_dxf
 from tactape_fab.kit.render.order_notes import render_order_notes

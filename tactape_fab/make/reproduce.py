@@ -21,16 +21,18 @@ from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined, examine
-from tactape_fab.kit.panel.arrange import plan_packed, plan_panel, read_panel_record
+from tactape_fab.kit.panel.geometry import read_panel_record
+from tactape_fab.kit.panel.tabs_and_marks import plan_packed, plan_panel
 from tactape_fab.kit.profiles.confirm import read_trials
 from tactape_fab.kit.spec.tape_spec import KEYS, PROFILE_KEYS, TapeSpec
 from tactape_fab.make.kit import fill_kit
 from tactape_fab.make.panel import fill_panel
+from tactape_fab.texture.board import MOST_HOLES
 from tactape_fab.texture.certify.origin import Choice
 from tactape_fab.texture.code import has_plane
 from tactape_fab.texture.manifest import MANIFEST_NAME, MOST_MANIFEST_BYTES, find_manifest, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.certificate import difference
 from tactape_fab.verify.files import named, read_inside
 from tactape_fab.verify.verification import Verification
@@ -39,7 +41,6 @@ NAME = "reproduced"
 _SPARE_POINTS = 10_000
 _MORE_POINTS = 4
 """Grid points that a board of this size has room for may exceed those of the manifest so far: margins and a strip take some."""
-_MOST_HOLES = 10_000
 _LONGER_BYTES = 1 << 20
 _DATE = "%Y-%m-%dT%H:%M:%S+00:00"
 
@@ -209,8 +210,8 @@ def _refuse_other(values: Mapping[str, Any], tape: Tape) -> None:
     points = (board.size_mm[0] / tape.pitch_mm + 1) * (board.size_mm[1] / tape.pitch_mm + 1)
     if points > _MORE_POINTS * tape.columns * tape.rows + _SPARE_POINTS:
         problems.append(Problem("size_mm", f"its {tape.columns} x {tape.rows} grid points are not those of a board of that size"))
-    if len(board.holes) > _MOST_HOLES:
-        problems.append(Problem("holes_mm", f"it has {len(board.holes)} holes, more than {_MOST_HOLES}"))
+    if len(board.holes) > MOST_HOLES:
+        problems.append(Problem("holes_mm", f"it has {len(board.holes)} holes, more than {MOST_HOLES}"))
     if problems:
         raise SpecError(problems)
 
@@ -254,7 +255,7 @@ def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str]
 
 def _examined_panel(content: Mapping[str, Any], tapes: Sequence[Examined]) -> ExaminedPanel:
     table = Fields(content)
-    name = table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'")
+    name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     record = table.table("panel")
     said = read_panel_record(record)
     if table.problems or record.problems:

@@ -13,16 +13,14 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.image_file import PNG_HEADER, png_size, unpacked
 from tactape_fab.base.input_file import read_regular
-from tactape_fab.base.libraries import library
-from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.base.templates import profile_table, refuse_problems, templates_folder
 from tactape_fab.sense.geometry import Camera, Gel, Geometry, camera
 from tactape_fab.texture.frames import FloatArray
 
 MOST_PX = 4096
 _MASK_BYTES = 32 * 1024 * 1024
-_PNG_HEADER = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 _VALID_GREY = 128
 _UNCALIBRATED, _UNKNOWN_GEL = Geometry(), Gel()
 
@@ -279,21 +277,19 @@ def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool
 
 def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     """A PNG of exactly this (height, width) as grey levels; its header is checked before anything is unpacked."""
-    cv2 = library("cv2", "reading a PNG mask")
-
     try:
         data = read_regular(path, _MASK_BYTES)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
         message = f"mask = {shown_path(path)} cannot be opened: {reason}; give a PNG beside the profile"
         raise SpecError(Problem("mask", message)) from error
-    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-    if not data.startswith(_PNG_HEADER) or len(data) > _MASK_BYTES:
+    height, width = png_size(data)
+    if not data.startswith(PNG_HEADER) or len(data) > _MASK_BYTES:
         raise SpecError(Problem("mask", f"mask = {shown_path(path)} is no PNG of at most {_MASK_BYTES} bytes; write one"))
     if (height, width) != shape:
         message = f"mask = {shown_path(path)} is {width} x {height} px, a frame is {shape[1]} x {shape[0]}; make it as large"
         raise SpecError(Problem("mask", message))
-    grey = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if chunks_fit(data) else None
+    grey = unpacked(data, "IMREAD_GRAYSCALE", "reading a PNG mask")
     if grey is None or grey.shape != shape:
         raise SpecError(Problem("mask", f"mask = {shown_path(path)} is a PNG that cannot be unpacked; write it again"))
     return np.asarray(grey, dtype=np.uint8)

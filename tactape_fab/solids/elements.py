@@ -10,8 +10,8 @@ from math import acos, asin, ceil, cos, pi, radians, sin, sqrt
 import numpy as np
 
 from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import TapePart
 
 CHORD_ERROR_MM = 0.015
 """Largest distance of a mesh's chords from a dome's circles, mm: a third of a printer's layer."""

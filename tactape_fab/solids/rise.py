@@ -9,7 +9,7 @@ import numpy as np
 
 from tactape_fab.solids.elements import sphere_radius_mm
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 _BISECTIONS = 60
 _GAUSS_POINTS = 40

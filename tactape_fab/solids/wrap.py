@@ -12,7 +12,8 @@ import numpy as np
 
 from tactape_fab.solids.forms import Cylinder, SolidForm
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.part import TapePart
+from tactape_fab.texture.tape import Tape
 
 _SWAP = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
 """Working frame to board frame round y: (a, b) = (y, -x)."""

@@ -1,9 +1,8 @@
-"""AsBuilt: where the parts of one made tape really stand, as measured; the file as-built.json beside a kit."""
+"""AsBuilt: where the parts of one made tape really are, as measured, and whether that is of a given kit."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from math import inf
@@ -14,27 +13,24 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import Fields, shown, shown_path
-from tactape_fab.base.input_file import open_regular, read_regular
-from tactape_fab.base.json_text import parse_json
+from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import write_file
+from tactape_fab.texture.as_built_file import (
+    AS_BUILT_FORMAT,
+    AS_BUILT_NAME,
+    FARTHEST_MM,
+    RANGES,
+    as_text,
+    content_of,
+    file_of,
+    read_values,
+    rounded,
+)
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
-from tactape_fab.texture.plane import MOST_POINTS
 
-AS_BUILT_FORMAT = "tactape-as-built/1"
-AS_BUILT_NAME = "as-built.json"
 NOMINAL = "none"
 """Stands for the places of the design, in the place of a file."""
-SOURCES = ("scan", "survey", "aoi", "cpl")
-MOST_BYTES = 64 * 1024 * 1024
-_MOST_VALUES = 7 * MOST_POINTS
-"""Six columns of one value for each part."""
-MOST_SOURCES = 1000
-MOST_SOURCE_CHARACTERS = 10_000
-FARTHEST_MM = 10.0
-"""Largest shift, and largest standard deviation of a place. A part farther off is a foreign object."""
-MOST_STRETCH = 0.1
-"""Largest stretch and shear of the film: polyimide moves by 0.1 % or so."""
 LEAST_MEASURED = 10
 """Measured parts from which on their scatter says how far off the others may be."""
 
@@ -189,11 +185,11 @@ class AsBuilt:
             },
             "parts": {
                 "designator": [f"R{n}" for n in self.number.tolist()],
-                "dx_mm": _rounded(self.dx_mm, 6),
-                "dy_mm": _rounded(self.dy_mm, 6),
-                "rotation_deg": _rounded(self.rotation_deg, 3),
+                "dx_mm": rounded(self.dx_mm, 6),
+                "dy_mm": rounded(self.dy_mm, 6),
+                "rotation_deg": rounded(self.rotation_deg, 3),
                 "present": self.present.tolist(),
-                "sigma_mm": _rounded(self.sigma_mm, 6),
+                "sigma_mm": rounded(self.sigma_mm, 6),
             },
             "source": [dict(entry) for entry in self.source],
         }
@@ -216,7 +212,8 @@ class AsBuilt:
         SpecError
             Every problem found.
         """
-        return _read(Fields(content))
+        values = read_values(Fields(content))
+        return cls(**{**values, "film": Film(**values["film"])})
 
     @classmethod
     def load(cls, path: str | Path) -> AsBuilt:
@@ -236,7 +233,7 @@ class AsBuilt:
         SpecError
             If there is none, it is too large or not JSON, or a value is missing or impossible: all problems together.
         """
-        return cls.from_mapping(_content(Path(path)))
+        return cls.from_mapping(content_of(Path(path)))
 
     def write(self, path: str | Path) -> Path:
         """Write the file, the same bytes for the same places; a file of that name is replaced in one step, a link never.
@@ -258,8 +255,8 @@ class AsBuilt:
         TactapeError
             If it cannot be written; what stood there is as it was.
         """
-        file = _file_of(Path(path))
-        write_file(file, _as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)
+        file = file_of(Path(path))
+        write_file(file, as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)
         return file
 
     def problems_for(self, name: str, digest: str, parts: int, most_mm: float = inf) -> list[Problem]:
@@ -335,162 +332,10 @@ def manifest_digest(manifest: str | Path) -> str:
     return digest.hexdigest()
 
 
-def _file_of(path: Path) -> Path:
-    return path / AS_BUILT_NAME if path.is_dir() else path
-
-
-def _rounded(values: FloatArray, digits: int) -> list[float]:
-    return [v + 0.0 for v in np.round(values, digits).tolist()]  # + 0.0: no -0.0
-
-
-def _as_text(content: Mapping[str, Any]) -> str:
-    """JSON with one line for each key of the tables."""
-    lines = []
-    for key, value in content.items():
-        if key == "parts":
-            inner = ",\n".join(f"    {json.dumps(name)}: {json.dumps(column)}" for name, column in value.items())
-            lines.append(f"  {json.dumps(key)}: {{\n{inner}\n  }}")
-        else:
-            lines.append(f"  {json.dumps(key)}: {json.dumps(value, sort_keys=True)}")
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _content(path: Path) -> Mapping[str, Any]:
-    try:
-        file = _file_of(path)
-        data = read_regular(file, MOST_BYTES)
-        if len(data) > MOST_BYTES:
-            message = f"{shown_path(file)} has more than {MOST_BYTES} bytes; it is no as-built file of this tool"
-            raise SpecError(Problem("as-built", message))
-        content = parse_json(data, most_values=_MOST_VALUES)
-    except (OSError, ValueError) as error:
-        if isinstance(error, SpecError):
-            raise
-        reason = getattr(error, "strerror", None) or shown(str(error))
-        remedy = "give a file that inspect or survey wrote"
-        raise SpecError(Problem("as-built", f"{shown_path(path)} cannot be read: {reason}; {remedy}")) from error
-    if not isinstance(content, dict):
-        raise SpecError(Problem("as-built", f"{shown_path(path)} holds no table; give a file that inspect or survey wrote"))
-    return content
-
-
-_COLUMNS = ("dx_mm", "dy_mm", "rotation_deg", "sigma_mm")
-_RANGES = {
-    "dx_mm": (-FARTHEST_MM, FARTHEST_MM),
-    "dy_mm": (-FARTHEST_MM, FARTHEST_MM),
-    "rotation_deg": (-360.0, 360.0),
-    "sigma_mm": (0.0, FARTHEST_MM),
-}
-
-
-def _read(table: Fields) -> AsBuilt:
-    if isinstance(kind := table.values.get("format"), str) and kind != AS_BUILT_FORMAT:  # its other keys mean something else
-        message = f"format = {shown(kind)} is no file of measured places; give one of format '{AS_BUILT_FORMAT}', as survey makes"
-        raise SpecError(Problem("as-built", message))
-    table.refuse_unknown(("format", "tape", "manifest_sha256", "film", "parts", "source"))
-    table.text("format", choices=(AS_BUILT_FORMAT,), remedy="this version reads no other")
-    name = table.text("tape", longest=64)
-    digest = table.text("manifest_sha256", pattern="[0-9a-f]{64}", remedy="give 64 hexadecimal digits")
-    film = _read_film(table.table("film", ("scale", "shear", "sigma"))) if "film" in table.values else Film()
-    parts = table.table("parts", ("designator", *_COLUMNS, "present"))
-    names = parts.rows("designator", longest=MOST_POINTS)
-    number = _numbers(parts, names)
-    columns = {key: _column(parts, key, len(names)) for key in _COLUMNS}
-    present = parts.rows("present", longest=MOST_POINTS)
-    if len(present) != len(names) or not set(map(type, present)) <= {bool}:
-        parts.problem("present", f"present is not {len(names)} of true and false; give one for each designator")
-    source = _read_source(table) if "source" in table.values else ()
-    if table.problems:
-        raise SpecError([Problem("as-built", problem.message) for problem in table.problems])
-    order = np.argsort(number, kind="stable")
-    return AsBuilt(
-        tape=name,
-        manifest_sha256=digest,
-        number=number[order],
-        present=np.array(present, dtype=bool)[order],
-        film=film,
-        source=source,
-        **{key: values[order] for key, values in columns.items()},
-    )
-
-
-def _read_film(table: Fields) -> Film:
-    sx, sy = table.numbers("scale", 2, low=1.0 - MOST_STRETCH, high=1.0 + MOST_STRETCH, unit="")
-    return Film(
-        scale=(sx, sy),
-        shear=table.number("shear", low=-MOST_STRETCH, high=MOST_STRETCH, unit=""),
-        sigma=table.number("sigma", low=0.0, high=MOST_STRETCH, unit=""),
-    )
-
-
-def _numbers(parts: Fields, names: Sequence[object]) -> IntArray:
-    """Numbers of designators such as R12; 1, 2, ... where one is wrong."""
-    found = [
-        int(name[1:])
-        if isinstance(name, str) and 1 < len(name) <= 9 and name[0] == "R" and name[1:].isascii() and name[1:].isdigit()
-        else 0
-        for name in names
-    ]
-    wrong = [k for k, n in enumerate(found) if n < 1 or names[k] != f"R{n}"]
-    if wrong:
-        message = f"designator[{wrong[0]}] = {shown(names[wrong[0]])} is no designator; give R and a number, such as R12"
-        parts.problem("designator", message + (f" ({len(wrong)} are wrong)" if len(wrong) > 1 else ""))
-        return np.arange(1, len(names) + 1)
-    number = np.array(found, dtype=np.int64)
-    kinds, counts = np.unique(number, return_counts=True)
-    if (counts > 1).any():
-        parts.problem("designator", f"designator R{kinds[counts > 1][0]} occurs twice; give each part once")
-    return number
-
-
-def _column(parts: Fields, key: str, count: int) -> FloatArray:
-    """A column of finite numbers within its range; zeros where there is a problem."""
-    low, high = _RANGES[key]
-    unit = "deg" if key == "rotation_deg" else "mm"
-    values = parts.rows(key, longest=max(count, 1_000_000))
-    if key not in parts.values or parts.refused(parts.where + key):
-        return np.zeros(count)
-    if len(values) != count:
-        parts.problem(key, f"{key} has {len(values)} entries for {count} designators; give one for each")
-        return np.zeros(count)
-    if set(map(type, values)) <= {int, float}:
-        try:
-            column = np.array(values, dtype=np.float64).reshape(count)
-        except OverflowError:  # an integer beyond any float
-            column = np.full(count, np.nan)
-        wrong = np.flatnonzero(~((column >= low) & (column <= high)))
-        if not len(wrong):
-            return column
-        first = int(wrong[0])
-    else:
-        first = next(k for k, v in enumerate(values) if type(v) not in (int, float))
-    message = f"{key}[{first}] = {shown(values[first])} is no number of {unit} from {low:g} to {high:g}; correct it"
-    parts.problem(key, message)
-    return np.zeros(count)
-
-
-def _read_source(table: Fields) -> tuple[Mapping[str, Any], ...]:
-    found = []
-    for i, row in enumerate(table.rows("source", longest=MOST_SOURCES)):
-        entry = Fields(row if isinstance(row, Mapping) else {}, f"source[{i}].", table.problems)
-        entry.text("kind", choices=SOURCES)
-        if "drift_mm" in entry.values:
-            entry.number("drift_mm", low=0.0, high=FARTHEST_MM)
-        try:
-            size = len(json.dumps(row, allow_nan=False))
-        except (ValueError, RecursionError):
-            size = MOST_SOURCE_CHARACTERS + 1
-        if size > MOST_SOURCE_CHARACTERS:
-            message = f"source[{i}] has NaN or more than {MOST_SOURCE_CHARACTERS} characters; give less of it"
-            table.problem("source", message)
-        found.append(dict(entry.values))
-    return tuple(found)
-
-
 def _array_problems(built: AsBuilt) -> list[Problem]:
     """Faults of arrays that a program gives."""
     n = len(built.number)
-    arrays: list[tuple[str, npt.NDArray[Any]]] = [(key, getattr(built, key)) for key in (*_COLUMNS, "present")]
+    arrays: list[tuple[str, npt.NDArray[Any]]] = [(key, getattr(built, key)) for key in (*RANGES, "present")]
     problems = [
         Problem("as-built", f"{key} has shape {a.shape}, not ({n},); give one value for each designator")
         for key, a in arrays
@@ -498,7 +343,7 @@ def _array_problems(built: AsBuilt) -> list[Problem]:
     ]
     if built.number.ndim != 1 or (n and (built.number[0] < 1 or (np.diff(built.number) <= 0).any())):
         problems.append(Problem("as-built", "number is not ascending from 1 or more; sort the parts, each once"))
-    for key, (low, high) in _RANGES.items():
+    for key, (low, high) in RANGES.items():
         values = getattr(built, key)
         if not ((values >= low) & (values <= high)).all():
             problems.append(Problem("as-built", f"{key} has values that are not from {low:g} to {high:g}; correct them"))

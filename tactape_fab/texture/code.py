@@ -14,18 +14,17 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS
 from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.plane import Plane, PlaneCode
+from tactape_fab.texture.plane import Limits, Plane, PlaneCode
 from tactape_fab.texture.sequences import anoto_main, anoto_secondary, de_bruijn
 from tactape_fab.texture.touch.design import HIGHER_RUNGS, MOST_TOUCH_POINTS, RUNGS
 from tactape_fab.texture.touch.designed import DesignedCode
 from tactape_fab.texture.trace import TraceCode
 
 
-class Code(Protocol):
+class Code(Limits, Protocol):
     """Interface of a code.
 
-    window: Columns and rows that a tape has at least.
-    range: Columns and rows that a tape has at most.
+    window: Columns and rows that a tape has at least, as well.
     most_points: Grid points that a tape has at most.
     directions: Allowed numbers of displacement directions.
     plane: The code plane, of which a tape shows the patch at a given or searched origin. None if each tape's matrix is designed:
@@ -38,14 +37,6 @@ class Code(Protocol):
     another: Option that gives a tape another texture.
     """
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def window(self) -> int: ...
-    @property
-    def sectors(self) -> int: ...
-    @property
-    def range(self) -> int: ...
     @property
     def most_points(self) -> int: ...
     @property

@@ -15,8 +15,8 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import LONGEST_MM
 
 Style = Literal["csv", "tab", "kicad"]
 Columns = tuple[tuple[str, str], ...]
@@ -29,7 +29,18 @@ _OF_NUMBERS = frozenset("0123456789+-.eE")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlacementTable:
+class Table:
+    """Columns of a table of an assembly house."""
+
+    columns: Columns
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        return tuple(header for header, _ in self.columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacementTable(Table):
     """Format of a pick-and-place list.
 
     columns: Keys of the content: ``designator``, ``x``, ``y``, ``rotation``, ``side``, ``value``, ``footprint``, ``part_number``,
@@ -43,7 +54,6 @@ class PlacementTable:
     fixed: Cells that are the same for every part of every tape.
     """
 
-    columns: Columns
     ending: str = "-cpl.csv"
     style: Style = "csv"
     unit: Literal["mm", "mil"] = "mm"
@@ -51,10 +61,6 @@ class PlacementTable:
     clockwise: bool = False
     half_turns: bool = False
     fixed: Columns = ()
-
-    @property
-    def headers(self) -> tuple[str, ...]:
-        return tuple(header for header, _ in self.columns)
 
     @property
     def unit_mm(self) -> float:

@@ -21,10 +21,11 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
+from tactape_fab.texture.board import TAG_IDS
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import SymbolArray, symbols_to_rows
 from tactape_fab.texture.plane import MOST_POINTS
-from tactape_fab.texture.tape import NAME_PATTERN, TAG_IDS, Tape
+from tactape_fab.texture.tape import NAME_PATTERN, Tape
 
 FIRST_LINE = b"tactape-registry/1\n"
 MOST_TAPES = 65_536

@@ -9,8 +9,8 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
+from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.manifest import MANIFEST_NAME, PANEL_FORMAT, find_manifest, read_any_manifest
-from tactape_fab.texture.tape import LONGEST_MM
 
 KITS_FOLDER = "tapes"
 MOST_PLACED = 10_000

@@ -12,6 +12,7 @@ import numpy as np
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.texture.as_built import AsBuilt, BuiltParts, Given, as_built_of
+from tactape_fab.texture.board import Board, Surface, Tag, read_board, read_surface, read_tag
 from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, get_code, read_directions
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
 from tactape_fab.texture.frames import (
@@ -26,85 +27,11 @@ from tactape_fab.texture.frames import (
     texture_to_board,
 )
 from tactape_fab.texture.manifest import find_manifest, read_manifest
+from tactape_fab.texture.part import TapePart, read_part
 from tactape_fab.texture.plane import MOST_POINTS
 
-TAG_FAMILY = "tag36h11"
-TAG_IDS = 587
-PART_SHAPES = ("block", "dome")
-
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
-LONGEST_MM = 10_000.0
-MOST_HOLES = 10_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Board:
-    """The film: outline, place of the texture on it, and its holes (board frame, mm).
-
-    ``holes`` are (x, y, diameter).
-    """
-
-    size_mm: tuple[float, float]
-    texture_origin_mm: tuple[float, float]
-    corner_radius_mm: float
-    thickness_mm: float
-    holes: tuple[tuple[float, float, float], ...] = ()
-
-
-LEAST_ASPECT = 1.25
-"""Length over width from which on the direction of bodies is looked for. Chosen; that of chip resistors is 2."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TapePart:
-    """The element on every grid point: ``body_mm`` is (length, width, height), ``rotation_deg`` counter-clockwise.
-
-    A ``block`` is a box; a ``dome`` is a spherical cap of (diameter, diameter, height), or a truncated cone whose flat
-    top has the diameter ``top_mm``.
-    """
-
-    name: str
-    shape: str
-    body_mm: tuple[float, float, float]
-    rotation_deg: float
-    top_mm: float | None = None
-
-    @property
-    def open_turns_deg(self) -> tuple[int, ...]:
-        """Turns of a contact that the parts' own direction leaves open: both of half a turn, or all four of round parts."""
-        return (0, 180) if is_long(self.shape, self.body_mm) else (0, 90, 180, 270)
-
-
-def is_long(shape: str, body_mm: tuple[float, float, float]) -> bool:
-    """Whether bodies (length, width, height in mm) are long enough for dots to show their direction, and so a quarter turn."""
-    return shape == "block" and max(body_mm[:2]) >= LEAST_ASPECT * min(body_mm[:2])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tag:
-    """The printed AprilTag; ``center_mm`` in the board frame, upright in AprilRobotics' sense at rotation 0."""
-
-    family: str
-    id: int
-    cell_mm: float
-    center_mm: tuple[float, float]
-    rotation_deg: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Surface:
-    """The user's own part that carries a texture instead of a board.
-
-    ``source`` and ``sha256`` name its file; ``centre_mm`` is the point under the middle of the grid, ``up`` the direction
-    of board +y there (the part's coordinates); ``radius_mm`` is that of the patch, None if it is neither sphere nor
-    cylinder.
-    """
-
-    source: str
-    sha256: str
-    centre_mm: tuple[float, float, float]
-    up: tuple[float, float, float]
-    radius_mm: float | None
+NAME_REMEDY = "use 1 to 64 letters, digits, '.', '_', '-'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -320,86 +247,22 @@ def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:
     return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
 
 
-def _read_board(table: Fields) -> Board:
-    size = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, default=(LONGEST_MM, LONGEST_MM))
-    holes = []
-    for i, hole in enumerate(table.rows("holes", longest=MOST_HOLES)):
-        entry = Fields({f"holes[{i}]": hole}, table.where, table.problems)
-        x, y, d = entry.numbers(f"holes[{i}]", 3, low=0.0, high=LONGEST_MM)
-        holes.append((x, y, d))
-    return Board(
-        size_mm=(size[0], size[1]),
-        texture_origin_mm=_pair(table.numbers("texture_origin_mm", 2, low=0.0, high=LONGEST_MM)),
-        corner_radius_mm=table.number("corner_radius_mm", low=0.0, high=min(size) / 2),
-        thickness_mm=table.number("thickness_mm", above=0.0, high=100.0),
-        holes=tuple(holes),
-    )
-
-
-def _read_part(table: Fields) -> TapePart:
-    length, width, height = table.numbers("body_mm", 3, above=0.0, high=100.0)
-    shape = table.text("shape", choices=PART_SHAPES)
-    top_mm = None
-    if table.values.get("top_mm") is not None:
-        top_mm = table.number("top_mm", above=0.0, below=length)
-    if shape == "dome" and (length != width or (top_mm is None and height >= length / 2)):
-        table.problem(
-            "body_mm", f"body_mm = {[length, width, height]} is no dome; give [diameter, diameter, less than the radius]"
-        )
-    return TapePart(
-        name=table.text("name", longest=200),
-        shape=shape,
-        body_mm=(length, width, height),
-        rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
-        top_mm=top_mm,
-    )
-
-
-def _read_tag(table: Fields) -> Tag:
-    return Tag(
-        family=table.text("family", choices=(TAG_FAMILY,)),
-        id=table.integer("id", low=0, high=TAG_IDS - 1),
-        cell_mm=table.number("cell_mm", above=0.0, high=100.0),
-        center_mm=_pair(table.numbers("center_mm", 2, low=0.0, high=LONGEST_MM)),
-        rotation_deg=table.number("rotation_deg", low=-360.0, high=360.0, unit="deg"),
-    )
-
-
-def _read_surface(table: Fields) -> Surface:
-    x, y, z = table.numbers("centre_mm", 3, low=-LONGEST_MM * 10, high=LONGEST_MM * 10)
-    u, v, w = table.numbers("up", 3, low=-1.0, high=1.0, unit="")
-    radius_mm = None
-    if table.values.get("radius_mm") is not None:
-        radius_mm = table.number("radius_mm", low=-1e9, high=1e9)
-    return Surface(
-        source=table.text("source", longest=300),
-        sha256=table.text("sha256", pattern=r"[0-9a-f]{64}"),
-        centre_mm=(x, y, z),
-        up=(u, v, w),
-        radius_mm=radius_mm,
-    )
-
-
-def _pair(values: tuple[float, ...]) -> tuple[float, float]:
-    return values[0], values[1]
-
-
 def _read_tape(table: Fields) -> Tape:
     code = get_code(table.text("code", choices=ALL_CODE_NAMES, default=DEFAULT_CODE))
     sector = table.integer("sector", low=0, high=code.sectors - 1)
     origin = table.integers("origin", 2, low=0, high=code.range - 1)
     columns = table.integer("columns", low=code.window, high=code.range, default=code.window)
     rows = table.integer("rows", low=code.window, high=code.range, default=code.window)
-    name = table.text("name", pattern=NAME_PATTERN, remedy="use letters, digits, '.', '_', '-'")
+    name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     pitch_mm = table.number("pitch_mm", above=0.0, high=100.0, default=1.0)
     displacement_mm = table.number("displacement_mm", above=0.0, below=pitch_mm / 2, default=pitch_mm / 6)
     directions = read_directions(table, code)
-    board = _read_board(table.table("board"))
-    part = _read_part(table.table("part"))
+    board = read_board(table.table("board"))
+    part = read_part(table.table("part"))
     if "tag" not in table.values:
         table.problem("tag", "tag is missing; give a table, or null for a tape without one")
-    tag = None if table.values.get("tag") is None else _read_tag(table.table("tag"))
-    surface = _read_surface(table.table("surface")) if "surface" in table.values else None
+    tag = None if table.values.get("tag") is None else read_tag(table.table("tag"))
+    surface = read_surface(table.table("surface")) if "surface" in table.values else None
     if columns * rows > MOST_POINTS:
         table.problem("columns", f"columns x rows = {columns} x {rows} exceeds {MOST_POINTS} grid points")
     if table.problems:

@@ -14,13 +14,13 @@ from typing import Any, Literal
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.base.image_file import PNG_SIGNATURE, png_size, unpacked
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
-from tactape_fab.base.png_chunks import chunks_fit
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.render.preview import MOST_PX
-from tactape_fab.texture.as_built import AS_BUILT_NAME
+from tactape_fab.texture.as_built_file import AS_BUILT_NAME
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, safe_path
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.budgets import MOST_FILES, WHOLE_KIT, most_bytes
@@ -277,16 +277,10 @@ def _is_drawing(data: bytes) -> bool:
 
 def check_picture(files: Mapping[str, WrittenFile]) -> Check:
     """Check that the previews can be opened; the size that a PNG's header gives bounds the memory that it takes (PNG, 11.2.2)."""
-    import cv2
-    import numpy as np
-
     data = files["preview-png"].data
-    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-    small = data.startswith(b"\x89PNG\r\n\x1a\n") and max(width, height) <= MOST_PX
-    try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if small and chunks_fit(data) else None
-    except cv2.error:
-        image = None
+    height, width = png_size(data)
+    small = data.startswith(PNG_SIGNATURE) and max(width, height) <= MOST_PX
+    image = unpacked(data, "IMREAD_COLOR", "opening a preview") if small else None
     drawn = [files[role].data for role in ("preview-svg", "placement-preview") if role in files]
     svg_whole = all(map(_is_drawing, drawn))
     if image is None or not svg_whole:

@@ -10,21 +10,19 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import shapely
 
 from tactape_fab.base.errors import Check, SpecError
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.pool import Workers, mapped
-from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
+from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of, read_panel_record
 from tactape_fab.kit.panel.panel_drawing import slots_mm
-from tactape_fab.kit.read.gerber_file import GerberContent
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.manifest import MOST_MANIFEST_BYTES, read_any_manifest
 from tactape_fab.texture.panel_manifest import PlacedTape, read_placed
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY, Tape
 from tactape_fab.verify.budgets import count_of
 from tactape_fab.verify.files import (
     ALWAYS,
@@ -49,7 +47,6 @@ from tactape_fab.verify.film import (
     shown_on_board,
 )
 from tactape_fab.verify.kit import verify_folder
-from tactape_fab.verify.layers.board import pen_problem
 from tactape_fab.verify.layers.cpl_rows import check_bom, check_cpl
 from tactape_fab.verify.layers.drawings import check_drawings
 from tactape_fab.verify.layers.fab_zip import check_zip
@@ -57,13 +54,12 @@ from tactape_fab.verify.layers.film_layers import pardoned
 from tactape_fab.verify.layers.job_file import check_job
 from tactape_fab.verify.layers.kicad import Shown, check_kicad, sides_of
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM
-from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, part_data_of_tape, rows_of_tape, whole
+from tactape_fab.verify.layers.on_panel import OnPanel, inside, of_tape, part_data_of_tape, rows_of_tape
 from tactape_fab.verify.layers.order_notes import Ordered, check_order_notes
+from tactape_fab.verify.layers.panel_frame import check_cut, check_rails
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.trip.round_trip import Contact, Progress
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
-
-_DIAMETER_TOLERANCE_MM = 0.005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +142,7 @@ def _read_record(manifest: Mapping[str, Any]) -> _PanelRecord:
     table = Fields(manifest)
     table.table("tool")
     record = _PanelRecord(
-        name=table.text("name", pattern=r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", remedy="use letters, digits, '.', '_', '-'"),
+        name=table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY),
         panel=read_panel_record(table.table("panel")),
         placed=read_placed(table),
         film=read_film_manifest(table),
@@ -238,7 +234,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
         layers = replace(layers, holes=np.empty((0, 3)))
     checks += [check_attributes(layers.gerbers, files, film, "Array"), check_form(files, layers.gerbers)]
     if "profile" in layers.gerbers:
-        checks.append(_check_cut(layers.gerbers["profile"], panel))
+        checks.append(check_cut(layers.gerbers["profile"], panel))
     count = sum(on.tape.part_count for on in tapes)
     names = [f"R{n}" for n in range(1, count + 1)]
     if cpl is not None:
@@ -247,7 +243,7 @@ def _check_content(record: _PanelRecord, tapes: Sequence[_OnPanel], files: dict[
     ordered = Ordered(name=record.name, size_mm=panel.size_mm, part_count=count, on_panel=True)
     backings, shown = film.film.backings, _shown(record, tapes)
     checks.append(check_order_notes(files, tapes[0].tape, ordered, order=film.order, assembly=film.assembly, backings=backings))
-    checks += _check_rails(layers, panel, tapes)
+    checks += check_rails(layers.gerbers, layers.holes, panel, tapes)
     for on in tapes:
         lines = pardoned(_check_tape(on, layers, files, quick=quick), on.film.film)
         checks += _folded(f"tape {on.tape.name}", lines, f"at ({on.offset[0]:g}, {on.offset[1]:g}) mm, R{on.first + 1} on")
@@ -280,46 +276,6 @@ def _check_rows(cpl: CplContent, names: Sequence[str]) -> Check:
         wrong.insert(0, f"{len(cpl.designators)} rows for {len(names)} parts")
     message = named(wrong) or f"{len(names)} rows, R1 to R{len(names)} in order"
     return Check(name="cpl order", passed=not wrong, message=message, figure=float(len(cpl.designators)))
-
-
-def _check_cut(content: GerberContent, panel: Panel) -> Check:
-    """Check the outline, and that slots round every tape leave it complete and held by its tabs alone."""
-    name, strokes = "profile", content.strokes_mm
-    expected = slots_mm(panel)
-    open_ended = [stroke for stroke in strokes if len(stroke) < 4 or np.hypot(*(stroke[0] - stroke[-1])) > 1e-9]
-    if len(content.flash_xy_mm) or len(content.areas_mm) or open_ended:
-        return Check(name=name, passed=False, message="objects that are not closed contours")
-    if len(strokes) != 1 + len(expected):
-        return Check(name=name, passed=False, message=f"{len(strokes)} contours instead of {1 + len(expected)}")
-    if (pen := pen_problem(content)) is not None:
-        return Check(name=name, passed=False, message=pen)
-    drawn = [shapely.Polygon(stroke) for stroke in strokes]
-    if not all(polygon.is_valid for polygon in drawn):
-        return Check(name=name, passed=False, message="a contour crosses itself")
-    outline = shapely.Polygon(panel.outline_mm)
-    errors = [float(shapely.hausdorff_distance(drawn[0].exterior, outline.exterior))]
-    errors += [
-        float(shapely.hausdorff_distance(polygon.exterior, shapely.Polygon(slot).exterior))
-        for polygon, slot in zip(drawn[1:], expected, strict=True)
-    ]
-    slots, tapes = shapely.union_all(drawn[1:]), [shapely.Polygon(place.outline_mm) for place in panel.places]
-    problems = [
-        f"a slot cuts {shapely.area(shapely.intersection(slots, t)):.3f} mm2 off a tape" for t in tapes if _cuts(slots, t)
-    ]
-    near, tabs = slots.buffer(2 * PLACE_TOLERANCE_MM), [2 * (place.tabs_x + place.tabs_y) for place in panel.places]
-    uncut = [shapely.get_parts(shapely.line_merge(shapely.difference(tape.exterior, near))) for tape in tapes]
-    wrong = [(len(pieces), count) for pieces, count in zip(uncut, tabs, strict=True) if len(pieces) != count]
-    problems += [f"a tape is held by {held} tabs, not {count}" for held, count in wrong]
-    said = " or ".join(str(count) for count in sorted(set(tabs)))
-    if max(errors) > PLACE_TOLERANCE_MM:
-        problems.append(f"a contour is {max(errors):.3f} mm off the manifest's panel")
-    size = panel.size_mm
-    right = f"{size[0]:g} x {size[1]:g} mm with {len(expected)} slots, every tape whole and held by {said} tabs"
-    return Check(name=name, passed=not problems, message=named(problems) or right, figure=max(errors) * 1000, unit="um")
-
-
-def _cuts(slots: Any, tape: Any) -> bool:
-    return float(shapely.area(shapely.intersection(slots, tape.buffer(-PLACE_TOLERANCE_MM)))) > 0.0
 
 
 def _shown(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Shown:
@@ -368,55 +324,3 @@ def _check_tape(on: _OnPanel, layers: FilmLayers, files: Mapping[str, WrittenFil
 def _holes_of_tape(holes: FloatArray, on: OnPanel) -> FloatArray:
     of_it = holes[inside(holes[:, :2], on)]
     return np.column_stack([on.on_board(of_it[:, :2]), of_it[:, 2]])
-
-
-# Beside the tapes
-
-
-def _check_rails(layers: FilmLayers, panel: Panel, tapes: Sequence[_OnPanel]) -> list[Check]:
-    """Check that outside the tapes there are only the fiducials and the tooling holes."""
-    checks, holes = [], layers.holes
-    marks = {"copper-top": panel.fiducial_mm, "coverlay-top": panel.fiducial_opening_mm}
-    for role, content in layers.gerbers.items():
-        if role == "profile":
-            continue
-        on_tape = np.zeros(len(content.flash_xy_mm), dtype=bool)
-        for on in tapes:
-            on_tape |= inside(content.flash_xy_mm, on)
-        flashes = np.flatnonzero(~on_tape)
-        outlines = [content.aperture_outlines_mm[i] for i in content.flash_aperture[flashes]]
-        wanted = np.array(panel.fiducials_mm if role in marks else ()).reshape(-1, 2)
-        problems = _mark_problems(content.flash_xy_mm[flashes], outlines, wanted, marks.get(role, 0.0))
-        for what, shapes in (("areas", content.areas_mm), ("lines", content.strokes_mm)):
-            strange = len(shapes) - sum(len(whole(shapes, on)) for on in tapes)
-            if strange:
-                problems.append(f"{strange} {what} lie beside the tapes")
-        message = "; ".join(problems) or (f"{len(wanted)} fiducials" if role in marks else "nothing beside the tapes")
-        checks.append(Check(name=f"{role} of the rails", passed=not problems, message=message, figure=float(len(flashes))))
-    if holes is not None:
-        on_tape = np.zeros(len(holes), dtype=bool)
-        for on in tapes:
-            on_tape |= inside(holes[:, :2], on)
-        tooling = holes[~on_tape]
-        expected = np.array(sorted(panel.tooling_holes_mm)).reshape(-1, 3)
-        found = np.array(sorted(tooling.tolist())).reshape(-1, 3)
-        passed = found.shape == expected.shape and bool(np.allclose(found, expected, rtol=0.0, atol=PLACE_TOLERANCE_MM))
-        message = f"{len(found)} tooling holes" + ("" if passed else f", not the {len(expected)} of the manifest at their places")
-        checks.append(Check(name="drill-npth of the rails", passed=passed, message=message, figure=float(len(found))))
-    return checks
-
-
-def _mark_problems(xy_mm: FloatArray, outlines: Sequence[FloatArray], wanted_mm: FloatArray, diameter_mm: float) -> list[str]:
-    if len(xy_mm) != len(wanted_mm):
-        where = "" if len(xy_mm) <= len(wanted_mm) else f", one of them at ({xy_mm[-1, 0]:.3f}, {xy_mm[-1, 1]:.3f}) mm"
-        return [f"{len(xy_mm)} flashes beside the tapes instead of {len(wanted_mm)} fiducials{where}"]
-    problems = []
-    if len(xy_mm) and np.abs(xy_mm - wanted_mm).max() > PLACE_TOLERANCE_MM:
-        i = int(np.argmax(np.abs(xy_mm - wanted_mm).max(axis=1)))
-        problems.append(
-            f"a fiducial is at ({xy_mm[i, 0]:.3f}, {xy_mm[i, 1]:.3f}) mm, not at ({wanted_mm[i, 0]:g}, {wanted_mm[i, 1]:g}) mm"
-        )
-    radii = [np.hypot(*outline.T) for outline in outlines]
-    if any(np.abs(2 * r - diameter_mm).max() > _DIAMETER_TOLERANCE_MM for r in radii):
-        problems.append(f"a fiducial is no disc of {diameter_mm:g} mm")
-    return problems

@@ -54,7 +54,7 @@ def tapes_of_code(code: str, count: int) -> tuple[Tape, ...]:
 
 def words_upright(tape: Tape) -> list[np.ndarray]:
     """Every patch of a tape in the one turn, a word each, by shape."""
-    from tactape_fab.texture.touch.climb import words_of
+    from tactape_fab.texture.touch.words import words_of
 
     words, count = words_of(tape.points_in.gray_codes[tape.symbols], patch_shapes())
     return [words[k, 0, : count[k]] for k in range(len(PATCHES))]

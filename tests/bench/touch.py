@@ -26,9 +26,9 @@ from tactape_fab.sense import Scene, iterate_frames
 from tactape_fab.sense.decode.localizer import World
 from tactape_fab.texture.code import TOUCH_CODE
 from tactape_fab.texture.frames import SymbolArray
-from tactape_fab.texture.touch.climb import words_of
 from tactape_fab.texture.touch.design import design
 from tactape_fab.texture.touch.patches import PATCHES, patch_distances, patch_shapes
+from tactape_fab.texture.touch.words import words_of
 from tactape_fab.texture.windows import bit_count
 from tests.bench.dot_records import recorded
 from tests.bench.evidence.record import about

@@ -20,7 +20,7 @@ from tactape_fab.base.fields import Fields
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.solids.surface.placements import COLUMNS
-from tactape_fab.texture.as_built import AS_BUILT_FORMAT
+from tactape_fab.texture.as_built_file import AS_BUILT_FORMAT
 from tactape_fab.texture.manifest import read_manifest
 from tactape_fab.texture.packed import pack
 from tactape_fab.texture.tape import Tape

@@ -18,9 +18,9 @@ from tactape_fab.kit.panel.packing import pack_panels
 from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab, read_part
 from tactape_fab.kit.profiles.confirm import CONFIRMABLE, Trial
 from tactape_fab.kit.rules.remedies import film_pitch_mm
-from tactape_fab.kit.spec.options import NAME_PATTERN, NAMES
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.code import DEFAULT_CODE, get_code
+from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
 
 TAPE_MM = (24.0, 24.0)
 """Outline of a tape: nine make a panel of 98 x 98 mm, each shows a contact of 11 x 9 mm and its sector in print."""
@@ -57,7 +57,7 @@ def examine_coupon(fab_name: str, first_sector: int = 0, name: str | None = None
         message = f"first_sector = {first_sector}: its {len(wanted)} tapes need sectors up to {first_sector + len(wanted) - 1}; "
         raise SpecError(Problem("first_sector", message + f"use --first-sector 0 to {last}"))
     table = Fields({"name": f"{fab.name}-coupon" if name is None else name})
-    name = table.text("name", pattern=NAME_PATTERN, remedy=NAMES)
+    name = table.text("name", pattern=NAME_PATTERN, remedy=NAME_REMEDY)
     if table.problems:
         raise SpecError(table.problems)
     tapes = tuple(

@@ -11,8 +11,10 @@ from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_words, together_findings
 from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.output_place import Overwrite
-from tactape_fab.kit.panel.arrange import Panel, arrangement_problem, arrangements, choose_arrangement, plan_panel
+from tactape_fab.kit.panel.arrange import arrangement_problem, arrangements, choose_arrangement
+from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.panel_drawing import panel_drawing
+from tactape_fab.kit.panel.tabs_and_marks import plan_panel
 from tactape_fab.kit.profiles import FabProfile, load_fab
 from tactape_fab.kit.profiles.confirm import Trial
 from tactape_fab.kit.rules.film_rules import assembly_findings

@@ -17,9 +17,9 @@ import shapely
 from tactape_fab.kit.outlines import opening_size_mm
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import COVERLAY_MODES, CoverlayMode, FabProfile, PartProfile
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, snap_mm, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, outline_corner_points, rotate, rounded_rectangle
-from tactape_fab.texture.tape import Board
 
 _REACH = 3
 """Neighbours farther than this many grid points are never the nearest ones: their shifts grow with the distance."""

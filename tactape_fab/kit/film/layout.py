@@ -16,11 +16,12 @@ from tactape_fab.kit.outlines import PartOutlines, part_outlines
 from tactape_fab.kit.plan import TAG_KEEP_OUT_MM
 from tactape_fab.kit.profiles import FabProfile, PartProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.frames import FloatArray, snap_mm
 from tactape_fab.texture.shapes import outline_corner_points, rounded_rectangle
 from tactape_fab.texture.tag import SIDE_CELLS
-from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.texture.tape import Tape
 
 _TAG_TO_TEXT_MM = 1.0
 _END_GAP_MM = 1.0

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.kit.panel.arrange import Panel, plan_packed
+from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.max_rects import bottom_left, fill_sheets, short_side_fit
+from tactape_fab.kit.panel.tabs_and_marks import plan_packed
 from tactape_fab.kit.profiles import FabProfile
-from tactape_fab.texture.frames import snap_mm
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, snap_mm
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 FRAME_GAPS = 3
 """Least distance of two packed tapes, in gaps: the slot of each, and between them a web of the panel as wide as a slot."""
 _WIDTHS = 24
@@ -37,7 +35,7 @@ class Packing:
     sizes_mm: FloatArray
     sheet: IntArray
     xy_mm: FloatArray
-    turned: npt.NDArray[np.bool_]
+    turned: BoolArray
 
     @property
     def sheets(self) -> int:

@@ -12,7 +12,7 @@ from shapely.geometry.polygon import orient
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.kit.film.drawing import Drawing, Fiducials, Project, joined
-from tactape_fab.kit.panel.arrange import CORNER_RADIUS_MM, Panel, outline_of
+from tactape_fab.kit.panel.geometry import CORNER_RADIUS_MM, Panel, outline_of
 from tactape_fab.texture.frames import FloatArray, snap_mm, to_nm
 
 _ARC_QUARTER = 16

@@ -10,26 +10,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, Columns
+from tactape_fab.texture.cpl import ASSEMBLY_FORMATS, Columns, Table
 
 PART_NUMBER_PATTERN = r"[A-Za-z0-9](?:[A-Za-z0-9 ._()/#+-]{0,78}[A-Za-z0-9.)#+-])?"
 PART_NUMBER_REMEDY = "use 1 to 80 letters, digits, spaces and ._()/#+-, the first a letter or digit; it is one cell of a table"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BomTable:
+class BomTable(Table):
     """A bill of materials: one row for a group of designators.
 
     A column may hold ``item`` (the row's number), ``designator``, ``quantity``, ``value``, ``footprint``,
     ``description``, ``value_description``, ``part_number``, or a key of ``fixed``.
     """
 
-    columns: Columns
     fixed: Columns = ()
-
-    @property
-    def headers(self) -> tuple[str, ...]:
-        return tuple(header for header, _ in self.columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

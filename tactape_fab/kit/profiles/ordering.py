@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
-from tactape_fab.kit.profiles.fab_tables import Origin
+from tactape_fab.kit.profiles.fab_tables import ORIGIN_KEYS, Origin, read_origin
 
 COSTS = {
     "setup": "once an order, one side",
@@ -21,7 +21,6 @@ COSTS = {
 """Cost items of assembly, and how often each is charged."""
 OPTIONAL = ("board", "number", "attrition", "reel")
 """Tables that a profile may leave out: what is not known is said to be unknown."""
-_ORIGIN_KEYS = ("source", "date", "confirmed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,24 +85,20 @@ def read_ordering(profile: Fields) -> Ordering:
 
 
 def _assumption(order: Fields, name: str, key: str, unit: str) -> Assumption:
-    table = order.table(name, (key, "least", *_ORIGIN_KEYS))
+    table = order.table(name, (key, "least", *ORIGIN_KEYS))
     value = table.number(key, low=0.0, high=1e6, unit=unit)
     return Assumption(
         value=value,
         least=min(value, table.number("least", low=0.0, high=1e6, unit=unit)) if "least" in table.values else value,
-        origin=_origin(table),
+        origin=read_origin(table),
     )
 
 
 def _number(order: Fields) -> PartNumber:
-    table = order.table("number", ("part", "number", "names", *_ORIGIN_KEYS))
+    table = order.table("number", ("part", "number", "names", *ORIGIN_KEYS))
     return PartNumber(
         part=table.text("part"),
         number=table.text("number", pattern=PART_NUMBER_PATTERN, remedy=PART_NUMBER_REMEDY),
         names=table.text("names"),
-        origin=_origin(table),
+        origin=read_origin(table),
     )
-
-
-def _origin(table: Fields) -> Origin:
-    return Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed"))

@@ -11,7 +11,7 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.templates import profile_table, read_once, refuse_problems
 from tactape_fab.kit.profiles.assembly import read_part_numbers
 from tactape_fab.kit.profiles.chips import chip_code_problem
-from tactape_fab.texture.tape import PART_SHAPES
+from tactape_fab.texture.part import PART_SHAPES
 
 LEAST_BODY_MM, LARGEST_BODY_MM = 0.01, 20.0
 _LAND_KEYS = ("size_mm", "corner_radius_mm", "offset_mm")

@@ -17,10 +17,11 @@ from tactape_fab.solids.sim.body import Body, part_body, tape_body
 from tactape_fab.solids.sim.description import mjcf, urdf
 from tactape_fab.solids.sim.relief import element_height_mm, png_bytes, relief_of, stamps
 from tactape_fab.solids.sim.scene_files import glb, mtl, obj, usda
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tag import SIDE_CELLS, tag_cells
-from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.texture.tape import Tape
 
 ROLE = "sim"
 _COLOUR_PX_PER_MM, _MOST_COLOUR_PX = 20.0, 4096

@@ -20,7 +20,7 @@ from tactape_fab.kit.spec.grid_options import LEAST_DISPLACEMENT_MM, MOST_PITCH_
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 LEAST_SHARE = 0.14
 """Least Δ, as a fraction of W, that a remedy names where the displacement must be smaller: the least that `advise` proposes."""

@@ -16,9 +16,10 @@ from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile
 from tactape_fab.kit.rules.remedies import opening_words, part_words, wider_words
 from tactape_fab.kit.spec.tape_spec import TapeSpec
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, reach_mm
-from tactape_fab.texture.tape import Board, Tape
+from tactape_fab.texture.tape import Tape
 
 _NEAR_LEGEND_MM = 5.0
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from tactape_fab.base.fields import Fields, shown
+from tactape_fab.texture.board import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 from tactape_fab.texture.frames import snap_mm
-from tactape_fab.texture.tape import LONGEST_MM, MOST_HOLES, TAG_FAMILY, TAG_IDS
 
 LEAST_ROUND_MM = 0.01
 """Least radius of a corner and diameter of a hole: no machine makes them smaller, and their arcs shrink to points."""

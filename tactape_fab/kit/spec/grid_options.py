@@ -10,10 +10,10 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.kit.profiles import PartProfile
 from tactape_fab.kit.spec.scatter import scatter_refusal
 from tactape_fab.kit.spec.solid_options import Part
+from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, Code, default_origin, get_code, read_directions
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import snap_mm
-from tactape_fab.texture.tape import LONGEST_MM
 
 BEST: Literal["best"] = "best"
 """Value of ``origin`` that asks for a search."""

@@ -18,6 +18,7 @@ from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS, read_solid_optio
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.texture.frames import snap_mm
 from tactape_fab.texture.tag import LEAST_CELL_MM
+from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
 
 TAG_MODES = ("strip", "none")
 DEFAULT_FAB = "generic-fpc"
@@ -25,8 +26,6 @@ DEFAULT_PART = "r0201"
 DEFAULT_TAG_CELL_MM = 0.5
 DEFAULT_ROTATION_DEG = 45.0
 _CHIP_SIZE = re.compile(r"[rRcC]?(\d{4,5})")
-NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
-NAMES = "use 1 to 64 letters, digits, '.', '_', '-'"
 
 
 def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
@@ -54,7 +53,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
         values[key] = table.text(key, choices=choices) or None if key in table.values else None
     values["part_number"] = _text(table, "part_number", PART_NUMBER_PATTERN, PART_NUMBER_REMEDY, None)
     usual = f"tactape-s{values['sector']:03d}"
-    values["name"] = _text(table, "name", NAME_PATTERN, NAMES, usual)
+    values["name"] = _text(table, "name", NAME_PATTERN, NAME_REMEDY, usual)
     return values, table.problems
 
 

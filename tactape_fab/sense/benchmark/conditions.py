@@ -9,9 +9,11 @@ import numpy as np
 
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.code import default_origin, get_plane
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import encode
-from tactape_fab.texture.tape import Board, Tape, TapePart
+from tactape_fab.texture.tape import Tape
 
 REGISTERED, FOREIGN = (7, 24, 100, 201), 150
 """Sectors whose tapes are handed out with the frames, and the one whose tape is touched and not named."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,7 +21,7 @@ from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM
 from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import BoolArray, FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 OF_ALL = camera.COUNT + 1
 """Unknowns that all presses share: the camera's, then the push of neighbours."""
@@ -131,11 +131,7 @@ def solve(problem: Problem, at: FloatArray | None = None) -> Bundle:
     held = np.concatenate([~problem.free, np.zeros(len(at) - camera.COUNT, dtype=bool)])
     free = np.flatnonzero(~held)
     pattern = pattern_of([len(press.weights) for press in presses], len(at))
-
-    def whole(z: FloatArray) -> FloatArray:
-        out = at.copy()
-        out[free] = z
-        return out
+    whole = partial(completed, at, free)
 
     @lru_cache(maxsize=2)
     def rows(z: bytes) -> tuple[FloatArray, FloatArray]:
@@ -146,6 +142,13 @@ def solve(problem: Problem, at: FloatArray | None = None) -> Bundle:
 
     found = least_squares(lambda z: rows(z.tobytes())[0], at[free], jac=jacobian, x_scale="jac", method="trf")
     return _bundle(problem, white, whole(found.x))
+
+
+def completed(at: FloatArray, free: IntArray, z: FloatArray) -> FloatArray:
+    """All unknowns: those of `at`, with `z` for the free ones."""
+    out = at.copy()
+    out[free] = z
+    return out
 
 
 def pattern_of(sizes: Sequence[int], unknowns: int) -> tuple[FloatArray, FloatArray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import pi
 from typing import Any
 
@@ -18,7 +19,7 @@ from scipy.sparse import bmat, csr_matrix
 from scipy.spatial.transform import Rotation
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, pattern_of, problem_of, rows_of, start
+from tactape_fab.sense.calibrate.adjust import OF_ALL, OF_PRESS, Bundle, completed, pattern_of, problem_of, rows_of, start
 from tactape_fab.sense.calibrate.errors import whitening
 from tactape_fab.sense.calibrate.presses import Press
 from tactape_fab.sense.files.arm_poses import HAND_EYE_FORMAT, ArmPose
@@ -151,12 +152,7 @@ class _Joint:
         """Solution, what is left of the arm's rows (m, 6), and the covariance of both transforms."""
         held = np.concatenate([~self.problem.free, np.zeros(len(z) - len(self.problem.free), dtype=bool)])
         free = np.flatnonzero(~held)
-
-        def whole(x: FloatArray) -> FloatArray:
-            out = z.copy()
-            out[free] = x
-            return out
-
+        whole = partial(completed, z, free)
         found = least_squares(
             lambda x: self.rows(whole(x)), z[free], jac=lambda x: self.derivative(whole(x))[:, free], x_scale="jac", method="trf"
         )

@@ -15,7 +15,8 @@ from tactape_fab.sense.decode.dots.inputs import canonical_frame
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, pixel_fit, settled_patches, unknown_relief
 from tactape_fab.sense.decode.pixels.refine import MOST_MISFIT, at_rim, mm_of_px
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.part import TapePart
+from tactape_fab.texture.tape import Tape
 
 MOST_LOW = 0.3
 """Dots of which more of the height is missing stand so far out on the rim that its slope is no longer one number."""

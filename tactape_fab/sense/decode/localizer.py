@@ -45,9 +45,10 @@ from tactape_fab.sense.decode.wrong_profile import Seen, wrong_profile
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.texture.code import get_plane, has_plane
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.plane import Plane, PlaneCode, encode
 from tactape_fab.texture.registry import TapeLike, as_tapes
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.tape import Tape
 from tactape_fab.texture.trace import TraceCode
 
 World = Literal["open", "closed"]

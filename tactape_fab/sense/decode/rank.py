@@ -18,7 +18,7 @@ from tactape_fab.sense.decode.search.hypotheses import Registry
 from tactape_fab.sense.decode.search.plane import CodePlane, PlanePlace
 from tactape_fab.sense.decode.search.search import Place, Prior, search
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 _CLEAR = 2.0
 """ln by which the first grid's bound must be better than is asked for: then no other grid is tried, whose place would need 18

@@ -5,16 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.image_file import (
+    AS_STORED,
+    PNG_SIGNATURE,
+    TIFF_SIGNATURES,
+    TiffDirectory,
+    jpeg_frame,
+    jpeg_segments,
+    png_size,
+    unpacked,
+)
 from tactape_fab.base.input_file import read_regular
-from tactape_fab.base.libraries import library
-from tactape_fab.base.png_chunks import chunks_fit
 
 Picture = npt.NDArray[np.uint8]
 """Shape (h, w, 3), blue first."""
@@ -30,12 +37,11 @@ LEAST_QUALITY = 30
 _MOST_BYTES = 1 << 30
 _BLANK_BYTES, _MOST_PACKED = 64 << 20, 100
 """Unpacked bytes of three channels for a byte of the file, beyond the first: scans have grain, and pack to a fiftieth at most."""
-_MOST_ENTRIES = 200
-_MOST_MARKERS = 1000
 _MOST_CHUNKS = 100
 _REMEDY = "give a scan as TIFF, PNG or JPEG with 8 or 16 bits a channel"
-_NO_SIZE = {0xC4, 0xC8, 0xCC}
-_SILENT = 0
+_WIDTH, _HEIGHT, _BITS, _RESOLUTION, _UNIT = 256, 257, 258, 282, 296
+"""Tags of a TIFF."""
+_NO_UNIT, _INCH, _CENTIMETRE = 1, 2, 3
 _LUMINANCE_50 = (16, 11, 12, 14, 12, 10, 16, 14, 13, 14)
 """First entries of the luminance table at quality 50, in zigzag order (ITU-T T.81, table K.1); others are cut at 255."""
 _READABLE_DPI = (50.0, 20_000.0)
@@ -54,11 +60,11 @@ class ScanHeader:
 
 def read_header(data: bytes) -> ScanHeader:
     """The header of a picture. Raises SpecError if it is no picture, or too large to be unpacked."""
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+    if data.startswith(PNG_SIGNATURE):
         header = _png(data)
     elif data.startswith(b"\xff\xd8"):
         header = _jpeg(data)
-    elif data[:4] in (b"II*\x00", b"MM\x00*"):
+    elif data[:4] in TIFF_SIGNATURES:
         header = _tiff(data)
     else:
         raise SpecError(f"it is no picture; {_REMEDY}")
@@ -105,21 +111,11 @@ def _bytes_of(path: Path) -> bytes:
 
 
 def _unpacked(data: bytes, header: ScanHeader) -> Picture:
-    cv2 = library("cv2", "reading a scan")
-    logs = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, which numpy 1.26 needs, and 5
-    level = logs.getLogLevel()
-    logs.setLogLevel(_SILENT)
-    try:
-        how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-        picture: Any = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), how) if chunks_fit(data) else None
-    except cv2.error:
-        picture = None
-    finally:
-        logs.setLogLevel(level)
+    picture = unpacked(data, AS_STORED, "reading a scan")
     shape = (header.height_px, header.width_px, 3)
     if picture is None or picture.shape != shape or picture.dtype != np.uint8:
         raise SpecError(f"it is damaged and cannot be unpacked; {_REMEDY}")
-    return np.asarray(picture)
+    return picture
 
 
 def _plausible(dpi: float) -> float | None:
@@ -139,26 +135,22 @@ def _png(data: bytes) -> ScanHeader:
         if kind == b"pHYs" and data[at + 16 : at + 17] == b"\x01":
             dpi = _plausible(int.from_bytes(data[at + 8 : at + 12], "big") * MM_PER_INCH / 1000)
         at += length + 12
-    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    height, width = png_size(data)
     return ScanHeader(width_px=width, height_px=height, bits=8 if data[25] == 3 else data[24], dpi=dpi)
 
 
 def _jpeg(data: bytes) -> ScanHeader:
     """The first frame, JFIF's density and the luminance table (ITU-T T.81, B.2)."""
-    at, dpi, quality = 2, None, None
-    for _ in range(_MOST_MARKERS):
-        if at + 14 > len(data) or data[at] != 0xFF:
-            break
-        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker == 0xE0 and data[at + 4 : at + 9] == b"JFIF\x00" and data[at + 11] in (1, 2):
-            density = int.from_bytes(data[at + 12 : at + 14], "big")
-            dpi = _plausible(density * (2.54 if data[at + 11] == 2 else 1.0))  # 2: per centimetre
-        if marker == 0xDB and data[at + 4] & 0x0F == 0 and quality is None:
-            quality = _quality(data[at + 5 : at + 69], wide=data[at + 4] >> 4 == 1)
-        if 0xC0 <= marker <= 0xCF and marker not in _NO_SIZE:
-            height, width = int.from_bytes(data[at + 5 : at + 7], "big"), int.from_bytes(data[at + 7 : at + 9], "big")
-            return ScanHeader(width_px=width, height_px=height, bits=data[at + 4], dpi=dpi, quality=quality)
-        at += 1 if marker == 0xFF else 2 + length
+    dpi, quality = None, None
+    for marker, at in jpeg_segments(data):
+        if marker == 0xE0 and data[at : at + 5] == b"JFIF\x00" and data[at + 7] in (1, 2):
+            density = int.from_bytes(data[at + 8 : at + 10], "big")
+            dpi = _plausible(density * (2.54 if data[at + 7] == 2 else 1.0))  # 2: per centimetre
+        if marker == 0xDB and data[at] & 0x0F == 0 and quality is None:
+            quality = _quality(data[at + 1 : at + 65], wide=data[at] >> 4 == 1)
+        if (frame := jpeg_frame(marker, data, at)) is not None:
+            height, width, bits, _ = frame
+            return ScanHeader(width_px=width, height_px=height, bits=bits, dpi=dpi, quality=quality)
     raise SpecError(f"it is a JPEG without a picture; {_REMEDY}")
 
 
@@ -172,32 +164,12 @@ def _quality(table: bytes, *, wide: bool) -> float | None:
 
 def _tiff(data: bytes) -> ScanHeader:
     """The first picture (TIFF 6.0, section 2)."""
-    order: Literal["little", "big"] = "little" if data.startswith(b"II") else "big"
-
-    def number(at: int, size: int) -> int:
-        if at < 0 or at + size > len(data):
-            raise SpecError(f"it ends in its header; {_REMEDY}")
-        return int.from_bytes(data[at : at + size], order)
-
-    start = number(4, 4)
-    count = number(start, 2)
-    if count > _MOST_ENTRIES:
-        raise SpecError(f"its header has {count} entries; {_REMEDY}")
-    values = {258: 8, 296: 2}
-    for entry in range(start + 2, start + 2 + 12 * count, 12):
-        tag, kind, items = number(entry, 2), number(entry + 2, 2), number(entry + 4, 4)
-        value = number(entry + 8, 2 if kind == 3 else 4)
-        if tag == 258 and items > 2:  # bits of each channel, elsewhere in the file
-            value = number(number(entry + 8, 4), 2)
-        if tag == 282:
-            over, under = number(value, 4), number(value + 4, 4)
-            values[282] = round(over / under) if under else 0
-        else:
-            values[tag] = value
-    dpi = float(values.get(282, 0)) * (2.54 if values[296] == 3 else 1.0)
+    directory = TiffDirectory(data, _REMEDY)
+    unit = directory.value(_UNIT, _INCH)
+    dpi = float(directory.fraction(_RESOLUTION)) * (2.54 if unit == _CENTIMETRE else 1.0)
     return ScanHeader(
-        width_px=values.get(256, 0),
-        height_px=values.get(257, 0),
-        bits=values[258],
-        dpi=_plausible(dpi) if values[296] != 1 else None,
+        width_px=directory.value(_WIDTH),
+        height_px=directory.value(_HEIGHT),
+        bits=directory.value(_BITS, 8),
+        dpi=None if unit == _NO_UNIT else _plausible(dpi),
     )

@@ -13,9 +13,9 @@ from math import ceil, hypot, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.errors import FrameError
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.objects.tag_view import camera_to_texture, tag_of, tag_side_mm
+from tactape_fab.sense.objects.tag_view import camera_arrays, camera_to_texture, tag_of, tag_side_mm
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tag import CODE_CELLS, SIDE_CELLS, tag_cells
 from tactape_fab.texture.tape import Tape
@@ -110,12 +110,7 @@ def refine_tag_pose(
     tag = tag_of(tape)
     camera_to_texture(tape, rotation, translation_mm)
     turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
-    matrix = np.asarray(camera_matrix, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or min(matrix[0, 0], matrix[1, 1]) <= 0.0:
-        raise SpecError(
-            Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is none; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-        )
-    lens = None if distortion is None else np.asarray(distortion, dtype=np.float64)
+    matrix, lens = camera_arrays(camera_matrix, distortion)
     picture = np.asarray(image)
     if picture.ndim != 2 or picture.dtype != np.uint8:
         raise FrameError(f"a picture of shape {picture.shape} and type {picture.dtype} is none; give (h, w) gray levels, uint8")

@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.libraries import library
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.texture.tape import Tape
 
 TAG_CELLS = 8
 """Cells along the side of tag36h11 between the corners that detectors give: 6 of data and the black border."""
@@ -84,6 +85,16 @@ def tag_to_texture(tape: Tape) -> FloatArray:
     return out
 
 
+def camera_arrays(camera_matrix: npt.ArrayLike, distortion: npt.ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
+    """A camera's matrix (3, 3) and the coefficients of its lens, None without any. Raises SpecError for an invalid matrix."""
+    matrix = np.asarray(camera_matrix, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or min(matrix[0, 0], matrix[1, 1]) <= 0.0:
+        raise SpecError(
+            Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is none; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        )
+    return matrix, None if distortion is None else np.asarray(distortion, dtype=np.float64)
+
+
 def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike) -> FloatArray:
     """Transform of points from the camera's frame to the texture frame; shape (4, 4), mm.
 
@@ -134,13 +145,12 @@ def pixels_to_texture(
     Raises
     ------
     SpecError
-        When the tape has no tag, or the pose is none.
+        When the tape has no tag, or the pose or the camera's matrix is invalid.
     """
     cv2 = library("cv2", "projecting points")
 
     points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-    matrix = np.asarray(camera_matrix, dtype=np.float64)
-    flat = cv2.undistortPoints(points, matrix, None if distortion is None else np.asarray(distortion, dtype=np.float64))
+    flat = cv2.undistortPoints(points, *camera_arrays(camera_matrix, distortion))
     rays = np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(points), 1))], axis=1)
     transform = camera_to_texture(tape, rotation, translation_mm)
     ahead = rays @ transform[:3, :3].T
@@ -182,14 +192,13 @@ def texture_to_pixels(
     Raises
     ------
     SpecError
-        When the tape has no tag, or the pose is none.
+        When the tape has no tag, or the pose or the camera's matrix is invalid.
     """
     cv2 = library("cv2", "projecting points")
 
     xy = np.asarray(texture_mm, dtype=np.float64).reshape(-1, 2)
     back = np.linalg.inv(camera_to_texture(tape, rotation, translation_mm))
     points = np.column_stack([xy, np.zeros(len(xy))]) @ back[:3, :3].T + back[:3, 3]
-    matrix = np.asarray(camera_matrix, dtype=np.float64)
-    lens = None if distortion is None else np.asarray(distortion, dtype=np.float64)
-    seen, _ = cv2.projectPoints(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, lens)
+    camera = camera_arrays(camera_matrix, distortion)
+    seen, _ = cv2.projectPoints(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), *camera)
     return np.where(points[:, 2:] > 0.0, np.reshape(seen, (-1, 2)), np.nan)

@@ -13,10 +13,11 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.simulation.scene import Scene
+from tactape_fab.texture.board import LONGEST_MM
 from tactape_fab.texture.cpl import MOST_CPL_BYTES, MOST_PROBLEMS, read_cpl
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.plane import MOST_POINTS
-from tactape_fab.texture.tape import LONGEST_MM, Tape
+from tactape_fab.texture.tape import Tape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -26,7 +26,7 @@ from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.sense.decode.grid.posterior import PULL, PULL_SIGMA, PUSH_MM, PUSH_SIGMA_MM, beliefs_of
 from tactape_fab.sense.geometry import camera as camera_of
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.sense.survey.contacts import Contact
+from tactape_fab.sense.survey.contacts import Contact, SeenDots
 from tactape_fab.sense.survey.poses import RobotPose
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -84,16 +84,10 @@ class Adjusted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Rows:
-    """All dots of all contacts: contact (m,), part (m,) among those touched, and the arrays of `Contact`."""
+class _Rows(SeenDots):
+    """All dots of all contacts: contact (m,), and part (m,) among those touched."""
 
     contact: IntArray
-    part: IntArray
-    seen_px: FloatArray
-    own: FloatArray
-    rim_mm2: FloatArray
-    pushed: FloatArray
-    pulled: FloatArray
 
 
 def adjust(

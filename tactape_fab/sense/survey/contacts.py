@@ -28,13 +28,11 @@ there are three and more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Contact:
-    """A located frame of a tape.
+class SeenDots:
+    """Dots with their parts.
 
     Attributes
     ----------
-    frame : int
-        Its place among the frames.
     part : ndarray of int, shape (n,)
         Index of each dot's part in designator order.
     seen_px : ndarray, shape (n, 2)
@@ -45,6 +43,24 @@ class Contact:
         Variance that the contact's rim adds.
     pushed, pulled : ndarray, shape (n, 2)
         What neighbours and the rim do to each, right and down, for a push and a pull of 1; see `decode.grid.posterior`.
+    """
+
+    part: IntArray
+    seen_px: FloatArray
+    own: FloatArray
+    rim_mm2: FloatArray
+    pushed: FloatArray
+    pulled: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contact(SeenDots):
+    """A located frame of a tape, with its dots.
+
+    Attributes
+    ----------
+    frame : int
+        Its place among the frames.
     start : ndarray, shape (3,)
         x mm, y mm, theta rad of the decoder's answer.
     expected : ndarray of int, shape (k,)
@@ -52,12 +68,6 @@ class Contact:
     """
 
     frame: int
-    part: IntArray
-    seen_px: FloatArray
-    own: FloatArray
-    rim_mm2: FloatArray
-    pushed: FloatArray
-    pulled: FloatArray
     start: FloatArray
     expected: IntArray
 

@@ -22,7 +22,8 @@ from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.survey.adjust import COMMON, Adjusted, Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, Ground, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose, in_plane
-from tactape_fab.texture.as_built import AS_BUILT_NAME, NOMINAL, AsBuilt, Film, Given, manifest_digest
+from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Film, Given, manifest_digest
+from tactape_fab.texture.as_built_file import AS_BUILT_NAME
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.manifest import find_manifest
 from tactape_fab.texture.tape import Tape

@@ -20,7 +20,7 @@ from tactape_fab.solids.elements import (
 )
 from tactape_fab.solids.rise import foot_radius_mm
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 _LEAST_SHARE = 1e-6
 _LEAST_TURN_RAD = 0.02

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from tactape_fab.solids.elements import reach_mm, sphere_radius_mm
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.tape import Tape
 
 FINEST_PX_PER_MM = 40
 _MOST_PX = 16_000_000

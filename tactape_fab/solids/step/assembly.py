@@ -10,6 +10,7 @@ import numpy as np
 
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.step.part21 import (
+    MOST_OF_FRAME,
     TRAILER,
     Context,
     Rgb,
@@ -33,7 +34,6 @@ from tactape_fab.texture.tape import Tape
 
 _MOST_DECIMALS = 6
 _OF_OCCURRENCE = 7
-_ROOM_FOR_FRAME = 100
 
 
 def assembly_step(tape: Tape, *, name: str, date: datetime, board_rgb: Rgb, part_rgb: Rgb, tool: str = "tactape-fab") -> bytes:
@@ -63,7 +63,7 @@ def assembly_step_chunks(
     angle = np.radians(tape.part.rotation_deg)
     turned, up = w.direction((np.cos(angle), np.sin(angle), 0.0)), w.direction((0.0, 0.0, 1.0))
 
-    first = first_name(w.next + _ROOM_FOR_FRAME, tape.part_count, _OF_OCCURRENCE)
+    first = first_name(w.next + MOST_OF_FRAME, tape.part_count, _OF_OCCURRENCE)
     placements = names(0, first + np.arange(tape.part_count) * _OF_OCCURRENCE + 1)
     shape = w.add(f"SHAPE_REPRESENTATION('',({wrapped_names([origin, placements])}),{shared.geometry})")
     w.add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")

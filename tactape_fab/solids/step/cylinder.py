@@ -10,7 +10,7 @@ import numpy as np
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mark import Mark, back_mm, floor_mm, mark_of
 from tactape_fab.solids.step.mark_faces import Back, entities_of_mark, mark_faces
-from tactape_fab.solids.step.part21 import Writer, real, wrapped_names
+from tactape_fab.solids.step.part21 import Step, Writer, real, reversed_steps, wrapped_names
 from tactape_fab.solids.step.tiles import CELLS_PER_TILE
 from tactape_fab.solids.wrap import Wrap
 from tactape_fab.texture.frames import FloatArray
@@ -19,8 +19,6 @@ from tactape_fab.texture.tape import Tape
 MOST_STRIP_RAD = 2 * pi / 3
 _LEAST_GAP_MM = 0.01
 _LEAST_CUT_RAD = 0.02
-
-Step = tuple[str, bool]
 
 
 def _lines_mm(tape: Tape, wrap: Wrap, axis: int, step: int) -> list[float]:
@@ -105,7 +103,7 @@ class CylinderBase:
         return vertices, arcs, lines
 
     def _loop(self, steps: Sequence[Step]) -> str:
-        return self._w.loop([(edge, not forward) for edge, forward in reversed(steps)] if self._flip else steps)
+        return self._w.loop(reversed_steps(steps) if self._flip else steps)
 
     def _surface(self, ends_rad: Sequence[float], radius_mm: float) -> str:
         """The cylinder, its seam opposite to a strip."""

@@ -13,12 +13,9 @@ from math import atan
 import numpy as np
 
 from tactape_fab.solids.elements import block_corners_mm, sphere_radius_mm
-from tactape_fab.solids.step.part21 import Template, TextArray, Writer, index_of, real, reals
+from tactape_fab.solids.step.part21 import Step, Template, TextArray, Writer, index_of, real, reals, reversed_steps
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
-
-Step = tuple[str, bool]
-"""An edge, and whether it is followed from its start to its end."""
+from tactape_fab.texture.part import TapePart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,21 +45,12 @@ class ElementTemplate(Template):
     def vertex(self, point: str) -> str:
         return self.add(f"VERTEX_POINT('',{point})")
 
-    def edge(self, start: str, end: str, curve: str) -> str:
-        return self.add(f"EDGE_CURVE('',{start},{end},{curve},.T.)")
-
     def line_edge(self, start: str, end: str, point: str, vector: str) -> str:
         return self.edge(start, end, self.add(f"LINE('',{point},{vector})"))
 
-    def axes(self, origin: str, axis: str, ref: str) -> str:
-        return self.add(f"AXIS2_PLACEMENT_3D('',{origin},{axis},{ref})")
-
     def bound(self, steps: Sequence[Step]) -> str:
         """A bound of steps that go counter-clockwise seen from outside the element."""
-        turned = [(edge, not forward) for edge, forward in reversed(steps)] if self.flip else steps
-        oriented = [self.add(f"ORIENTED_EDGE('',*,*,{edge},.{'T' if forward else 'F'}.)") for edge, forward in turned]
-        loop = self.add(f"EDGE_LOOP('',({','.join(oriented)}))")
-        return self.add(f"FACE_BOUND('',{loop},.T.)")
+        return self.add(f"FACE_BOUND('',{self.loop(reversed_steps(steps) if self.flip else steps)},.T.)")
 
     def face(self, steps: Sequence[Step], surface: str, *, same_sense: bool = True) -> int:
         """A face of one loop on a surface whose normal looks out of the element, or into it without `same_sense`."""

@@ -7,6 +7,7 @@ instance names all have as many digits, and coordinates are padded with spaces (
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -23,6 +24,8 @@ DECIMALS = 9
 """Decimals of coordinates: a tape's volume is then exact to 1e-9 (six decimals: 3e-8)."""
 SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
 _ROWS_AT_ONCE = 2048
+MOST_OF_FRAME = 100
+"""Entities of a product besides its faces and copies."""
 _PLACE = re.compile(r"#\[(\d+)\]|<(\w+)>")
 
 
@@ -43,7 +46,36 @@ def string(text: str) -> str:
     return "'" + plain.replace("\\", "\\\\").replace("'", "''") + "'"
 
 
-class Writer:
+Step = tuple[str, bool]
+"""An edge, and whether it is followed from its start to its end."""
+
+
+def reversed_steps(steps: Sequence[Step]) -> list[Step]:
+    """The same loop the other way round, as a mould has it."""
+    return [(edge, not forward) for edge, forward in reversed(steps)]
+
+
+class Entities(ABC):
+    """Entities that are written alike one by one and in a template."""
+
+    @abstractmethod
+    def add(self, entity: str) -> str:
+        """Append an entity; its name."""
+
+    def axes(self, origin: str, axis: str, ref: str) -> str:
+        """An AXIS2_PLACEMENT_3D of a point and two directions."""
+        return self.add(f"AXIS2_PLACEMENT_3D('',{origin},{axis},{ref})")
+
+    def edge(self, start: str, end: str, curve: str) -> str:
+        return self.add(f"EDGE_CURVE('',{start},{end},{curve},.T.)")
+
+    def loop(self, steps: Sequence[Step]) -> str:
+        """An EDGE_LOOP of steps."""
+        oriented = [self.add(f"ORIENTED_EDGE('',*,*,{edge},.{'T' if forward else 'F'}.)") for edge, forward in steps]
+        return self.add(f"EDGE_LOOP('',({','.join(oriented)}))")
+
+
+class Writer(Entities):
     """Single entities in a row, each named by the next number."""
 
     def __init__(self, first: int = 1) -> None:
@@ -63,10 +95,6 @@ class Writer:
     def direction(self, xyz: Sequence[float] | FloatArray) -> str:
         return self.add(f"DIRECTION('',{triple(xyz)})")
 
-    def axes(self, origin: str, axis: str, ref: str) -> str:
-        """An AXIS2_PLACEMENT_3D of a point and two directions."""
-        return self.add(f"AXIS2_PLACEMENT_3D('',{origin},{axis},{ref})")
-
     def placement(
         self, origin: Sequence[float] | FloatArray, axis: Sequence[float] | FloatArray, ref: Sequence[float] | FloatArray
     ) -> str:
@@ -75,19 +103,11 @@ class Writer:
     def vertex(self, xyz: Sequence[float] | FloatArray) -> str:
         return self.add(f"VERTEX_POINT('',{self.point(xyz)})")
 
-    def edge(self, start: str, end: str, curve: str) -> str:
-        return self.add(f"EDGE_CURVE('',{start},{end},{curve},.T.)")
-
     def line_edge(self, start: str, end: str, a: FloatArray, b: FloatArray) -> str:
         """A straight edge from vertex `start` at a to vertex `end` at b."""
         along = (b - a) / np.linalg.norm(b - a)
         vector = self.add(f"VECTOR('',{self.direction(along)},1.)")
         return self.edge(start, end, self.add(f"LINE('',{self.point(a)},{vector})"))
-
-    def loop(self, edges: Sequence[tuple[str, bool]]) -> str:
-        """An EDGE_LOOP of edges and whether each is followed from its start to its end."""
-        oriented = [self.add(f"ORIENTED_EDGE('',*,*,{edge},.{'T' if forward else 'F'}.)") for edge, forward in edges]
-        return self.add(f"EDGE_LOOP('',({','.join(oriented)}))")
 
     def face(self, loops: Sequence[str], surface: str, *, bounds: Sequence[str] = (), same_sense: bool = True) -> str:
         """A face of its outer loop, further loops, and bounds that exist already."""
@@ -100,7 +120,7 @@ class Writer:
 
 
 @dataclass
-class Template:
+class Template(Entities):
     """Entities of one thing that is repeated.
 
     Inside an entity's text, ``#[k]`` is what `add` returned: an entity of the same copy; ``<name>`` is a column of

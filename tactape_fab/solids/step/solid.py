@@ -19,6 +19,7 @@ from tactape_fab.solids.step.cylinder import CylinderBase
 from tactape_fab.solids.step.element_faces import ElementText, flat_element
 from tactape_fab.solids.step.mark_faces import Back, entities_of_mark, mark_faces
 from tactape_fab.solids.step.part21 import (
+    MOST_OF_FRAME,
     TRAILER,
     Rgb,
     Writer,
@@ -30,6 +31,7 @@ from tactape_fab.solids.step.part21 import (
     names,
     product,
     real,
+    reversed_steps,
     wrapped_names,
 )
 from tactape_fab.solids.step.tiles import Arc, MapEdge, top_map
@@ -37,8 +39,6 @@ from tactape_fab.solids.step.wrapped_element_faces import cylinder_element
 from tactape_fab.solids.wrap import world, wrap_of
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
-
-_ROOM_FOR_FRAME = 100
 
 
 def solid_step(tape: Tape, form: SolidForm, *, name: str, date: datetime, rgb: Rgb, tool: str = "tactape-fab") -> bytes:
@@ -69,7 +69,7 @@ def solid_step_chunks(
         element = cylinder_element(tape, wrap, flip=form.negative)
         base = CylinderBase(w, tape, form, wrap)
     size, count = len(element.template), tape.part_count
-    first = first_name(w.next + base.entities_to_come + _ROOM_FOR_FRAME, count, size)
+    first = first_name(w.next + base.entities_to_come + MOST_OF_FRAME, count, size)
     faces = base.faces(element_bounds(first, element, base.tile_of_part))
     own = (first + np.arange(count)[:, None] * size + np.array(element.faces)).ravel()
     shell = w.add(f"CLOSED_SHELL('',({wrapped_names([*faces, names(0, own)])}))")
@@ -127,7 +127,7 @@ class FlatBase:
 
     def _loop(self, steps: Sequence[tuple[str, bool]]) -> str:
         """A loop given with the material on the left seen from outside a texture, turned over for a mould."""
-        return self._w.loop([(edge, not forward) for edge, forward in reversed(steps)] if self._flip else steps)
+        return self._w.loop(reversed_steps(steps) if self._flip else steps)
 
     def faces(self, bounds_of_tile: Sequence[str]) -> list[str]:
         """All faces of the base, each listed after a neighbour: back, walls, tiles."""

@@ -15,8 +15,9 @@ import numpy as np
 
 from tactape_fab.base.errors import RenderError
 from tactape_fab.solids.elements import reach_mm
+from tactape_fab.texture.board import Board
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.tape import Board, Tape
+from tactape_fab.texture.tape import Tape
 
 CELLS_PER_TILE = 6
 _LEAST_EDGE_MM = 0.002

@@ -15,8 +15,8 @@ from tactape_fab.solids.surface.charts import nearest
 from tactape_fab.solids.surface.patch import SINK_MM
 from tactape_fab.solids.surface.place import LaidOut
 from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.shapes import area_mm2
-from tactape_fab.texture.tape import TapePart
 
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how many of how many are done."""

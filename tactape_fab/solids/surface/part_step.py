@@ -25,7 +25,7 @@ from tactape_fab.solids.surface.part_mesh import refuse_no_point, refuse_off_sur
 from tactape_fab.solids.surface.place import LaidOut
 from tactape_fab.solids.surface.threemf_file import MOST_FACES
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 _CHORD_ERROR_MM = (0.002, 0.01)
 

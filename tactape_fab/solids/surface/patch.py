@@ -7,8 +7,9 @@ import numpy as np
 from tactape_fab.solids.elements import element_rings_mm, reach_mm
 from tactape_fab.solids.surface.charts import Chart, Frames, nearest
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.tape import Tape
 
 SINK_MM = 0.05
 """Depth of an element's foot below the lowest point of the surface under it, mm."""

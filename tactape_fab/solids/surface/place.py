@@ -23,8 +23,9 @@ from tactape_fab.solids.surface.patch import (
     too_distorted,
 )
 from tactape_fab.texture.frames import FloatArray, texture_to_board
+from tactape_fab.texture.part import TapePart
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import Tape, TapePart
+from tactape_fab.texture.tape import Tape
 
 MOST_ELEMENTS = 50_000
 

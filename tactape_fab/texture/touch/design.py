@@ -1,6 +1,6 @@
 """Design of the touch code: a matrix of symbols without structure in which no two small patches are similar.
 
-A random matrix from this package's own integer generator is repaired conflict by conflict (`climb`), for one rung of
+A random matrix from this package's own integer generator is repaired conflict by conflict (`conflicts`), for one rung of
 distances after the other. Each rung has a limit of steps, not of time, so that equal inputs give equal results on every machine.
 The last rung reached gives the matrix. It has no shorter description, so the symbols themselves are in the tape's manifest.
 """
@@ -21,7 +21,7 @@ from tactape_fab.texture.touch.patches import patch_shapes
 from tactape_fab.texture.windows import WordArray
 
 if TYPE_CHECKING:
-    from tactape_fab.texture.touch.climb import Shapes
+    from tactape_fab.texture.touch.words import Shapes
 
 Bits = tuple[int, ...]
 
@@ -166,12 +166,13 @@ def _designed(
     directions: int,
     rungs: tuple[Rung, ...],
 ) -> SymbolArray:
-    from tactape_fab.texture.touch.climb import Patches, fill, new_room, repair, words_of  # imports numba
+    from tactape_fab.texture.touch.conflicts import fill, new_buffers, repair  # imports numba
+    from tactape_fab.texture.touch.words import Patches, words_of  # imports numba
 
     codes, shapes = DIRECTIONS[directions].gray_codes, patch_shapes(directions)
     others = [codes[np.frombuffer(data, dtype=np.uint8).reshape(of)] for of, data in avoid]
     state = np.array([sector << 40 | shape[0] << 20 | shape[1]], dtype=np.uint64)
-    symbols, room = np.empty(shape, dtype=np.uint8), new_room()
+    symbols, buffers = np.empty(shape, dtype=np.uint8), new_buffers()
     fill(symbols, directions, state)
     given = _given(others, shapes)
     work = shape[0] * shape[1] + sum(len(o.ravel()) for o in others)
@@ -179,7 +180,7 @@ def _designed(
     for number, rung in enumerate(rungs, start=1):
         steps = max(_LEAST_STEPS, rung.effort * (_WORK_BESIDE if others and number < len(rungs) else _WORK) // work)
         patches = Patches(*words_of(symbols, shapes), *given)
-        if not repair(symbols, shapes, patches, rung.of_turns(), np.array(rung.across), steps, state, room):
+        if not repair(symbols, shapes, patches, rung.of_turns(), np.array(rung.across), steps, state, buffers):
             break
         reached = symbols.copy()
     reached = np.argsort(codes).astype(np.uint8)[reached]
@@ -189,7 +190,7 @@ def _designed(
 
 def _given(others: Sequence[SymbolArray], shapes: Shapes) -> tuple[WordArray, np.ndarray]:
     """All patches of other tapes (Gray codes) in all turns, and the number of each shape."""
-    from tactape_fab.texture.touch.climb import words_of
+    from tactape_fab.texture.touch.words import words_of
 
     found = [words_of(symbols, shapes) for symbols in others]
     count = sum((4 * n for _, n in found), np.zeros(len(shapes.side), dtype=np.int64))

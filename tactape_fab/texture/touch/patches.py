@@ -14,7 +14,7 @@ from tactape_fab.texture.frames import BoolArray, SymbolArray
 from tactape_fab.texture.windows import WORD_BITS, windows_of
 
 if TYPE_CHECKING:
-    from tactape_fab.texture.touch.climb import Shapes
+    from tactape_fab.texture.touch.words import Shapes
 
 
 def _square(side: int) -> npt.NDArray[np.bool_]:
@@ -67,7 +67,7 @@ def in_one_word(directions: int) -> list[npt.NDArray[np.bool_]]:
 @cache
 def patch_shapes(directions: int = 4) -> Shapes:
     """`in_one_word` for a search."""
-    from tactape_fab.texture.touch.climb import shapes_of  # imports numba, which other codes do not need
+    from tactape_fab.texture.touch.words import shapes_of  # imports numba, which other codes do not need
 
     return shapes_of(in_one_word(directions), directions)
 
@@ -81,7 +81,7 @@ def patch_distances(
     placed (rows, columns): Mask of parts; patches with a grid point without a part do not count.
     half_turns: Whether distances of patches 0 and 180 degrees apart are counted beside those of all turns; of four directions.
     """
-    from tactape_fab.texture.touch.climb import nearest_of, nearest_of_long, words_of
+    from tactape_fab.texture.touch.words import nearest_of, nearest_of_long, words_of
 
     shapes = patch_shapes(directions)
     words, _ = words_of(DIRECTIONS[directions].gray_codes[symbols], shapes)

@@ -17,7 +17,7 @@ from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.files import named
 from tactape_fab.verify.layers.film_layers import without_counterpart
-from tactape_fab.verify.layers.kicad_drawn import Made, child, drawn_problems, rules_problems, values
+from tactape_fab.verify.layers.kicad_drawn import At, Made, child, drawn_problems, layer_of, rules_problems, values
 from tactape_fab.verify.layers.lands import PLACE_TOLERANCE_MM, ROTATION_TOLERANCE_DEG, Recorded
 
 _IDENTIFIERS = ("tstamp", "uuid")
@@ -33,8 +33,6 @@ _DRAWN_ON = {
 """Layers on which something of each kind may be drawn."""
 _OF_A_FOOTPRINT = ("layer", "at", "descr", "attr", "fp_text", "fp_rect", "pad")
 _OF_A_LAND = ("at", "size", "layers", "roundrect_rratio")
-
-At = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,10 +135,6 @@ def _read_board(tree: Tree) -> _Board:
     return _Board(lists=lists, origin_mm=(x0_mm, y0_mm), at=at, pads=pads)
 
 
-def _layer(tree: Tree) -> str:
-    return str(child(tree, "layer")[1])
-
-
 # Comparing
 
 
@@ -214,7 +208,7 @@ def _is_land(pad: Tree, land: LandPattern, k: int, rotation_deg: float) -> bool:
 
 
 def _outline(found: _Board, shown: Shown) -> list[str]:
-    lines = [item for kind in ("gr_line", "gr_arc") for item in found.lists.get(kind, []) if _layer(item) == "Edge.Cuts"]
+    lines = [item for kind in ("gr_line", "gr_arc") for item in found.lists.get(kind, []) if layer_of(item) == "Edge.Cuts"]
     if len(lines) != shown.edge_lines:
         return [f"its outline has {len(lines)} sides and corners, not {shown.edge_lines}"]
     ends = ("start", "mid", "end")
@@ -255,7 +249,7 @@ def _tracks(found: _Board, shown: Shown) -> list[str]:
     width_mm = np.array([values(track, "width")[0] for track in tracks])
     alone = len(without_counterpart(lines_mm, shown.tracks_mm)) + len(without_counterpart(shown.tracks_mm, lines_mm))
     wrong = np.abs(width_mm - shown.track_width_mm) > PLACE_TOLERANCE_MM
-    if alone or wrong.any() or len(tracks) != len(shown.tracks_mm) or any(_layer(track) != "F.Cu" for track in tracks):
+    if alone or wrong.any() or len(tracks) != len(shown.tracks_mm) or any(layer_of(track) != "F.Cu" for track in tracks):
         return [f"its {len(tracks)} tracks are not the {len(shown.tracks_mm)} lines of the anchors"]
     return []
 
@@ -265,7 +259,7 @@ def _unexpected(found: _Board) -> list[str]:
     strange: Counter[str] = Counter()
     for kind, items in found.lists.items():
         if kind in _DRAWN_ON:
-            strange.update(f"{kind} on {layer}" for layer in map(_layer, items) if layer not in _DRAWN_ON[kind])
+            strange.update(f"{kind} on {layer}" for layer in map(layer_of, items) if layer not in _DRAWN_ON[kind])
         elif kind not in (*_SETTINGS, "footprint", "segment"):
             strange[kind] += len(items)
     known: dict[int, str | None] = {}
@@ -282,6 +276,6 @@ def _strange_child(item: str | Tree) -> str | None:
     """Description of the items that a footprint should not hold."""
     if isinstance(item, str) or item[0] not in _OF_A_FOOTPRINT:
         return str(item if isinstance(item, str) else item[0])
-    layer = _layer(item) if item[0] in _DRAWN_ON else str(item[1]) if item[0] == "layer" else None
+    layer = layer_of(item) if item[0] in _DRAWN_ON else str(item[1]) if item[0] == "layer" else None
     allowed = _DRAWN_ON.get(str(item[0]), ("F.Cu",))
     return f"{item[0]} on {layer}" if layer is not None and layer not in allowed else None

@@ -62,7 +62,7 @@ def drawn_problems(
     lists: Mapping[str, Sequence[Tree]], at: Mapping[str, At], origin_mm: FloatArray, fiducials_mm: FloatArray, made: Made
 ) -> list[str]:
     """Faults of what the lists of a board draw and state; `at` are its footprints' places, board frame."""
-    silk = [item for kind in ("gr_line", "gr_poly") for item in lists.get(kind, []) if _layer(item) == "F.SilkS"]
+    silk = [item for kind in ("gr_line", "gr_poly") for item in lists.get(kind, []) if layer_of(item) == "F.SilkS"]
     return [
         *_settings(lists, made),
         *_footprints(lists, made),
@@ -104,7 +104,7 @@ def values(tree: Sequence[str | Tree], name: str) -> list[float]:
     return numbers
 
 
-def _layer(tree: Tree) -> str:
+def layer_of(tree: Tree) -> str:
     return str(child(tree, "layer")[1])
 
 
@@ -163,7 +163,7 @@ def _footprint_problem(kind: str, name: str, inner: Sequence[Tree], made: Made) 
         return "another name"
     if [item[2] for item in inner if item[:2] == ("fp_text", "value")] != [made.value]:
         return "another value"
-    bodies = [values(item, "end") for item in inner if item[0] == "fp_rect" and _layer(item) == "F.Fab"]
+    bodies = [values(item, "end") for item in inner if item[0] == "fp_rect" and layer_of(item) == "F.Fab"]
     right = len(bodies) == 1 and np.allclose(bodies[0], np.array(made.body_mm) / 2, rtol=0.0, atol=PLACE_TOLERANCE_MM)
     return None if right else "another body"
 
@@ -178,11 +178,11 @@ def _openings(
     """Check that what is drawn on the mask are the openings of the coverlay layer; equal rectangles are one object."""
     if coverlay is None:
         return []
-    polygons = [_polygon(item, origin_mm) for item in lists.get("gr_poly", []) if _layer(item) == "F.Mask"]
+    polygons = [_polygon(item, origin_mm) for item in lists.get("gr_poly", []) if layer_of(item) == "F.Mask"]
     placed: dict[int, tuple[Tree, list[At]]] = {}
     for footprint, place in zip(lists.get("footprint", []), at.values(), strict=True):
         for item in footprint:
-            if item[0] == "fp_rect" and isinstance(item, tuple) and _layer(item) == "F.Mask":
+            if item[0] == "fp_rect" and isinstance(item, tuple) and layer_of(item) == "F.Mask":
                 placed.setdefault(id(item), (item, []))[1].append(place)
     count, corners = len(polygons), [*polygons]
     for item, places in placed.values():
@@ -230,7 +230,7 @@ def _outline(lists: Mapping[str, Sequence[Tree]], origin_mm: FloatArray, profile
     """Check that sides and corners follow the outline layer, one after the other."""
     if profile is None or not profile.strokes_mm:
         return []
-    sides = [item for kind in ("gr_line", "gr_arc") for item in lists.get(kind, []) if _layer(item) == "Edge.Cuts"]
+    sides = [item for kind in ("gr_line", "gr_arc") for item in lists.get(kind, []) if layer_of(item) == "Edge.Cuts"]
     ends = np.array([values(item, end) for item in sides for end in ("start", "end")]).reshape(-1, 2)
     middles = np.array([values(item, "mid") for item in sides if item[0] == "gr_arc"]).reshape(-1, 2)
     cut = shapely.MultiLineString([stroke for stroke in profile.strokes_mm if len(stroke) > 1])

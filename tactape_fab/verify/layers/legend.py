@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -15,12 +15,13 @@ from tactape_fab.base.errors import Check
 from tactape_fab.base.fields import Fields
 from tactape_fab.kit.film.layout import tape_legend
 from tactape_fab.kit.read.gerber_file import GerberContent
+from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tag import CODE_CELLS
-from tactape_fab.texture.tape import Tag, Tape
+from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.job_file import known_fab
-from tactape_fab.verify.layers.written_form import segments
+from tactape_fab.verify.layers.written_form import alike, segments
 
 _PX_PER_CELL = 12
 _OVERSAMPLING = 4
@@ -28,6 +29,7 @@ _MARGIN_CELLS = 4
 _CORNER_TOLERANCE_CELLS = 0.1
 _INK, _FILM = 235, 90
 _PRINT_TOLERANCE_MM = 1e-5
+_printed_alike = partial(alike, tolerance_mm=_PRINT_TOLERANCE_MM)
 _DARK_INK = 20
 
 GrayImage = npt.NDArray[np.uint8]
@@ -94,14 +96,10 @@ def check_label(content: GerberContent, tape: Tape, sizes: LegendRecord | None, 
     if len(found) and np.abs(content.stroke_width_mm - expected.line_mm).max() > _PRINT_TOLERANCE_MM:
         problems.append(f"a line is not {expected.line_mm:g} mm wide")
     areas = [area[:-1] if np.array_equal(area[0], area[-1]) else area for area in content.areas_mm]
-    if len(areas) != len(expected.areas_mm) or not all(map(_alike, areas, expected.areas_mm)):
+    if len(areas) != len(expected.areas_mm) or not all(map(_printed_alike, areas, expected.areas_mm)):
         problems.append(f"its {len(areas)} areas are not the {len(expected.areas_mm)} of this tape's tag")
     message = "; ".join(problems) or f"{len(areas)} areas and {len(found)} lines, those of this tape's tag and label"
     return Check(name="label", passed=not problems, message=message)
-
-
-def _alike(a: FloatArray, b: FloatArray) -> bool:
-    return a.shape == b.shape and bool((np.abs(a - b) <= _PRINT_TOLERANCE_MM).all())
 
 
 def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_pupil: bool) -> list[Check]:

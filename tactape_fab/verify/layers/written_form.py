@@ -70,7 +70,7 @@ def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
     """Differences between the two readings of a file."""
     problems = []
     same_apertures = np.array_equal(drawn.flash_aperture, content.flash_aperture)
-    if not same_apertures or not _same(drawn.flash_xy_mm, content.flash_xy_mm):
+    if not same_apertures or not alike(drawn.flash_xy_mm, content.flash_xy_mm):
         problems.append("gerbonara reads other flashes than the grammar")
     for what, these, those in (
         ("apertures", drawn.aperture_outlines_mm, content.aperture_outlines_mm),
@@ -78,7 +78,7 @@ def _differences(drawn: GerberShapes, content: GerberContent) -> list[str]:
         ("lines", (segments(drawn.strokes_mm),), (segments(content.strokes_mm),)),
         ("widths of lines", (drawn.stroke_width_mm,), (content.stroke_width_mm,)),
     ):
-        if len(these) != len(those) or not all(map(_same, these, those)):
+        if len(these) != len(those) or not all(map(alike, these, those)):
             problems.append(f"gerbonara reads other {what} than the grammar")
     return problems
 
@@ -90,5 +90,6 @@ def segments(strokes_mm: Sequence[np.ndarray]) -> np.ndarray:
     return np.delete(np.concatenate([points[:-1], points[1:]], axis=1), ends - 1, axis=0)
 
 
-def _same(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and bool((np.abs(a - b) <= _SAME_MM).all())
+def alike(a: np.ndarray, b: np.ndarray, tolerance_mm: float = _SAME_MM) -> bool:
+    """Whether two arrays of points have the same shape, and places that agree."""
+    return a.shape == b.shape and bool((np.abs(a - b) <= tolerance_mm).all())

@@ -21,7 +21,7 @@ from tactape_fab.sense.simulation.draw import Frame, draw_poses, frame_at, itera
 from tactape_fab.sense.simulation.gel import FloatImage
 from tactape_fab.sense.simulation.parts import built_parts_of
 from tactape_fab.sense.simulation.scene import Scene
-from tactape_fab.texture.as_built import AS_BUILT_NAME
+from tactape_fab.texture.as_built_file import AS_BUILT_NAME
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape

@@ -13,7 +13,7 @@ from tactape_fab.solids.mesh.sheet import texture_mesh
 from tactape_fab.solids.mesh.stl import mesh_problems, read_stl
 from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes
 from tactape_fab.solids.volume import solid_volume_mm3
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 from tactape_fab.verify.models.back_mark import check_mark
 from tactape_fab.verify.models.meshes import mesh_volume_tolerance_mm3
 from tests.solids import BLOCK, DOME, FORMS, tape_of

@@ -12,7 +12,7 @@ from tactape_fab.solids.elements import closed_element
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.picture import _nearest_faces, png_bytes, shaded, view_frame
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 BLOCK = TapePart(name="block", shape="block", body_mm=(0.6, 0.3, 0.2), rotation_deg=0.0)
 

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import AsBuilt, Film, SpecError
-from tactape_fab.texture.as_built import (
-    as_built_of,
-    manifest_digest,
-)
+from tactape_fab.texture.as_built import as_built_of, manifest_digest
 
 
 def places(count: int = 5, **other: Any) -> AsBuilt:

@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.rule import GOOD_TRUST, GOOD_WEIGHT, LEAST_GOOD, turn_shares
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart, is_long
+from tactape_fab.texture.part import TapePart, is_long
 
 USUAL_SCATTER, USUAL_DOTS = 0.1, 4.0
 """Scatter of one dot's elongation that is believed before a frame is seen, and how many dots this belief counts as."""

@@ -17,7 +17,7 @@ from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.decode.dots.kth import select
 from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart, is_long
+from tactape_fab.texture.part import TapePart, is_long
 
 DRAWN = 0.55
 """How much farther a top moves along a part than across it, mm, by a relative slope of the heights of 1/mm; over the difference

@@ -12,7 +12,7 @@ from tactape_fab.base.jit import inner_kernel, kernel
 from tactape_fab.sense.decode.dots.clip import clip
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart, is_long
+from tactape_fab.texture.part import TapePart, is_long
 
 ONE_PLACE = 1e-9
 """Share of their squared distances from the image centre that dots in one place have from their own middle."""

@@ -21,7 +21,7 @@ from tactape_fab.sense.decode.grid.posterior import LEAST_APART_MM, eliminate
 from tactape_fab.sense.geometry import Camera
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 BOX = "block"
 FINE_PX_PER_MM = 12.0

@@ -17,7 +17,7 @@ from tactape_fab.sense.decode.grid.posterior import eliminate
 from tactape_fab.sense.decode.pixels.patches import PixelFit, has_patch, median, rehearse_patches, settled_patches, unknown_relief
 from tactape_fab.sense.decode.rank import View
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 LEAST_PATCHES = 8
 """Fewer dots tell neither what a whole dot is nor how far they scatter."""

@@ -17,7 +17,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.film.anchors import anchor_modes
 from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, gang_window, least_pitch_mm, worst_box_gap_mm
 from tactape_fab.kit.profiles import FabProfile, load_fab, load_part
-from tactape_fab.texture.tape import Board
+from tactape_fab.texture.board import Board
 from tests.thorough import some
 
 PART = load_part("r0201")

@@ -21,7 +21,7 @@ from tactape_fab.kit.film.layout import Layout, build_layout
 from tactape_fab.kit.plan import plan
 from tactape_fab.kit.profiles import LIMIT_IDS
 from tactape_fab.kit.rules.spacing import _size_rule, check, hole_rules
-from tactape_fab.texture.tape import Board
+from tactape_fab.texture.board import Board
 from tests.unit.kit.test_plan import FAB, PAD_ARC_MM, PART, Floats, Shapes, board_shape, draw, edge_gap, grid_centres, placed_mask
 
 FAR_MM = 30.0

@@ -11,7 +11,7 @@ from tactape_fab.sense import calibrate_sensor
 from tactape_fab.sense.calibrate.presses import Press, located
 from tactape_fab.sense.calibrate.refined import refined
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 from tests.thorough import only_thorough
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
 

@@ -15,7 +15,7 @@ import pytest
 import tactape_fab
 from tactape_fab.sense.decode import rule
 from tactape_fab.sense.decode.grid import fit
-from tactape_fab.texture import tape
+from tactape_fab.texture import part
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray
 
 PACKAGE = Path(tactape_fab.__file__).parent
@@ -159,8 +159,8 @@ def test_p_place_is_known_to_a_tenth_of_what_is_allowed() -> None:
     [("block", 0.5, 0.4, True), ("block", 0.4, 0.5, True), ("block", 0.49, 0.4, False), ("dome", 0.6, 0.3, False)],
 )
 def test_a_body_shows_its_direction_by_its_sides_alone(shape: str, length_mm: float, width_mm: float, is_long: bool) -> None:
-    assert tape.is_long(shape, (length_mm, width_mm, 2.0)) is is_long
-    assert tape.is_long(shape, (length_mm, width_mm, 0.01)) is is_long
+    assert part.is_long(shape, (length_mm, width_mm, 2.0)) is is_long
+    assert part.is_long(shape, (length_mm, width_mm, 0.01)) is is_long
 
 
 def test_trust_is_a_logistic_curve_over_height() -> None:

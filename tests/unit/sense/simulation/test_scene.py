@@ -18,7 +18,7 @@ from tactape_fab.sense.simulation.contact import imprint
 from tactape_fab.sense.simulation.parts import parts_of, scattered
 from tactape_fab.sense.simulation.pixel_coverage import add_domes, add_quads
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 # Nothing but bodies: what is measured in the picture is where they are.
 BARE: dict[str, Any] = {

@@ -26,7 +26,7 @@ from tactape_fab.solids.surface.fuse import fuse_mesh
 from tactape_fab.solids.surface.part_mesh import MeshChart
 from tactape_fab.solids.surface.patch import MOST_PITCH_ERROR
 from tactape_fab.solids.surface.place import lay_out
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 from tactape_fab.verify.models.embossed import check_embossed
 from tests.surfaces import ball, box, cylinder, emboss, kit_folder, mesh_of, planned, saddle
 from tests.thorough import only_thorough

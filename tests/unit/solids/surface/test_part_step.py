@@ -22,7 +22,7 @@ from tactape_fab.solids.surface.charts import Placement
 from tactape_fab.solids.surface.developed import Developable
 from tactape_fab.solids.surface.placements import read_placements
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 from tests.roundtrip.test_verify_robust import DAMAGES
 from tests.surfaces import kit_folder, planned, step_file
 from tests.thorough import some

@@ -15,7 +15,7 @@ from tactape_fab.sense.decode.dots.detect import detect
 from tactape_fab.sense.decode.dots.elongation import flipped_u, parity_log_ratio, square_pixels, turn_weights
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE
 from tactape_fab.texture.frames import FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 PART = TapePart(name="r0201", shape="block", body_mm=(0.6, 0.3, 0.23), rotation_deg=45.0)
 FLAT = np.full(4, 0.25)

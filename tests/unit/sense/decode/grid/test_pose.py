@@ -16,7 +16,7 @@ from tactape_fab.sense.decode.rule import AGREE_SIGMAS
 from tactape_fab.sense.geometry import Gel, Geometry, camera
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import BoolArray, FloatArray
-from tactape_fab.texture.tape import TapePart
+from tactape_fab.texture.part import TapePart
 
 R = 16.0
 SENSOR = load_sensor("gelsight-mini")

@@ -105,7 +105,7 @@ def test_every_field_of_an_answer() -> None:
 
 
 def test_a_texture_on_no_board_has_no_board_position() -> None:
-    from tactape_fab.texture.tape import Surface
+    from tactape_fab.texture.board import Surface
 
     surface = Surface(source="cap.step", sha256="0" * 64, centre_mm=(0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0), radius_mm=None)
     fix, _ = locate_paper_dots(

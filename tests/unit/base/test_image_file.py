@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactape_fab.base.errors import SpecError
-from tactape_fab.base.png_chunks import chunks_fit
+from tactape_fab.base.image_file import chunks_fit
 from tactape_fab.sense.raw.image_files import read_picture
 
 PNG = cv2.imencode(".png", np.arange(96, dtype=np.uint16).reshape(8, 12))[1].tobytes()

@@ -1,11 +1,8 @@
 """Conflicts between the patches of a grid of symbols, and their repair, symbol by symbol. Integers only: the same everywhere.
 
-A patch is a word of two bits per symbol, three of eight directions, and two patches differ in as many bits as their words do. A
-symbol stands here as its Gray code (`Directions.gray_codes`): of four directions one bit is a part that points a quarter turn
-elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135.
 A conflict is a pair of patches that differ in fewer bits than asked for: of the grid itself, one of them in one of four turns, or
-of the grid and patches that are given. To change a symbol concerns the patches that hold it, and each of them is held against all
-others once for all symbols that may stand there.
+of the grid and patches that are given. To change a symbol concerns the patches that hold it; each of them is compared with all
+others once for all symbols that may be there.
 """
 
 from __future__ import annotations
@@ -13,25 +10,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from tactape_fab.base.jit import inner_kernel, kernel
-from tactape_fab.texture.directions import DIRECTIONS
-from tactape_fab.texture.frames import TURNED, IntArray, SymbolArray
+from tactape_fab.texture.frames import IntArray, SymbolArray
+from tactape_fab.texture.touch.words import TURNS, Patches, Shapes, count_ones
 from tactape_fab.texture.windows import WordArray
 
 MOST_SYMBOLS = 8
-WORD_BITS = 64
-_TURNS, _GIVEN = 4, 4
+_GIVEN = 4
 """A conflict's turn where the other patch is a given one."""
 _BLOCK = 256
 _UPHILL = 4
 """A change that adds w to the weight of all conflicts is made all the same with chance 2^-(4 w): else the search sticks."""
 
-_LOW = np.uint64(0x5555_5555_5555_5555)
-_PAIRS = np.uint64(0x3333_3333_3333_3333)
-_NIBBLES = np.uint64(0x0F0F_0F0F_0F0F_0F0F)
-_BYTES = np.uint64(0x0101_0101_0101_0101)
 _GOLDEN, _MIX_1, _MIX_2 = (
     np.uint64(0x9E37_79B9_7F4A_7C15),
     np.uint64(0xBF58_476D_1CE4_E5B9),
@@ -39,36 +30,8 @@ _GOLDEN, _MIX_1, _MIX_2 = (
 )
 
 
-class Shapes(NamedTuple):
-    """Shapes of patches: of each its side, its number of points, where they are, and where they go in its word when turned.
-
-    ``cells`` has shape (k, most, 2), row and column; ``place`` (k, 4, side, side), -1 where the shape has no point; ``turned``
-    (4, symbols) what each symbol becomes, Gray codes both; ``bits`` are those of a symbol.
-    """
-
-    side: IntArray
-    points: IntArray
-    cells: IntArray
-    place: IntArray
-    turned: IntArray
-    bits: int
-
-
-class Patches(NamedTuple):
-    """Words of all patches.
-
-    ``own`` has shape (k, 4, n), row-major, by shape and turn, of which the first ``own_count`` (k,) are there; ``given`` (k, m)
-    and ``given_count`` (k,) are patches that stay as they are, in all turns.
-    """
-
-    own: WordArray
-    own_count: IntArray
-    given: WordArray
-    given_count: IntArray
-
-
-class Room(NamedTuple):
-    """Room to work in: conflicts (shape, patch, turn, other patch), those that a change would make, patches found, weights."""
+class Buffers(NamedTuple):
+    """Buffers: conflicts (shape, patch, turn, other patch), those that a change would make, patches found, weights."""
 
     conflicts: IntArray
     coming: IntArray
@@ -76,52 +39,10 @@ class Room(NamedTuple):
     weight: IntArray
 
 
-def new_room() -> Room:
-    """Room for a search."""
+def new_buffers() -> Buffers:
+    """Buffers for a search."""
     conflicts, coming = np.empty((1 << 18, 4), dtype=np.int64), np.empty((1 << 16, 5), dtype=np.int64)
-    return Room(conflicts, coming, np.empty(1 << 16, dtype=np.int64), np.empty(MOST_SYMBOLS, dtype=np.int64))
-
-
-def shapes_of(masks: list[npt.NDArray[np.bool_]], directions: int = 4) -> Shapes:
-    """Shapes from square masks that are alike in all four turns, with 32 points at most; of eight directions, with 21."""
-    side, count = np.array([len(m) for m in masks]), np.array([int(m.sum()) for m in masks])
-    cells = np.zeros((len(masks), int(count.max()), 2), dtype=np.int64)
-    place = np.full((len(masks), _TURNS, int(side.max()), int(side.max())), -1, dtype=np.int64)
-    for k, mask in enumerate(masks):
-        cells[k, : count[k]] = np.argwhere(mask)
-        number = np.where(mask, np.cumsum(mask).reshape(mask.shape) - 1, -1)
-        source = np.arange(mask.size).reshape(mask.shape)
-        for turn in range(_TURNS):
-            r, c = np.divmod(np.rot90(source, turn).ravel(), len(mask))
-            place[k, turn, r, c] = number.ravel()
-    codes = DIRECTIONS[directions].gray_codes.astype(np.int64)
-    turned = [np.arange(directions)]
-    for _ in range(_TURNS - 1):
-        turned.append(codes[TURNED[np.argsort(codes)]][turned[-1]])
-    return Shapes(side, count, cells, place, np.stack(turned), DIRECTIONS[directions].bits)
-
-
-def words_of(symbols: SymbolArray, shapes: Shapes) -> tuple[WordArray, IntArray]:
-    """Words of all patches of a grid of Gray codes, as `Patches.own`, and how many of each shape."""
-    across = np.maximum(np.array(symbols.shape)[:, None] - shapes.side + 1, 0)
-    count = across.prod(axis=0)
-    words = np.zeros((len(count), _TURNS, int(count.max())), dtype=np.uint64)
-    for k, of in enumerate(words):
-        high, wide = across[:, k].tolist()
-        for r, c in shapes.cells[k, : shapes.points[k]].tolist():
-            for turn in range(_TURNS):
-                shown = shapes.turned[turn][symbols[r : r + high, c : c + wide]].astype(np.uint64)
-                of[turn, : count[k]] |= (shown << np.uint64(shapes.bits * shapes.place[k, turn, r, c])).ravel()
-    return words, count.astype(np.int64)
-
-
-@inner_kernel()
-def _ones(word: np.uint64) -> int:
-    """Number of bits that are set."""
-    word = word - ((word >> np.uint64(1)) & _LOW)
-    word = (word & _PAIRS) + ((word >> np.uint64(2)) & _PAIRS)
-    word = (word + (word >> np.uint64(4))) & _NIBBLES
-    return np.int64((word * _BYTES) >> np.uint64(56))  # type: ignore[return-value]
+    return Buffers(conflicts, coming, np.empty(1 << 16, dtype=np.int64), np.empty(MOST_SYMBOLS, dtype=np.int64))
 
 
 @inner_kernel()
@@ -158,18 +79,18 @@ def _find(
         end = min(start + _BLOCK, last)
         nearest = 64
         for k in range(start, end):
-            nearest = min(nearest, _ones((words[k] ^ word) & mask))
+            nearest = min(nearest, count_ones((words[k] ^ word) & mask))
         if nearest < least:
             for k in range(start, end):
-                if _ones((words[k] ^ word) & mask) < least and count < len(found):
+                if count_ones((words[k] ^ word) & mask) < least and count < len(found):
                     found[count] = k
                     count += 1
     return count
 
 
 @kernel()
-def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, room: Room) -> int:
-    """List all conflicts; -1 where there are more than there is room for.
+def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, buffers: Buffers) -> int:
+    """List all conflicts; -1 where there are more than fit into the buffer.
 
     least (k, 4): By shape and turn, how many bits two patches of the grid shall differ in at least.
     least_given (k,): The same by shape of a patch of the grid and a given one.
@@ -178,60 +99,21 @@ def conflicts_of(patches: Patches, least: IntArray, least_given: IntArray, room:
     for shape in range(len(least)):
         for patch in range(patches.own_count[shape]):
             word = patches.own[shape, 0, patch]
-            for turn in range(_TURNS + 1):
+            for turn in range(TURNS + 1):
                 if turn == _GIVEN:
                     words, first, last = patches.given[shape], 0, patches.given_count[shape]
                 else:  # three quarter turns against itself are one the other way round
                     words, last = patches.own[shape, turn], patches.own_count[shape]
                     first = patch if turn in (1, 2) else patch + 1
                 bits = least_given[shape] if turn == _GIVEN else least[shape, turn]
-                hits = _find(word, ~np.uint64(0), words, first, last, bits, room.found) if bits > 0 else 0
-                if hits == len(room.found) or count + hits > len(room.conflicts):
+                hits = _find(word, ~np.uint64(0), words, first, last, bits, buffers.found) if bits > 0 else 0
+                if hits == len(buffers.found) or count + hits > len(buffers.conflicts):
                     return -1
                 for k in range(hits):
-                    entry = room.conflicts[count]
-                    entry[0], entry[1], entry[2], entry[3] = shape, patch, turn, room.found[k]
+                    entry = buffers.conflicts[count]
+                    entry[0], entry[1], entry[2], entry[3] = shape, patch, turn, buffers.found[k]
                     count += 1
     return count
-
-
-@kernel()
-def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
-    """Fewest bits that two patches of a shape differ in, and how many pairs do, into `out` (2,); `own` as in `Patches`, (4, n).
-
-    In all turns with a `step` of 1, and 0 and 180 degrees apart with one of 2. Fewer patches than two, and one that is alone,
-    have 65 bits and no pair; a patch is held against its own turns as well.
-    """
-    least, pairs = 65, 0
-    for turn in range(0, _TURNS, step):
-        for patch in range(count):
-            word, first = own[0, patch], patch if turn in (1, 2) else patch + 1
-            nearest = 65
-            for k in range(first, count):
-                nearest = min(nearest, _ones(own[turn, k] ^ word))
-            if nearest < least:
-                least, pairs = nearest, 0
-            if nearest == least:
-                for k in range(first, count):
-                    if _ones(own[turn, k] ^ word) == least:
-                        pairs += 1
-    out[0], out[1] = least, pairs
-
-
-@kernel()
-def nearest_of_long(own: WordArray, more: WordArray, count: int, out: IntArray) -> None:
-    """`nearest_of` for patches whose bits fill two words each: the second words are in `more`, of the same shape."""
-    least, pairs = 2 * WORD_BITS + 1, 0
-    for turn in range(_TURNS):
-        for patch in range(count):
-            first = patch if turn in (1, 2) else patch + 1
-            for k in range(first, count):
-                apart = _ones(own[turn, k] ^ own[0, patch]) + _ones(more[turn, k] ^ more[0, patch])
-                if apart < least:
-                    least, pairs = apart, 0
-                if apart == least:
-                    pairs += 1
-    out[0], out[1] = least, pairs
 
 
 @kernel()
@@ -243,59 +125,59 @@ def repair(
     least_given: IntArray,
     steps: int,
     state: WordArray,
-    room: Room,
+    buffers: Buffers,
 ) -> bool:
     """Change symbols, in place, until there is no conflict; whether that was reached in so many steps.
 
     Each step takes one of the points of one of the conflicts, and what among the other symbols there weighs least: a conflict
     that lacks b bits weighs 4^(b - 1).
     """
-    count = conflicts_of(patches, least, least_given, room)
+    count = conflicts_of(patches, least, least_given, buffers)
     if count < 0:
         return False
     for _ in range(steps):
-        count, chosen = _next_conflict(patches, least, least_given, count, state, room)
+        count, chosen = _next_conflict(patches, least, least_given, count, state, buffers)
         if count == 0:
             return True
-        shape, patch = room.conflicts[chosen, 0], room.conflicts[chosen, 1]
-        if room.conflicts[chosen, 2] != _GIVEN and _below(state, np.int64(2)) == 1:
-            patch = room.conflicts[chosen, 3]
+        shape, patch = buffers.conflicts[chosen, 0], buffers.conflicts[chosen, 1]
+        if buffers.conflicts[chosen, 2] != _GIVEN and _below(state, np.int64(2)) == 1:
+            patch = buffers.conflicts[chosen, 3]
         cell, wide = shapes.cells[shape, _below(state, shapes.points[shape])], symbols.shape[1] - shapes.side[shape] + 1
         row, column = patch // wide + cell[0], patch % wide + cell[1]
-        coming = _weigh(symbols, shapes, patches, least, least_given, row, column, room)
-        if coming < 0 or count + coming > len(room.conflicts):
+        coming = _weigh(symbols, shapes, patches, least, least_given, row, column, buffers)
+        if coming < 0 or count + coming > len(buffers.conflicts):
             return False
         now = int(symbols[row, column])
-        new = _lightest(room.weight[: 1 << shapes.bits], now, state)
-        steep = _UPHILL * (room.weight[new] - room.weight[now])
+        new = _lightest(buffers.weight[: 1 << shapes.bits], now, state)
+        steep = _UPHILL * (buffers.weight[new] - buffers.weight[now])
         if steep > 0 and (steep > 60 or (next_number(state) >> np.uint64(64 - steep)) != np.uint64(0)):
             continue
         _put(symbols, shapes, patches, row, column, new)
         for k in range(coming):
-            if room.coming[k, 0] == new:
+            if buffers.coming[k, 0] == new:
                 for field in range(4):
-                    room.conflicts[count, field] = room.coming[k, 1 + field]
+                    buffers.conflicts[count, field] = buffers.coming[k, 1 + field]
                 count += 1
     return False
 
 
 @inner_kernel()
 def _next_conflict(
-    patches: Patches, least: IntArray, least_given: IntArray, count: int, state: WordArray, room: Room
+    patches: Patches, least: IntArray, least_given: IntArray, count: int, state: WordArray, buffers: Buffers
 ) -> tuple[int, int]:
     """One of the conflicts, those forgotten that were repaired meanwhile: how many are left, and its number."""
     while count > 0:
         chosen = _below(state, count)
-        shape, patch, turn, other = room.conflicts[chosen]
+        shape, patch, turn, other = buffers.conflicts[chosen]
         if turn == _GIVEN:
             bits, word = least_given[shape], patches.given[shape, other]
         else:
             bits, word = least[shape, turn], patches.own[shape, turn, other]
-        if _ones(patches.own[shape, 0, patch] ^ word) < bits:
+        if count_ones(patches.own[shape, 0, patch] ^ word) < bits:
             return count, chosen
         count -= 1
         for field in range(4):
-            room.conflicts[chosen, field] = room.conflicts[count, field]
+            buffers.conflicts[chosen, field] = buffers.conflicts[count, field]
     return 0, 0
 
 
@@ -324,13 +206,13 @@ def _weigh(
     least_given: IntArray,
     row: int,
     column: int,
-    room: Room,
+    buffers: Buffers,
 ) -> int:
-    """Weight of all conflicts that each symbol would have at a point, and how many new ones are listed; -1 without room."""
+    """Weight of all conflicts that each symbol would have at a point, and how many new ones are listed; -1 without buffers."""
     now, count, ones = int(symbols[row, column]), 1 << shapes.bits, np.uint64((1 << shapes.bits) - 1)
     coming = int(np.int64(0))  # a literal would be another type to compile for
     for value in range(count):
-        room.weight[value] = 0
+        buffers.weight[value] = 0
     for shape in range(len(least)):
         side = shapes.side[shape]
         wide, high = symbols.shape[1] - side + 1, symbols.shape[0] - side + 1
@@ -340,16 +222,16 @@ def _weigh(
                 continue
             patch, shift = r * wide + c, np.uint64(shapes.bits * j)
             word, mask = patches.own[shape, 0, patch], ~(ones << shift)
-            for turn in range(_TURNS + 1):
+            for turn in range(TURNS + 1):
                 if turn == _GIVEN:
                     words, last, bits = patches.given[shape], patches.given_count[shape], least_given[shape]
                 else:
                     words, last, bits = patches.own[shape, turn], patches.own_count[shape], least[shape, turn]
-                hits = _find(word, mask, words, np.int64(0), last, bits, room.found) if bits > 0 else 0
-                if hits == len(room.found):
+                hits = _find(word, mask, words, np.int64(0), last, bits, buffers.found) if bits > 0 else 0
+                if hits == len(buffers.found):
                     return -1
                 for k in range(hits):
-                    other = room.found[k]
+                    other = buffers.found[k]
                     r, c = row - other // wide, column - other % wide
                     if turn != _GIVEN and 0 <= r < side and 0 <= c < side and shapes.place[shape, 0, r, c] >= 0:
                         continue  # both hold the point: `_weigh_both` sees to these
@@ -357,9 +239,11 @@ def _weigh(
                     here = (words[other] >> shift) & ones
                     for value in range(count):
                         apart = (rest, here ^ np.uint64(value), here ^ np.uint64(now))
-                        coming = _add(room, coming, value, apart, bits, (shape, patch, turn, other))
+                        coming = _add(buffers, coming, value, apart, bits, (shape, patch, turn, other))
             if least[shape, 0] > 0:
-                coming = _weigh_both(symbols, shapes, patches, least[shape], (row, column, now), (shape, j, patch), coming, room)
+                coming = _weigh_both(
+                    symbols, shapes, patches, least[shape], (row, column, now), (shape, j, patch), coming, buffers
+                )
             if coming < 0:
                 return -1
     return coming
@@ -374,7 +258,7 @@ def _weigh_both(
     point: tuple[int, int, int],
     of: tuple[int, int, int],
     coming: int,
-    room: Room,
+    buffers: Buffers,
 ) -> int:
     """`_weigh` for one patch and those after it that hold the point as well: both words change with the symbol.
 
@@ -390,7 +274,7 @@ def _weigh_both(
         other = r * wide + c
         if r < 0 or c < 0 or r >= high or c >= wide or other < patch:
             continue
-        for turn in range(_TURNS):
+        for turn in range(TURNS):
             if least[turn] == 0 or (other == patch and turn in (0, 3)):
                 continue
             there = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
@@ -398,33 +282,33 @@ def _weigh_both(
             one, two = word & mask, patches.own[shape, turn, other] & ~(ones << there)
             for value in range(1 << shapes.bits):
                 apart = (one | (np.uint64(value) << shift)) ^ (two | (np.uint64(shapes.turned[turn, value]) << there))
-                coming = _add(room, coming, value, (no_bits, apart, apart_now), least[turn], (shape, patch, turn, other))
+                coming = _add(buffers, coming, value, (no_bits, apart, apart_now), least[turn], (shape, patch, turn, other))
     return coming
 
 
 @inner_kernel()
 def _add(
-    room: Room,
+    buffers: Buffers,
     coming: int,
     value: int,
     apart: tuple[np.uint64, np.uint64, np.uint64],
     least: int,
     pair: tuple[int, int, int, int],
 ) -> int:
-    """Add a pair's weight to that of a symbol, and list it where it is no conflict now; how many are listed, -1 without room.
+    """Add a pair's weight to that of a symbol, and list it where it is no conflict now; how many are listed, -1 without buffers.
 
     ``apart`` are the bits that differ whatever the symbol, those beside them with this symbol, and with the present one.
     """
-    rest = _ones(apart[0])
-    lacking = least - rest - _ones(apart[1])
+    rest = count_ones(apart[0])
+    lacking = least - rest - count_ones(apart[1])
     if lacking <= 0 or coming < 0:
         return coming
-    room.weight[value] += np.int64(1) << (2 * (lacking - 1))
-    if rest + _ones(apart[2]) < least:
+    buffers.weight[value] += np.int64(1) << (2 * (lacking - 1))
+    if rest + count_ones(apart[2]) < least:
         return coming
-    if coming == len(room.coming):
+    if coming == len(buffers.coming):
         return -1
-    entry = room.coming[coming]
+    entry = buffers.coming[coming]
     entry[0] = value
     entry[1], entry[2], entry[3], entry[4] = pair
     return coming + 1
@@ -442,7 +326,7 @@ def _put(symbols: SymbolArray, shapes: Shapes, patches: Patches, row: int, colum
             r, c = row - down, column - right
             if r < 0 or c < 0 or r >= high or c >= wide:
                 continue
-            for turn in range(_TURNS):
+            for turn in range(TURNS):
                 shift = np.uint64(shapes.bits * shapes.place[shape, turn, down, right])
                 word = patches.own[shape, turn, r * wide + c] & ~(ones << shift)
                 patches.own[shape, turn, r * wide + c] = word | (np.uint64(shapes.turned[turn, value]) << shift)
