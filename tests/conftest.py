@@ -98,11 +98,13 @@ def _no_build_date(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
 
 
-@pytest.fixture(autouse=True)
-def _few_contacts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A whole verification decodes a few contacts, where it is not the round trip itself that is tested."""
-    if request.module.__name__.rpartition(".")[2] != "test_round_trip":
-        monkeypatch.setattr(full_trips, "__kwdefaults__", {"counts": (6, 3)})
+@pytest.fixture(autouse=True, scope="module")
+def _few_contacts(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A whole verification decodes a few contacts, where it is not the round trip itself that is tested; in fixtures as well."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.module.__name__.rpartition(".")[2] != "test_round_trip":
+            patch.setattr(full_trips, "__kwdefaults__", {"counts": (6, 3)})
+        yield
 
 
 Once = Callable[[str, Callable[[Path], Any]], Any]

