@@ -102,7 +102,7 @@ class Loss:
 LOSS = Loss(share=1.0, noise=0.79, clutter_um=2.5, tops=0.04, scatter=0.25, eight=1.15)
 """The values that fit simulated contacts of 24 designs best: `python -m tests.bench.advise --fit`, which asks for `tops` and
 `scatter`, with white and smooth noise. `clutter_um` is from the same designs with the slope noise of a GelSight Mini: without it
-those whose parts stand 5 to 15 um out were promised contacts 10 to 15 % too small (misfit 0.19, with it 0.09). `eight` was
+those whose parts rise 5 to 15 um were promised contacts 10 to 15 % too small (misfit 0.19, with it 0.09). `eight` was
 chosen so that the predictions for 10 designs of eight directions hold with that noise, too: with 1.09 two blocks of them located
 72 and 73 % of contacts. Without `--fit` predictions are tested on other designs."""
 

@@ -24,7 +24,7 @@ def noise_of(sensor: SensorProfile) -> tuple[float, float, float]:
         noise_um, slope_um_mm = (1000.0 * sensor.slope_noise / scale * of_one for of_one in _of_white_slopes())
         return noise_um, _of_white_slopes()[0] / _of_white_slopes()[1], slope_um_mm
     # a Gaussian of standard deviation s leaves white noise 1 / (2 sqrt(pi) s) of its rms, and has a kernel of sqrt(2) s in its
-    # autocorrelation; blobs are white noise smoothed by b already, so b^2 + s^2 stands for s^2. The background that the filter
+    # autocorrelation; blobs are white noise smoothed by b already, so b^2 + s^2 replaces s^2. The background that the filter
     # takes away as well is not looked at
     smooth_px, blob_px = SMOOTHING_MM * scale, sensor.correlated_px
     white_um = sensor.white_um / (2.0 * sqrt(pi) * smooth_px)

@@ -66,7 +66,7 @@ def choose_order(values: Mapping[str, Any], house: str, contact: Any = None) -> 
     values: Option names to values, as for `make_kit`; untrusted.
     house: A house (``jlcpcb``), a fab profile, or a profile's file.
     contact: Diameter, or both axes, of the smallest contact that is to be located, mm; by default 11 x 9.
-    Raises SpecError if the house is unknown, the values cannot be meant, or no tape of them is legal.
+    Raises SpecError if the house is unknown, the values are invalid, or no tape of them is legal.
     """
     fab_name = house_fab(house)
     if values.get("fab", fab_name) != fab_name:

@@ -30,7 +30,7 @@ except ImportError:  # a platform without a wheel
 else:
     config._config_fname = os.devnull
     config.reload_config()  # type: ignore[no-untyped-call]
-    # numba obeys a .numba_config.yaml of the current folder: a stranger's may name a folder of compiled functions
+    # numba obeys a .numba_config.yaml of the current folder: one of an untrusted folder may name compiled functions
     COMPILED = not config.DISABLE_JIT  # type: ignore[attr-defined]
     """Whether kernels are compiled at all."""
     with suppress(ImportError):

@@ -15,7 +15,7 @@ MOST_VALUES = 2_000_000
 def parse_json(data: bytes, *, most_values: int = MOST_VALUES) -> Any:
     """The content of a JSON text.
 
-    most_values: Most commas, colons and opened brackets. The number of objects is below it, wherever they stand.
+    most_values: Most commas, colons and opened brackets. The number of objects is below it, wherever they are.
     Raises ValueError if it is not JSON, nested too deep, holds NaN or Infinity, a key twice in one object, or too many values.
     """
     marks = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))

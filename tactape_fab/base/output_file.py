@@ -51,7 +51,7 @@ def refuse_taken_place(path: Path, key: str, *, overwrite: bool) -> None:
 
 
 def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
-    """Write a file, whole or not at all: until it has its name, what stood there stands there.
+    """Write a file, whole or not at all: an older file stays until the new one has its name.
 
     Parameters
     ----------

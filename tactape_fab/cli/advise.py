@@ -165,7 +165,7 @@ def _explained(advice: Advice) -> Iterator[str]:
     yield f"error, angle: medians, µm and degrees, of contacts of {asked.contact_mm:g} mm, or of the smallest where that is more"
     yield f"parts: of a tape of {width_mm:g}x{height_mm:g} mm; cost: estimate of assembly, order + each tape, without the board"
     if any(not line.design.points_in.usual for line in advice.lines):
-        yield "directions: eight say three bits a part, for printed and milled elements with touch-1; no decoder knows both kinds"
+        yield "directions: eight say three bits a part, for printed and milled elements with touch-1; one decoder takes one kind"
     yield "warnings: rules that check warns of; what a rule refuses is not listed, nor what another line beats in all"
     yield (
         f"assumed: {asked.tapes} registered {'tape' if asked.tapes == 1 else 'tapes'}, gel blur {asked.blur_mm:g} mm, parts off "

@@ -83,7 +83,7 @@ def tapes_to_certify(
         entries = read_registered(kits, as_built)
         return [e.tape for e in entries], labels(entries)
     if "code" not in options:
-        said = "--size says nothing without --code" if options else "nothing to certify is given"
+        said = "--size has no effect without --code" if options else "nothing to certify is given"
         raise SpecError(Problem("code", f"{said}; name kits, or a code with --code"))
     from tactape_fab.kit.examine.code_tapes import default_tapes
 

@@ -120,7 +120,7 @@ SENSORS = click.option(
     help="Sensor profile, or a .toml file; NAME=SENSOR:SOURCE for several sensors.  [default: gelsight-mini]",
 )
 _AFTER = 5
-"""Where among the others the option of the sensor stands."""
+"""Place of the sensor's option among the others."""
 
 
 def locating_options(command: F, sensor: Callable[[Any], Any] = _SENSOR) -> F:

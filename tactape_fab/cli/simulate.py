@@ -53,7 +53,7 @@ _READ: dict[str, Callable[[str], Any]] = {
 @click.option("--k1-error", metavar="SHARE", help="The true radial distortion is the profile's plus SHARE.  [default: 0]")
 @click.option("--gel-displacement", metavar="UM", help="Smooth displacement of the gel, rms, µm.  [default: the sensor's own]")
 @click.option("--gel-correlation", metavar="MM", help="How far it is alike, standard deviation.  [default: the sensor's own]")
-@click.option("--from", "places", metavar="cpl|as-built", help="Whence the parts' places are.  [default: the design]")
+@click.option("--from", "places", metavar="cpl|as-built", help="Source of the parts' places.  [default: the design]")
 @click.option("--as-built", metavar="FILE", help="With --from as-built: measured places.  [default: KIT/as-built.json]")
 @click.option("--from-cpl", is_flag=True, help="The same as --from cpl.")
 def simulate(

@@ -1,4 +1,4 @@
-"""survey: where the parts of a tape stand, from frames of its use."""
+"""survey: where the parts of a tape are, from frames of its use."""
 
 from __future__ import annotations
 

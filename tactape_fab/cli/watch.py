@@ -112,7 +112,7 @@ def _print(thing: TapedObject | None, located: Located, name: str) -> bool:
 
 
 def _wanted(source: str | None, sensors: Sequence[str], given: Mapping[str, Any]) -> tuple[list[Wanted], list[str]]:
-    """The sensors that are to be watched, and what stands in the place of SOURCE and is none, so that it is a kit."""
+    """The sensors that are to be watched, and the argument in the place of SOURCE where it is a kit."""
     from tactape_fab.base.errors import Problem, SpecError
     from tactape_fab.base.fields import shown
     from tactape_fab.sense.live.opening import Wanted

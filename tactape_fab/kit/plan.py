@@ -132,7 +132,7 @@ def _grid(size_mm: tuple[float, float], spec: TapeSpec, claim: Claim) -> _Grid:
 def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tape] = ()) -> Tape:
     """Decide a tape of parts with lands.
 
-    The grid point (0, 0) stands at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
+    The grid point (0, 0) is at board ``(x0, y0)`` with ``x0`` the strip's width (or the margin, without a strip)
     plus the reach of an outward displaced opening, rounded up to 0.1 mm, and ``y0 = (height + (rows - 1) * pitch) / 2``.
     The grid has as many columns and rows as the margins allow; the remaining width is at the right end.
 

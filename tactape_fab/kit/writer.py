@@ -112,7 +112,7 @@ def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
     """Record of what the bytes of a kit depend on beside its spec, so that it can be made again.
 
     spec: As it was asked for.
-    verified: Whether the kit was read back when it was made, which its report tells.
+    verified: Whether the kit was read back when it was made, which its report states.
     """
     return {
         "made": {

@@ -223,7 +223,7 @@ def _answered(make: Callable[[Wanted, bool], Result], folder: Path, since: float
 
 
 def _stands(path: Path, since: float) -> bool:
-    """Whether a process of this run made it and died before it could say so; what stood there before was refused."""
+    """Whether a process of this run made it and died before it could say so; an older one was refused."""
     try:
         return (path / MANIFEST_NAME).stat().st_mtime >= since
     except OSError:

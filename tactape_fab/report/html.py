@@ -12,7 +12,7 @@ from tactape_fab.base.templates import templates_folder
 
 
 def script_json(content: Any) -> str:
-    """JSON that can stand in a script element: no character in it ends one or begins a comment."""
+    """JSON that is safe in a script element: no character in it ends one or begins a comment."""
     text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

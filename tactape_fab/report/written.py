@@ -1,4 +1,4 @@
-"""The report joins a kit or panel that stands in its folder: made from the files there, and listed in the manifest."""
+"""The report joins a kit or panel that is in its folder: made from the files there, and listed in the manifest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The solid elements that stand on grid points: block, spherical cap, truncated cone, as loops in a part's own frame.
+"""The solid elements on grid points: block, spherical cap, truncated cone, as loops in a part's own frame.
 
 A part's frame: origin at the part's centre on the surface, x and y along board x and y, z along the surface's normal.
 """
@@ -43,7 +43,7 @@ def sphere_radius_mm(part: TapePart) -> float:
 
 
 def reach_mm(part: TapePart) -> tuple[float, float]:
-    """Largest |x| and |y| of an element about its centre, turned as it stands."""
+    """Largest |x| and |y| of an element about its centre, as it is turned."""
     if part.shape == "dome":
         return part.body_mm[0] / 2, part.body_mm[0] / 2
     c, s = abs(cos(radians(part.rotation_deg))), abs(sin(radians(part.rotation_deg)))

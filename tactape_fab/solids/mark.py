@@ -168,7 +168,7 @@ def _levels(height_mm: float, base_mm: float, negative: bool) -> tuple[float, fl
 
 
 def back_mm(tape: Tape, form: SolidForm) -> float:
-    """Height of the back over the surface that elements stand on, mm."""
+    """Height of the back over the surface that carries the elements, mm."""
     return _levels(tape.part.body_mm[2], form.base_mm, form.negative)[0]
 
 

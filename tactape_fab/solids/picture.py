@@ -99,7 +99,7 @@ def view_frame(direction: tuple[float, float, float], up: tuple[float, float, fl
     towards = np.asarray(direction, dtype=np.float64)
     right = np.cross(np.asarray(up, dtype=np.float64), towards)
     if not (np.linalg.norm(right) > 1e-12):
-        raise RenderError(f"a view from {direction} with {up} up is none; give two directions that are not parallel")
+        raise RenderError(f"a view from {direction} with {up} up is invalid; give two directions that are not parallel")
     towards = towards / np.linalg.norm(towards)
     right = right / np.linalg.norm(right)
     return np.stack([right, np.cross(towards, right), towards])
@@ -215,7 +215,7 @@ def _darken_creases(picture: npt.NDArray[np.float32], seen: _Seen, normals: Floa
 
 
 def _hidden(depth: npt.NDArray[np.float32], samples: int) -> npt.NDArray[np.float32]:
-    """1 where something nearer stands between a pixel and the light, 0 elsewhere, softened.
+    """1 where something nearer is between a pixel and the light, 0 elsewhere, softened.
 
     depth (height, width): Of one sample in each pixel, in samples; a pixel has `samples` of them along each axis.
     """

@@ -30,7 +30,7 @@ from tactape_fab.texture.as_built_file import (
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NOMINAL = "none"
-"""Stands for the places of the design, in the place of a file."""
+"""Given in the place of a file: the places of the design."""
 LEAST_MEASURED = 10
 """Measured parts from which on their scatter says how far off the others may be."""
 
@@ -253,7 +253,7 @@ class AsBuilt:
         SpecError
             If there is no such folder, or a link or a folder of that name.
         TactapeError
-            If it cannot be written; what stood there is as it was.
+            If it cannot be written; an older file is left unchanged.
         """
         file = file_of(Path(path))
         write_file(file, as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)

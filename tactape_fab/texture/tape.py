@@ -67,7 +67,7 @@ class Tape:
     directions : int
         Number of displacement directions: 4, or 8 for a touch code.
     as_built : AsBuilt or None
-        Where the parts of one made tape stand, as measured. All else here is the design; `built_parts` and `present` are not.
+        Where the parts of one made tape are, as measured. All else here is the design; `built_parts` and `present` are not.
     """
 
     name: str

@@ -186,7 +186,7 @@ def _check_arrangement(record: _PanelRecord, tapes: Sequence[_OnPanel]) -> Check
 
 
 def _overlaps(panel: Panel) -> list[str]:
-    """Tapes of a packed panel that leave the rails, or stand nearer to each other than a slot each."""
+    """Tapes of a packed panel that leave the rails, or are nearer to each other than a slot each."""
     if panel.grid is not None:
         return []
     low = np.array([place.low_mm for place in panel.places])

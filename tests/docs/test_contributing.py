@@ -40,12 +40,12 @@ def test_a_table_is_where_it_is_said_to_be(name: str, module: str) -> None:
     assert re.search(rf"^{name}\b.*=", (ROOT / module).read_text(encoding="utf-8"), re.MULTILINE)
 
 
-def test_the_map_has_the_rooms_of_the_import_contracts() -> None:
+def test_the_map_has_the_packages_of_the_import_contracts() -> None:
     contracts = read_toml(ROOT / "pyproject.toml", "contracts")["tool"]["importlinter"]["contracts"]
     (layers,) = (contract["layers"] for contract in contracts if contract.get("containers") == ["tactape_fab"])
-    rooms = [room.strip() for layer in layers for room in layer.split("|")]
-    assert re.findall(r"^\| `tactape_fab/(\w+)` \|", TEXT, re.MULTILINE) == rooms
-    assert f"Ten rooms on {({7: 'seven'})[len(layers)]} floors" in TEXT and len(rooms) == 10
+    packages = [package.strip() for layer in layers for package in layer.split("|")]
+    assert re.findall(r"^\| `tactape_fab/(\w+)` \|", TEXT, re.MULTILINE) == packages
+    assert f"Ten packages in {({7: 'seven'})[len(layers)]} layers" in TEXT and len(packages) == 10
 
 
 @pytest.mark.parametrize("life", ["TapeSpec", "depth map"])

@@ -1,4 +1,4 @@
-"""Order at JLC, typed by a stranger who does what the page and the notes say, into a form that reads what it is given.
+"""Order at JLC, typed by a reader who does what the page and the notes say, into a form that reads what it is given.
 
 The form is played by software that is not ours (gerbonara), and knows only the house's rules.
 """

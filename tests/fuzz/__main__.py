@@ -1,8 +1,8 @@
-"""Doors under attack for as long as asked: `python -m tests.fuzz --seconds 60` gives each a minute of processor time.
+"""Entry points under attack for as long as asked: `python -m tests.fuzz --seconds 60` gives each a minute of processor time.
 
 Where Atheris is installed it guides the changes by what code they reach (libFuzzer); elsewhere the same changes come at random.
-Each door is attacked in a process of its own with limits of time and memory, so that one that dies is told, too. Every input that
-found a fault is kept below `build/fuzz`; `--again FILE --door NAME` gives it to its door once more.
+Each is attacked in a process of its own with limits of time and memory, so that one that dies is reported, too. Every input that
+found a fault is kept below `build/fuzz`; `--again FILE --entry NAME` gives it to its entry point once more.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ if importlib.util.find_spec("atheris") is not None and "--plain" not in sys.argv
     import atheris
 
     with atheris.instrument_imports(include=["tactape_fab"], enable_loader_override=False):
-        from tests.fuzz.doors import Door, all_doors
+        from tests.fuzz.entries import Entry, all_entries
 else:
     atheris = None
-    from tests.fuzz.doors import Door, all_doors
+    from tests.fuzz.entries import Entry, all_entries
 
 from tests.fuzz.cases import Fault, install_watch, limit_memory, run_case
 from tests.fuzz.mutate import MOST_BYTES, mutated
@@ -49,35 +49,35 @@ a second, finds an input that was begun in the second before."""
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="processor time for each door")
-    parser.add_argument("--door", action="append", default=[], help="only this one; may be repeated")
+    parser.add_argument("--seconds", type=float, default=60.0, help="processor time for each entry point")
+    parser.add_argument("--entry", action="append", default=[], help="only this one; may be repeated")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at-a-time", type=int, default=2)
     parser.add_argument("--plain", action="store_true", help="without Atheris")
     parser.add_argument("--page", type=Path, help="a page between whose marks the table is written")
     parser.add_argument("--again", type=Path, help="a file that found a fault")
     asked = parser.parse_args()
-    doors = all_doors(make_seeds())
-    doors = {name: doors[name] for name in asked.door} or doors
+    entries = all_entries(make_seeds())
+    entries = {name: entries[name] for name in asked.entry} or entries
     install_watch()
     if asked.again:
         with tempfile.TemporaryDirectory() as folder:
-            for door in doors.values():
-                print(run_case(door.read, asked.again.read_bytes(), Path(folder)) or "no fault")
+            for entry in entries.values():
+                print(run_case(entry.read, asked.again.read_bytes(), Path(folder)) or "no fault")
         return
-    waiting = list(doors)
+    waiting = list(entries)
     running: list[_Attack] = []
     done: dict[str, _Attack] = {}
     while waiting or running:
         while waiting and len(running) < asked.at_a_time:
             name = waiting.pop(0)
-            running.append(_Attack(name, doors[name], asked.seconds, asked.seed))
+            running.append(_Attack(name, entries[name], asked.seconds, asked.seed))
         time.sleep(0.2)
         for attack in [attack for attack in running if attack.is_over()]:
             running.remove(attack)
             done[attack.name] = attack
             print(attack.told(), flush=True)
-    table = _table([done[name] for name in doors], asked.seconds)
+    table = _table([done[name] for name in entries], asked.seconds)
     print(f"\n{table}")
     if asked.page is not None:
         before, begin, rest = asked.page.read_text(encoding="utf-8").partition("<!-- fuzz -->\n")
@@ -87,25 +87,27 @@ def main() -> None:
 
 def _table(attacks: list[_Attack], seconds: float) -> str:
     how = "random changes" if atheris is None else "Atheris"
-    head = f"| door | executions ({how}, {seconds:g} seconds each) | refused | faults |\n|---|--:|--:|--:|\n"
+    head = f"| entry point | executions ({how}, {seconds:g} seconds each) | refused | faults |\n|---|--:|--:|--:|\n"
     rows = [(attack.name, attack.executions, attack.refused, len(attack.faults)) for attack in attacks]
-    rows.append((f"{len(rows)} doors", sum(row[1] for row in rows), sum(row[2] for row in rows), sum(row[3] for row in rows)))
+    rows.append(
+        (f"{len(rows)} entry points", sum(row[1] for row in rows), sum(row[2] for row in rows), sum(row[3] for row in rows))
+    )
     return head + "".join(f"| {name} | {executions:,} | {refused:,} | {faults} |\n" for name, executions, refused, faults in rows)
 
 
 class _Attack:
-    """The attack on one door, by one process after another where they die; and what was found."""
+    """The attack on one entry point, by one process after another where they die; and what was found."""
 
-    def __init__(self, name: str, door: Door, seconds: float, seed: int) -> None:
+    def __init__(self, name: str, entry: Entry, seconds: float, seed: int) -> None:
         self.name, self.executions, self.refused, self.faults = name, 0, 0, dict[tuple[str, str], dict[str, Any]]()
-        self._door, self._seconds, self._seed, self._deaths = door, seconds, seed, 0
+        self._entry, self._seconds, self._seed, self._deaths = entry, seconds, seed, 0
         self._scratch = tempfile.TemporaryDirectory(prefix="tactape-fuzz-", ignore_cleanup_errors=True)
         self._folder = Path(self._scratch.name)
         self._start()
 
     def _start(self) -> None:
         (self._folder / "tally.json").write_text("{}")
-        arguments = (self.name, self._door, self._seconds, self._seed + 1000 * self._deaths, self._folder)
+        arguments = (self.name, self._entry, self._seconds, self._seed + 1000 * self._deaths, self._folder)
         self._process = multiprocessing.get_context("fork").Process(target=_attack, args=arguments)
         self._process.start()
 
@@ -151,8 +153,8 @@ def _keep(name: str, data: bytes) -> Path:
     return kept
 
 
-def _attack(name: str, door: Door, seconds: float, seed: int, folder: Path) -> None:
-    """Give a door changed bytes until the processor time is over; the process ends here."""
+def _attack(name: str, entry: Entry, seconds: float, seed: int, folder: Path) -> None:
+    """Give an entry point changed bytes until the processor time is over; the process ends here."""
     tempfile.tempdir = str(folder)
     place = folder / "place"
     place.mkdir(exist_ok=True)
@@ -173,7 +175,7 @@ def _attack(name: str, door: Door, seconds: float, seed: int, folder: Path) -> N
     def one(data: bytes) -> None:
         nonlocal told
         (folder / "case").write_bytes(data)
-        fault = run_case(door.read, data, place, refused)
+        fault = run_case(entry.read, data, place, refused)
         tally["executions"] += 1
         if fault is not None:
             keep(fault, data)
@@ -185,11 +187,11 @@ def _attack(name: str, door: Door, seconds: float, seed: int, folder: Path) -> N
             if spent > seconds:
                 os._exit(0)
 
-    for data in door.seeds:  # what is imported and compiled at the first use is nobody's fault
-        if (fault := run_case(door.read, data, place)) is not None:
+    for data in entry.seeds:  # what is imported and compiled at the first use is nobody's fault
+        if (fault := run_case(entry.read, data, place)) is not None:
             keep(fault, data)
     limit_memory()
-    others, chance = tuple(door.seeds), Random(f"{name} {seed}")
+    others, chance = tuple(entry.seeds), Random(f"{name} {seed}")
     if atheris is None:
         while True:
             one(mutated(chance.choice(others), chance, others))

@@ -1,4 +1,4 @@
-"""One case: a door is given bytes, and watched for what it must not do."""
+"""One case: an entry point is given bytes, and watched for what it must not do."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from types import FrameType
 from typing import Any
 
 from tactape_fab.base.errors import TactapeError
-from tests.fuzz.doors import Read
+from tests.fuzz.entries import Read
 
 MOST_S, MOST_BYTES = 5.0, 1 << 30
-"""What a door may cost: processor time, memory."""
+"""What an entry point may cost: processor time, memory."""
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _ACTS = ("os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod", "shutil.rmtree")
 _NEVER = ("os.system", "os.exec", "os.posix_spawn", "socket.connect", "socket.bind", "pty.spawn")
 
 
 class Slow(BaseException):  # no `except Exception` may swallow it
-    """Raised in a door whose processor time is over."""
+    """Raised in an entry point whose processor time is over."""
 
 
 class Elsewhere(BaseException):
-    """Raised in a door that writes outside of its folder, or reaches for the network or a program."""
+    """Raised in an entry point that writes outside of its folder, or reaches for the network or a program."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """What a door did wrong: its kind, and where in the package, so that equal ones are told once."""
+    """What an entry point did wrong: its kind, and where in the package, so that equal ones are told once."""
 
     kind: str
     place: str
@@ -43,7 +43,7 @@ class Fault:
 
 
 _allowed: list[str] = []
-"""Folders in which the door that runs may write; empty while none runs."""
+"""Folders in which the entry point that runs may write; empty while none runs."""
 
 
 def _audit(event: str, arguments: tuple[Any, ...]) -> None:
@@ -108,7 +108,7 @@ def _memory_bytes(what: str) -> int:
 
 
 def run_case(read: Read, data: bytes, folder: Path, refused: Callable[[], object] = lambda: None) -> Fault | None:
-    """Give a door some bytes; what it did wrong, None if it answered or refused them. `refused` is told of a refusal."""
+    """Give an entry point some bytes; what it did wrong, None if it answered or refused them. `refused` is told of a refusal."""
     _forget_peak()
     started, before = cost_s(), _memory_bytes("VmRSS")
     try:

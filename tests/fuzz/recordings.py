@@ -1,4 +1,4 @@
-"""Doors of recordings and of the public benchmark's files, and valid ones to begin with."""
+"""Entry points of recordings and of the public benchmark's files, and valid ones to begin with."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _SENSOR = replace(load_sensor("gelsight-mini"), height_px=_HEIGHT, width_px=_WID
 _FRAMES = [np.full((_HEIGHT, _WIDTH), 50 * k, dtype=np.uint16) for k in range(_COUNT)]
 
 
-def recording_doors() -> dict[str, tuple[Read, list[bytes]]]:
-    """What reads the bytes, and valid ones, by the door's name."""
+def recording_entries() -> dict[str, tuple[Read, list[bytes]]]:
+    """What reads the bytes, and valid ones, by the entry point's name."""
     with TemporaryDirectory(prefix="tactape-seeds-") as folder:
         return {**_bags(Path(folder)), **_datasets(Path(folder)), **_benchmarks(Path(folder))}
 
@@ -65,7 +65,7 @@ def _datasets(here: Path) -> dict[str, tuple[Read, list[bytes]]]:
     }
     film(here / "film" / "videos" / "touch" / "chunk-000" / "file-000.mp4", [np.full((*shape, 3), 40, dtype=np.uint8)] * _COUNT)
 
-    def door(name: str, changed: str, **options: Any) -> tuple[Read, list[bytes]]:
+    def entry(name: str, changed: str, **options: Any) -> tuple[Read, list[bytes]]:
         kept = {path.relative_to(made[name]): path.read_bytes() for path in made[name].rglob("*") if path.is_file()}
 
         def read(data: bytes, folder: Path) -> object:
@@ -78,10 +78,10 @@ def _datasets(here: Path) -> dict[str, tuple[Read, list[bytes]]]:
 
     table = "data/chunk-000/file-000.parquet"
     return {
-        "dataset: info": door("images", "meta/info.json"),
-        "dataset: images": door("images", table),
-        "dataset: arrays": door("arrays", table),
-        "dataset: film": door("film", "videos/touch/chunk-000/file-000.mp4", colour=True),
+        "dataset: info": entry("images", "meta/info.json"),
+        "dataset: images": entry("images", table),
+        "dataset: arrays": entry("arrays", table),
+        "dataset: film": entry("film", "videos/touch/chunk-000/file-000.mp4", colour=True),
     }
 
 

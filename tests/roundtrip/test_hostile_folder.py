@@ -1,4 +1,4 @@
-"""Commands that are started in a stranger's kit run nothing that lies in it.
+"""Commands that are started in an untrusted kit run nothing that lies in it.
 
 Python puts the current folder first on the search path of `-c` and `-m`; numba reads settings there; some programs load modules
 from where they stand. The kit of these tests holds a module for each name that any of them might import: one that is imported

@@ -245,7 +245,7 @@ def _avoid_problems(spec: TapeSpec, avoid: Sequence[Tape]) -> list[Problem]:
         found.append(Problem("origin", f"{message}give --origin best, or leave --origin out", needs=("code",)))
     if other := [tape for tape in avoid if tape.directions != spec.directions]:
         message = f"avoid: the parts of {other[0].name} point in {other[0].directions} directions, those of this tape in "
-        message += f"{spec.directions}: no decoder knows both together, and there is nothing to avoid; leave it out"
+        message += f"{spec.directions}: one decoder cannot take both, and there is nothing to avoid; leave it out"
         found.append(Problem("avoid", message, needs=("directions",)))
     return found
 

@@ -162,7 +162,7 @@ def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placing:
-    """How parts stand on the grid, apart from its pitch."""
+    """How parts are placed on the grid, apart from its pitch."""
 
     rotation_deg: float
     displacement_mm: float

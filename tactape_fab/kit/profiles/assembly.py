@@ -102,7 +102,7 @@ def part_number_problem(number: str, format_name: str) -> str | None:
     house = FORMATS[format_name]
     if re.fullmatch(house.number_pattern, number):
         return None
-    return f"part_number = {shown(number)} is none of assembly format '{format_name}'; {house.number_words}"
+    return f"part_number = {shown(number)} is invalid in assembly format '{format_name}'; {house.number_words}"
 
 
 def read_part_numbers(table: Fields) -> dict[str, str]:

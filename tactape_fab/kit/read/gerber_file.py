@@ -203,7 +203,7 @@ def _remembering_settings() -> Any:
 
 
 def _refuse_costly_apertures(text: str) -> None:
-    """Refuse apertures whose few bytes stand for any number of corners: this tool writes none."""
+    """Refuse apertures whose few bytes expand to any number of corners: this tool writes none."""
     for corners in re.findall(r"AD[^*%]*P,[^*%X]*X([^*%X]*)", text):
         if not (corners.isdecimal() and len(corners) < 3):
             raise ReadbackError("it has a polygon of more corners than this tool writes")

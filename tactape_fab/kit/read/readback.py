@@ -34,7 +34,7 @@ def read_drill(data: bytes) -> FloatArray:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             text = data.decode("ascii")
-            if re.search(r"^\s*R\s*\d", text, re.MULTILINE):  # a line of 12 bytes may stand for 100 million holes
+            if re.search(r"^\s*R\s*\d", text, re.MULTILINE):  # a line of 12 bytes may mean 100 million holes
                 raise ReadbackError("it repeats holes, which this tool never writes")
             file = ExcellonFile.from_string(text, plated=False)
     except ReadbackError:

@@ -48,7 +48,7 @@ def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 
 
 def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -> Mapping[str, Iterable[str]]:
-    """The cells of each column, by what stands in it; without end where they are the same for every part."""
+    """The cells of each column, by its content; without end where they are the same for every part."""
     part = drawing.part
     x, y = (drawing.parts_xy_mm / house.unit_mm).T.tolist()
     length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)

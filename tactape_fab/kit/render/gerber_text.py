@@ -87,7 +87,7 @@ class GerberText:
         self.rows("X%dY%dD03*\n", to_nm(xy_mm))
 
     def regions(self, areas_mm: Iterable[FloatArray], function: str) -> None:
-        """Filled polygons (Gerber 2024.05 section 4.10); their function stands in the aperture attributes (5.3)."""
+        """Filled polygons (Gerber 2024.05 section 4.10); their function is in the aperture attributes (5.3)."""
         self._attribute(f"TA.AperFunction,{function}")
         for vertices_mm in areas_mm:
             self.add("G36*")

@@ -120,7 +120,7 @@ def _footprints(drawing: Drawing) -> Iterator[str]:
 def _footprint(drawing: Drawing, parts: Parts) -> str:
     """Text of a part's footprint, to be formatted with its number, place and stamp.
 
-    It stands in the file for every part: what KiCad fills in itself (identifiers of its shapes, a font for the hidden
+    The file holds it for every part: what KiCad fills in itself (identifiers of its shapes, a font for the hidden
     value) or what the library has (its description) would more than double the file.
     """
     part, turn = drawing.part, _number(parts.rotation_deg)

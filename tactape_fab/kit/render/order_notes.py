@@ -23,7 +23,7 @@ class _Row(str):
 
 
 def _one_line(value: object) -> str:
-    """A text of a profile, which is the user's, as it can stand in a line."""
+    """A text of a profile, which is the user's, on one line."""
     return " ".join("".join(c if c.isprintable() else " " for c in str(value)).split())
 
 

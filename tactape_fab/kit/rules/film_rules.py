@@ -31,7 +31,7 @@ def film_problems(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> list[Pr
         if given is not None and given not in backing.choices:
             known = ", ".join(choice.replace(" ", ":") for choice in backing.choices)
             remedy = f"{fab.name} has: {known}; give one of them" if known else f"{fab.name} has none; leave out --{key}"
-            problems.append(Problem(key, f"{key} = '{given.replace(' ', ':')}' is none that can be had; {remedy}"))
+            problems.append(Problem(key, f"{key} = '{given.replace(' ', ':')}' is not available; {remedy}"))
     if spec.bend_radius_mm is not None and fab.bend is None:
         said = f"bend_radius_mm = {spec.bend_radius_mm:g} mm contradicts fab = '{fab.name}', a rigid board; "
         said += "leave out --bend-axis and --bend-radius, or use --fab generic-fpc"

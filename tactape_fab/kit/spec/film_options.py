@@ -60,7 +60,7 @@ def _bend(table: Fields) -> dict[str, Any]:
     given = [key for key in ("bend_axis", "bend_radius_mm") if key in table.values]
     if len(given) == 1:
         missing = "--bend-radius MM" if given[0] == "bend_axis" else "--bend-axis x or y"
-        said = f"{given[0]} = {shown(table.values[given[0]])} says nothing alone"
+        said = f"{given[0]} = {shown(table.values[given[0]])} has no effect alone"
         table.problem(given[0], f"{said}; give {missing} too, or leave out {_FLAGS[given[0]]}")
     if len(given) < 2:
         return {"bend_axis": None, "bend_radius_mm": None}

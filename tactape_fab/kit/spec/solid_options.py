@@ -154,7 +154,7 @@ def _choice(table: Fields, key: str, choices: tuple[str, ...]) -> str:
 def _cylinder(table: Fields) -> dict[str, Any]:
     if "cylinder_mm" not in table.values:
         for key in _given(table, _OF_A_CYLINDER):
-            said = f"{key} = {shown(table.values[key])} says nothing without a cylinder"
+            said = f"{key} = {shown(table.values[key])} has no effect without a cylinder"
             table.problem(key, f"{said}; give --cylinder RADIUS too, or leave out {OPTIONS[key]}")
         return {"cylinder_mm": None, "around": None, "shell": None}
     remedy = "--cylinder is the radius of the surface under the texture, in millimetres"

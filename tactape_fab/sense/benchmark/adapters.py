@@ -1,4 +1,4 @@
-"""A data set read back, and methods run on it: ours and the paper's; any function of a depth map can stand beside them."""
+"""A data set read back, and methods run on it: ours and the paper's; any function of a depth map can be compared with them."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def read_truth(path: str | Path) -> list[Truth]:
 
 
 def _truth(k: int, row: Mapping[str, Any]) -> Truth:
-    """The truth of frame k in a row; ValueError where it is none."""
+    """The truth of frame k in a row; ValueError if it is invalid."""
     table = Fields({key: value for key, value in row.items() if value is not None})
     table.integer("frame", low=k, high=k)
     condition, registered = table.text("condition"), table.flag("registered")

@@ -58,7 +58,7 @@ def calibrate_sensor(
     known_theta: tuple[int, float] | None = None,
     arm_poses: Sequence[ArmPose] | None = None,
 ) -> Calibration:
-    """Calibrate a sensor from some ten presses anywhere on a tape, each at a pose that nobody knows.
+    """Calibrate a sensor from some ten presses anywhere on a tape, each at an unknown pose.
 
     Parameters
     ----------

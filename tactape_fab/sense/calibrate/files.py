@@ -78,7 +78,7 @@ def _png(valid: BoolArray) -> bytes:
 
 
 def profile_text(found: Calibration, mask: str) -> str:
-    """A sensor profile as TOML, as `load_sensor` reads it; what has no key there stands in comments.
+    """A sensor profile as TOML, as `load_sensor` reads it; values without a key there are comments.
 
     mask: Name of the mask's file.
     """

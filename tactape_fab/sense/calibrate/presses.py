@@ -24,7 +24,7 @@ from tactape_fab.texture.tape import Tape
 LEAST_WEIGHT = 0.15
 """Lighter dots are more likely noise than parts, as in the decoder's own fit."""
 ONE_SIDED, REACH_PITCHES, LEAST_AMID = 0.5, 1.6, 12
-"""Mean of the directions of a dot's neighbours, each of length 1, from which it stands at the rim; how far a neighbour is; and
+"""Mean of the directions of a dot's neighbours, each of length 1, from which it is at the rim; how far a neighbour is; and
 how many dots amid others a press needs to do without those at the rim."""
 SIDE_MM = BACKGROUND_MM / 2.0
 """Dots nearer to the image's sides are left out: the detector's band-pass takes a mean over twice that, which the side cuts."""

@@ -1,4 +1,4 @@
-"""Relief: how far a gel smooths the tape's parts, how high they stand in its frames, and what the fit leaves between them."""
+"""Relief: how far a gel smooths the tape's parts, how high they are in its frames, and what the fit leaves between them."""
 
 from __future__ import annotations
 

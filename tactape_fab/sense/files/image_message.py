@@ -34,7 +34,7 @@ class Image:
 
 
 def image_of(cdr: bytes) -> Image:
-    """The message in plain CDR (OMG DDSI-RTPS 2.5, 10). Raises FrameError when the bytes are none."""
+    """The message in plain CDR (OMG DDSI-RTPS 2.5, 10). Raises FrameError when the bytes are no such message."""
     order = {b"\x00\x01": "<", b"\x00\x00": ">"}.get(cdr[:2])
     at = 4
 

@@ -54,7 +54,7 @@ class Palette:
 def learn_palette(picture: Picture, warp: Warp, tape: Tape, inside: BoolArray) -> Palette:
     """Median colours at the centres of parts, on their ends, and midway between four grid points.
 
-    Raises SpecError if the scan is over-exposed, or bodies do not stand out from the film.
+    Raises SpecError if the scan is over-exposed, or bodies look like the film.
     """
     length, width, _ = tape.part.body_mm
     step = max(1, int(inside.sum()) // _MOST_SITES)

@@ -81,7 +81,7 @@ def _lands(
 
 
 def _channel(samples: Samples, palette: Palette) -> Samples:
-    """The colour channel in which metal stands out most from film, film at 0 and metal at 1; (n, 1, m)."""
+    """The colour channel in which metal differs most from film, film at 0 and metal at 1; (n, 1, m)."""
     apart = palette.metal - palette.film
     best = int(np.argmax(np.abs(apart)))
     return ((samples[..., best] - np.float32(palette.film[best])) / np.float32(apart[best]))[:, None]
@@ -146,7 +146,7 @@ def _line_shift(at_px: FloatArray, left_px: FloatArray, axis: int, knot_px: floa
 def symmetry_offset(picture: FloatArray, grid: PatchGrid, mask: BoolArray) -> FloatArray:
     """Where the centre of a two-fold symmetric picture lies in its grid, (a, b) mm, from the steepness of its edges.
 
-    The mask stands about the grid's centre and so pulls the answer there; the picture is moved under it until both agree. With
+    The mask is about the grid's centre and so pulls the answer there; the picture is moved under it until both agree. With
     one round lands were 1.3 um off across the parts, beside their shadows.
     """
     centred = picture.reshape(grid.shape)

@@ -30,7 +30,7 @@ def find_foreign(
 ) -> FloatArray:
     """Objects in the field between lands that differ from the film: x, y, diameter of the same area (board frame, mm); (k, 3).
 
-    `placed_mm` (n, 2) and `turn_deg` (n,) are the measured places and turns of parts, which may stand beside their lands.
+    `placed_mm` (n, 2) and `turn_deg` (n,) are the measured places and turns of parts, which may be beside their lands.
     Holes and everything outside the field, such as the legend, do not count. What lies on a part shows in the part's own fit.
     """
     cv2 = library("cv2", "inspecting a scan")

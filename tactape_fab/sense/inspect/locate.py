@@ -146,7 +146,7 @@ def _middles(px: FloatArray, px_per_mm: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grown:
-    """The warp of a whole tape in one scan, the parts in the picture, and the share of them that stand where they should."""
+    """The warp of a whole tape in one scan, the parts in the picture, and the share of them that are at their places."""
 
     warp: Warp
     inside: BoolArray

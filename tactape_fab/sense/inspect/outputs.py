@@ -60,7 +60,7 @@ def write_outputs(paths: Sequence[Path], inspections: Sequence[Inspection]) -> l
     """Write the places and, beside the first file, the deviations of all tapes as ...-deviations.csv.
 
     Raises SpecError if a file is there that no inspection wrote; nothing is written then.
-    Raises TactapeError if a file cannot be written; what stood there is as it was.
+    Raises TactapeError if a file cannot be written; an older file is left unchanged.
     """
     stem = paths[0].stem if len(paths) == 1 else paths[0].stem.removesuffix(f"-{inspections[0].tape.name}")
     table = _table_beside(paths[0], stem)

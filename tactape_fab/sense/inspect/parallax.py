@@ -1,4 +1,4 @@
-"""Parallax of a photograph: a camera sees bodies, which stand up from the film, farther out than their lands."""
+"""Parallax of a photograph: a camera sees bodies, which are higher than the film, farther out than their lands."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ _READABLE_DPI = (50.0, 20_000.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanHeader:
-    """The header of a scan: ``dpi`` and ``quality`` (of a JPEG) are None where it says nothing."""
+    """The header of a scan: ``dpi`` and ``quality`` (of a JPEG) are None if it has none."""
 
     width_px: int
     height_px: int

@@ -17,7 +17,7 @@ _STEPS = 6
 class LineShift:
     """Shift of pixels that depends on one coordinate alone, in px, piecewise linear: the jitter of a scanner's carriage.
 
-    ``axis`` is 1 where it depends on v, 0 where on u; ``value_px`` (m, 2) stands at knots ``start_px + i step_px``.
+    ``axis`` is 1 where it depends on v, 0 where on u; ``value_px`` (m, 2) is given at knots ``start_px + i step_px``.
     """
 
     axis: int

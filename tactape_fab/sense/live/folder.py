@@ -30,7 +30,7 @@ _SHARE = 5.0
 _LIST_S = 0.25
 """Longest time between two listings, for file systems that do not tell of a new file by the folder's time."""
 _TICK_S = 0.05
-"""A folder's time may stand still for so long though files come."""
+"""A folder's time may stay the same for so long though files come."""
 _ENDINGS = {".png": (b"IEND\xaeB`\x82", 8), ".jpg": (b"\xff\xd9", 64), ".jpeg": (b"\xff\xd9", 64)}
 """End marks of complete images (PNG, 11.2.5; ITU-T T.81, B.1.1.3); OpenCV decodes the top of a truncated file."""
 _SETTLED_S = 0.1

@@ -194,7 +194,7 @@ def _dots(image: np.ndarray[Any, np.dtype[np.float32]], located: Located) -> Flo
 
 
 def _outline_mm(tape: Tape) -> FloatArray:
-    """The board's outline in the texture frame; the grid's where the texture stands on no board."""
+    """The board's outline in the texture frame; the grid's where the texture is on no board."""
     x0, y0 = tape.board.texture_origin_mm
     (width, height) = tape.board.size_mm
     low, high = np.array([-x0, y0 - height]), np.array([width - x0, y0])

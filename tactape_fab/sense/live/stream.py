@@ -64,7 +64,7 @@ class _Bytes:
         self._ahead[:0] = data
 
     def skip_to(self, mark: bytes) -> int:
-        """Skip what stands before a mark, or to the end; how many bytes that was."""
+        """Skip all before a mark, or to the end; how many bytes that was."""
         skipped = 0
         while (at := self._ahead.find(mark)) < 0:
             gone = max(0, len(self._ahead) - len(mark) + 1)

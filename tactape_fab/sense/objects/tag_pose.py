@@ -113,7 +113,9 @@ def refine_tag_pose(
     matrix, lens = camera_arrays(camera_matrix, distortion)
     picture = np.asarray(image)
     if picture.ndim != 2 or picture.dtype != np.uint8:
-        raise FrameError(f"a picture of shape {picture.shape} and type {picture.dtype} is none; give (h, w) gray levels, uint8")
+        raise FrameError(
+            f"a picture of shape {picture.shape} and type {picture.dtype} is invalid; give (h, w) gray levels, uint8"
+        )
     seen = _pixels(picture, turn, shift, matrix, lens, tag.cell_mm)
     found = [_fitted(seen, tag.id, tag.cell_mm, *start) for start in _starts(turn, shift, tag_side_mm(tape))]
     best = max(found, key=lambda pose: pose.fit)

@@ -90,7 +90,7 @@ def camera_arrays(camera_matrix: npt.ArrayLike, distortion: npt.ArrayLike | None
     matrix = np.asarray(camera_matrix, dtype=np.float64)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or min(matrix[0, 0], matrix[1, 1]) <= 0.0:
         raise SpecError(
-            Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is none; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+            Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is invalid; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
         )
     return matrix, None if distortion is None else np.asarray(distortion, dtype=np.float64)
 
@@ -100,11 +100,13 @@ def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.A
 
     rotation (3, 3): Of the tag in the camera's frame, as detectors give it (``pose_R``).
     translation_mm (3,): Of its centre (``pose_t``), with the tag's size given to the detector in mm.
-    Raises SpecError when the tape has no tag, or the pose is none.
+    Raises SpecError when the tape has no tag, or the pose is invalid.
     """
     turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
     if turn.shape != (3, 3) or shift.shape != (3,) or not (np.isfinite(turn).all() and np.isfinite(shift).all()):
-        message = f"a pose of shapes {turn.shape} and {shift.shape} is none; give a finite rotation (3, 3) and translation (3,)"
+        message = (
+            f"a pose of shapes {turn.shape} and {shift.shape} is invalid; give a finite rotation (3, 3) and translation (3,)"
+        )
         raise SpecError(Problem("pose", message))
     if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0.0:
         raise SpecError(Problem("rotation", "rotation is no rotation matrix; give pose_R as the detector has it"))

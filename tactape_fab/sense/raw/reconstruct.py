@@ -31,7 +31,7 @@ INPUTS, OUTPUTS = 5, 2
 MOST_LAYERS = 8
 MOST_WIDTH = 256
 STEEPEST_RAD = np.float32(1.4)
-"""Angles beyond it are noise: no gel stands as steep as 80 degrees, and a tangent has no end."""
+"""Angles beyond it are noise: no gel is as steep as 80 degrees, and a tangent has no end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,7 +89,7 @@ def load_network(path: str | Path) -> Network:
             raise refuse(f"do not fit each other: fc{i + 1} {said}")
         sizes.append(len(bias))
     if sizes[-1] != OUTPUTS or not 1 <= min(sizes) <= max(sizes) <= MOST_WIDTH:
-        raise refuse(f"are of a network with {' - '.join(map(str, sizes))} neurons, at most {MOST_WIDTH} may stand in a layer")
+        raise refuse(f"are of a network with {' - '.join(map(str, sizes))} neurons, at most {MOST_WIDTH} are allowed in a layer")
     if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
         raise refuse("hold values that are NaN or infinite")
     return make_network(layers)

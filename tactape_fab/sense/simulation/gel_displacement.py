@@ -9,7 +9,7 @@ from tactape_fab.texture.frames import FloatArray
 
 _NODES_PER_LENGTH = 2.0
 _REACH = 4.0
-"""Correlation lengths beyond the field up to which nodes stand: farther ones count exp(-16) of a near one."""
+"""Correlation lengths beyond the field up to which there are nodes: farther ones count exp(-16) of a near one."""
 
 
 def displacement_um(view: View) -> float:

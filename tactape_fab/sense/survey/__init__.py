@@ -1,1 +1,1 @@
-"""Survey: where the parts of a tape stand, from use: one adjustment over many contacts. It needs SciPy."""
+"""Survey: where the parts of a tape are, from use: one adjustment over many contacts. It needs SciPy."""

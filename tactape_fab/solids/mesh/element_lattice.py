@@ -224,7 +224,7 @@ def _with_slices(lattice: Lattice, loop: IntArray) -> FloatArray:
 
 
 def rest_of_board(rims: Rims, loops: list[FloatArray], feet: list[FloatArray]) -> shapely.Geometry:
-    """The board without holes, whole cells, and the feet of the elements that stand outside of those."""
+    """The board without holes, whole cells, and the feet of the elements outside of those."""
     board = shapely.Polygon(rims.outline, list(rims.holes))
     outer = [loop for loop in loops if _area(loop) > 0.0]
     inner = [loop for loop in loops if _area(loop) < 0.0]

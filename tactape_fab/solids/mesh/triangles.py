@@ -53,7 +53,7 @@ def stl_bytes(mesh: Mesh, title: str) -> bytes:
 
 
 def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
-    """Binary STL in mm, piece by piece; `title` stands in the header, which must not begin with "solid".
+    """Binary STL in mm, piece by piece; `title` is in the header, which must not begin with "solid".
 
     Corners are the vertices rounded to float32, equal vertices to equal corners: a closed mesh stays closed.
     """

@@ -179,7 +179,7 @@ def _tuples(form: str, values: FloatArray) -> str:
 
 
 def glb(tape: Tape, form: SolidForm | None, colour_png: bytes | None, normal_png: bytes, rgb: Colour) -> bytes:
-    """A binary glTF 2.0: the surface that the elements stand on, with colours and their relief as a normal map; y up."""
+    """A binary glTF 2.0: the surface that carries the elements, with colours and their relief as a normal map; y up."""
     points, normals, uv, faces = _sheet(tape, form)
     arrays = [
         (points.astype("<f4"), 34962, 5126, "VEC3"),

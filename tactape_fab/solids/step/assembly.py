@@ -88,7 +88,7 @@ def _product(w: Writer, shared: Context, name: str, origin: str, faces: Sequence
 
 
 def _box_faces(w: Writer, size_mm: tuple[float, float, float]) -> list[str]:
-    """The six faces of a box that stands on z = 0 above the origin."""
+    """The six faces of a box on z = 0 above the origin."""
     signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     foot = np.column_stack([signs * np.array(size_mm[:2]) / 2, np.zeros(4)])
     points = np.concatenate([foot, foot + np.array([0.0, 0.0, size_mm[2]])])

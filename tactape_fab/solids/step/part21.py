@@ -208,7 +208,7 @@ def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
     out[:, lead - whole : lead] = digits[:, :whole]
     out[:, lead] = ord(".")
     out[:, lead + 1 :] = digits[:, whole:]
-    # leading zeros become spaces, a minus stands before the first digit
+    # leading zeros become spaces, a minus is before the first digit
     leading = np.cumprod(digits[:, : whole - 1] == ord("0"), axis=1).sum(axis=1)
     column = np.arange(lead)
     first = lead - whole + leading

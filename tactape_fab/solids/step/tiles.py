@@ -60,7 +60,7 @@ class TopMap:
     edges: Those of outline and holes run counter-clockwise about the board and about the hole.
     tiles: Loops of every tile, the outer one first; material on the left.
     rims: The outline and every hole as one loop each, material on the left.
-    tile_of_part (n,): Tile on which each placed part stands, designator order.
+    tile_of_part (n,): Tile under each placed part, designator order.
     """
 
     vertices_mm: list[Point]

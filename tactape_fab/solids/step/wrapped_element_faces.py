@@ -1,6 +1,6 @@
 """Entities of an element on a cylinder, exact, as templates.
 
-The vertical sides of a block cut the cylinder in ellipses (in circles and lines where it stands square to the axis);
+The vertical sides of a block cut the cylinder in ellipses (in circles and lines where it is square to the axis);
 the foot of a dome is the curve in which sphere or cone meet the cylinder, as a spline within 1e-8 mm.
 """
 

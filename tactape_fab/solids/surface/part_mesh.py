@@ -1,6 +1,6 @@
 """The exponential map of a mesh: straight ways from one point in all directions, walked over the triangles at once.
 
-The mesh stands for the smooth surface that it approximates. A way runs over the facets, but its direction turns with the
+The mesh represents the smooth surface that it approximates. A way runs over the facets, but its direction turns with the
 normals interpolated between the corners, not by unfolding facet after facet: on a coarse sphere it stays in the plane of a
 great circle, where unfolded ways scatter about every corner.
 """

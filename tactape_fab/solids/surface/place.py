@@ -109,7 +109,7 @@ def refuse_tape(tape: Tape) -> None:
 def lay_out(tape: Tape, chart: Chart) -> LaidOut:
     """Lay a tape's texture on a surface, the middle of its grid on the chart's centre.
 
-    Raises SpecError where the texture runs off the surface, folds, or elements collide or do not stand: every problem, each with
+    Raises SpecError where the texture runs off the surface, folds, or elements collide or miss it: every problem, each with
         its distance from the middle, and the largest radius that works.
     """
     middle = (np.array([tape.columns, tape.rows]) - 1) / 2 * tape.pitch_mm

@@ -1,7 +1,7 @@
 """Patches of a grid of symbols as words of bits, and how many bits they differ in.
 
 A patch is a word of two bits per symbol, three of eight directions, and two patches differ in as many bits as their words do. A
-symbol stands here as its Gray code (`Directions.gray_codes`): of four directions one bit is a part that points a quarter turn
+symbol is its Gray code here (`Directions.gray_codes`): of four directions one bit is a part that points a quarter turn
 elsewhere, two one that points the other way; of eight one bit is a part that points 45 degrees elsewhere, or 135.
 """
 
@@ -99,7 +99,7 @@ def nearest_of(own: WordArray, count: int, step: int, out: IntArray) -> None:
     """Fewest bits that two patches of a shape differ in, and how many pairs do, into `out` (2,); `own` as in `Patches`, (4, n).
 
     In all turns with a `step` of 1, and 0 and 180 degrees apart with one of 2. Fewer patches than two, and one that is alone,
-    have 65 bits and no pair; a patch is held against its own turns as well.
+    have 65 bits and no pair; a patch is compared with its own turns as well.
     """
     least, pairs = 65, 0
     for turn in range(0, TURNS, step):

@@ -89,7 +89,7 @@ def _renumbered(name: str, on: OnPanel) -> str:
 
 
 def part_data_of_tape(data: bytes, on: OnPanel) -> bytes:
-    """Attributes of the parts of one tape in the component layer: those that stand when it begins, and those that it changes."""
+    """Attributes of the parts of one tape in the component layer: those in force when it begins, and those that it changes."""
     start, end = (data.find(b"%%TO.C,R%d*%%" % number) for number in (on.first + 1, on.first + on.tape.part_count + 1))
     standing = dict(PART_DATA.findall(data[: max(start, 0)]))
     before = b"".join(b"%%TO.C%s,%s*%%\n" % (name, _turned_back(name, value, on)) for name, value in standing.items())

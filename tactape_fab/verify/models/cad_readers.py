@@ -34,7 +34,7 @@ PLACE_TOLERANCE_MM = 0.001
 DIRECTION_TOLERANCE = 1e-6
 _TIMEOUT_S = 1800
 CPU_S, CPU_S_OF_OWN = 5.0, 30.0
-"""Processor time of a reader for the first MB and each further one, once it is loaded: of a stranger's file, and of one that this
+"""Processor time of a reader for the first MB and each further one, once it is loaded: of an untrusted file, and of one that this
 version writes, which is known to end and may take what a slow machine takes. A MB of boxes takes OCCT 0.9 s, of domes 0.9,
 of domes round a cylinder 2.5; FreeCAD 1.2, 1.5 and 3.3; meshes less than 0.3 s in trimesh and PrusaSlicer."""
 _LOADED_S = 5

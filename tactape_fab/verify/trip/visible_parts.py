@@ -27,7 +27,7 @@ ERROR_FREE = DotErrors(
     false_dots=0.0,
     weight_sigma=0.0,
 )
-"""Dots where the parts inside the contact really stand."""
+"""Dots where the parts inside the contact really are."""
 IN_PLACE_MM = 0.01
 """Largest distance, mm, at which a part counts as in its place: hardly more than a decoder's error."""
 

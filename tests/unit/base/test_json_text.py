@@ -1,4 +1,4 @@
-"""JSON of strangers: what is no JSON, is said twice, or is too much is refused."""
+"""Untrusted JSON: what is no JSON, is said twice, or is too much is refused."""
 
 from __future__ import annotations
 

@@ -170,8 +170,8 @@ OPTIONS = [
     Case("make --sector 7 --stiffener FR4:0.33", USAGE, "--stiffener = 'FR4:0.33'", "FR4:0.2", "give one of them"),
     Case("make --sector 7 --stiffener FR4:0.2 --fab generic-fr4", USAGE, "'FR4:0.2'", "has none", "leave out --stiffener"),
     Case("make --sector 7 --adhesive glue:1", USAGE, "--adhesive = 'glue:1'", "3M468:0.13", "give one of them"),
-    Case("make --sector 7 --bend-axis x", USAGE, "--bend-axis = 'x'", "says nothing alone", "--bend-radius MM"),
-    Case("make --sector 7 --bend-radius 20", USAGE, "--bend-radius = 20", "says nothing alone", "--bend-axis x or y"),
+    Case("make --sector 7 --bend-axis x", USAGE, "--bend-axis = 'x'", "has no effect alone", "--bend-radius MM"),
+    Case("make --sector 7 --bend-radius 20", USAGE, "--bend-radius = 20", "has no effect alone", "--bend-axis x or y"),
     Case("make --sector 7 --bend-axis z --bend-radius 20", USAGE, "--bend-axis = 'z'", "x, y", REMEDY),
     Case("make --sector 7 --bend-axis x --bend-radius -1", USAGE, "-1 mm", "below 0.1 mm", "--bend-radius is the radius"),
     Case(

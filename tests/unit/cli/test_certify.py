@@ -123,7 +123,7 @@ def test_certify_of_a_code_is_that_of_its_sectors() -> None:
         ("certify --code foo", "code = 'foo' is none of"),
         ("certify --code microdots-4x4 --size 3x3", "is too small"),
         ("certify --code microdots-4x4 --size nan", "--size"),
-        ("certify --size 60x40", "--size says nothing without --code"),
+        ("certify --size 60x40", "--size has no effect without --code"),
         ("certify shelf --code microdots-4x4", "give either"),
         ("certify broken.json", "cannot be read as JSON"),
         ("registry nowhere", "nowhere is no kit"),

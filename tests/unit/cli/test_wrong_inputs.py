@@ -27,7 +27,7 @@ WRONG = {
     "make --sector 7 --tag qr": "--tag = 'qr' is none of: strip, none; give one of them",
     "make --sector 7 --tag none --tag-id 3": "--tag-id = 3 contradicts --tag = 'none'; give one of them",
     "make --sector 7 --body 3": "--body = '3' contradicts part = 'r0201', whose size is fixed; use --part block",
-    "make --sector 7 --bend-radius 20": "--bend-radius = 20 says nothing alone; give --bend-axis x or y too",
+    "make --sector 7 --bend-radius 20": "--bend-radius = 20 has no effect alone; give --bend-axis x or y too",
     "make --sector 7 --panel 0x2": "--panel = 0x2 has 0 columns and 2 rows; give 1 to 100 of each",
     "make --sector 7 -o .": "-o = . is no name for a kit; give a folder",
     "check --sector 7 --fab jlcpcb": "did you mean 'jlcpcb-fpc'?",

@@ -267,7 +267,7 @@ def test_what_cannot_be_made_again_is_said_and_proves_nothing(edit: Edit, says: 
     assert run.exit_code == 4 and says in run.stderr
 
 
-# A manifest is a stranger's
+# A manifest is untrusted
 
 
 HOSTILE: dict[str, Edit] = {

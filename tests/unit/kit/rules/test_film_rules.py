@@ -63,7 +63,7 @@ def test_what_a_fab_does_not_do_is_refused_with_what_does() -> None:
 def test_backings_are_those_of_the_fab() -> None:
     assert problems(stiffener="PI 0.1", adhesive="3M468 0.13") == {}
     assert problems(adhesive="tape 1")["adhesive"] == (
-        "adhesive = 'tape:1' is none that can be had; generic-fpc has: 3M9077:0.05, tesa8854:0.1, 3M468:0.13; give one of them"
+        "adhesive = 'tape:1' is not available; generic-fpc has: 3M9077:0.05, tesa8854:0.1, 3M468:0.13; give one of them"
     )
     rigid = problems(load_fab("generic-fr4"), stiffener="PI 0.1")["stiffener"]
     assert rigid.endswith("generic-fr4 has none; leave out --stiffener")

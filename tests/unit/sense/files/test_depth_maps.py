@@ -38,7 +38,7 @@ def read(file: FrameFile) -> npt.NDArray[Any]:
 
 
 def refused(path: Path) -> str:
-    """The one message with which a file is refused, at the door or when it is read."""
+    """The one message with which a file is refused, by its header or when it is read."""
     with pytest.raises(SpecError) as error:
         list(open_frame_file(path).frames())
     assert len(error.value.problems) == 1

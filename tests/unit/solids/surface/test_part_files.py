@@ -1,4 +1,4 @@
-"""The user's mesh at the door: every format read, every fault named, nothing written, no other file opened."""
+"""Reading of the user's mesh: every format read, every fault named, nothing written, no other file opened."""
 
 from __future__ import annotations
 

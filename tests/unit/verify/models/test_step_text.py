@@ -1,4 +1,4 @@
-"""STEP files of strangers: counted before a CAD kernel sees them, and given to it for a short time only."""
+"""Untrusted STEP files: counted before a CAD kernel sees them, and given to it for a short time only."""
 
 from __future__ import annotations
 

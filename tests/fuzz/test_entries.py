@@ -1,4 +1,4 @@
-"""Every door for a moment of each run; `python -m tests.fuzz --seconds 60` for longer, guided by coverage."""
+"""Every entry point for a moment of each run; `python -m tests.fuzz --seconds 60` for longer, guided by coverage."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import pytest
 
 from tactape_fab.base.errors import SpecError
 from tests.fuzz.cases import Fault, install_watch, run_case
-from tests.fuzz.doors import Door, Read, all_doors
+from tests.fuzz.entries import Entry, Read, all_entries
 from tests.fuzz.mutate import mutated
 from tests.fuzz.seeds import make_seeds
 from tests.thorough import THOROUGH
 
 SPENT_S = 0.6 if THOROUGH else 0.3
-"""Processor time for each door."""
+"""Processor time for each entry point."""
 NAMES = (
     *("manifest", "panel manifest", "kit: manifest", "spec", "fab profile", "part profile", "process profile", "sensor profile"),
     *(
@@ -45,8 +45,8 @@ NAMES = (
 
 
 @pytest.fixture(scope="module")
-def doors() -> dict[str, Door]:
-    return all_doors(make_seeds())
+def entries() -> dict[str, Entry]:
+    return all_entries(make_seeds())
 
 
 @pytest.fixture(autouse=True)
@@ -57,20 +57,20 @@ def quiet(capfd: pytest.CaptureFixture[str]) -> Iterator[None]:
     capfd.readouterr()
 
 
-def test_all_doors_are_tried(doors: dict[str, Door]) -> None:
-    assert set(doors) == set(NAMES)
+def test_all_entry_points_are_tried(entries: dict[str, Entry]) -> None:
+    assert set(entries) == set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_changed_bytes_are_answered_or_refused(name: str, doors: dict[str, Door], tmp_path: Path) -> None:
-    door = doors[name]
-    for seed in door.seeds:  # as they are, they are read
-        door.read(seed, tmp_path)
-    chance, others = Random(name), tuple(door.seeds)
+def test_changed_bytes_are_answered_or_refused(name: str, entries: dict[str, Entry], tmp_path: Path) -> None:
+    entry = entries[name]
+    for seed in entry.seeds:  # as they are, they are read
+        entry.read(seed, tmp_path)
+    chance, others = Random(name), tuple(entry.seeds)
     begin, tried = time.process_time(), 0
     while time.process_time() - begin < SPENT_S:
         data = mutated(chance.choice(others), chance, others)
-        fault = run_case(door.read, data, tmp_path)
+        fault = run_case(entry.read, data, tmp_path)
         (tmp_path / "case").write_bytes(data)
         assert fault is None, f"{fault}: case {tried} of {name}, kept as {tmp_path / 'case'}"
         tried += 1
@@ -119,7 +119,7 @@ def _fails(_: bytes, __: Path) -> None:
         (_asks_for_memory, "memory"),
     ],
 )
-def test_a_door_with_a_fault_is_found(read: Read, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_entry_point_with_a_fault_is_found(read: Read, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if kind == "slow":
         monkeypatch.setattr("tests.fuzz.cases.MOST_S", 0.2)
     found = run_case(read, b"", tmp_path)

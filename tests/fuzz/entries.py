@@ -1,7 +1,7 @@
 """Every place where the package reads bytes that somebody else may have written.
 
-A door is given a file's bytes and a folder of its own, and reads them as the package's commands do. Whatever the bytes are, it
-answers, or raises an error of the package's tree.
+An entry point is given a file's bytes and a folder of its own, and reads them as the package's commands do. Whatever the bytes
+are, it answers, or raises an error of the package's tree.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from tactape_fab.verify.layers.kicad import check_kicad, shown_tape
 from tactape_fab.verify.layers.order_notes import check_order_notes
 from tactape_fab.verify.layers.written_form import check_form
 from tactape_fab.verify.models.meshes import check_models
-from tests.fuzz.recordings import recording_doors
+from tests.fuzz.recordings import recording_entries
 from tests.fuzz.seeds import Seeds
 
 Read = Callable[[bytes, Path], object]
@@ -66,7 +66,7 @@ LAYERS = ("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "d
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Door:
+class Entry:
     """How bytes of one kind are read, and valid ones to begin with.
 
     Attributes
@@ -80,37 +80,37 @@ class Door:
     seeds: Sequence[bytes]
 
 
-def all_doors(seeds: Seeds) -> dict[str, Door]:
-    """Every door by its name."""
-    kit = {f"kit: {role}": Door(read=read, seeds=[seeds.files[role].data]) for role, read in _of_a_kit(seeds).items()}
+def all_entries(seeds: Seeds) -> dict[str, Entry]:
+    """Every entry point by its name."""
+    kit = {f"kit: {role}": Entry(read=read, seeds=[seeds.files[role].data]) for role, read in _of_a_kit(seeds).items()}
     other = seeds.others
     return {
-        "manifest": Door(read=_file("manifest.json", Tape.load), seeds=[other["manifest.json"]]),
-        "packed registry": Door(read=_file("a.registry", lambda path: read_tapes([path])), seeds=[other["a.registry"]]),
-        "panel manifest": Door(read=_panel(other), seeds=[other["panel.json"]]),
-        "kit: manifest": Door(read=_file("manifest.json", _records), seeds=[other["manifest.json"]]),
-        "spec": Door(read=_file("spec.toml", _spec), seeds=[other["spec.toml"], other["list.toml"]]),
-        "fab profile": Door(read=_file("a.toml", lambda path: load_fab(str(path))), seeds=[other["fab.toml"]]),
-        "part profile": Door(
+        "manifest": Entry(read=_file("manifest.json", Tape.load), seeds=[other["manifest.json"]]),
+        "packed registry": Entry(read=_file("a.registry", lambda path: read_tapes([path])), seeds=[other["a.registry"]]),
+        "panel manifest": Entry(read=_panel(other), seeds=[other["panel.json"]]),
+        "kit: manifest": Entry(read=_file("manifest.json", _records), seeds=[other["manifest.json"]]),
+        "spec": Entry(read=_file("spec.toml", _spec), seeds=[other["spec.toml"], other["list.toml"]]),
+        "fab profile": Entry(read=_file("a.toml", lambda path: load_fab(str(path))), seeds=[other["fab.toml"]]),
+        "part profile": Entry(
             read=_file("a.toml", lambda path: read_part(str(path))), seeds=[other["part.toml"], other["element.toml"]]
         ),
-        "process profile": Door(read=_file("a.toml", lambda path: load_process(str(path))), seeds=[other["process.toml"]]),
-        "sensor profile": Door(read=_file("a.toml", load_sensor), seeds=[other["sensor.toml"]]),
-        "sensor mask": Door(read=_mask(other["sensor.toml"]), seeds=[other["mask.png"]]),
-        "object": Door(read=_object(other), seeds=[other["object.toml"]]),
-        "as-built": Door(read=_file("as-built.json", AsBuilt.load), seeds=[other["as-built.json"]]),
-        "placements": Door(read=lambda data, _: read_placements(data, 1), seeds=[other["placements.csv"]]),
-        "frames.npz": Door(read=_file("a.npz", _frames), seeds=[other["frames.npz"]]),
-        "frames.npy": Door(read=_file("a.npy", _frames), seeds=[other["frames.npy"], other["f-order.npy"]]),
-        "frame.png": Door(read=_file("a.png", _frames), seeds=[other["depth.png"]]),
-        "frame.tif": Door(read=_file("a.tif", _frames), seeds=[other["depth.tif"]]),
-        "stream": Door(read=_stream, seeds=[other["stream.bin"]]),
-        "colour.png": Door(read=_file("a.png", read_colour), seeds=[other["colour.png"]]),
-        "colour.jpg": Door(read=_file("a.jpg", read_colour), seeds=[other["colour.jpg"]]),
-        "scan": Door(read=_file("a.png", read_scan), seeds=[other[f"scan.{kind}"] for kind in ("png", "jpg", "tif")]),
-        "weights": Door(read=_file("a.pth", load_network), seeds=[other["weights.pth"]]),
-        **{f"surface.{kind}": Door(read=_surface(kind), seeds=[other[f"part.{kind}"]]) for kind in ("stl", "obj", "ply", "3mf")},
-        **{name: Door(read=read, seeds=valid) for name, (read, valid) in recording_doors().items()},
+        "process profile": Entry(read=_file("a.toml", lambda path: load_process(str(path))), seeds=[other["process.toml"]]),
+        "sensor profile": Entry(read=_file("a.toml", load_sensor), seeds=[other["sensor.toml"]]),
+        "sensor mask": Entry(read=_mask(other["sensor.toml"]), seeds=[other["mask.png"]]),
+        "object": Entry(read=_object(other), seeds=[other["object.toml"]]),
+        "as-built": Entry(read=_file("as-built.json", AsBuilt.load), seeds=[other["as-built.json"]]),
+        "placements": Entry(read=lambda data, _: read_placements(data, 1), seeds=[other["placements.csv"]]),
+        "frames.npz": Entry(read=_file("a.npz", _frames), seeds=[other["frames.npz"]]),
+        "frames.npy": Entry(read=_file("a.npy", _frames), seeds=[other["frames.npy"], other["f-order.npy"]]),
+        "frame.png": Entry(read=_file("a.png", _frames), seeds=[other["depth.png"]]),
+        "frame.tif": Entry(read=_file("a.tif", _frames), seeds=[other["depth.tif"]]),
+        "stream": Entry(read=_stream, seeds=[other["stream.bin"]]),
+        "colour.png": Entry(read=_file("a.png", read_colour), seeds=[other["colour.png"]]),
+        "colour.jpg": Entry(read=_file("a.jpg", read_colour), seeds=[other["colour.jpg"]]),
+        "scan": Entry(read=_file("a.png", read_scan), seeds=[other[f"scan.{kind}"] for kind in ("png", "jpg", "tif")]),
+        "weights": Entry(read=_file("a.pth", load_network), seeds=[other["weights.pth"]]),
+        **{f"surface.{kind}": Entry(read=_surface(kind), seeds=[other[f"part.{kind}"]]) for kind in ("stl", "obj", "ply", "3mf")},
+        **{name: Entry(read=read, seeds=valid) for name, (read, valid) in recording_entries().items()},
         **kit,
     }
 
@@ -241,7 +241,7 @@ def _of_a_kit(seeds: Seeds) -> dict[str, Read]:
     }
 
     def reading(role: str, check: Callable[[Files], object]) -> Read:
-        # one layer alone is enough of them: what it is compared with is read by the other doors
+        # one layer alone is enough of them: what it is compared with is read by the other entry points
         kept = {role, "copper-top"} if role in LAYERS else set(seeds.files)
         company = {name: file for name, file in seeds.files.items() if name in kept}
         path = seeds.files[role].path
