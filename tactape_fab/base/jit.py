@@ -96,6 +96,18 @@ def _untouched(**_options: Any) -> Callable[[Function], Any]:
     return decorate
 
 
+def _load(file: Any, load: Callable[[object], Any], key: object) -> Any:
+    """`IndexDataCacheFile.load` of numba, which ends with pickle's exception where a file is cut off, or names a class of another
+    version of this package: what is kept is forgotten then.
+    """
+    try:
+        return load(key)
+    except Exception:
+        with suppress(OSError):
+            file.flush()
+        return None
+
+
 KEPT = COMPILED and _can_be_kept()
 """Whether compiled functions are cached on disk; else, as in a read-only installation without a home, each process compiles."""
 
@@ -111,9 +123,28 @@ if COMPILED:
     # `fastmath` is said either way: a function without it inherits that of the kernel it is compiled for first, and may then
     # assume that there is no NaN. Rewriting is of expressions of arrays, which no kernel has; and of branches on None, for which
     # the few that have some say `no_rewrites=False`
-    kernel = partial(
-        njit, cache=KEPT, nogil=True, error_model="numpy", no_cfunc_wrapper=True, no_rewrites=True, fastmath=False, _nrt=False
-    )
+    _options: dict[str, Any] = {
+        "cache": KEPT,
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+        "no_rewrites": True,
+        "fastmath": False,
+        "_nrt": False,
+    }
+
+    def _kernel(**options: Any) -> Callable[[Function], Any]:
+        """A kernel that is compiled anew where what is kept of it cannot be read."""
+
+        def decorate(function: Function) -> Any:
+            compiled: Any = njit(**_options | options)(function)
+            if (file := getattr(compiled._cache, "_cache_file", None)) is not None:
+                file.load = partial(_load, file, file.load)
+            return compiled
+
+        return decorate
+
+    kernel = _kernel
     inner_kernel = partial(kernel, cache=False, no_cpython_wrapper=True)  # a kernel on the disk holds what it calls
     making_kernel = partial(kernel, _nrt=True)
     inlined_kernel = partial(njit, inline="always", error_model="numpy")

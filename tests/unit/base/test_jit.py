@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
+import pickle
 import pkgutil
 import subprocess
 import sys
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,3 +84,38 @@ def test_every_kernel_says_whether_numbers_may_be_reordered() -> None:
     assert len(kernels) > 60
     assert [name for name, kernel in kernels if "fastmath" not in kernel.targetoptions] == []
     assert kth.select.targetoptions["fastmath"] is False  # its callers have both
+
+
+ADDED = """
+import sys
+from tactape_fab.base.jit import kernel
+
+@kernel()
+def add(a, b):
+    return a + b
+
+print(add(1, 2), sum(add.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(not jit.KEPT, reason="nothing is compiled, or kept")
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("content", [b"", b"cut off", "class of another version"])
+def test_a_kept_kernel_that_cannot_be_read_is_compiled_anew(kind: str, content: bytes | str, tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(ADDED, encoding="utf-8")
+
+    def run() -> str:
+        line = [sys.executable, str(program)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+        return subprocess.run(line, capture_output=True, encoding="utf-8", check=True, env=environment).stdout
+
+    assert run() == "3 0\n" and run() == "3 1\n"
+    (file,) = (tmp_path / "kept").rglob(f"*.{kind}")
+    if isinstance(content, str):
+        content = b"ctactape_fab.base.jit\nGone\n."
+        content = (
+            pickle.dumps(version("numba"), protocol=-1) if kind == "nbi" else b""
+        ) + content  # an index begins with numba's own
+    file.write_bytes(content)
+    assert run() == "3 0\n" and run() == "3 1\n"
