@@ -73,7 +73,7 @@ def _weigh(
                         continue
                     left = last - first
                     if many is not None and order < 2:
-                        left = choose(tables, sites, (group, limit), turn, (first, last), least, of, terms, tally, many)
+                        left = choose(tables, sites, (group, limit), turn, (k, first, last), least, of, terms, tally, many)
                     for c in range(left):
                         site, of_y, known = first + c, limit[1], room.lines[0, 0, :0]
                         if many is not None and order < 2:

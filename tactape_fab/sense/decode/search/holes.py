@@ -100,24 +100,33 @@ def _bound_whole(
     place: int,
     span: tuple[int, int],
 ) -> None:
-    """Fill `ManyRoom.bounds` at a group's place along an axis: pairs of lines without holes, and the most of the others."""
+    """Fill `ManyRoom.bounds` at a group's place along an axis: runs of lines without holes, and the most of the others."""
     (group, holed), own, other, most, rest, count = of, 4 * axis, 4 * (1 - axis), tables.most[turn, axis], 0.0, 0
     dots, start = (group[other + 2], group[other + 3]), group[own] + place
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis])
-    pairs, line_most, k, last = more.known.pairs[slot], more.known.line_most[slot], group[own + 2], group[own + 3]
+    known, k, last = more.known, group[own + 2], group[own + 3]
+    threes = known.triples.shape[1] > 0
     while k < last:
-        if holed[axis, start + k + 1] > holed[axis, start + k]:
+        run = 0
+        while run < 3 and k + run < last and holed[axis, start + k + run + 1] == holed[axis, start + k]:
+            run += 1
+        if run == 0:
             rest += _line_within(most, axis, k, dots)
-        elif k % 2 == 0 and k + 1 < last and holed[axis, start + k + 2] == holed[axis, start + k + 1]:
-            more.whole[count] = k
-            count, k = count + 1, k + 1
+        elif run == 1:
+            rest += known.line_most[slot, k]
         else:
-            rest += line_most[k]
-        k += 1
+            run = run if threes else 2
+            more.whole[0, count], more.whole[1, count] = k, run
+            count += 1
+        k += max(run, 1)
     for site in range(span[0], span[1]):
         at, bound = sites.table[site, START, axis] + start, rest
         for n in range(count):
-            bound += pairs[more.whole[n] // 2, sites.steps[axis, at + more.whole[n]]]
+            k = more.whole[0, n]
+            if more.whole[1, n] == 3:
+                bound += known.triples[slot, k, sites.steps[axis, 1, at + k]]
+            else:
+                bound += known.pairs[slot, k, sites.steps[axis, 0, at + k]]
         more.bounds[site] = bound
 
 

@@ -12,10 +12,11 @@ from tactape_fab.sense.decode.search.bounds import (
     Bounds,
     bound_lines,
     bound_starts,
-    most_of_sites,
+    most_of_starts,
     no_bounds,
     slot_of,
     survivors,
+    survivors_of_starts,
 )
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
 from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights
@@ -38,6 +39,10 @@ _FOUND = 0.5
 """A weight above this share of all evidence there is comes from a place that fits."""
 _PROMISING = 0.7
 """Groups that may show this share of all evidence are looked at for a first guess."""
+_SEVERAL = 32
+"""Sites from which on a bound of the lines across an edge is worth its making."""
+_SEEN_AT_ONCE = 4
+"""Places in the plane that are bounded one after the other in the time of one by itself."""
 _ANYTHING = 1e6
 """A bound that drops nothing, and yet leaves a sum its digits."""
 
@@ -61,7 +66,15 @@ def _no_room(length: int) -> ManyRoom:
 def _room_for(dots: int, length: int, sites: int, lines: int) -> ManyRoom:
     starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
     return ManyRoom(
-        no_bounds(dots, length), starts, np.empty(sites), np.empty(sites), chosen, new_tally(), np.empty(dots, dtype=np.int64)
+        no_bounds(dots, length),
+        starts,
+        np.empty(sites),
+        np.empty(sites),
+        np.empty((2, sites)),
+        np.empty((2, lines), dtype=np.float32),
+        chosen,
+        new_tally(),
+        np.empty((2, dots), dtype=np.int64),
     )
 
 
@@ -82,7 +95,7 @@ def choose(
     sites: Sites,
     of: tuple[IntArray, FloatArray],
     turn: int,
-    span: tuple[int, int],
+    kind: tuple[int, int, int],
     least: float,
     of_all: float,
     terms: tuple[float, float],
@@ -91,11 +104,20 @@ def choose(
 ) -> int:
     """Fill `ManyRoom.chosen` with the sites whose own bounds leave them open, of a group that may matter as a whole; how many.
 
-    ``least`` is the ln E that may matter, ``of_all`` ln of how many places the group has; `tally.Candidate` has ``terms``.
+    ``kind`` is the class, its first site and last + 1, ``least`` the ln E that may matter, ``of_all`` ln of how many places the
+    group has; `tally.Candidate` has ``terms``.
     """
-    rest = _bound_sites(tables, sites, of, turn, span, least, more)
-    left, dropped, most = survivors(more.chosen, more.bounds, span[0], span[1], least - rest)
-    weight = dropped / float(span[1] - span[0]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
+    if of[0][OVER] == 0:
+        rest = 0.0
+        _bound_inside(tables, sites, of[0], turn, kind, more)
+        left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+    else:
+        axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
+        left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
+        if left > _SEVERAL:
+            left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, left, least, more)
+            dropped, most = dropped + more_dropped, max(most, more_most - rest)
+    weight = dropped / float(kind[2] - kind[1]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
     count_bound(weight, most + rest + terms[1], tally.sums)
     return int(left)
 
@@ -114,40 +136,74 @@ def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) 
         for axis in range(2):
             count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
             slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count)
-            bound_starts(out[turn, axis], known.pairs[slot], sites.steps[axis], count)
+            bound_starts(out[turn, axis], known, slot, sites.steps[axis], (0, count))
 
 
 @inner_kernel()
-def _bound_sites(
-    tables: Tables,
-    sites: Sites,
-    of: tuple[IntArray, FloatArray],
-    turn: int,
-    span: tuple[int, int],
-    least: float,
-    more: ManyRoom,
-) -> float:
-    """Fill the largest evidence that a group of places can have on each of some sites; the bound of an axis left out is returned.
+def _bound_inside(tables: Tables, sites: Sites, group: IntArray, turn: int, kind: tuple[int, int, int], more: ManyRoom) -> None:
+    """Fill `ManyRoom.bounds` with the most evidence of places with all dots on the tape, `ManyRoom.of_rows` with the y bits'.
 
-    With all dots on the tape it is the most of both axes, and `ManyRoom.of_rows` has that of the y bits. ``of`` are the group's
-    fields and limits, ``span`` the first site and the last + 1.
+    ``kind`` is the class, its first site and last + 1.
     """
-    (group, limit), out, of_rows, starts = of, more.bounds, more.of_rows, more.starts
-    if group[OVER] == 0:
-        for axis in range(2):
-            to, count = (out, group[COLUMNS]) if axis == 0 else (of_rows, group[ROWS])
-            most_of_sites(to, starts[turn, axis], sites.table, axis, count, span)
-        for site in range(span[0], span[1]):
-            out[site] += of_rows[site]
-        return 0.0
-    # over an edge there is one place along at least one axis: only that one's lines are bounded
+    x, y, rank = more.of_starts[0], more.of_starts[1], sites.starts.rank
+    for axis in range(2):
+        span, count = sites.starts.spans[kind[0], axis], group[COLUMNS] if axis == 0 else group[ROWS]
+        most_of_starts(more.of_starts[axis], more.starts[turn, axis], sites.starts.place[axis], count, (span[0], span[1]))
+    for site in range(kind[1], kind[2]):
+        more.of_rows[site] = y[rank[site, 1]]
+        more.bounds[site] = x[rank[site, 0]] + y[rank[site, 1]]
+
+
+@inner_kernel()
+def _bound_over(
+    tables: Tables, sites: Sites, of: tuple[IntArray, FloatArray], turn: int, kind: int, least: float, more: ManyRoom
+) -> tuple[int, float]:
+    """Fill `ManyRoom.of_starts` for an axis with bounds of a group over an edge, ``of`` its fields and limits; the axis, and the
+    bound of what the other says.
+    """
+    # there is one place along at least one axis: only that one's lines are bounded
+    group, limit = of
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
     count, rest = tables.size[turn, axis], limit[1 - axis]
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count)
-    lines = (group[own + 2], group[own + 3], count)
-    bound_lines(out, more.known, slot, (sites.steps[axis], sites.table, axis, group[own]), lines, span, least - rest)
-    return float(rest)
+    lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
+    out, everywhere = more.of_starts[axis], more.everywhere[0]
+    if _SEEN_AT_ONCE * (span[1] - span[0]) < len(everywhere):
+        bound_lines(out, more.known, slot, (sites.steps[axis], starts, group[own]), lines, (span[0], span[1]), least - rest)
+    else:
+        bound_starts(everywhere, more.known, slot, sites.steps[axis], lines)
+        for k in range(span[0], span[1]):
+            out[k] = everywhere[starts[k] + group[own] + lines[0]]
+    return axis, float(rest)
+
+
+@inner_kernel(fastmath=True)
+def _bound_across(
+    tables: Tables, sites: Sites, group: IntArray, turn: int, axis: int, count: int, least: float, more: ManyRoom
+) -> tuple[int, float, float]:
+    """Leave out of `ManyRoom.chosen`, after `_bound_over`, whose lines across do not fit; returns what `survivors` does."""
+    across, own, other = 1 - axis, 4 * axis, 4 * (1 - axis)
+    slot = slot_of(
+        more.known, tables.lines[turn, across], turn, across, (group[own + 2], group[own + 3]), tables.size[turn, across]
+    )
+    everywhere, of_starts = more.everywhere[1], more.of_starts[axis]
+    bound_starts(everywhere, more.known, slot, sites.steps[across], (group[other + 2], group[other + 3]))
+    left, dropped, most = 0, 0.0, NEVER
+    for c in range(count):
+        site = more.chosen[c]
+        first = sites.table[site, START, across] + group[other] + group[other + 2]
+        best = everywhere[first]
+        for k in range(first + 1, first + group[other + 1]):
+            best = max(best, everywhere[k])
+        bound = best + of_starts[sites.starts.rank[site, axis]]
+        if bound >= least:
+            more.chosen[left] = site
+            left += 1
+        else:
+            most = max(most, bound)
+            dropped += np.exp(bound - least)
+    return left, dropped, most
 
 
 @inlined_kernel()
@@ -174,7 +230,12 @@ def _first_guess(
                     bound = limit[0] + limit[1]
                     if group[OVER] != over or bound < _PROMISING * most_said or bound + base[turn, over] < guess.sums[BEST]:
                         continue
-                    _bound_sites(tables, sites, (group, limit), turn, (kind[FIRST], kind[LAST]), NEVER, more)
+                    if over == 0:
+                        _bound_inside(tables, sites, group, turn, (k, kind[FIRST], kind[LAST]), more)
+                    else:
+                        axis, _ = _bound_over(tables, sites, (group, limit), turn, k, NEVER, more)
+                        for other in range(kind[FIRST], kind[LAST]):
+                            bounds[other] = more.of_starts[axis, sites.starts.rank[other, axis]]
                     site = kind[FIRST]
                     for other in range(kind[FIRST], kind[LAST]):
                         site = other if bounds[other] > bounds[site] else site

@@ -22,13 +22,30 @@ Steps = npt.NDArray[np.uint8]
 _NONE_BARE = np.zeros((1, 1, 1), dtype=np.bool_)
 
 
+class Starts(NamedTuple):
+    """Where sites start in the plane's phases, for columns and rows: a start is that of all sites of a class there.
+
+    place (2, n): `START` of each group of sites that are of one class and start at one column (row); zeros after the last.
+    spans (k, 2, 2): First and last + 1 of these groups, of each class.
+    rank (n, 2): The group of each site.
+    members (2, n): Sites, those of a group in ascending order.
+    begin (2, n + 1): Where each group's members begin.
+    """
+
+    place: IntArray
+    spans: IntArray
+    rank: IntArray
+    members: IntArray
+    begin: IntArray
+
+
 class Sites(NamedTuple):
     """Tapes of one code as places in its plane, those of equal size together.
 
     signs (3 L,)
     phases (2, m): Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
-    steps (2, m): Their differences modulo L, from each to the next; small and without a sign, which looking up by them is
-        quickest with.
+    steps (2, 2, m): Of columns and rows: their differences modulo L, from each to the next; and these times L and the next one's,
+        of both steps, where that is a byte. Small and without a sign, which looking up by them is quickest with.
     table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
         plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
     barred (k, 3): Site, u and v of sectors that may not lie where all others may.
@@ -41,6 +58,7 @@ class Sites(NamedTuple):
         where there are so many that bounds are worth their making (`FIRST` ... `MANY`).
     kinds (4,): Most columns or rows; whether there are classes of few and of many sites; and whether there are, here or beside
         these, of many.
+    starts: The same starts as in `table`, each once.
     """
 
     signs: Floats
@@ -55,6 +73,7 @@ class Sites(NamedTuple):
     size_of: IntArray
     classes: IntArray
     kinds: IntArray
+    starts: Starts
 
 
 def sites_of(
@@ -79,7 +98,7 @@ def sites_of(
     phases = np.zeros((2, max(len(found) for found, _ in pairs)), dtype=np.int64)
     for axis, (found, _) in enumerate(pairs):
         phases[axis, : len(found)] = found
-    everyone = sectors[:, 0] < 0
+    everyone, step = sectors[:, 0] < 0, np.diff(phases, append=0) % length
     layout, bare = (np.zeros(len(size_of), dtype=np.int64), _NONE_BARE) if placed is None else _layouts(placed, table.max(axis=0))
     holed = np.zeros((len(bare), 2, max(table.max(), *bare.shape[1:]) + 1), dtype=np.int64)
     for axis in range(2):
@@ -100,11 +119,12 @@ def sites_of(
         for first, last in pairwise(bounds)
     ]
     many = [found[MANY] for found in classes]
+    starts = np.column_stack([start for _, start in pairs])
     return Sites(
         signs=signs_of(code),
         phases=phases,
-        steps=(np.diff(phases, append=0) % length).astype(np.uint8),
-        table=np.stack([np.column_stack([start for _, start in pairs]), origins % length, sectors], axis=1).astype(np.int64),
+        steps=np.stack([step, step * length + np.roll(step, -1, axis=1)], axis=1).astype(np.uint8),
+        table=np.stack([starts, origins % length, sectors], axis=1).astype(np.int64),
         barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
         layout=layout,
         bare=bare,
@@ -113,7 +133,24 @@ def sites_of(
         size_of=np.asarray(size_of, dtype=np.int64),
         classes=np.array(classes, dtype=np.int64),
         kinds=np.array([table.max(), not all(many), any(many), any(many) or beside_many], dtype=np.int64),
+        starts=_starts(starts, bounds),
     )
+
+
+def _starts(starts: IntArray, bounds: list[int]) -> Starts:
+    """`Starts` of sites (n, 2) whose classes lie between some bounds."""
+    n = len(starts)
+    place, rank, members = np.zeros((2, n), dtype=np.int64), np.empty((n, 2), dtype=np.int64), np.empty((2, n), dtype=np.int64)
+    begin, spans = np.full((2, n + 1), n, dtype=np.int64), np.empty((len(bounds) - 1, 2, 2), dtype=np.int64)
+    of_class = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
+    for axis in range(2):
+        members[axis] = np.lexsort([starts[:, axis], of_class])
+        own = np.stack([of_class, starts[:, axis]])[:, members[axis]]
+        first = np.flatnonzero(np.concatenate([[True], (np.diff(own) != 0).any(axis=0)]))
+        place[axis, : len(first)], begin[axis, : len(first)] = own[1, first], first
+        rank[members[axis], axis] = np.searchsorted(first, np.arange(n), side="right") - 1
+        spans[:, axis] = np.stack([np.searchsorted(first, bounds[:-1]), np.searchsorted(first, bounds[1:])], axis=1)
+    return Starts(place, spans, rank, members, begin)
 
 
 def _layouts(placed: Iterable[BoolArray], size: IntArray) -> tuple[IntArray, BoolArray]:

@@ -90,16 +90,20 @@ class ManyRoom(NamedTuple):
     """Work buffers for many sites.
 
     starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`.
-    bounds, of_rows (n,): From `_bound_sites`.
+    bounds, of_rows (n,): From `_bound_inside`.
+    of_starts (2, n): From `_bound_over`, by `Sites.starts`.
+    everywhere (2, columns or rows of the plane): Work buffers of `_bound_over` and `_bound_across`.
     chosen (n,): From `survivors`.
     guess: Of `_first_guess`.
-    whole (m,): Of `holes`.
+    whole (2, m): Of `holes`.
     """
 
     known: Bounds
     starts: Floats
     bounds: FloatArray
     of_rows: FloatArray
+    of_starts: FloatArray
+    everywhere: Floats
     chosen: IntArray
     guess: Tally
     whole: IntArray
