@@ -14,20 +14,31 @@ from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights
 from tactape_fab.sense.decode.search.holes import reach_holes, weigh_holed
 from tactape_fab.sense.decode.search.many_tapes import choose, known_columns, many_room, prepare
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
-from tactape_fab.sense.decode.search.tally import BEST, Candidate, ManyRoom, Room, Tally, count_bound, least_of, weigh_site
+from tactape_fab.sense.decode.search.tally import (
+    BEST,
+    Candidate,
+    ManyRoom,
+    Room,
+    Tally,
+    count_bound,
+    least_of,
+    say_group,
+    weigh_site,
+)
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
     """Compare the dots with every place of every site, and add the places to a tally."""
     many = many_room(tables, sites)
-    _weigh(tables, sites, *groups, *weights, tally, _room(sites), many, None if many is None else sites.barred)
+    _weigh(tables, sites, *groups, *weights, tally, _room(tables, sites), many, None if many is None else sites.barred)
 
 
-def _room(sites: Sites) -> Room:
+def _room(tables: Tables, sites: Sites) -> Room:
     length, widest = len(sites.signs) // 3, int(sites.kinds[0])
     lines, most = np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest))
-    return Room(lines, most, np.empty((length, length), dtype=np.bool_))
+    said = np.zeros((2, tables.lines.shape[3] + 1, 2 * length), dtype=np.float32)
+    return Room(lines, most, said, np.empty((length, length), dtype=np.bool_))
 
 
 @kernel(no_rewrites=False)
@@ -74,6 +85,8 @@ def _weigh(
                     left = last - first
                     if many is not None and order < 2:
                         left = choose(tables, sites, (group, limit), turn, (k, first, last), least, of, terms, tally, many)
+                    if left > 0:
+                        say_group(tables, turn, group, room)
                     for c in range(left):
                         site, of_y, known = first + c, limit[1], room.lines[0, 0, :0]
                         if many is not None and order < 2:
@@ -82,7 +95,6 @@ def _weigh(
                                 known, of_y = known_columns(many, turn, sites.table[site], group), many.of_rows[site]
                         candidate = Candidate(
                             known,
-                            tables.lines[turn],
                             sites.table[site],
                             (turn, site),
                             group,

@@ -196,34 +196,54 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
 
 
 @inner_kernel(fastmath=True)
-def add_lines(
-    out: Floats, lines: Floats, dots: tuple[int, int], span: tuple[int, int], phases: IntArray, start: int, length: int
-) -> float:
+def say(out: Floats, lines: Floats, dots: tuple[int, int], count: int) -> None:
+    """What a range of the dots (first, last + 1) says along each of some lines, for every phase twice over.
+
+    out (m + 1, 2 L): Overwritten, but for its last row.
+    lines (m + 1, m, 2 L): One turn and axis of `Tables.lines`.
+    """
+    low, high = dots
+    for k in range(count):
+        for p in range(lines.shape[2]):
+            out[k, p] = lines[high, k, p] - lines[low, k, p]
+
+
+@inner_kernel(fastmath=True)
+def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray, start: int) -> float:
     """Evidence of some lines together for every phase, and the largest of it.
 
     out (L,): Overwritten.
-    lines (m + 1, m, 2 L): One turn and axis of `Tables.lines`.
-    dots: Dots that count: the first and the last + 1 along the lines.
+    said (m + 1, 2 L): From `say`, the last row zero.
     span: The first line and the last + 1.
     phases: Phase of each line of the plane.
     start: Where the dots' line 0 lies in `phases`.
     """
-    low, high = dots
-    for p in range(length):
-        out[p] = 0.0
-    for k in range(span[0], span[1]):
+    first, last = span
+    length, nothing = len(out), len(said) - 1
+    for k in range(first, last, 4):  # four at a time, so that sums pass through memory a quarter as often; zeros behind the last
+        k1, k2, k3 = (
+            (k + 1 if k + 1 < last else nothing),
+            (k + 2 if k + 2 < last else nothing),
+            (k + 3 if k + 3 < last else nothing),
+        )
         shift = phases[start + k]
-        above = lines[high, k, shift : shift + length]
-        if low > 0:
-            below = lines[low, k, shift : shift + length]
+        shift1, shift2, shift3 = (
+            phases[start + k1] if k1 < last else 0,
+            phases[start + k2] if k2 < last else 0,
+            phases[start + k3] if k3 < last else 0,
+        )
+        one, two = said[k, shift : shift + length], said[k1, shift1 : shift1 + length]
+        three, four = said[k2, shift2 : shift2 + length], said[k3, shift3 : shift3 + length]
+        if k == first:
             for p in range(length):
-                out[p] += above[p] - below[p]
+                out[p] = one[p] + two[p] + three[p] + four[p]
         else:
             for p in range(length):
-                out[p] += above[p]
-    a = b = c = d = out[0]  # four at a time: one after the other each would wait for the one before
-    for p in range(0, length - 3, 4):
+                out[p] = out[p] + one[p] + two[p] + three[p] + four[p]
+    a = b = c = d = e = f = g = h = out[0]  # eight at a time: one after the other each would wait for the one before
+    for p in range(0, length - 7, 8):
         a, b, c, d = max(a, out[p]), max(b, out[p + 1]), max(c, out[p + 2]), max(d, out[p + 3])
-    for p in range(length - length % 4, length):
+        e, f, g, h = max(e, out[p + 4]), max(f, out[p + 5]), max(g, out[p + 6]), max(h, out[p + 7])
+    for p in range(length - length % 8, length):
         a = max(a, out[p])
-    return float(max(a, b, c, d))
+    return float(max(a, b, c, d, e, f, g, h))

@@ -31,6 +31,7 @@ from tactape_fab.sense.decode.search.tally import (
     Tally,
     count_bound,
     new_tally,
+    say_group,
     weigh_site,
 )
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -39,8 +40,8 @@ _FOUND = 0.5
 """A weight above this share of all evidence there is comes from a place that fits."""
 _PROMISING = 0.7
 """Groups that may show this share of all evidence are looked at for a first guess."""
-_SEVERAL = 32
-"""Sites from which on a bound of the lines across an edge is worth its making."""
+_SITE = 100
+"""Places in the plane that are bounded in the time in which one site is looked at."""
 _SEEN_AT_ONCE = 4
 """Places in the plane that are bounded one after the other in the time of one by itself."""
 _ANYTHING = 1e6
@@ -114,7 +115,7 @@ def choose(
     else:
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
         left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
-        if left > _SEVERAL:
+        if _SITE * left > len(more.everywhere[1]):
             left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, left, least, more)
             dropped, most = dropped + more_dropped, max(most, more_most - rest)
     weight = dropped / float(kind[2] - kind[1]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
@@ -241,7 +242,6 @@ def _first_guess(
                         site = other if bounds[other] > bounds[site] else site
                     candidate = Candidate(
                         nothing,
-                        tables.lines[turn],
                         sites.table[site],
                         (turn, site),
                         group,
@@ -250,6 +250,7 @@ def _first_guess(
                         (base[turn, over], 0.0),
                         sites.holed[sites.layout[site]],
                     )
+                    say_group(tables, turn, group, room)
                     weigh_site(candidate, sites.phases, sites.barred, guess, room)
                     if sites.layout[site] > 0:
                         weigh_holed(

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
 from tactape_fab.sense.decode.search.bounds import NEVER, Bounds
-from tactape_fab.sense.decode.search.evidence import Floats, add_lines
+from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_lines, say
 from tactape_fab.sense.decode.search.groups import COLUMNS, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -52,7 +52,6 @@ class Candidate(NamedTuple):
     """One group of places on one site, with its bounds and prior weights.
 
     known: Bounds of what the x bits say at each column of the group, which are looked at one by one then; or empty.
-    lines: `Tables.lines` of the turn.
     place (3, 2): The site's entry in `Sites.table`.
     at: Turn and site.
     group (9,): From `groups.groups_of`.
@@ -63,7 +62,6 @@ class Candidate(NamedTuple):
     """
 
     known: Floats
-    lines: Floats
     place: IntArray
     at: tuple[int, int]
     group: IntArray
@@ -78,11 +76,13 @@ class Room(NamedTuple):
 
     lines (2, k, L): Evidence of columns and of rows for every phase.
     most (2, k): The largest of each.
+    said (2, m + 1, 2 L): What the dots of a group say along its columns and rows, from `say_group`; the last row zero.
     allowed (L, L): Sectors that are not barred.
     """
 
     lines: Floats
     most: FloatArray
+    said: Floats
     allowed: BoolArray
 
 
@@ -137,6 +137,14 @@ def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
     sums[LEFT_OUT] = max(sums[LEFT_OUT], likelihood)
 
 
+@inner_kernel()
+def say_group(tables: Tables, turn: int, group: IntArray, room: Room) -> None:
+    """Fill `Room.said` for a group, which `weigh_site` needs."""
+    for axis in range(2):
+        other = 4 * (1 - axis)
+        say(room.said[axis], tables.lines[turn, axis], (group[other + 2], group[other + 3]), tables.size[turn, axis])
+
+
 @inner_kernel(no_rewrites=False)
 def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, room: Room) -> None:
     """One group of places on one site: the axis with fewer places first, the other only if that may matter.
@@ -149,8 +157,7 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
     places = float(group[COLUMNS] * group[ROWS] * (length * length if every else 1))
     axis, bound = (0 if group[COLUMNS] <= group[ROWS] or len(known) > 0 else 1), limit[0] + limit[1]
     for _ in range(2):
-        own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
-        most = NEVER
+        own, most = 4 * axis, NEVER  # fields of a group: columns, then rows
         for k in range(group[own + 1]):
             room.most[axis, k] = NEVER
             each = places / group[COLUMNS]
@@ -158,12 +165,10 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
                 continue
             value = add_lines(
                 room.lines[axis, k],
-                candidate.lines[axis],
-                (group[other + 2], group[other + 3]),
+                room.said[axis],
                 (group[own + 2], group[own + 3]),
                 phases[axis],
                 place[START, axis] + group[own] + k,
-                length,
             )
             room.most[axis, k] = value
             most = max(most, value)
