@@ -13,7 +13,7 @@ import numpy as np
 
 from tactape_fab import Localization, Localizer, Prior, Tape
 from tactape_fab.sense import Frame
-from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.fit import fit_grid, posteriors
 from tactape_fab.sense.decode.localizer import World
@@ -202,7 +202,7 @@ def ideal(localizer: Localizer, frame: Frame, tape: Tape, prior: Prior | None = 
     place = search(world.tapes, world.families, nodes, q, bodies, grid, centre - middle, prior)
     if place is None:
         return replace(empty, reason="no place")
-    return judge(dots, Reading(place=place, grid_weight=0.0), localizer._view, world, localizer._limits)[0]
+    return accept_place(dots, Reading(place=place, grid_weight=0.0), localizer._view, world, localizer._limits)[0]
 
 
 # Chance

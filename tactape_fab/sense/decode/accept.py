@@ -47,7 +47,7 @@ class _Doubt:
     unregistered: str | None
 
 
-def judge(
+def accept_place(
     dots: Dots,
     reading: Reading,
     view: View,

@@ -19,7 +19,7 @@ from tactape_fab.base.errors import FrameError, Problem, SpecError, tried
 from tactape_fab.base.fields import shown
 from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import square_pixels
@@ -456,7 +456,7 @@ class Localizer:
             if image is not None and raw.small is not None and self._contact_view is not None:
                 pressed = self._contact_view, image, raw.small
             sharper = None if raw.high is None else partial(self._shift_px, raw.high)
-            found, explained = judge(dots, reading, self._view, self._world, self._limits, pixels, pressed, sharper)
+            found, explained = accept_place(dots, reading, self._view, self._world, self._limits, pixels, pressed, sharper)
         if found.located or explained or n < SOLID_DOTS:
             return found
         negated = None if image is None else lambda: self._detected(-image)

@@ -11,7 +11,7 @@ from math import cos, inf, log, pi, sin
 
 import numpy as np
 
-from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import flipped_u
 from tactape_fab.sense.decode.dots.rim import settled
@@ -142,7 +142,7 @@ def _decoded(seen: Seen, view: View, dots: Dots, bound: float) -> Localization |
     reading = read(dots, view, seen.world, None, bound, limits.precision)
     if reading is None or -reading.ln_bound > log(limits.on_tape):
         return None
-    found, _ = judge(dots, reading, view, seen.world, limits)
+    found, _ = accept_place(dots, reading, view, seen.world, limits)
     return found if found.located else None
 
 

@@ -54,12 +54,12 @@ def of_pixels(image: npt.NDArray[np.uint8], weights: Floats, biases: Floats, wid
     h, w = image.shape[0], image.shape[1]
     out = np.empty((2, h, w), dtype=np.float32)
     flat, flat_out = image.reshape(h * w, 3), out.reshape(2, h * w)
-    room = np.zeros((2, weights.shape[1], BLOCK), dtype=np.float32)
+    buffer = np.zeros((2, weights.shape[1], BLOCK), dtype=np.float32)
     layers = len(weights)
     per_grey, per_w, per_h = np.float32(1.0 / 255.0), np.float32(1.0 / w), np.float32(1.0 / h)
     for start in range(0, h * w, BLOCK):
         count = min(BLOCK, h * w - start)
-        now, then = room[0], room[1]
+        now, then = buffer[0], buffer[1]
         for p in range(count):
             v, u = divmod(start + p, w)
             pixel = flat[start + p]

@@ -17,7 +17,7 @@ from math import log
 
 import numpy as np
 
-from tactape_fab.sense.decode.accept import judge
+from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.dots.detect import Dots, detect
 from tactape_fab.sense.decode.dots.elongation import square_pixels, turn_weights
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
@@ -209,4 +209,4 @@ def _verdict(rule: Rule, at: FloatArray, weights: FloatArray, trust: FloatArray,
     if place is None:
         return empty
     dots = Dots(xy_px=at * rule.view.pitch_px, weights=weights, trust=trust)
-    return judge(dots, Reading(place=place, grid_weight=log(GRID_SHARES[0])), rule.view, rule.world, limits)[0]
+    return accept_place(dots, Reading(place=place, grid_weight=log(GRID_SHARES[0])), rule.view, rule.world, limits)[0]

@@ -57,8 +57,8 @@ def settled(dots: Dots, pitch_px: float, shift: float) -> Dots:
     if len(dots.weights) == 0:
         return dots
     n = len(dots.weights)
-    xy, share, trust, room = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty((4, n))
-    _settle(dots.xy_px, dots.weights, dots.trust, pitch_px, NEAREST * (1.0 - 2.0 * shift), room, xy, share, trust)
+    xy, share, trust, buffer = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty((4, n))
+    _settle(dots.xy_px, dots.weights, dots.trust, pitch_px, NEAREST * (1.0 - 2.0 * shift), buffer, xy, share, trust)
     seen_px = dots.xy_px if dots.seen_px is None else dots.seen_px
     dots = Dots(xy_px=xy, weights=share, trust=trust, elongation=dots.elongation, seen_px=seen_px)
     return chosen(dots, trust >= LEAST_TRUST)
@@ -105,14 +105,14 @@ def _settle(
     trust: FloatArray,
     pitch_px: float,
     nearest: float,
-    room: FloatArray,
+    buffer: FloatArray,
     moved: FloatArray,
     share: FloatArray,
     believed: FloatArray,
 ) -> None:
-    """Fill in places, weights over that of a whole dot (at most 1), and trust; `room` is a work buffer."""
+    """Fill in places, weights over that of a whole dot (at most 1), and trust; `buffer` is overwritten."""
     n = len(weights)
-    xs, ys, heights, amounts = room[0], room[1], room[2], room[3]
+    xs, ys, heights, amounts = buffer[0], buffer[1], buffer[2], buffer[3]
     level, scatter = _level(weights, trust, heights)
     strong = 0
     for i in range(n):

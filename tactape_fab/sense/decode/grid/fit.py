@@ -93,9 +93,9 @@ def fit_grid(
     """
     n = len(weights)
     nodes, squares, grid = np.empty((n, 2), dtype=np.int64), np.empty((n, directions)), np.empty(4)
-    turns, room = 2.0 * np.pi, np.empty((n, 3))
+    turns, buffer = 2.0 * np.pi, np.empty((n, 3))
     start = (angle, pitch, phase_a / turns, phase_b / turns)
-    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, room, grid, nodes, squares)
+    sigma, value, expected = _best_fit(xy, weights, trust, start, shift, free_scale, STARTS, buffer, grid, nodes, squares)
     return Fit(grid, nodes, squares, sigma, value, expected)
 
 
@@ -108,7 +108,7 @@ def _best_fit(
     shift: float,
     free_scale: bool,
     starts: FloatArray,
-    room: FloatArray,
+    buffer: FloatArray,
     out: FloatArray,
     nodes: Ints,
     squares: FloatArray,
@@ -128,7 +128,7 @@ def _best_fit(
             if free_scale:
                 pitch *= 1.0 + starts[m, 1]
         begun = _grid(angle, pitch, phase_a, phase_b)
-        grid, sigma, value = _fitted(xy, weights, trust, begun, shift, directions, free_scale, room)
+        grid, sigma, value = _fitted(xy, weights, trust, begun, shift, directions, free_scale, buffer)
         if m < 0 or value > most:
             out[0], out[1], out[2], out[3] = grid
             best_sigma, most = sigma, value
@@ -191,9 +191,9 @@ def _fitted(
     shift: float,
     directions: int,
     free_scale: bool,
-    room: FloatArray,
+    buffer: FloatArray,
 ) -> tuple[Grid, float, float]:
-    """The best grid from a start, a good dot's error, and the ln of the likelihood; `room` is a work buffer."""
+    """The best grid from a start, a good dot's error, and the ln of the likelihood; `buffer` is overwritten."""
     n = len(weights)
     # the widest error first: a start that is somewhat off still explains its dots
     grid, sigma, value = start, MOST_SIGMA, 0.0
@@ -222,7 +222,7 @@ def _fitted(
             fits = density / (density + 1.0 - part)
             # displacement expected under the posteriors of the directions (s Delta of paper, Eq. 9, not decided yet)
             along, across = shift * to_east / total, shift * to_south / total
-            room[i, 0], room[i, 1], room[i, 2] = node_k + along, node_j + across, fits / variance
+            buffer[i, 0], buffer[i, 1], buffer[i, 2] = node_k + along, node_j + across, fits / variance
             if step == FIT_STEPS - 1:
                 value += np.log(density + 1.0 - part)
             if weights[i] >= GOOD_WEIGHT:
@@ -233,7 +233,7 @@ def _fitted(
         if step > 0:
             sigma = clip(np.sqrt(square / count), LEAST_SIGMA, MOST_SIGMA)
         if step < FIT_STEPS - 1:
-            grid = _moved(xy, room, grid, free_scale)
+            grid = _moved(xy, buffer, grid, free_scale)
     return grid, sigma, value
 
 

@@ -68,12 +68,12 @@ def _sums(xy: FloatArray, weights: FloatArray, angle: float, pitch: float) -> tu
 
 
 @kernel(fastmath=True)
-def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, room: FloatArray, power: FloatArray) -> None:
+def scan_power(xy: FloatArray, weights: FloatArray, pitch: float, buffer: FloatArray, power: FloatArray) -> None:
     """Fill in the power of the dots at both wave vectors of a square grid at ANGLES angles over a quarter turn.
 
-    The second wave vector of each is the first one a quarter turn on. `room` (4, 2 ANGLES) is a buffer.
+    The second wave vector of each is the first one a quarter turn on. `buffer` is (4, 2 ANGLES).
     """
-    cu, cv, real, imaginary = room[0], room[1], room[2], room[3]
+    cu, cv, real, imaginary = buffer[0], buffer[1], buffer[2], buffer[3]
     for j in range(2 * ANGLES):
         cu[j], cv[j] = np.cos(j * (pi / 2) / ANGLES) / pitch, np.sin(j * (pi / 2) / ANGLES) / pitch
         real[j] = imaginary[j] = 0.0

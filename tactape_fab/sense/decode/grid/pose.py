@@ -75,10 +75,10 @@ def fit_pose(
     placed_mm (n,): Standard deviation of each part's measured place; None where it is not known, and part of a dot's error.
     """
     n = len(weights)
-    fit, keep, agree, room = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
+    fit, keep, agree, buffer = np.empty(7), np.empty(n), np.empty(n, dtype=np.bool_), np.empty((3, n))
     px, mm = np.ascontiguousarray(offset_px), np.ascontiguousarray(texture_mm)
     w, fixed = np.ascontiguousarray(weights), beliefs.sigmas[0] == 0.0
-    _agreeing(px, mm, w, px_per_mm, fixed, least_sigma_mm, fit, keep, agree, room)
+    _agreeing(px, mm, w, px_per_mm, fixed, least_sigma_mm, fit, keep, agree, buffer)
     used = keep.nonzero()[0]
     if beliefs.gel_mm > 0.0 and len(used) > MOST_CORRELATED:
         used = used[np.argsort(-keep[used], kind="stable")[:MOST_CORRELATED]]
@@ -176,14 +176,14 @@ def _agreeing(
     fit: FloatArray,
     keep: FloatArray,
     agree: BoolArray,
-    room: FloatArray,
+    buffer: FloatArray,
 ) -> None:
     """Fill `fit` (of `_similarity`, then a dot's error), the weights to go on with, and who agrees.
 
-    `room` is a work buffer.
+    `buffer` is overwritten.
     """
     n = len(weights)
-    base, squares, ordered = room[0], room[1], room[2]
+    base, squares, ordered = buffer[0], buffer[1], buffer[2]
     _base_weights(weights, base)
     sigma, count = 1.0, 0.0
     for i in range(n):

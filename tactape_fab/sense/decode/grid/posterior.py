@@ -147,8 +147,8 @@ def posterior(
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     # in the image's axes, turned by the robust fit's theta: x and y are turned back at the end
     c, s = along / length, across / length
-    room, (normal, spread) = np.zeros((14, 2, len(seen_mm))), np.empty((2, 10, 10))
-    rates, drawn, target, shares = room[:10], room[10:12], room[12], room[13]
+    buffer, (normal, spread) = np.zeros((14, 2, len(seen_mm))), np.empty((2, 10, 10))
+    rates, drawn, target, shares = buffer[:10], buffer[10:12], buffer[12], buffer[13]
     to_fill = drawn if smoothed else drawn[:0]
     (a, b), c2, s2 = beliefs.lean, c * c - s * s, 2.0 * c * s
     lean_u, lean_v = a * c2 - b * s2, a * s2 + b * c2
@@ -221,7 +221,7 @@ def _drawn(
 ) -> tuple[float, float]:
     """Fill in texture points in the image's axes from their middle (2, n), and what the neighbours do to each dot (2, 2, n).
 
-    That is the sum of all pushes over that of a neighbour at 1 mm, and the pull over that of a unit; without room for it nothing
+    That is the sum of all pushes over that of a neighbour at 1 mm, and the pull over that of a unit; without space for it nothing
     is filled in. Returns the sums of the squared distances of the dots seen from their own middle, and from the image centre.
     """
     u = v = squares = 0.0

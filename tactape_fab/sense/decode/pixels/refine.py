@@ -112,7 +112,7 @@ def refine(
     own = (found.spread_mm2[:, 0, 0] + found.spread_mm2[:, 1, 1]) / 2.0 * slopes
     inwards, low = at_rim(nominal_mm, texture_mm, found.imprint)
     scale = view.px_per_mm / pose.px_per_mm
-    drawn_mm, room = gel_mm * scale + (pose.position_mm - nominal_mm) @ turned, np.empty((7, 2, len(own)))
+    drawn_mm, buffer = gel_mm * scale + (pose.position_mm - nominal_mm) @ turned, np.empty((7, 2, len(own)))
     _rim_law(
         drawn_mm,
         gel_mm,
@@ -122,7 +122,7 @@ def refine(
         view.beliefs.sigmas,
         view.beliefs.centre_mm,
         view.beliefs.corner_mm,
-        room,
+        buffer,
         np.zeros((7, 8)),
         weights := np.empty(len(own)),
     )

@@ -12,13 +12,13 @@ from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights
 from tactape_fab.sense.decode.search.holes import reach_holes, weigh_holed
-from tactape_fab.sense.decode.search.many_tapes import choose, known_columns, many_room, prepare
+from tactape_fab.sense.decode.search.many_tapes import choose, known_columns, many_buffers, prepare
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.sense.decode.search.tally import (
     BEST,
+    Buffers,
     Candidate,
-    ManyRoom,
-    Room,
+    ManyBuffers,
     Tally,
     count_bound,
     least_of,
@@ -30,15 +30,15 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
     """Compare the dots with every place of every site, and add the places to a tally."""
-    many = many_room(tables, sites)
-    _weigh(tables, sites, *groups, *weights, tally, _room(tables, sites), many, None if many is None else sites.barred)
+    many = many_buffers(tables, sites)
+    _weigh(tables, sites, *groups, *weights, tally, _buffers(tables, sites), many, None if many is None else sites.barred)
 
 
-def _room(tables: Tables, sites: Sites) -> Room:
+def _buffers(tables: Tables, sites: Sites) -> Buffers:
     length, widest = len(sites.signs) // 3, int(sites.kinds[0])
     lines, most = np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest))
     said = np.zeros((2, tables.lines.shape[3] + 1, 2 * length), dtype=np.float32)
-    return Room(lines, most, said, np.empty((length, length), dtype=np.bool_))
+    return Buffers(lines, most, said, np.empty((length, length), dtype=np.bool_))
 
 
 @kernel(no_rewrites=False)
@@ -51,8 +51,8 @@ def _weigh(
     place: FloatArray,
     turn_terms: FloatArray,
     tally: Tally,
-    room: Room,
-    many: ManyRoom | None,
+    buffers: Buffers,
+    many: ManyBuffers | None,
     barred: IntArray | None,
 ) -> None:
     """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
@@ -61,7 +61,7 @@ def _weigh(
     Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
     """
     if many is not None and sites.kinds[2] == 1:
-        prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, room, many)
+        prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, buffers, many)
     for order in range(4):
         over = order % 2
         for k in range(len(sites.classes)):
@@ -86,9 +86,9 @@ def _weigh(
                     if many is not None and order < 2:
                         left = choose(tables, sites, (group, limit), turn, (k, first, last), least, of, terms, tally, many)
                     if left > 0:
-                        say_group(tables, turn, group, room)
+                        say_group(tables, turn, group, buffers)
                     for c in range(left):
-                        site, of_y, known = first + c, limit[1], room.lines[0, 0, :0]
+                        site, of_y, known = first + c, limit[1], buffers.lines[0, 0, :0]
                         if many is not None and order < 2:
                             site = many.chosen[c]
                             if over == 0:
@@ -103,11 +103,11 @@ def _weigh(
                             terms,
                             sites.holed[sites.layout[site]],
                         )
-                        weigh_site(candidate, sites.phases, barred, tally, room)
+                        weigh_site(candidate, sites.phases, barred, tally, buffers)
                     site = first
                     while sites.layout[first] > 0 and site < last:  # those of one layout follow one another
                         begin, layout = site, sites.layout[site]
                         while site < last and sites.layout[site] == layout:
                             site += 1
                         if reach_holes(sites.holed[layout], group):
-                            weigh_holed(tables, sites, (group, limit), turn, (begin, site), of, terms, tally, room, many)
+                            weigh_holed(tables, sites, (group, limit), turn, (begin, site), of, terms, tally, buffers, many)

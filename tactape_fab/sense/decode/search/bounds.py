@@ -32,7 +32,7 @@ class Bounds(NamedTuple):
     pairs (k, m, L): Most that a line and the next can say together, by how much their phases differ.
     triples (k, m, L L): Most that a line and the next two can say together, by both differences; (k, 0, 0) where L is large.
     pair_most, triple_most, line_most (k, m): Most of them, and of each line.
-    room (6 L,): Work buffer.
+    buffer (6 L,): Work buffer.
     """
 
     slot: IntArray
@@ -42,7 +42,7 @@ class Bounds(NamedTuple):
     pair_most: FloatArray
     triple_most: FloatArray
     line_most: FloatArray
-    room: Floats
+    buffer: Floats
 
 
 def no_bounds(m: int, length: int) -> Bounds:
@@ -88,7 +88,7 @@ def _bound_runs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64
     """
     pairs, triples, (low, high) = of.pairs[slot], of.triples[slot], dots
     length = pairs.shape[1]
-    one, two, three = of.room[:length], of.room[length : 3 * length], of.room[3 * length :]
+    one, two, three = of.buffer[:length], of.buffer[length : 3 * length], of.buffer[3 * length :]
     for k in range(count):
         for p in range(length):
             one[p] = lines[high, k, p] - lines[low, k, p]

@@ -9,7 +9,7 @@ from tactape_fab.sense.decode.search.bounds import NEVER, slot_of
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
 from tactape_fab.sense.decode.search.groups import COLUMNS, FIRST_COLUMN, FIRST_ROW, LAST_COLUMN, LAST_ROW, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START, Sites
-from tactape_fab.sense.decode.search.tally import BEST, ManyRoom, Room, Tally, count_at, count_bound, least_of, over_holes
+from tactape_fab.sense.decode.search.tally import BEST, Buffers, ManyBuffers, Tally, count_at, count_bound, least_of, over_holes
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _ROUNDING = 1e-6
@@ -37,15 +37,15 @@ def weigh_holed(
     of_all: float,
     terms: tuple[float, float],
     tally: Tally,
-    room: Room,
-    more: ManyRoom | None,
+    buffers: Buffers,
+    more: ManyBuffers | None,
 ) -> None:
     """The places of a group that `tally.weigh_site` leaves out, of sites with one layout: lines without holes bound them.
 
     A dot that does not count has ln E = 0, which is at most what it can say anywhere: that bounds it, whether it counts or not.
     ``of`` are the group's fields and limits, ``span`` the first site and the last + 1; `tally.drop` has ``of_all`` and ``terms``.
     """
-    (group, limit), holed, out = of, sites.holed[sites.layout[span[0]]], room.lines[0, 0]
+    (group, limit), holed, out = of, sites.holed[sites.layout[span[0]]], buffers.lines[0, 0]
     length, least, dropped = len(out), least_of(of_all, terms, tally.sums), 0.0
     if more is not None:
         for site in range(span[0], span[1]):
@@ -91,7 +91,7 @@ def weigh_holed(
 
 @inner_kernel(fastmath=True)
 def _bound_whole(
-    more: ManyRoom,
+    more: ManyBuffers,
     tables: Tables,
     sites: Sites,
     of: tuple[IntArray, IntArray],
@@ -100,7 +100,7 @@ def _bound_whole(
     place: int,
     span: tuple[int, int],
 ) -> None:
-    """Fill `ManyRoom.bounds` at a group's place along an axis: runs of lines without holes, and the most of the others."""
+    """Fill `ManyBuffers.bounds` at a group's place along an axis: runs of lines without holes, and the most of the others."""
     (group, holed), own, other, most, rest, count = of, 4 * axis, 4 * (1 - axis), tables.most[turn, axis], 0.0, 0
     dots, start = (group[other + 2], group[other + 3]), group[own] + place
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis])

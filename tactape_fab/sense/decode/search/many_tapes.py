@@ -25,9 +25,9 @@ from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERH
 from tactape_fab.sense.decode.search.tally import (
     BEST,
     LEAST_SHARE,
+    Buffers,
     Candidate,
-    ManyRoom,
-    Room,
+    ManyBuffers,
     Tally,
     count_bound,
     new_tally,
@@ -48,25 +48,25 @@ _ANYTHING = 1e6
 """A bound that drops nothing, and yet leaves a sum its digits."""
 
 
-def many_room(tables: Tables, sites: Sites) -> ManyRoom | None:
+def many_buffers(tables: Tables, sites: Sites) -> ManyBuffers | None:
     """Buffers for some dots and sites; empty ones where no class has many or holes, None where no other sites have many."""
     if sites.kinds[3] == 0:
         return None
     length = len(sites.signs) // 3
     if sites.kinds[2] == 0 and len(sites.bare) == 1:  # `holes` bounds few sites as well
-        return _no_room(length)
-    return _room_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1])
+        return _no_buffers(length)
+    return _buffers_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1])
 
 
 @cache
-def _no_room(length: int) -> ManyRoom:
+def _no_buffers(length: int) -> ManyBuffers:
     """Empty buffers; nothing writes to them, so all calls share them."""
-    return _room_for(0, length, 0, 0)
+    return _buffers_for(0, length, 0, 0)
 
 
-def _room_for(dots: int, length: int, sites: int, lines: int) -> ManyRoom:
+def _buffers_for(dots: int, length: int, sites: int, lines: int) -> ManyBuffers:
     starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
-    return ManyRoom(
+    return ManyBuffers(
         no_bounds(dots, length),
         starts,
         np.empty(sites),
@@ -80,14 +80,16 @@ def _room_for(dots: int, length: int, sites: int, lines: int) -> ManyRoom:
 
 
 @inlined_kernel()
-def prepare(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, room: Room, more: ManyRoom) -> None:
+def prepare(
+    tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, buffers: Buffers, more: ManyBuffers
+) -> None:
     """Bounds of all starts in the plane, and a first guess where nothing that fits is known yet."""
     most_said = NEVER
     for g in range(len(groups.limits)):
         most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
     _bounds_of_starts(more.starts, tables, sites, more.known)
     if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
-        tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, room, more, most_said))
+        tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, most_said))
 
 
 @inlined_kernel()
@@ -101,9 +103,9 @@ def choose(
     of_all: float,
     terms: tuple[float, float],
     tally: Tally,
-    more: ManyRoom,
+    more: ManyBuffers,
 ) -> int:
-    """Fill `ManyRoom.chosen` with the sites whose own bounds leave them open, of a group that may matter as a whole; how many.
+    """Fill `ManyBuffers.chosen` with the sites whose own bounds leave them open, of a group that may matter as a whole; how many.
 
     ``kind`` is the class, its first site and last + 1, ``least`` the ln E that may matter, ``of_all`` ln of how many places the
     group has; `tally.Candidate` has ``terms``.
@@ -124,7 +126,7 @@ def choose(
 
 
 @inlined_kernel()
-def known_columns(more: ManyRoom, turn: int, place: IntArray, group: IntArray) -> Floats:
+def known_columns(more: ManyBuffers, turn: int, place: IntArray, group: IntArray) -> Floats:
     """Bounds of what the x bits say at each column of a group with all dots on the tape."""
     start = place[START, 0]
     return more.starts[turn, 0, start : start + group[COLUMNS]]
@@ -141,8 +143,10 @@ def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) 
 
 
 @inner_kernel()
-def _bound_inside(tables: Tables, sites: Sites, group: IntArray, turn: int, kind: tuple[int, int, int], more: ManyRoom) -> None:
-    """Fill `ManyRoom.bounds` with the most evidence of places with all dots on the tape, `ManyRoom.of_rows` with the y bits'.
+def _bound_inside(
+    tables: Tables, sites: Sites, group: IntArray, turn: int, kind: tuple[int, int, int], more: ManyBuffers
+) -> None:
+    """Fill `ManyBuffers.bounds` with the most evidence of places with all dots on the tape, and `of_rows` with the y bits'.
 
     ``kind`` is the class, its first site and last + 1.
     """
@@ -157,10 +161,11 @@ def _bound_inside(tables: Tables, sites: Sites, group: IntArray, turn: int, kind
 
 @inner_kernel()
 def _bound_over(
-    tables: Tables, sites: Sites, of: tuple[IntArray, FloatArray], turn: int, kind: int, least: float, more: ManyRoom
+    tables: Tables, sites: Sites, of: tuple[IntArray, FloatArray], turn: int, kind: int, least: float, more: ManyBuffers
 ) -> tuple[int, float]:
-    """Fill `ManyRoom.of_starts` for an axis with bounds of a group over an edge, ``of`` its fields and limits; the axis, and the
-    bound of what the other says.
+    """Fill `ManyBuffers.of_starts` for an axis with bounds of a group over an edge, ``of`` its fields and limits.
+
+    Returns the axis, and the bound of what the other says.
     """
     # there is one place along at least one axis: only that one's lines are bounded
     group, limit = of
@@ -181,9 +186,9 @@ def _bound_over(
 
 @inner_kernel(fastmath=True)
 def _bound_across(
-    tables: Tables, sites: Sites, group: IntArray, turn: int, axis: int, count: int, least: float, more: ManyRoom
+    tables: Tables, sites: Sites, group: IntArray, turn: int, axis: int, count: int, least: float, more: ManyBuffers
 ) -> tuple[int, float, float]:
-    """Leave out of `ManyRoom.chosen`, after `_bound_over`, whose lines across do not fit; returns what `survivors` does."""
+    """Leave out of `ManyBuffers.chosen`, after `_bound_over`, whose lines across do not fit; returns what `survivors` does."""
     across, own, other = 1 - axis, 4 * axis, 4 * (1 - axis)
     slot = slot_of(
         more.known, tables.lines[turn, across], turn, across, (group[own + 2], group[own + 3]), tables.size[turn, across]
@@ -209,7 +214,7 @@ def _bound_across(
 
 @inlined_kernel()
 def _first_guess(
-    tables: Tables, sites: Sites, groups: Groups, weights: Weights, room: Room, more: ManyRoom, most_said: float
+    tables: Tables, sites: Sites, groups: Groups, weights: Weights, buffers: Buffers, more: ManyBuffers, most_said: float
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
     base, bounds, nothing, guess = weights.place, more.bounds, more.starts[0, 0, :0], more.guess
@@ -250,10 +255,19 @@ def _first_guess(
                         (base[turn, over], 0.0),
                         sites.holed[sites.layout[site]],
                     )
-                    say_group(tables, turn, group, room)
-                    weigh_site(candidate, sites.phases, sites.barred, guess, room)
+                    say_group(tables, turn, group, buffers)
+                    weigh_site(candidate, sites.phases, sites.barred, guess, buffers)
                     if sites.layout[site] > 0:
                         weigh_holed(
-                            tables, sites, (group, limit), turn, (site, site + 1), 0.0, (base[turn, over], 0.0), guess, room, more
+                            tables,
+                            sites,
+                            (group, limit),
+                            turn,
+                            (site, site + 1),
+                            0.0,
+                            (base[turn, over], 0.0),
+                            guess,
+                            buffers,
+                            more,
                         )
     return float(guess.sums[BEST])

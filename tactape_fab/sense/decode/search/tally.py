@@ -71,7 +71,7 @@ class Candidate(NamedTuple):
     holed: IntArray
 
 
-class Room(NamedTuple):
+class Buffers(NamedTuple):
     """Work buffers, overwritten for each candidate: kernels allocate no arrays.
 
     lines (2, k, L): Evidence of columns and of rows for every phase.
@@ -86,7 +86,7 @@ class Room(NamedTuple):
     allowed: BoolArray
 
 
-class ManyRoom(NamedTuple):
+class ManyBuffers(NamedTuple):
     """Work buffers for many sites.
 
     starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`.
@@ -138,48 +138,48 @@ def count_bound(weight: float, likelihood: float, sums: FloatArray) -> None:
 
 
 @inner_kernel()
-def say_group(tables: Tables, turn: int, group: IntArray, room: Room) -> None:
-    """Fill `Room.said` for a group, which `weigh_site` needs."""
+def say_group(tables: Tables, turn: int, group: IntArray, buffers: Buffers) -> None:
+    """Fill `Buffers.said` for a group, which `weigh_site` needs."""
     for axis in range(2):
         other = 4 * (1 - axis)
-        say(room.said[axis], tables.lines[turn, axis], (group[other + 2], group[other + 3]), tables.size[turn, axis])
+        say(buffers.said[axis], tables.lines[turn, axis], (group[other + 2], group[other + 3]), tables.size[turn, axis])
 
 
 @inner_kernel(no_rewrites=False)
-def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, room: Room) -> None:
+def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, buffers: Buffers) -> None:
     """One group of places on one site: the axis with fewer places first, the other only if that may matter.
 
     Without `barred` no site holds all sectors.
     """
     known, place, group, limit, terms = candidate.known, candidate.place, candidate.group, candidate.limit, candidate.terms
-    length = room.lines.shape[2]
+    length = buffers.lines.shape[2]
     every = place[SECTOR, 0] < 0
     places = float(group[COLUMNS] * group[ROWS] * (length * length if every else 1))
     axis, bound = (0 if group[COLUMNS] <= group[ROWS] or len(known) > 0 else 1), limit[0] + limit[1]
     for _ in range(2):
         own, most = 4 * axis, NEVER  # fields of a group: columns, then rows
         for k in range(group[own + 1]):
-            room.most[axis, k] = NEVER
+            buffers.most[axis, k] = NEVER
             each = places / group[COLUMNS]
             if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], each, candidate.of, terms, tally.sums):
                 continue
             value = add_lines(
-                room.lines[axis, k],
-                room.said[axis],
+                buffers.lines[axis, k],
+                buffers.said[axis],
                 (group[own + 2], group[own + 3]),
                 phases[axis],
                 place[START, axis] + group[own] + k,
             )
-            room.most[axis, k] = value
+            buffers.most[axis, k] = value
             most = max(most, value)
         bound += most - limit[axis]
         if most == NEVER or drop(bound, places, candidate.of, terms, tally.sums):
             return
         axis = 1 - axis
     if barred is not None and every:
-        _count_every_sector(candidate, barred, tally, room)
+        _count_every_sector(candidate, barred, tally, buffers)
     else:
-        _count_sector(candidate, tally, room)
+        _count_sector(candidate, tally, buffers)
 
 
 @inner_kernel()
@@ -191,24 +191,24 @@ def over_holes(holed: IntArray, group: IntArray, axis: int, place: int) -> bool:
 
 
 @inlined_kernel()
-def _count_sector(candidate: Candidate, tally: Tally, room: Room) -> None:
+def _count_sector(candidate: Candidate, tally: Tally, buffers: Buffers) -> None:
     """Places of a group where one sector lies: the x phase is that of the first row, the y phase that of the first column."""
     place, group, terms = candidate.place, candidate.group, candidate.terms
-    # phases of docs/codes.md: r + u and c + v; those of the lines are in `room.lines` already
+    # phases of docs/codes.md: r + u and c + v; those of the lines are in `buffers.lines` already
     row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
-    length, y_best = room.lines.shape[2], NEVER
+    length, y_best = buffers.lines.shape[2], NEVER
     for j in range(group[ROWS]):
-        y_best = max(y_best, room.most[1, j])
+        y_best = max(y_best, buffers.most[1, j])
     for i in range(group[COLUMNS]):
-        best = room.most[0, i] + y_best
+        best = buffers.most[0, i] + y_best
         if best + terms[0] < tally.sums[BEST] - FAR_BELOW and best + terms[1] < tally.sums[NEXT_STRONGEST]:
             continue
-        if room.most[0, i] == NEVER:
+        if buffers.most[0, i] == NEVER:
             continue
         y_phase, x_phase = (column + i) % length, row % length
         near = over_holes(candidate.holed, group, np.int64(0), i)
         for j in range(group[ROWS]):
-            value = float(room.lines[0, i, x_phase]) + float(room.lines[1, j, y_phase])
+            value = float(buffers.lines[0, i, x_phase]) + float(buffers.lines[1, j, y_phase])
             x_phase = x_phase + 1 if x_phase + 1 < length else 0
             if near and over_holes(candidate.holed, group, np.int64(1), j):
                 continue
@@ -241,30 +241,30 @@ def count_at(
 
 
 @inlined_kernel()
-def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, room: Room) -> None:
+def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, buffers: Buffers) -> None:
     """Places of a group where any sector may lie but the barred ones: every pair of phases is one sector."""
     at, group, of, terms = candidate.at, candidate.group, candidate.of, candidate.terms
     row, column = candidate.place[ORIGIN, 1] + group[Y], candidate.place[ORIGIN, 0] + group[X]
-    length = room.lines.shape[2]
+    length = buffers.lines.shape[2]
     for i in range(group[COLUMNS]):
-        if room.most[0, i] == NEVER:
+        if buffers.most[0, i] == NEVER:
             continue
         for j in range(group[ROWS]):
-            most = room.most[0, i] + room.most[1, j]
+            most = buffers.most[0, i] + buffers.most[1, j]
             if drop(most, float(length * length), of, terms, tally.sums):
                 continue
-            x_sum, p_best = _sum_and_best(room.lines[0, i], room.most[0, i])
-            y_sum, r_best = _sum_and_best(room.lines[1, j], room.most[1, j])
+            x_sum, p_best = _sum_and_best(buffers.lines[0, i], buffers.most[0, i])
+            y_sum, r_best = _sum_and_best(buffers.lines[1, j], buffers.most[1, j])
             u, v = (p_best - row - j) % length, (r_best - column - i) % length
             total, out, among = x_sum * y_sum, 0.0, False  # the sum over all pairs of phases is a product
             for k in range(len(barred)):
                 if barred[k, 0] == at[1]:
                     p, r = (row + j + barred[k, 1]) % length, (column + i + barred[k, 2]) % length
-                    out += np.exp(float(room.lines[0, i, p]) + float(room.lines[1, j, r]) - most)
+                    out += np.exp(float(buffers.lines[0, i, p]) + float(buffers.lines[1, j, r]) - most)
                     among = among or (barred[k, 1] == u and barred[k, 2] == v)
             total -= out
             if among or out > total:  # the difference has lost its digits, or the best one is barred
-                most, total, u, v = _without(room, (i, j), row + j, column + i, barred, at[1])
+                most, total, u, v = _without(buffers, (i, j), row + j, column + i, barred, at[1])
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))
 
@@ -282,10 +282,10 @@ def _sum_and_best(line: Floats, most: float) -> tuple[float, int]:
 
 @inlined_kernel()
 def _without(
-    room: Room, at: tuple[int, int], row: int, column: int, barred: IntArray, site: int
+    buffers: Buffers, at: tuple[int, int], row: int, column: int, barred: IntArray, site: int
 ) -> tuple[float, float, int, int]:
     """The best of the sectors that are not barred, the weight of all of them as a multiple of it, and which it is."""
-    x, y, allowed = room.lines[0, at[0]], room.lines[1, at[1]], room.allowed
+    x, y, allowed = buffers.lines[0, at[0]], buffers.lines[1, at[1]], buffers.allowed
     length = len(x)
     for p in range(length):
         for r in range(length):

@@ -11,7 +11,7 @@ import pytest
 
 from tactape_fab import Localizer, Tape
 from tactape_fab.sense.decode import accept
-from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _refusal, judge
+from tactape_fab.sense.decode.accept import _described, _Doubt, _doubt, _refusal, accept_place
 from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.grid.pose import Pose
 from tactape_fab.sense.decode.rank import Reading
@@ -249,7 +249,7 @@ def judged(place: Place, on_tape: int, unregistered_share: float = 0.0) -> tuple
     found = Dots(xy_px=xy_px, weights=np.ones(n), trust=np.ones(n), elongation=np.zeros((n, 2)))
     reading = Reading(place=replace(place, cells=cells, shown=shown_by(TAPE)), grid_weight=0.0)
     world = Registry(tapes=(TAPE,), families=(), unregistered_share=unregistered_share)
-    return judge(found, reading, Localizer([TAPE])._view, world, LIMITS)
+    return accept_place(found, reading, Localizer([TAPE])._view, world, LIMITS)
 
 
 def test_enough_dots_must_lie_on_the_tape(place: Place) -> None:

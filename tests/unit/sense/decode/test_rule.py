@@ -66,9 +66,9 @@ def test_a_copy_is_seen() -> None:
     assert [name for name, _ in copies(old)] == ["LEAST_SIGMA", "MOST_SIGMA", "_KAPPA", "BEST_GRID"]
 
 
-@pytest.mark.parametrize("room", ["advise", "verify", "sense/decode"])
-def test_no_constant_of_the_rule_is_copied(room: str) -> None:
-    files = [path for path in sorted((PACKAGE / room).rglob("*.py")) if path.name != "rule.py"]
+@pytest.mark.parametrize("package", ["advise", "verify", "sense/decode"])
+def test_no_constant_of_the_rule_is_copied(package: str) -> None:
+    files = [path for path in sorted((PACKAGE / package).rglob("*.py")) if path.name != "rule.py"]
     assert files
     assert {path.name: found for path in files if (found := copies(path.read_text(encoding="utf-8")))} == {}
 

@@ -31,10 +31,10 @@ def bounds_one_by_one(out: Any, known: Any, lines: Any, dots: Any, steps: Any, p
 
 
 @kernel(fastmath=True)
-def most_said(out: Any, room: Any, said: Any, lines: Any, dots: Any, phases: Any, span: Any) -> None:
+def most_said(out: Any, buffer: Any, said: Any, lines: Any, dots: Any, phases: Any, span: Any) -> None:
     say(said, lines, dots, span[1])
     for start in range(len(out)):
-        out[start] = add_lines(room, said, span, phases, start - span[0])
+        out[start] = add_lines(buffer, said, span, phases, start - span[0])
 
 
 def scene(length: int, count: int, seed: int = 1) -> tuple[FloatArray, IntArray, Any]:
@@ -59,8 +59,8 @@ def test_lines_say_no_more_together_than_their_bound(length: int, span: tuple[in
     at_once, said, alone = np.empty(PLANE, dtype=np.float32), np.empty(places), np.empty(places)
     for dots in ((np.int64(0), np.int64(8)), (np.int64(2), np.int64(5))):
         bounds_at_once(at_once, known, lines, dots, steps, span)
-        room, each_line = np.empty(length, dtype=np.float32), np.zeros((count + 1, 2 * length), dtype=np.float32)
-        most_said(said, room, each_line, lines, dots, phases, span)
+        buffer, each_line = np.empty(length, dtype=np.float32), np.zeros((count + 1, 2 * length), dtype=np.float32)
+        most_said(said, buffer, each_line, lines, dots, phases, span)
         bounds_one_by_one(alone, known, lines, dots, steps, np.arange(places) - first, span, -np.inf)
         assert (at_once[:places] >= said - ROUNDING).all() and (at_once[places:] == np.float32(NEVER)).all()
         assert np.allclose(alone, at_once[:places], atol=ROUNDING)

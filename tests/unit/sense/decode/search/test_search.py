@@ -16,7 +16,7 @@ from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense.decode.rule import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE
 from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.decode.search.families import families
-from tactape_fab.sense.decode.search.many_tapes import many_room
+from tactape_fab.sense.decode.search.many_tapes import many_buffers
 from tactape_fab.sense.decode.search.plane_sites import Sites
 from tactape_fab.sense.decode.search.search import Place, rivals, search, strangers
 from tactape_fab.texture.code import get_code, get_plane
@@ -259,10 +259,10 @@ def test_few_tapes_with_holes_have_buffers_for_their_bounds() -> None:
     world = families(REGISTRIES["holes"], open_world=True)[0].registered
     assert isinstance(world, Sites)
     nodes, q = seen(tape_of(7), (28, 9), 0, np.random.default_rng(5), dots=14, doubt=0.02)
-    room = many_room(tables_of(nodes, q, world.signs, 24), world)
-    assert room is not None
-    assert len(room.bounds) == len(room.of_rows) == len(world.table)
-    assert room.whole.shape[1] >= 6
+    buffers = many_buffers(tables_of(nodes, q, world.signs, 24), world)
+    assert buffers is not None
+    assert len(buffers.bounds) == len(buffers.of_rows) == len(world.table)
+    assert buffers.whole.shape[1] >= 6
 
 
 def test_a_prior_weighs_half_near_the_last_fix() -> None:
