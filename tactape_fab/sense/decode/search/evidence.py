@@ -197,7 +197,7 @@ def _fill_below(cells: IntArray, evidence: FloatArray, dots: IntArray, most: Flo
 
 @inner_kernel(fastmath=True)
 def say(out: Floats, lines: Floats, dots: tuple[int, int], count: int) -> None:
-    """What a range of the dots (first, last + 1) says along each of some lines, for every phase twice over.
+    """Evidence of a range of the dots (first, last + 1) along each of some lines, for every phase twice over.
 
     out (m + 1, 2 L): Overwritten, but for its last row.
     lines (m + 1, m, 2 L): One turn and axis of `Tables.lines`.

@@ -76,7 +76,7 @@ class Buffers(NamedTuple):
 
     lines (2, k, L): Evidence of columns and of rows for every phase.
     most (2, k): The largest of each.
-    said (2, m + 1, 2 L): What the dots of a group say along its columns and rows, from `say_group`; the last row zero.
+    said (2, m + 1, 2 L): Evidence of the dots of a group along its columns and rows, from `say_group`; the last row zero.
     allowed (L, L): Sectors that are not barred.
     """
 
