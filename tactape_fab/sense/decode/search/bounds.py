@@ -134,7 +134,7 @@ def _most(values: Floats, count: int) -> float:
 @inlined_kernel()
 def runs_of(lines: int, threes: bool) -> tuple[int, int, int]:
     """Threes, pairs after them, and single lines at the end, of some lines together."""
-    of_three = lines // 3 if threes else 0
+    of_three = lines // 3 * int(threes)
     left = lines - 3 * of_three
     return of_three, left // 2, left % 2
 
@@ -147,8 +147,8 @@ def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tu
     count, rest = len(out) - number + 1, np.float32(bounds.line_most[slot, lines[1] - 1] if single == 1 else 0.0)
     for start in range(len(out)):
         out[start] = rest if start < count else np.float32(NEVER)
-    _add_runs(out, bounds.triples[slot, first:], steps[1], (0, 3, threes), count)
-    _add_runs(out, bounds.pairs[slot, first:], steps[0], (3 * threes, 2, pairs), count)
+    _add_runs(out, bounds.triples[slot, first:], steps[1], (np.int64(0), np.int64(3), np.int64(threes)), count)
+    _add_runs(out, bounds.pairs[slot, first:], steps[0], (np.int64(3 * threes), np.int64(2), np.int64(pairs)), count)
 
 
 @inner_kernel(fastmath=True)

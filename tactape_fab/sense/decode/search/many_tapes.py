@@ -118,7 +118,7 @@ def choose(
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
         left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
         if _SITE * left > len(more.everywhere[1]):
-            left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, left, least, more)
+            left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, np.int64(left), least, more)
             dropped, most = dropped + more_dropped, max(most, more_most - rest)
     weight = dropped / float(kind[2] - kind[1]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
     count_bound(weight, most + rest + terms[1], tally.sums)
@@ -139,7 +139,7 @@ def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) 
         for axis in range(2):
             count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
             slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count)
-            bound_starts(out[turn, axis], known, slot, sites.steps[axis], (0, count))
+            bound_starts(out[turn, axis], known, slot, sites.steps[axis], (np.int64(0), count))
 
 
 @inner_kernel()
