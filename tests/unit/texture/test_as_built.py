@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -267,6 +268,12 @@ def test_places_belong_to_one_kit(tmp_path: Path) -> None:
     assert "is not u" in built.problems_for("u", digest, 9)[0].message
     assert "R9 exceeds R8" in built.problems_for("t", digest, 8)[0].message
     assert "another kit" in built.problems_for("t", "1" * 64, 9)[0].message
+    for name, of in (("t", ""), ("u", ", of the tape 't'")):
+        (problem,) = built.problems_for(name, "1" * 64, 9)
+        assert problem.message == (
+            f"manifest_sha256 = {digest[:12]}... is that of another kit{of}; the manifest of {name} has {'1' * 12}...; "
+            "measure this tape, or leave the file out: --as-built none, or no --from"
+        )
 
 
 def test_places_that_are_all_off_by_more_than_the_displacement_are_refused(tmp_path: Path) -> None:
@@ -321,3 +328,9 @@ def test_shapes_and_numbers_of_a_program_are_checked() -> None:
             places(number=number)
     with pytest.raises(SpecError, match=r"dy_mm has shape \(4,\), not \(5,\)"):
         places(dy_mm=np.zeros(4))
+
+
+def test_the_digest_is_of_all_bytes_of_a_manifest(tmp_path: Path) -> None:
+    content = b"x" * (1 << 20) + b"y"
+    (tmp_path / "manifest.json").write_bytes(content)
+    assert manifest_digest(tmp_path / "manifest.json") == sha256(content).hexdigest()

@@ -270,6 +270,7 @@ def reaching(path: tuple[str, ...], value: Any) -> dict[str, Any]:
 SURFACE = {"source": "finger.stl", "sha256": "0" * 64, "centre_mm": [1.0, 2.0, 3.0], "up": [0.0, 0.0, 1.0], "radius_mm": None}
 BOTH_SIDES: list[tuple[tuple[str, ...], list[Any], list[Any]]] = [
     (("sector",), [], [-1, 256]),
+    (("origin",), [], [[-1, 0], [0, -1], [3375, 0], [0, 3375]]),
     (("name",), ["a", "a" * 64, "9.A_-"], ["", "a" * 65, ".a", "-a"]),
     (("pitch_mm",), [0.51, 100.0], [100.001, 0.0]),
     (("displacement_mm",), [0.749, 1e-9], [0.75, 0.0]),
