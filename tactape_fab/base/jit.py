@@ -102,7 +102,7 @@ def _load(file: Any, load: Callable[[object], Any], key: object) -> Any:
     """
     try:
         return load(key)
-    except Exception:
+    except Exception:  # pickle raises nearly anything: AttributeError, EOFError, ImportError, UnpicklingError, ValueError
         with suppress(OSError):
             file.flush()
         return None

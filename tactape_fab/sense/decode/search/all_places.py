@@ -30,8 +30,8 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 
 def weigh_sites(tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally) -> None:
     """Compare the dots with every place of every site, and add the places to a tally."""
-    many = many_buffers(tables, sites)
-    _weigh(tables, sites, *groups, *weights, tally, _buffers(tables, sites), many, None if many is None else sites.barred)
+    many, holed = many_buffers(tables, sites), sites.holed if sites.kinds[4] else None
+    _weigh(tables, sites, *groups, *weights, tally, _buffers(tables, sites), many, None if many is None else sites.barred, holed)
 
 
 def _buffers(tables: Tables, sites: Sites) -> Buffers:
@@ -54,14 +54,16 @@ def _weigh(
     buffers: Buffers,
     many: ManyBuffers | None,
     barred: IntArray | None,
+    holed: IntArray | None,
 ) -> None:
     """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
 
     First the classes of many sites, then those of few, each time places with all dots on a tape before others.
     Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
+    Where `holed` is None it leaves out tapes with holes.
     """
     if many is not None and sites.kinds[2] == 1:
-        prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, buffers, many)
+        prepare(tables, sites, Groups(fields, spans, limits), Weights(place, turn_terms), tally, buffers, many, holed)
     for order in range(4):
         over = order % 2
         for k in range(len(sites.classes)):
@@ -104,10 +106,12 @@ def _weigh(
                             sites.holed[sites.layout[site]],
                         )
                         weigh_site(candidate, sites.phases, barred, tally, buffers)
+                    if holed is None:
+                        continue
                     site = first
                     while sites.layout[first] > 0 and site < last:  # those of one layout follow one another
                         begin, layout = site, sites.layout[site]
                         while site < last and sites.layout[site] == layout:
                             site += 1
-                        if reach_holes(sites.holed[layout], group):
+                        if reach_holes(holed[layout], group):
                             weigh_holed(tables, sites, (group, limit), turn, (begin, site), of, terms, tally, buffers, many)

@@ -108,6 +108,7 @@ def _unregistered(code: PlaneCode, sizes: list[tuple[int, int]], tapes: Sequence
         sectors=np.array([*(divmod(sector, length) for sector in others), *([(-1, -1)] * len(there))]),
         barred=np.array(barred, dtype=np.int64).reshape(-1, 3),
         overhang=False,
+        beside_holes=not all(tape.placed.all() for tape in tapes),
     )
 
 

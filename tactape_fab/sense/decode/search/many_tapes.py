@@ -40,9 +40,9 @@ _FOUND = 0.5
 """A weight above this share of all evidence there is comes from a place that fits."""
 _PROMISING = 0.7
 """Groups that may show this share of all evidence are looked at for a first guess."""
-_SITE = 100
+_PLACES_A_SITE = 100
 """Places in the plane that are bounded in the time in which one site is looked at."""
-_SEEN_AT_ONCE = 4
+_PLACES_AT_ONCE = 4
 """Places in the plane that are bounded one after the other in the time of one by itself."""
 _ANYTHING = 1e6
 """A bound that drops nothing, and yet leaves a sum its digits."""
@@ -81,7 +81,14 @@ def _buffers_for(dots: int, length: int, sites: int, lines: int) -> ManyBuffers:
 
 @inlined_kernel()
 def prepare(
-    tables: Tables, sites: Sites, groups: Groups, weights: Weights, tally: Tally, buffers: Buffers, more: ManyBuffers
+    tables: Tables,
+    sites: Sites,
+    groups: Groups,
+    weights: Weights,
+    tally: Tally,
+    buffers: Buffers,
+    more: ManyBuffers,
+    holed: IntArray | None,
 ) -> None:
     """Bounds of all starts in the plane, and a first guess where nothing that fits is known yet."""
     most_said = NEVER
@@ -89,7 +96,7 @@ def prepare(
         most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
     _bounds_of_starts(more.starts, tables, sites, more.known)
     if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
-        tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, most_said))
+        tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_said))
 
 
 @inlined_kernel()
@@ -117,7 +124,7 @@ def choose(
     else:
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
         left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
-        if _SITE * left > len(more.everywhere[1]):
+        if _PLACES_A_SITE * left > len(more.everywhere[1]):
             left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, np.int64(left), least, more)
             dropped, most = dropped + more_dropped, max(most, more_most - rest)
     weight = dropped / float(kind[2] - kind[1]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
@@ -175,7 +182,7 @@ def _bound_over(
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count)
     lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
     out, everywhere = more.of_starts[axis], more.everywhere[0]
-    if _SEEN_AT_ONCE * (span[1] - span[0]) < len(everywhere):
+    if _PLACES_AT_ONCE * (span[1] - span[0]) < len(everywhere):
         bound_lines(out, more.known, slot, (sites.steps[axis], starts, group[own]), lines, (span[0], span[1]), least - rest)
     else:
         bound_starts(everywhere, more.known, slot, sites.steps[axis], lines)
@@ -214,7 +221,14 @@ def _bound_across(
 
 @inlined_kernel()
 def _first_guess(
-    tables: Tables, sites: Sites, groups: Groups, weights: Weights, buffers: Buffers, more: ManyBuffers, most_said: float
+    tables: Tables,
+    sites: Sites,
+    groups: Groups,
+    weights: Weights,
+    buffers: Buffers,
+    more: ManyBuffers,
+    holed: IntArray | None,
+    most_said: float,
 ) -> float:
     """Weight (ln) of some good place: of each turn the best on the tape that may fit best, dots beyond an edge if need be."""
     base, bounds, nothing, guess = weights.place, more.bounds, more.starts[0, 0, :0], more.guess
@@ -257,7 +271,7 @@ def _first_guess(
                     )
                     say_group(tables, turn, group, buffers)
                     weigh_site(candidate, sites.phases, sites.barred, guess, buffers)
-                    if sites.layout[site] > 0:
+                    if holed is not None and sites.layout[site] > 0:
                         weigh_holed(
                             tables,
                             sites,

@@ -56,8 +56,8 @@ class Sites(NamedTuple):
     size_of (n,): Which of them each site has.
     classes (k, 6): Sites that are alike: first, last + 1, size, tapes a site, 1 where dots may hang over the tapes' edges, and 1
         where there are so many that bounds are worth their making (`FIRST` ... `MANY`).
-    kinds (4,): Most columns or rows; whether there are classes of few and of many sites; and whether there are, here or beside
-        these, of many.
+    kinds (5,): Most columns or rows; whether there are classes of few and of many sites; and whether there are, here or beside
+        these, of many, and grid points without a part.
     starts: The same starts as in `table`, each once.
     """
 
@@ -87,11 +87,13 @@ def sites_of(
     placed: Iterable[BoolArray] | None = None,
     overhang: bool = True,
     beside_many: bool = True,
+    beside_holes: bool = False,
 ) -> Sites:
     """Sites from the plane origins (n, 2) of their tapes, which of some sizes each has, and u and v of their sectors (n, 2).
 
     `barred` as in `Sites`; `placed` says which grid points have a part, of all sites, or None where all have; `overhang` says
-    whether dots may hang over the tapes' edges, `beside_many` whether the same dots are compared with many sites elsewhere.
+    whether dots may hang over the tapes' edges, `beside_many` and `beside_holes` whether the same dots are also compared with
+    many sites elsewhere, and with tapes of which some grid points have no part.
     """
     length, table = code.main.length, np.array(sizes, dtype=np.int64)
     pairs = [_phases(code, origins[:, axis], table[size_of, axis]) for axis in range(2)]
@@ -132,7 +134,9 @@ def sites_of(
         sizes=table,
         size_of=np.asarray(size_of, dtype=np.int64),
         classes=np.array(classes, dtype=np.int64),
-        kinds=np.array([table.max(), not all(many), any(many), any(many) or beside_many], dtype=np.int64),
+        kinds=np.array(
+            [table.max(), not all(many), any(many), any(many) or beside_many, len(bare) > 1 or beside_holes], dtype=np.int64
+        ),
         starts=_starts(starts, bounds),
     )
 

@@ -15,7 +15,10 @@ from tests.thorough import only_thorough
 PROGRAM = """
 import sys
 
+from dataclasses import replace
+
 import numba.core.event as events
+import numpy as np
 from tactape_fab import Localizer
 from tests.contacts import tape_of
 from tests.unit.sense.decode.test_touch import contacts, touch
@@ -29,6 +32,9 @@ class Compiled(events.Listener):
 
 world = sys.argv[1]
 tapes = [tape_of(7), touch(1)]
+holes = sys.argv[2] == "holes"
+if holes:
+    tapes.append(replace(tape_of(8), omitted=np.array([[30, 15]])))
 depths = [depth for _, depth in contacts(tapes[0], 3, 3)]
 heard = Compiled()
 events.register("numba:compile", heard)
@@ -38,17 +44,21 @@ assert len(ours) == len(set(ours)), sorted(ours)
 count = len(heard.names)
 assert count > 20
 assert any(".search.bounds." in name for name in ours) == (world == "open")
+assert any(".search.holes." in name for name in ours) == holes
 assert any(localizer.locate(depth).located for depth in depths)
 assert heard.names[count:] == []
 """
 
 
 @only_thorough
+@pytest.mark.parametrize("holes", ["holes", "none"])
 @pytest.mark.parametrize("world", ["open", "closed"])
-def test_no_kernel_is_compiled_twice_and_none_by_a_frame(world: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a closed world of few tapes neither are bounds of many of them."""
+def test_no_kernel_is_compiled_twice_and_none_by_a_frame(
+    world: str, holes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a closed world of few tapes neither are bounds of many of them, and without tapes with holes nothing for these."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    done = subprocess.run([sys.executable, "-c", PROGRAM, world], capture_output=True, encoding="utf-8", check=False)
+    done = subprocess.run([sys.executable, "-c", PROGRAM, world, holes], capture_output=True, encoding="utf-8", check=False)
     assert done.returncode == 0, done.stderr
     assert "compiles its decoder" in done.stderr
 
