@@ -18,8 +18,6 @@ NEVER = -1e30
 """Stands for a bound or evidence of what was counted already, or does not exist."""
 DEEP = 7.0
 """Bounds are followed so far (ln) below what matters."""
-MOST_IN_THREES = 16
-"""Phases of a line up to which three lines are bounded together: both their steps are one byte then."""
 _FEW = 64
 """Sites that are sorted as they are found; of more all are gone through."""
 
@@ -30,7 +28,7 @@ class Bounds(NamedTuple):
     slot (4, 2, m + 1, m + 1): Slot of a turn, axis and range; -1 before it is made.
     used (1,): How many there are.
     pairs (k, m, L): Most that a line and the next can say together, by how much their phases differ.
-    triples (k, m, L L): Most that a line and the next two can say together, by both differences; (k, 0, 0) where L is large.
+    triples (k, m, L L): Most that a line and the next two can say together, by both differences.
     pair_most, triple_most, line_most (k, m): Most of them, and of each line.
     buffer (6 L,): Work buffer.
     """
@@ -47,12 +45,12 @@ class Bounds(NamedTuple):
 
 def no_bounds(m: int, length: int) -> Bounds:
     """Bounds for dots of at most `m` columns and rows, none made yet."""
-    most, triples = 16 * m, (m, length * length) if length <= MOST_IN_THREES else (0, 0)
+    most = 16 * m
     return Bounds(
         np.full((4, 2, m + 1, m + 1), -1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
         np.empty((most, m, length), dtype=np.float32),
-        np.empty((most, *triples), dtype=np.float32),
+        np.empty((most, m, length * length), dtype=np.float32),
         np.empty((most, m)),
         np.empty((most, m)),
         np.empty((most, m)),
@@ -102,7 +100,7 @@ def _bound_runs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64
                     most = max(most, one[p] + two[p + step])
                 pairs[k, step] = most
             of.pair_most[slot, k] = _most(pairs[k], length)
-        if k + 2 < count and len(triples) > 0:
+        if k + 2 < count:
             for p in range(2 * length):
                 three[p] = lines[high, k + 2, p] - lines[low, k + 2, p]
             for p in range(length):
@@ -132,18 +130,16 @@ def _most(values: Floats, count: int) -> float:
 
 
 @inlined_kernel()
-def runs_of(lines: int, threes: bool) -> tuple[int, int, int]:
+def runs_of(lines: int) -> tuple[int, int, int]:
     """Threes, pairs after them, and single lines at the end, of some lines together."""
-    of_three = lines // 3 * int(threes)
-    left = lines - 3 * of_three
-    return of_three, left // 2, left % 2
+    return lines // 3, lines % 3 // 2, lines % 3 % 2
 
 
 @inner_kernel(fastmath=True)
 def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tuple[int, int]) -> None:
     """Bound of some lines (first, last + 1) together for every place of the first in the plane; NEVER too near its end."""
     first, number = lines[0], lines[1] - lines[0]
-    threes, pairs, single = runs_of(number, bounds.triples.shape[1] > 0)
+    threes, pairs, single = runs_of(number)
     count, rest = len(out) - number + 1, np.float32(bounds.line_most[slot, lines[1] - 1] if single == 1 else 0.0)
     for start in range(len(out)):
         out[start] = rest if start < count else np.float32(NEVER)
@@ -195,7 +191,7 @@ def bound_lines(
     lines: First line and last + 1.
     """
     (steps, starts, place), (first, last), lowest = where, lines, least - DEEP
-    threes, pairs, single = runs_of(last - first, bounds.triples.shape[1] > 0)
+    threes, pairs, single = runs_of(last - first)
     of_three, of_two, triple_most, pair_most = (
         bounds.triples[slot],
         bounds.pairs[slot],

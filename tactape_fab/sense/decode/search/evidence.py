@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.jit import inner_kernel, kernel
+from tactape_fab.base.jit import inlined_kernel, inner_kernel, kernel
 from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.plane import PlaneCode
@@ -208,29 +208,37 @@ def say(out: Floats, lines: Floats, dots: tuple[int, int], count: int) -> None:
             out[k, p] = lines[high, k, p] - lines[low, k, p]
 
 
-@inner_kernel(fastmath=True)
-def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray, start: int) -> float:
-    """Evidence of some lines together for every phase, and the largest of it.
+@inlined_kernel()
+def _shifted(phase: int, by: int, cycle: int) -> int:
+    """A phase that is later by less than a cycle."""
+    later = phase + by
+    return later if later < cycle else later - cycle
 
-    out (L,): Overwritten.
+
+@inner_kernel(fastmath=True)
+def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int) -> float:
+    """Evidence of some lines together for some phases that follow one another, and the largest of it.
+
+    out (n,): Overwritten; n is at most L.
     said (m + 1, 2 L): From `say`, the last row zero.
     span: The first line and the last + 1.
     phases: Phase of each line of the plane.
     start: Where the dots' line 0 lies in `phases`.
+    phase: The first of those in `out`.
     """
     first, last = span
-    length, nothing = len(out), len(said) - 1
+    length, cycle, nothing = len(out), said.shape[1] // 2, len(said) - 1
     for k in range(first, last, 4):  # four at a time, so that sums pass through memory a quarter as often; zeros behind the last
         k1, k2, k3 = (
             (k + 1 if k + 1 < last else nothing),
             (k + 2 if k + 2 < last else nothing),
             (k + 3 if k + 3 < last else nothing),
         )
-        shift = phases[start + k]
+        shift = _shifted(phases[start + k], phase, cycle)
         shift1, shift2, shift3 = (
-            phases[start + k1] if k1 < last else 0,
-            phases[start + k2] if k2 < last else 0,
-            phases[start + k3] if k3 < last else 0,
+            _shifted(phases[start + k1], phase, cycle) if k1 < last else 0,
+            _shifted(phases[start + k2], phase, cycle) if k2 < last else 0,
+            _shifted(phases[start + k3], phase, cycle) if k3 < last else 0,
         )
         one, two = said[k, shift : shift + length], said[k1, shift1 : shift1 + length]
         three, four = said[k2, shift2 : shift2 + length], said[k3, shift3 : shift3 + length]

@@ -105,7 +105,6 @@ def _bound_whole(
     dots, start = (group[other + 2], group[other + 3]), group[own] + place
     slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis])
     known, k, last = more.known, group[own + 2], group[own + 3]
-    threes = known.triples.shape[1] > 0
     while k < last:
         run = 0
         while run < 3 and k + run < last and holed[axis, start + k + run + 1] == holed[axis, start + k]:
@@ -115,7 +114,6 @@ def _bound_whole(
         elif run == 1:
             rest += known.line_most[slot, k]
         else:
-            run = run if threes else 2
             more.whole[0, count], more.whole[1, count] = k, run
             count += 1
         k += max(run, 1)

@@ -18,7 +18,7 @@ FIRST, LAST, SIZE, TAPES, OVERHANG, MANY = range(6)
 _WORTH_BOUNDS = 6
 """Sites of a class from which on bounds are computed for it."""
 
-Steps = npt.NDArray[np.uint8]
+Steps = npt.NDArray[np.uint16]
 _NONE_BARE = np.zeros((1, 1, 1), dtype=np.bool_)
 
 
@@ -45,7 +45,7 @@ class Sites(NamedTuple):
     signs (3 L,)
     phases (2, m): Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
     steps (2, 2, m): Of columns and rows: their differences modulo L, from each to the next; and these times L and the next one's,
-        of both steps, where that is a byte. Small and without a sign, which looking up by them is quickest with.
+        of both steps. Small and without a sign, which looking up by them is quickest with.
     table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
         plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
     barred (k, 3): Site, u and v of sectors that may not lie where all others may.
@@ -125,7 +125,7 @@ def sites_of(
     return Sites(
         signs=signs_of(code),
         phases=phases,
-        steps=np.stack([step, step * length + np.roll(step, -1, axis=1)], axis=1).astype(np.uint8),
+        steps=np.stack([step, step * length + np.roll(step, -1, axis=1)], axis=1).astype(np.uint16),
         table=np.stack([starts, origins % length, sectors], axis=1).astype(np.int64),
         barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
         layout=layout,

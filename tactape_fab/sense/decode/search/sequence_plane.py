@@ -87,4 +87,4 @@ def _along(lines: Floats, dots: int, count: int, phases: IntArray, length: int) 
 def _add_along(lines: Floats, dots: int, count: int, phases: IntArray, said: Floats, out: Floats) -> None:
     say(said, lines, (0, dots), count)
     for start in range(len(out)):
-        add_lines(out[start], said, (0, count), phases, start)
+        add_lines(out[start], said, (0, count), phases, start, np.int64(0))

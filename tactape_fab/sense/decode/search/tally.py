@@ -74,7 +74,7 @@ class Candidate(NamedTuple):
 class Buffers(NamedTuple):
     """Work buffers, overwritten for each candidate: kernels allocate no arrays.
 
-    lines (2, k, L): Evidence of columns and of rows for every phase.
+    lines (2, k, L): Evidence of columns and of rows for every phase, or for those from the group's first row and column on.
     most (2, k): The largest of each.
     said (2, m + 1, 2 L): Evidence of the dots of a group along its columns and rows, from `say_group`; the last row zero.
     allowed (L, L): Sectors that are not barred.
@@ -149,6 +149,8 @@ def say_group(tables: Tables, turn: int, group: IntArray, buffers: Buffers) -> N
 def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, tally: Tally, buffers: Buffers) -> None:
     """One group of places on one site: the axis with fewer places first, the other only if that may matter.
 
+    Of one sector's lines only the phases are looked at that they have somewhere in the group: column c shows the x phases
+    r + u of the group's rows r, and row r the y phases c + v of its columns (docs/codes.md).
     Without `barred` no site holds all sectors.
     """
     known, place, group, limit, terms = candidate.known, candidate.place, candidate.group, candidate.limit, candidate.terms
@@ -157,18 +159,22 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
     places = float(group[COLUMNS] * group[ROWS] * (length * length if every else 1))
     axis, bound = (0 if group[COLUMNS] <= group[ROWS] or len(known) > 0 else 1), limit[0] + limit[1]
     for _ in range(2):
-        own, most = 4 * axis, NEVER  # fields of a group: columns, then rows
+        own, other, most = 4 * axis, 4 * (1 - axis), NEVER  # fields of a group: columns, then rows
+        phase, count = np.int64(0), length
+        if not every:
+            phase, count = (place[ORIGIN, 1 - axis] + group[other] + place[SECTOR, axis]) % length, min(length, group[other + 1])
         for k in range(group[own + 1]):
             buffers.most[axis, k] = NEVER
             each = places / group[COLUMNS]
             if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], each, candidate.of, terms, tally.sums):
                 continue
             value = add_lines(
-                buffers.lines[axis, k],
+                buffers.lines[axis, k, :count],
                 buffers.said[axis],
                 (group[own + 2], group[own + 3]),
                 phases[axis],
                 place[START, axis] + group[own] + k,
+                phase,
             )
             buffers.most[axis, k] = value
             most = max(most, value)
@@ -192,10 +198,8 @@ def over_holes(holed: IntArray, group: IntArray, axis: int, place: int) -> bool:
 
 @inlined_kernel()
 def _count_sector(candidate: Candidate, tally: Tally, buffers: Buffers) -> None:
-    """Places of a group where one sector lies: the x phase is that of the first row, the y phase that of the first column."""
+    """Places of a group where one sector lies: `buffers.lines` begin at the phase of the first row, and of the first column."""
     place, group, terms = candidate.place, candidate.group, candidate.terms
-    # phases of docs/codes.md: r + u and c + v; those of the lines are in `buffers.lines` already
-    row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
     length, y_best = buffers.lines.shape[2], NEVER
     for j in range(group[ROWS]):
         y_best = max(y_best, buffers.most[1, j])
@@ -205,7 +209,7 @@ def _count_sector(candidate: Candidate, tally: Tally, buffers: Buffers) -> None:
             continue
         if buffers.most[0, i] == NEVER:
             continue
-        y_phase, x_phase = (column + i) % length, row % length
+        y_phase, x_phase = i % length, 0
         near = over_holes(candidate.holed, group, np.int64(0), i)
         for j in range(group[ROWS]):
             value = float(buffers.lines[0, i, x_phase]) + float(buffers.lines[1, j, y_phase])
