@@ -16,7 +16,7 @@ from functools import partial
 from types import TracebackType
 from typing import Any, TypeVar
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import LostProcessError, TactapeError
 from tactape_fab.base.libraries import library, versions_in_kits
 from tactape_fab.base.version import __version__
 
@@ -100,8 +100,6 @@ class ClusterPool(Executor):
         if asked.status != "error":
             return self._lost()
         if type(error).__name__ == "KilledWorker":
-            from tactape_fab.base.pool import LostProcessError
-
             return LostProcessError(-9)
         if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] == __name__.partition(".")[0]:
             return OtherWorkerError(

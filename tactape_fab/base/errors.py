@@ -210,6 +210,14 @@ class VerifyError(TactapeError):
         return type(self), (self.checks,)
 
 
+class LostProcessError(Exception):
+    """A process died before it answered, with this exit status (negative: number of a signal); the text says so of it."""
+
+    def __init__(self, exit_status: int) -> None:
+        super().__init__(f"was ended by signal {-exit_status}" if exit_status < 0 else f"ended with status {exit_status}")
+        self.exit_status = exit_status
+
+
 def tried(read: Callable[[], T], problems: list[Problem]) -> T | None:
     """Result of a reader; None if it raises SpecError, whose problems are added to the list."""
     try:

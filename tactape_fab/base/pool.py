@@ -25,7 +25,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Generic, NoReturn, TypeVar
 
-from tactape_fab.base.errors import Problem, TactapeError
+from tactape_fab.base.errors import LostProcessError, Problem, TactapeError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.launch import python_command, start
 
@@ -67,14 +67,6 @@ def checked_workers(value: object, problems: list[Problem], *, usual: Workers | 
         problems.append(Problem("workers", f"workers = {shown(value)} is no number of processes and no address; {remedy}"))
         return 1
     return Fields({"workers": value}, problems=problems).integer("workers", low=1, high=MOST_WORKERS, remedy=remedy)
-
-
-class LostProcessError(Exception):
-    """A process died before it answered, with this exit status (negative: number of a signal); the text says so of it."""
-
-    def __init__(self, exit_status: int) -> None:
-        super().__init__(f"was ended by signal {-exit_status}" if exit_status < 0 else f"ended with status {exit_status}")
-        self.exit_status = exit_status
 
 
 class ProcessPool(Executor):

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.build_date import build_date, zip_date
-from tactape_fab.base.errors import Check, Problem, SpecError, VerifyError, tried
+from tactape_fab.base.errors import Check, LostProcessError, Problem, SpecError, VerifyError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.launch import limit_self, too_long
 from tactape_fab.base.libraries import library
-from tactape_fab.base.pool import LostProcessError, ProcessPool, tell
+from tactape_fab.base.pool import ProcessPool, tell
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import Overwrite, refuse_taken

@@ -12,8 +12,8 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
-from tactape_fab.base.pool import LostProcessError, Workers, mapped
+from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, tried
+from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.examine.tape_lists import Planned

@@ -14,7 +14,7 @@ from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.base.libraries import library
-from tactape_fab.sense.files.recordings import DATASET, Opened, Stamped
+from tactape_fab.sense.files.recording_kinds import DATASET, Opened, Stamped
 from tactape_fab.sense.raw.colour_images import by_number
 from tactape_fab.sense.raw.image_files import unpacked_colour, unpacked_grey
 from tactape_fab.sense.sensors import MOST_PX

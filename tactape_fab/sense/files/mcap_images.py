@@ -13,7 +13,7 @@ from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.files.image_message import IMAGE_TYPE, colour_of, depth_of, image_of
-from tactape_fab.sense.files.recordings import MCAP, OTHER_BAGS, Opened, Stamped
+from tactape_fab.sense.files.recording_kinds import MCAP, OTHER_BAGS, Opened, Stamped
 from tactape_fab.sense.raw.colour_images import by_number
 
 MOST_CHUNK_BYTES = 1 << 28

@@ -7,28 +7,22 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, MissingLibraryError, Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.sense.files.recording_kinds import BAG, DATASET, MCAP, OTHER_BAGS, Image, Opened, Stamped
 from tactape_fab.sense.sensors import SensorProfile
 
 if TYPE_CHECKING:
     from tactape_fab.sense.raw.reconstruct import Reconstruction
 
-MCAP, BAG, DATASET = ".mcap", "metadata.yaml", "meta/info.json"
-"""Marks of a recording: the ending of a file, and what is in a folder of rosbag2 and of LeRobot."""
-OTHER_BAGS = (".db3", ".bag")
-"""Endings of bags that nothing here reads: SQLite, and those of ROS 1."""
 MOST_FRAMES = 1_000_000
 _OF_OURS = 1000.0
 """Millimetres in one unit of the depth images that `watch --mcap` writes (REP 118)."""
-
-Image = npt.NDArray[Any]
-Stamped = tuple[float | None, Image]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,10 +114,6 @@ def open_recording(path: str | Path, sensor: SensorProfile, topic: str | None = 
         )
         raise SpecError(Problem("frames", f"{message} {expected[0]} x {expected[1]}; give the --sensor that took them"))
     return found
-
-
-Opened = tuple[str, bool, Callable[[], Iterator[Stamped]]]
-"""Topic, whether it is ours, and what reads it."""
 
 
 def _named(path: Path, opened: Callable[[], Opened]) -> Opened:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from tactape_fab.base.jit import kernel
-from tactape_fab.sense.simulation.smoothing import FloatImage
+
+FloatImage = npt.NDArray[np.float32]
 
 
 @kernel()

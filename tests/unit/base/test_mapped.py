@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from tactape_fab.base.errors import Problem, TactapeError
-from tactape_fab.base.pool import LostProcessError, Workers, checked_workers, mapped, mapped_as_done, usual_workers
+from tactape_fab.base.errors import LostProcessError, Problem, TactapeError
+from tactape_fab.base.pool import Workers, checked_workers, mapped, mapped_as_done, usual_workers
 from tests.unit.base.test_pool import children
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tactape_fab.base.pool import LostProcessError, ProcessPool
+from tactape_fab.base.errors import LostProcessError
+from tactape_fab.base.pool import ProcessPool
 
 
 class _Slow:
