@@ -14,8 +14,8 @@ from math import pi
 import numpy as np
 import shapely
 
+from tactape_fab.solids.element_lattice import build_lattice
 from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mesh.element_lattice import build_lattice
 from tactape_fab.solids.wrap import wrap_of
 from tactape_fab.texture.frames import BoolArray, FloatArray
 from tactape_fab.texture.tape import Tape

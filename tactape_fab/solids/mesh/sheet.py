@@ -6,9 +6,7 @@ import numpy as np
 import shapely
 
 from tactape_fab.base.errors import RenderError
-from tactape_fab.solids.forms import SolidForm
-from tactape_fab.solids.mark import back_mm, floor_mm, mark_of
-from tactape_fab.solids.mesh.element_lattice import (
+from tactape_fab.solids.element_lattice import (
     Numbers,
     build_lattice,
     build_rims,
@@ -17,6 +15,8 @@ from tactape_fab.solids.mesh.element_lattice import (
     triangulated,
     whole_cells,
 )
+from tactape_fab.solids.forms import SolidForm
+from tactape_fab.solids.mark import back_mm, floor_mm, mark_of
 from tactape_fab.solids.mesh.shells import Shell, element_shell
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.wrap import world, wrap_of
