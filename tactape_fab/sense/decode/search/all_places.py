@@ -12,7 +12,7 @@ from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search.evidence import Tables
 from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights
 from tactape_fab.sense.decode.search.holes import reach_holes, weigh_holed
-from tactape_fab.sense.decode.search.many_tapes import choose, known_columns, many_buffers, prepare
+from tactape_fab.sense.decode.search.many_tapes import choose, known_lines, many_buffers, prepare
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
 from tactape_fab.sense.decode.search.tally import (
     BEST,
@@ -23,6 +23,7 @@ from tactape_fab.sense.decode.search.tally import (
     count_bound,
     least_of,
     say_group,
+    weigh_known,
     weigh_site,
 )
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -86,15 +87,17 @@ def _weigh(
                         continue
                     left = last - first
                     if many is not None and order < 2:
-                        left = choose(tables, sites, (group, limit), turn, (k, first, last), least, of, terms, tally, many)
+                        left = choose(
+                            tables, sites, (group, limit), turn, (k, first, last), least, of, terms, tally, buffers, many
+                        )
                     if left > 0:
                         say_group(tables, turn, group, buffers)
                     for c in range(left):
-                        site, of_y, known = first + c, limit[1], buffers.lines[0, 0, :0]
+                        site, of_y, known, of_rows = first + c, limit[1], buffers.lines[0, 0, :0], buffers.lines[0, 0, :0]
                         if many is not None and order < 2:
                             site = many.chosen[c]
                             if over == 0:
-                                known, of_y = known_columns(many, turn, sites.table[site], group), many.of_rows[site]
+                                (known, of_rows), of_y = known_lines(many, turn, sites.table[site], group), many.of_rows[site]
                         candidate = Candidate(
                             known,
                             sites.table[site],
@@ -105,7 +108,10 @@ def _weigh(
                             terms,
                             sites.holed[sites.layout[site]],
                         )
-                        weigh_site(candidate, sites.phases, barred, tally, buffers)
+                        if many is not None and len(known) > 0 and many.known_turns[turn]:
+                            weigh_known(candidate, many.said[turn], of_rows, tally, buffers)
+                        else:
+                            weigh_site(candidate, sites.phases, barred, tally, buffers)
                     if holed is None:
                         continue
                     site = first

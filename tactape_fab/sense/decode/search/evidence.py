@@ -216,6 +216,51 @@ def _shifted(phase: int, by: int, cycle: int) -> int:
 
 
 @inner_kernel(fastmath=True)
+def add_everywhere(out: Floats, most: Floats, said: Floats, count: int, phases: IntArray) -> None:
+    """Evidence of all lines together for every start in the plane and every phase, and the largest of each start.
+
+    out (n, L), most (n,): Overwritten, but for starts so near the end that a line would lie beyond it.
+    count: Number of lines; `add_lines` has the other parameters.
+    """
+    starts, length = len(out) - count + 1, out.shape[1]
+    for k in range(count):  # a line at all starts, then the next: a third less time than all lines at each start
+        line = said[k]
+        for start in range(starts):
+            here, shift = out[start], phases[start + k]
+            value = line[shift : shift + length]
+            if k == 0:
+                for p in range(length):
+                    here[p] = value[p]
+            else:
+                for p in range(length):
+                    here[p] += value[p]
+    for start in range(starts):
+        here, largest = out[start], out[start, 0]
+        for p in range(1, length):
+            largest = max(largest, here[p])
+        most[start] = largest
+
+
+@inner_kernel(fastmath=True)
+def add_lines_at(
+    out: Floats, most: FloatArray, said: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int, places: int
+) -> float:
+    """Evidence of some lines together at one phase for each of some places that follow one another, and the largest of it.
+
+    out (k, n), most (k,): Entry 0 of each place's row is overwritten, and its `most`.
+    places: How many there are, the first at `start`; `add_lines` has the other parameters.
+    """
+    (first, last), cycle, largest = span, said.shape[1] // 2, np.float32(-np.inf)
+    for j in range(places):
+        total = np.float32(0.0)
+        for k in range(first, last):
+            total += said[k, _shifted(phases[start + j + k], phase, cycle)]
+        out[j, 0] = most[j] = total
+        largest = max(largest, total)
+    return float(largest)
+
+
+@inner_kernel(fastmath=True)
 def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray, start: int, phase: int) -> float:
     """Evidence of some lines together for some phases that follow one another, and the largest of it.
 

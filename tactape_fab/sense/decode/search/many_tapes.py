@@ -18,7 +18,7 @@ from tactape_fab.sense.decode.search.bounds import (
     survivors,
     survivors_of_starts,
 )
-from tactape_fab.sense.decode.search.evidence import Floats, Tables
+from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_everywhere, say
 from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights
 from tactape_fab.sense.decode.search.holes import weigh_holed
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, Sites
@@ -44,6 +44,10 @@ _PLACES_A_SITE = 100
 """Places in the plane that are bounded in the time in which one site is looked at."""
 _PLACES_AT_ONCE = 4
 """Places in the plane that are bounded one after the other in the time of one by itself."""
+_FEW_PHASES = 16
+"""Phases of a line up to which what the dots say everywhere in the plane is kept: megabytes, and less than its bounds take."""
+_PLACES_SAID = 2
+"""Places in the plane that are looked at with all their phases in the time of one of a site by itself."""
 _ANYTHING = 1e6
 """A bound that drops nothing, and yet leaves a sum its digits."""
 
@@ -66,9 +70,12 @@ def _no_buffers(length: int) -> ManyBuffers:
 
 def _buffers_for(dots: int, length: int, sites: int, lines: int) -> ManyBuffers:
     starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
+    said = np.empty((4, 2, lines if length <= _FEW_PHASES else 0, length), dtype=np.float32)
     return ManyBuffers(
         no_bounds(dots, length),
         starts,
+        said,
+        np.zeros(4, dtype=np.bool_),
         np.empty(sites),
         np.empty(sites),
         np.empty((2, sites)),
@@ -94,6 +101,8 @@ def prepare(
     most_said = NEVER
     for g in range(len(groups.limits)):
         most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
+    for turn in range(4):
+        more.known_turns[turn] = False
     _bounds_of_starts(more.starts, tables, sites, more.known)
     if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
         tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_said))
@@ -110,6 +119,7 @@ def choose(
     of_all: float,
     terms: tuple[float, float],
     tally: Tally,
+    buffers: Buffers,
     more: ManyBuffers,
 ) -> int:
     """Fill `ManyBuffers.chosen` with the sites whose own bounds leave them open, of a group that may matter as a whole; how many.
@@ -121,6 +131,11 @@ def choose(
         rest = 0.0
         _bound_inside(tables, sites, of[0], turn, kind, more)
         left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+        worth = left * (of[0][COLUMNS] + of[0][ROWS]) > _PLACES_SAID * more.said.shape[2] > 0
+        if worth and not more.known_turns[turn]:
+            _say_everywhere(tables, sites, turn, buffers, more)
+            _bound_inside(tables, sites, of[0], turn, kind, more)
+            left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
     else:
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
         left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
@@ -133,10 +148,10 @@ def choose(
 
 
 @inlined_kernel()
-def known_columns(more: ManyBuffers, turn: int, place: IntArray, group: IntArray) -> Floats:
-    """Bounds of what the x bits say at each column of a group with all dots on the tape."""
-    start = place[START, 0]
-    return more.starts[turn, 0, start : start + group[COLUMNS]]
+def known_lines(more: ManyBuffers, turn: int, place: IntArray, group: IntArray) -> tuple[Floats, Floats]:
+    """Bounds of what the x bits say at each column of a group with all dots on the tape, and the y bits at each row."""
+    column, row = place[START, 0], place[START, 1]
+    return more.starts[turn, 0, column : column + group[COLUMNS]], more.starts[turn, 1, row : row + group[ROWS]]
 
 
 @inlined_kernel()
@@ -147,6 +162,16 @@ def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) 
             count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
             slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count)
             bound_starts(out[turn, axis], known, slot, sites.steps[axis], (np.int64(0), count))
+
+
+@inner_kernel()
+def _say_everywhere(tables: Tables, sites: Sites, turn: int, buffers: Buffers, more: ManyBuffers) -> None:
+    """Fill `ManyBuffers.said` for a turn, and `starts` with the largest of each entry."""
+    for axis in range(2):
+        count, across, said = tables.size[turn, axis], tables.size[turn, 1 - axis], buffers.said[axis]
+        say(said, tables.lines[turn, axis], (np.int64(0), across), count)
+        add_everywhere(more.said[turn, axis], more.starts[turn, axis], said, count, sites.phases[axis])
+    more.known_turns[turn] = True
 
 
 @inner_kernel()

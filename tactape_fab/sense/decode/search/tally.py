@@ -8,7 +8,7 @@ import numpy as np
 
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
 from tactape_fab.sense.decode.search.bounds import NEVER, Bounds
-from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_lines, say
+from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_lines, add_lines_at, say
 from tactape_fab.sense.decode.search.groups import COLUMNS, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
@@ -89,7 +89,10 @@ class Buffers(NamedTuple):
 class ManyBuffers(NamedTuple):
     """Work buffers for many sites.
 
-    starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`.
+    starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`, or the largest of each entry of `said`.
+    said (4, 2, columns or rows of the plane, L): Evidence of all dots with their column or row 0 there, for every phase; of the
+        turns in `known_turns` alone, from `_say_everywhere`. Empty where L is large.
+    known_turns (4,)
     bounds, of_rows (n,): From `_bound_inside`.
     of_starts (2, n): From `_bound_over`, by `Sites.starts`.
     everywhere (2, columns or rows of the plane): Work buffers of `_bound_over` and `_bound_across`.
@@ -100,6 +103,8 @@ class ManyBuffers(NamedTuple):
 
     known: Bounds
     starts: Floats
+    said: Floats
+    known_turns: BoolArray
     bounds: FloatArray
     of_rows: FloatArray
     of_starts: FloatArray
@@ -163,10 +168,22 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
         phase, count = np.int64(0), length
         if not every:
             phase, count = (place[ORIGIN, 1 - axis] + group[other] + place[SECTOR, axis]) % length, min(length, group[other + 1])
-        for k in range(group[own + 1]):
+        known_here = axis == 0 and len(known) > 0
+        if count == 1 and not known_here:
+            most = add_lines_at(
+                buffers.lines[axis],
+                buffers.most[axis],
+                buffers.said[axis],
+                (group[own + 2], group[own + 3]),
+                phases[axis],
+                place[START, axis] + group[own],
+                phase,
+                group[own + 1],
+            )
+        for k in range(0 if count > 1 or known_here else group[own + 1], group[own + 1]):
             buffers.most[axis, k] = NEVER
             each = places / group[COLUMNS]
-            if axis == 0 and len(known) > 0 and drop(known[k] + limit[1], each, candidate.of, terms, tally.sums):
+            if known_here and drop(known[k] + limit[1], each, candidate.of, terms, tally.sums):
                 continue
             value = add_lines(
                 buffers.lines[axis, k, :count],
@@ -185,7 +202,29 @@ def weigh_site(candidate: Candidate, phases: IntArray, barred: IntArray | None, 
     if barred is not None and every:
         _count_every_sector(candidate, barred, tally, buffers)
     else:
-        _count_sector(candidate, tally, buffers)
+        _count_sector(candidate, tally, (buffers.lines[0], buffers.lines[1]), buffers.most, (np.int64(0), np.int64(0)))
+
+
+@inner_kernel()
+def weigh_known(candidate: Candidate, said: Floats, of_rows: Floats, tally: Tally, buffers: Buffers) -> None:
+    """One group of places on one site where what the dots say everywhere is known, that is entries of `ManyBuffers.said`.
+
+    of_rows: The largest of it at each row of the group.
+    """
+    known, place, group, limit, terms = candidate.known, candidate.place, candidate.group, candidate.limit, candidate.terms
+    length, open_columns = buffers.lines.shape[2], 0
+    for k in range(group[COLUMNS]):
+        buffers.most[0, k] = NEVER
+        if not drop(known[k] + limit[1], float(group[ROWS]), candidate.of, terms, tally.sums):
+            buffers.most[0, k] = known[k]
+            open_columns += 1
+    if open_columns == 0:
+        return
+    for k in range(group[ROWS]):
+        buffers.most[1, k] = of_rows[k]
+    lines = said[0, place[START, 0] + group[X] :], said[1, place[START, 1] + group[Y] :]
+    row, column = place[ORIGIN, 1] + group[Y] + place[SECTOR, 0], place[ORIGIN, 0] + group[X] + place[SECTOR, 1]
+    _count_sector(candidate, tally, lines, buffers.most, (row % length, column % length))
 
 
 @inner_kernel()
@@ -196,23 +235,32 @@ def over_holes(holed: IntArray, group: IntArray, axis: int, place: int) -> bool:
     return bool(holed[axis, at + group[own + 3]] > holed[axis, at + group[own + 2]])
 
 
-@inlined_kernel()
-def _count_sector(candidate: Candidate, tally: Tally, buffers: Buffers) -> None:
-    """Places of a group where one sector lies: `buffers.lines` begin at the phase of the first row, and of the first column."""
+@inner_kernel()
+def _count_sector(
+    candidate: Candidate, tally: Tally, lines: tuple[Floats, Floats], most: FloatArray, first: tuple[int, int]
+) -> None:
+    """Places of a group where one sector lies.
+
+    lines: Evidence of the group's columns, and of its rows, by phase.
+    most (2, k): The largest of each; NEVER for columns that were counted already.
+    first: Where the phase of the first row is in what columns say, and that of the first column in what rows say.
+    """
     place, group, terms = candidate.place, candidate.group, candidate.terms
-    length, y_best = buffers.lines.shape[2], NEVER
+    (of_columns, of_rows), y_phase, y_best = lines, first[1], NEVER
+    length = of_columns.shape[1]
     for j in range(group[ROWS]):
-        y_best = max(y_best, buffers.most[1, j])
+        y_best = max(y_best, most[1, j])
     for i in range(group[COLUMNS]):
-        best = buffers.most[0, i] + y_best
+        here, y_phase = y_phase, y_phase + 1 if y_phase + 1 < length else 0
+        best = most[0, i] + y_best
         if best + terms[0] < tally.sums[BEST] - FAR_BELOW and best + terms[1] < tally.sums[NEXT_STRONGEST]:
             continue
-        if buffers.most[0, i] == NEVER:
+        if most[0, i] == NEVER:
             continue
-        y_phase, x_phase = i % length, 0
+        x_phase = first[0]
         near = over_holes(candidate.holed, group, np.int64(0), i)
         for j in range(group[ROWS]):
-            value = float(buffers.lines[0, i, x_phase]) + float(buffers.lines[1, j, y_phase])
+            value = float(of_columns[i, x_phase]) + float(of_rows[j, here])
             x_phase = x_phase + 1 if x_phase + 1 < length else 0
             if near and over_holes(candidate.holed, group, np.int64(1), j):
                 continue

@@ -14,11 +14,12 @@ from tactape_fab import Prior, Tape, TapeSpec, default_origin
 from tactape_fab.base.errors import SpecError
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.sense.decode.rule import LEAST_DOTS, OVERHANG_SHARE, PRIOR_SHARE
-from tactape_fab.sense.decode.search.evidence import tables_of
+from tactape_fab.sense.decode.search.evidence import Tables, tables_of
 from tactape_fab.sense.decode.search.families import families
 from tactape_fab.sense.decode.search.many_tapes import many_buffers
 from tactape_fab.sense.decode.search.plane_sites import Sites
 from tactape_fab.sense.decode.search.search import Place, rivals, search, strangers
+from tactape_fab.sense.decode.search.tally import ManyBuffers
 from tactape_fab.texture.code import get_code, get_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 from tactape_fab.texture.plane import encode
@@ -194,6 +195,23 @@ def test_search_is_a_plain_enumeration(name: str, corner: tuple[int, int], doubt
     lead = likelihood[best] - np.delete(likelihood, best).max()
     assert place.lead <= lead + 1e-4
     assert place.lead >= min(lead, 8.0) - 1e-4
+
+
+@pytest.mark.parametrize(("name", "known"), [("many", False), ("hundreds, close together", True)])
+def test_where_many_sites_stay_open_all_dots_are_added_everywhere(
+    name: str, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[ManyBuffers] = []
+
+    def kept(tables: Tables, sites: Sites) -> ManyBuffers | None:
+        found = many_buffers(tables, sites)
+        assert found is not None
+        made.append(found)
+        return found
+
+    monkeypatch.setattr("tactape_fab.sense.decode.search.all_places.many_buffers", kept)
+    test_search_is_a_plain_enumeration(name, (0, 3), 0.05)
+    assert any(found.known_turns.any() for found in made) == known
 
 
 @pytest.mark.parametrize(
