@@ -149,6 +149,11 @@ class PlaneCode(TapesOfPlane):
         """Weight of each secondary digit in the difference, a mixed-radix number, so that a difference determines all digits."""
         return tuple(prod(s.base for s in self.secondary[:i]) for i in range(len(self.secondary)))
 
+    @property
+    def greatest_difference(self) -> int:
+        """The difference where all secondary digits are as large as they can be."""
+        return self.least_difference + sum(w * (s.base - 1) for w, s in zip(self.weights, self.secondary, strict=True))
+
     @cached_property
     def _crt_factors(self) -> tuple[int, ...]:
         """Chinese remainder theorem: place = sum(residue * factor) mod range."""

@@ -27,6 +27,7 @@ class Bounds(NamedTuple):
 
     slot (4, 2, m + 1, m + 1): Slot of a turn, axis and range; -1 before it is made.
     used (1,): How many there are.
+    differences (2,): The least and the greatest by which phases of neighbouring lines differ: there are no bounds for others.
     pairs (k, m, L): Most that a line and the next can say together, by how much their phases differ.
     triples (k, m, L L): Most that a line and the next two can say together, by both differences.
     pair_most, triple_most, line_most (k, m): Most of them, and of each line.
@@ -35,6 +36,7 @@ class Bounds(NamedTuple):
 
     slot: IntArray
     used: IntArray
+    differences: IntArray
     pairs: Floats
     triples: Floats
     pair_most: FloatArray
@@ -43,12 +45,13 @@ class Bounds(NamedTuple):
     buffer: Floats
 
 
-def no_bounds(m: int, length: int) -> Bounds:
+def no_bounds(m: int, length: int, differences: IntArray) -> Bounds:
     """Bounds for dots of at most `m` columns and rows, none made yet."""
     most = 16 * m
     return Bounds(
         np.full((4, 2, m + 1, m + 1), -1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
+        differences,
         np.empty((most, m, length), dtype=np.float32),
         np.empty((most, m, length * length), dtype=np.float32),
         np.empty((most, m)),
@@ -85,35 +88,35 @@ def _bound_runs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64
     Whatever the sector, phases of lines differ by the plane's steps: the best phase for each step bounds two lines, or three.
     """
     pairs, triples, (low, high) = of.pairs[slot], of.triples[slot], dots
-    length = pairs.shape[1]
+    length, least, greatest = pairs.shape[1], of.differences[0], of.differences[1]
     one, two, three = of.buffer[:length], of.buffer[length : 3 * length], of.buffer[3 * length :]
     for k in range(count):
         for p in range(length):
             one[p] = lines[high, k, p] - lines[low, k, p]
-        of.line_most[slot, k] = _most(one, length)
+        of.line_most[slot, k] = _most(one, np.int64(0), length)
         if k + 1 < count:
             for p in range(2 * length):
                 two[p] = lines[high, k + 1, p] - lines[low, k + 1, p]
-            for step in range(length):
+            for step in range(least, greatest + 1):
                 most = one[0] + two[step]
                 for p in range(1, length):
                     most = max(most, one[p] + two[p + step])
                 pairs[k, step] = most
-            of.pair_most[slot, k] = _most(pairs[k], length)
+            of.pair_most[slot, k] = _most(pairs[k], least, greatest + 1)
         if k + 2 < count:
             for p in range(2 * length):
                 three[p] = lines[high, k + 2, p] - lines[low, k + 2, p]
             for p in range(length):
                 three[2 * length + p] = three[p]
-            _bound_threes(triples[k], one, two, three)
-            of.triple_most[slot, k] = _most(triples[k], length * length)
+            _bound_threes(triples[k], one, two, three, of.differences)
+            of.triple_most[slot, k] = _most(triples[k], least * length, (greatest + 1) * length)
 
 
 @inner_kernel(fastmath=True)
-def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats) -> None:
+def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats, differences: IntArray) -> None:
     """Most of the sum of three lines for the steps from the first to the second (L), and on to the third (1)."""
     length = len(one)
-    for step in range(length):
+    for step in range(differences[0], differences[1] + 1):
         most = out[step * length : (step + 1) * length]
         for p in range(length):
             said, third = one[p] + two[p + step], three[p + step :]
@@ -122,9 +125,9 @@ def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats) -> None:
 
 
 @inner_kernel(fastmath=True)
-def _most(values: Floats, count: int) -> float:
-    most = values[0]
-    for k in range(1, count):
+def _most(values: Floats, first: int, last: int) -> float:
+    most = values[first]
+    for k in range(first + 1, last):
         most = max(most, values[k])
     return float(most)
 

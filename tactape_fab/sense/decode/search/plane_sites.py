@@ -46,6 +46,7 @@ class Sites(NamedTuple):
     phases (2, m): Phases of the columns, and of the rows, of the plane where there is a site; zeros after the last.
     steps (2, 2, m): Of columns and rows: their differences modulo L, from each to the next; and these times L and the next one's,
         of both steps. Small and without a sign, which looking up by them is quickest with.
+    differences (2,): The least and the greatest step that the code has.
     table (n, 3, 2): Of each site, for columns and rows: where its grid point (0, 0) is in `phases` (`START`); its place in the
         plane modulo L (`ORIGIN`); and u and v of its sector (`SECTOR`), -1 where all sectors may lie there.
     barred (k, 3): Site, u and v of sectors that may not lie where all others may.
@@ -64,6 +65,7 @@ class Sites(NamedTuple):
     signs: Floats
     phases: IntArray
     steps: Steps
+    differences: IntArray
     table: IntArray
     barred: IntArray
     layout: IntArray
@@ -126,6 +128,7 @@ def sites_of(
         signs=signs_of(code),
         phases=phases,
         steps=np.stack([step, step * length + np.roll(step, -1, axis=1)], axis=1).astype(np.uint16),
+        differences=np.array([code.least_difference, min(code.greatest_difference, length - 1)], dtype=np.int64),
         table=np.stack([starts, origins % length, sectors], axis=1).astype(np.int64),
         barred=np.empty((0, 3), dtype=np.int64) if barred is None else barred,
         layout=layout,

@@ -12,6 +12,7 @@ from tactape_fab.sense.decode.search import bounds
 from tactape_fab.sense.decode.search.bounds import NEVER
 from tactape_fab.sense.decode.search.evidence import add_lines, say
 from tactape_fab.sense.decode.search.plane_sites import Starts, _starts
+from tactape_fab.texture.code import CODES, get_code
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 MOST_LINES, PLANE = 8, 90
@@ -53,7 +54,7 @@ def scene(length: int, count: int, seed: int = 1) -> tuple[FloatArray, IntArray,
 def test_lines_say_no_more_together_than_their_bound(length: int, span: tuple[int, int]) -> None:
     count = 7
     lines, phases, steps = scene(length, count)
-    known, first, number = bounds.no_bounds(MOST_LINES, length), span[0], span[1] - span[0]
+    known, first, number = bounds.no_bounds(MOST_LINES, length, np.array([0, length - 1])), span[0], span[1] - span[0]
     places = PLANE - number + 1
     at_once, said, alone = np.empty(PLANE, dtype=np.float32), np.empty(places), np.empty(places)
     for dots in ((np.int64(0), np.int64(8)), (np.int64(2), np.int64(5))):
@@ -70,9 +71,17 @@ def test_lines_say_no_more_together_than_their_bound(length: int, span: tuple[in
             assert at_once[:places].max() < each
 
 
+@pytest.mark.parametrize("name", [name for name in CODES if get_code(name).sequences is not None])
+def test_a_plane_has_no_other_steps_than_its_bounds(name: str) -> None:
+    code = get_code(name).sequences
+    assert code is not None
+    steps = np.diff(code.phase_before(np.arange(min(code.range, 1_000_000)))) % code.main.length
+    assert (steps.min(), steps.max()) == (code.least_difference, code.greatest_difference)
+
+
 def test_a_bound_is_followed_no_farther_than_it_matters() -> None:
     lines, _, steps = scene(16, 7)
-    known, places = bounds.no_bounds(MOST_LINES, 16), np.arange(PLANE - 6)
+    known, places = bounds.no_bounds(MOST_LINES, 16, np.array([0, 15])), np.arange(PLANE - 6)
     whole, cut = np.empty(len(places)), np.empty(len(places))
     dots = (np.int64(0), np.int64(8))
     bounds_one_by_one(whole, known, lines, dots, steps, places, (0, 7), -np.inf)
