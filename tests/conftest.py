@@ -22,7 +22,7 @@ from hypothesis import settings
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.kit.examine.coupon import examine_coupon
 from tactape_fab.make.panel import PanelKit, make_panel
-from tactape_fab.verify.trip.round_trip import full_trips
+from tactape_fab.verify.trip import round_trip
 from tests.panels import SIX, TWO, packed_panel, panel_of
 from tests.thorough import AT_DESK, THOROUGH, spread
 
@@ -124,7 +124,18 @@ def _few_contacts(request: pytest.FixtureRequest) -> Iterator[None]:
     """A whole verification decodes a few contacts, where it is not the round trip itself that is tested; in fixtures as well."""
     with pytest.MonkeyPatch.context() as patch:
         if request.module.__name__.rpartition(".")[2] != "test_round_trip":
-            patch.setattr(full_trips, "__kwdefaults__", {"counts": (6, 3)})
+            patch.setattr(round_trip.full_trips, "__kwdefaults__", {"counts": (6, 3)})
+        yield
+
+
+@pytest.fixture(scope="module")
+def two_quick_contacts() -> Iterator[None]:
+    """A quick verification decodes two contacts of each file in place of six, which take more than half of its time.
+
+    For modules with a verification for each small change of a file. Not where kits are compared with those of other processes.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(round_trip, "QUICK", 2)
         yield
 
 
