@@ -29,7 +29,7 @@ from tests.thorough import only_thorough, some
 KILLS = 24
 AT_A_TIME = 2
 NEW, OLD = 7, 8
-SIZE_MM = (40.0, 30.0)
+SIZE_MM = (24.0, 20.0)
 
 Files = dict[str, bytes]
 
