@@ -22,16 +22,29 @@ from hypothesis import settings
 from tactape_fab import Kit, TapeSpec, make_kit
 from tactape_fab.kit.examine.coupon import examine_coupon
 from tactape_fab.make.panel import PanelKit, make_panel
-from tactape_fab.verify.trip.round_trip import full_trips
+from tactape_fab.verify.trip import round_trip
 from tests.panels import SIX, TWO, packed_panel, panel_of
 from tests.thorough import AT_DESK, THOROUGH, spread
 
-_COMPILE = "from tests.contacts import TAPE; from tactape_fab import Localizer; Localizer([TAPE])"
+_COMPILE = """
+from dataclasses import replace
+import numpy as np
+from tests.contacts import TAPE
+from tactape_fab import Localizer, TapeSpec
+from tactape_fab.kit.examine.tape import examine
+Localizer([TAPE])
+Localizer([replace(TAPE, omitted=np.array([[3, 4]]))])
+for directions in (4, 8):
+    spec = TapeSpec(sector=1, code="touch-1", directions=directions, part="block", size_mm=(30.0, 20.0), tag="none")
+    Localizer([examine(spec).tape])
+"""
+"""Kernels of whole tapes, of tapes with holes, and of codes without a plane in four and in eight directions."""
 
 settings.register_profile("any machine", deadline=None, derandomize=True)
 settings.load_profile("any machine")  # property tests try the same cases everywhere, as slowly as it may be
 
 
+_BENCH = Path(__file__).with_name("bench")
 _compiling: list[int] = []
 """The process that compiles the decoder for all workers."""
 
@@ -39,8 +52,11 @@ _compiling: list[int] = []
 def pytest_configure(config: pytest.Config) -> None:
     """In the background a shell lets tests, and all that they start, ignore Ctrl-C: some of them press it.
 
-    Before several workers find that the decoder is not compiled, and each compiles it, one process does while they collect.
+    Before several workers find that the decoder is not compiled, and each compiles it, one process does while they collect. What
+    Python compiles is kept, as they collect in half the time then, also where the environment (a container's) says not to.
     """
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, "tx", None) and not hasattr(config, "workerinput"):
@@ -80,6 +96,11 @@ def _all_cases(config: pytest.Config) -> bool:
     return THOROUGH or any(map(config.getoption, options)) or any(".py" in word or "bench" in word for word in config.args)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """At a desk what tests the benchmarks is left out: nothing that is installed rests on it."""
+    return True if collection_path == _BENCH and not _all_cases(config) else None
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     if not _all_cases(config):
         said = f"at most {AT_DESK} cases of each test were tried, none of tests/bench: all are where a file is named, or"
@@ -103,7 +124,18 @@ def _few_contacts(request: pytest.FixtureRequest) -> Iterator[None]:
     """A whole verification decodes a few contacts, where it is not the round trip itself that is tested; in fixtures as well."""
     with pytest.MonkeyPatch.context() as patch:
         if request.module.__name__.rpartition(".")[2] != "test_round_trip":
-            patch.setattr(full_trips, "__kwdefaults__", {"counts": (6, 3)})
+            patch.setattr(round_trip.full_trips, "__kwdefaults__", {"counts": (6, 3)})
+        yield
+
+
+@pytest.fixture(scope="module")
+def two_quick_contacts() -> Iterator[None]:
+    """A quick verification decodes two contacts of each file in place of six, which take more than half of its time.
+
+    For modules with a verification for each small change of a file. Not where kits are compared with those of other processes.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(round_trip, "QUICK", 2)
         yield
 
 

@@ -36,14 +36,11 @@ def first(at_desk: int, cases: Sequence[Any]) -> list[Any]:
 
 
 def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
-    """Of each test that would run, the cases that a run at a desk tries; the others stay as they are.
-
-    What tests the benchmarks is left out there: nothing that is installed rests on it.
-    """
+    """Of each test that would run, the cases that a run at a desk tries; the others stay as they are."""
     cases: dict[str, list[pytest.Item]] = defaultdict(list)
-    left = {item for item in items if item.nodeid.startswith("tests/bench/")}
+    left: set[pytest.Item] = set()
     for item in items:
-        if item not in left and not any(mark.args and mark.args[0] for mark in item.iter_markers("skipif")):
+        if not any(mark.args and mark.args[0] for mark in item.iter_markers("skipif")):
             cases[item.nodeid.partition("[")[0]].append(item)
     for test, found in cases.items():
         left |= set(found[1:] if test.startswith("tests/readers/") else found[1:-1])

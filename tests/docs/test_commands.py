@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from tactape_fab.cli import main
+from tactape_fab.verify.trip import coverage
 from tests.thorough import only_thorough
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -35,7 +36,11 @@ def test_pages_with_commands_are_found() -> None:
 @only_thorough
 @pytest.mark.parametrize("page", sorted(set(PAGES) - RUN_ELSEWHERE))
 def test_page_runs_from_top_to_bottom(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The package's own commands run in this process, which spares their start; scripts in one of their own."""
+    """The package's own commands run in this process, which spares their start; scripts in one of their own.
+
+    Maps are of few places, for the time they take.
+    """
+    monkeypatch.setattr(coverage, "_PLACES", 50)
     text = (DOCS / page).read_text(encoding="utf-8")
     blocks = BLOCK.findall(text)
     assert len(blocks) == len(FENCE.findall(text))

@@ -14,7 +14,7 @@ _AT_DESK = 6
 @pytest.fixture(scope="module")
 def victim(tmp_path_factory: pytest.TempPathFactory) -> Kit:
     """A kit with models and a hole."""
-    return make_kit(TapeSpec(sector=9, size_mm=(34.0, 24.0), holes_mm=((20.0, 12.0, 2.0),)), tmp_path_factory.mktemp("v") / "kit")
+    return make_kit(TapeSpec(sector=9, size_mm=(24.0, 20.0), holes_mm=((18.0, 10.0, 2.0),)), tmp_path_factory.mktemp("v") / "kit")
 
 
 CASES = [pytest.param(attack, id=f"{attack.kind}: {attack.tried}") for attack in ATTACKS]

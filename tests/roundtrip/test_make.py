@@ -284,7 +284,8 @@ MORE = {("microdots-4x4", 1), ("debruijn-4x4", 0), ("anoto-6x6", 3)}
 def test_every_code_and_size_makes_a_kit_that_verifies(
     code: str, size_mm: tuple[float, float], pitch_mm: float, options: dict[str, Any], tmp_path: Path
 ) -> None:
-    spec = TapeSpec(sector=255, code=code, size_mm=size_mm, pitch_mm=pitch_mm, **options)
+    models = code == "microdots-4x4"  # one code's solids with every reader: they know of no code
+    spec = TapeSpec(sector=255, code=code, size_mm=size_mm, pitch_mm=pitch_mm, models=models, **options)
     kit = make_kit(spec, tmp_path / "kit", verify=False)
     verification = verify_kit(kit.path)
     assert [check.message for check in verification.checks if not check.passed and not check.warning] == []

@@ -13,6 +13,8 @@ from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import OpenKit, failed
 from tests.thorough import thorough
 
+pytestmark = pytest.mark.usefixtures("two_quick_contacts")
+
 Copy = Callable[[Kit], Path]
 BOARD = "kicad-pcb"
 

@@ -358,8 +358,8 @@ def test_a_fab_of_one_s_own_file_gives_the_same_lines_and_a_command_that_names_i
 @only_thorough
 def test_a_tape_longer_than_a_code_reaches_is_not_advised_in_it() -> None:
     """At W 1.39 a sector of trace-22 ends after 176.5 mm."""
-    first = asked("--contact 6 --size 220x50")["lines"][0]
-    assert first["code"] != "trace-22" and first["pitch_mm"] * 127 < 220.0
+    first = asked("--contact 6 --size 190x16")["lines"][0]
+    assert first["code"] != "trace-22" and first["pitch_mm"] * 127 < 190.0
     assert run(first["command"].removeprefix("tactape-fab ").replace("make", "check", 1)).exit_code == 0
 
 

@@ -34,7 +34,11 @@ def robot(line: str, folder: Path) -> tuple[int, str, str]:
 
 @only_thorough
 @pytest.mark.parametrize("options", ["", thorough("--part block")])
-def test_the_default_installation_makes_and_verifies_with_no_cad_kernel(options: str, tmp_path: Path) -> None:
+def test_the_default_installation_makes_and_verifies_with_no_cad_kernel(
+    options: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor with FreeCAD or PrusaSlicer, which take longer than all else."""
+    monkeypatch.setenv("PATH", str(tmp_path))
     status, _, errors = without(NOT_BY_DEFAULT, f"make --sector 7 --size 20x20 -o kit {options}", tmp_path)
     assert status == 0, errors
     for line in ("verify kit", "verify kit --quick"):

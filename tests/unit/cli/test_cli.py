@@ -266,7 +266,9 @@ def test_import_and_help_load_no_library_that_takes_time(tmp_path: Path) -> None
 
 
 @only_thorough
-def test_make_check_and_verify_load_no_cad_kernel_and_no_mesh_library(tmp_path: Path) -> None:
+def test_make_check_and_verify_load_no_cad_kernel_and_no_mesh_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FreeCAD and PrusaSlicer, which are processes of their own, are left out for the time that they take."""
+    monkeypatch.setenv("PATH", str(tmp_path))
     for line in (f"make {SMALL} -o kit", f"check {SMALL}", "verify kit"):
         modules = imported(CALL.format(line), tmp_path)
         assert "numpy" in modules

@@ -106,19 +106,21 @@ def enumerate_places(tape: Tape, sector: int, nodes: IntArray, q: FloatArray, *,
         x_bits, y_bits = 2 * (tape.symbols % 2).astype(int) - 1, 2 * (tape.symbols // 2).astype(int) - 1
     else:
         x_bits, y_bits = bits_at(tape.code, sector, columns + tape.origin[0], rows + tape.origin[1])
+    states = np.where(tape.placed, 2 * (x_bits > 0) + (y_bits > 0), 4)
     for turn in range(4):
         k, j = nodes.T
         cells = np.stack([(k, j), (j, -k), (-k, -j), (-j, k)][turn], axis=1)
         cells = cells - cells.min(axis=0)
         e, s, w, n = np.roll(q, -turn, axis=1).T
         x_said, y_said = np.log(2 * np.stack([e + n, w + s])), np.log(2 * np.stack([n + w, e + s]))
+        said = np.zeros((len(cells), 5))  # of each dot, in each state of a place's bits; nothing where no part is placed
+        said[:, :4] = (x_said[:, None] + y_said[None, :]).reshape(4, -1).T
         wide, high = (int(v) for v in cells.max(axis=0) + 1)
         total = np.zeros((tape.rows + high - 1, tape.columns + wide - 1))
         count = np.zeros(total.shape, dtype=int)
         for i, (column, row) in enumerate(cells):
             at = np.s_[high - 1 - row : high - 1 - row + tape.rows, wide - 1 - column : wide - 1 - column + tape.columns]
-            said = np.where(x_bits > 0, x_said[1, i], x_said[0, i]) + np.where(y_bits > 0, y_said[1, i], y_said[0, i])
-            total[at] += np.where(tape.placed, said, 0.0)
+            total[at] += said[i].take(states)
             count[at] += 1
         y, x = np.nonzero(count >= LEAST_DOTS)
         whole = (x >= wide - 1) & (x < tape.columns) & (y >= high - 1) & (y < tape.rows)
