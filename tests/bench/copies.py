@@ -102,7 +102,7 @@ def table(frames: int, rounds: int) -> str:
     gains = {
         world: threads_gain([Localizer([registered_tape()], world=world) for _ in range(2)], default[:50] * 4) for world in WORLDS
     }
-    said = ", ".join(f"{gain:.2f} in a {world} world" for world, gain in gains.items())
+    said = ", ".join(f"{gain:.2f} in the {world} world" for world, gain in gains.items())
     return (
         "\n".join(lines)
         + f"\n\nA copy took {np.median(copy_ns) / 1e3:.1f} µs, a tag {np.median(tag) / 1e6:.2f} ms; {frames} frames a contact, "
