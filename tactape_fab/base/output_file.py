@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,7 +17,21 @@ _AT_ONCE = 8
 """Files that are brought to the disk at a time: one by one, waiting for it takes a tenth of the time of a kit."""
 
 
-def refuse_taken_place(path: Path, key: str, *, overwrite: bool) -> None:
+def mode_of(path: Path) -> int | None:
+    """Mode of what has a name, that of a link if it is one; None where nothing has.
+
+    Raises OSError or ValueError where the name is invalid on every system or cannot be looked at: `Path.exists` says so up to
+    Python 3.13 only.
+    """
+    try:
+        return path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def refuse_taken_place(
+    path: Path, key: str, *, overwrite: bool | None = None, ours: Callable[[Path], bool] | None = None, kind: str = ""
+) -> None:
     """Refuse a path of a new file: in no folder, or that of something else.
 
     Parameters
@@ -24,8 +39,13 @@ def refuse_taken_place(path: Path, key: str, *, overwrite: bool) -> None:
     path : Path
     key : str
         The option that names it, for the message.
-    overwrite : bool
-        Whether a regular file there may be replaced; a link, a folder or a device never is.
+    overwrite : bool, optional
+        Whether a regular file there may be replaced, as --overwrite asks for; None where there is no such option. A link, a
+        folder or a device never is.
+    ours : callable, optional
+        Whether a regular file there is one that may be replaced without being asked to; it may raise OSError or ValueError.
+    kind : str
+        What `ours` looks for, for the message.
 
     Raises
     ------
@@ -33,21 +53,29 @@ def refuse_taken_place(path: Path, key: str, *, overwrite: bool) -> None:
     """
     said = f"{key} = {shown_path(path)}"
     try:
-        if not path.parent.is_dir():
+        mode = mode_of(path)
+        if mode is None and not path.parent.is_dir():
             raise SpecError(Problem(key, f"{said}: there is no folder of that name; make it first"))
-        mode = path.lstat().st_mode
-    except FileNotFoundError:
-        return
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
         reason = getattr(error, "strerror", None) or error
         raise SpecError(Problem(key, f"{said} cannot be looked at: {reason}; use another name")) from error
+    if mode is None:
+        return
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "a link" if stat.S_ISLNK(mode) else "no regular file"
         raise SpecError(Problem(key, f"{said} is {what}; nothing was touched; use another name"))
+    if ours is not None:
+        try:
+            overwrite = ours(path)
+        except (OSError, ValueError):
+            overwrite = False
+        if not overwrite:
+            raise SpecError(Problem(key, f"{said} is there and is {kind}; nothing was touched; use another name"))
     if not overwrite:
-        raise SpecError(Problem(key, f"{said} exists already; use --overwrite to replace it, or another name"))
+        remedy = "nothing was touched; use" if overwrite is None else "use --overwrite to replace it, or"
+        raise SpecError(Problem(key, f"{said} exists already; {remedy} another name"))
 
 
 def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:

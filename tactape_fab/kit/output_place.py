@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import stat
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.output_file import mode_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
@@ -25,16 +27,17 @@ def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
     if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):
         raise SpecError(f"output = {target} is no name for a kit; give a folder that does not begin with '.' and ends otherwise")
     try:
-        taken = target.exists() or target.is_symlink()
+        mode = mode_of(target)
     except (OSError, ValueError) as error:  # a name that is invalid on every system
         reason = getattr(error, "strerror", None) or error
         raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
-    if taken and (target.is_symlink() or not target.is_dir()):
+    if mode is None:
+        return
+    if not stat.S_ISDIR(mode):
         raise SpecError(f"output = {target} exists and is not a folder; nothing was touched; use -o to name another folder")
-    if taken and not overwrite:
+    if not overwrite:
         raise SpecError(f"output = {target} exists already; use --overwrite to replace a kit, or -o to name another folder")
-    if taken:
-        _refuse_foreign(target, edits=overwrite == "edits")
+    _refuse_foreign(target, edits=overwrite == "edits")
 
 
 def _refuse_foreign(target: Path, *, edits: bool) -> None:

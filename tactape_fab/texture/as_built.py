@@ -15,7 +15,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.input_file import open_regular
-from tactape_fab.base.output_file import write_file
+from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.texture.as_built_file import (
     AS_BUILT_FORMAT,
     AS_BUILT_NAME,
@@ -321,6 +321,11 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, m
     if problems:
         raise SpecError(problems)
     return built
+
+
+def refuse_other_places(path: Path, key: str) -> None:
+    """Refuse a path for measured places, named by an option, in no folder or where something else lies. Raises SpecError."""
+    refuse_taken_place(path, key, ours=lambda file: AsBuilt.load(file) is not None, kind="no file of places")
 
 
 def manifest_digest(manifest: str | Path) -> str:

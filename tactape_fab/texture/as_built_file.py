@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,9 @@ RANGES = {
 
 def file_of(path: Path) -> Path:
     """The file of a path, which may be the folder of a kit."""
-    return path / AS_BUILT_NAME if path.is_dir() else path
+    with suppress(OSError, ValueError):  # a name that is invalid on every system: reading it says so
+        return path / AS_BUILT_NAME if path.is_dir() else path
+    return path
 
 
 def rounded(values: FloatArray, digits: int) -> list[float]:

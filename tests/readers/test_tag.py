@@ -29,7 +29,8 @@ def _yaw_deg(left_px: np.ndarray, right_px: np.ndarray) -> float:
 
 
 def _read_pupil(image: GrayImage) -> list[Reading]:
-    """By AprilRobotics' own corner order: the lower edge runs from corner 0 to corner 1."""
+    """By AprilRobotics' own corner order: the lower edge runs from corner 0 to corner 1; a skip where it has no wheel."""
+    pytest.importorskip("pupil_apriltags")
     found = pupil_detector().detect(np.ascontiguousarray(image))
     return [(d.tag_id, _yaw_deg(d.corners[0], d.corners[1])) for d in found if d.hamming == 0]
 
@@ -66,18 +67,19 @@ def picture_of_7(gerbv: str, tmp_path_factory: pytest.TempPathFactory) -> GrayIm
 @pytest.mark.parametrize("tag_id", _IDS)
 def test_both_detectors_read_the_tag_upright(gerbv: str, tag_id: int, tmp_path: Path) -> None:
     image = _legend_picture(TapeSpec(sector=tag_id, size_mm=(40.0, 40.0)), gerbv, tmp_path, _LIGHT, _DARK)
-    ((pupil_id, pupil_yaw_deg),) = _read_pupil(image)
     ((opencv_id, opencv_yaw_deg),) = _read_opencv(image)
-    assert (pupil_id, opencv_id) == (tag_id, tag_id)
-    assert _turn_deg(pupil_yaw_deg, 0.0) <= 0.5
+    assert opencv_id == tag_id
     assert _turn_deg(opencv_yaw_deg, 180.0) <= 0.5  # OpenCV's dictionary holds each tag turned by 180 degrees
+    ((pupil_id, pupil_yaw_deg),) = _read_pupil(image)
+    assert pupil_id == tag_id
+    assert _turn_deg(pupil_yaw_deg, 0.0) <= 0.5
 
 
 def test_the_tag_of_the_main_job_reads_with_its_whole_label(picture_of_7: GrayImage) -> None:
-    ((pupil_id, pupil_yaw_deg),) = _read_pupil(picture_of_7)
     ((opencv_id, opencv_yaw_deg),) = _read_opencv(picture_of_7)
-    assert (pupil_id, opencv_id) == (7, 7)
-    assert max(_turn_deg(pupil_yaw_deg, 0.0), _turn_deg(opencv_yaw_deg, 180.0)) <= 0.5
+    assert opencv_id == 7 and _turn_deg(opencv_yaw_deg, 180.0) <= 0.5
+    ((pupil_id, pupil_yaw_deg),) = _read_pupil(picture_of_7)
+    assert pupil_id == 7 and _turn_deg(pupil_yaw_deg, 0.0) <= 0.5
 
 
 def test_a_turned_picture_reads_turned(picture_of_7: GrayImage) -> None:

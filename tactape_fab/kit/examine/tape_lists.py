@@ -10,6 +10,7 @@ from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.output_file import mode_of
 from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
 from tactape_fab.kit.examine.together import apart, of_sector, other_sectors, sector_words, together_findings, too_many
@@ -260,9 +261,10 @@ def _folder_problems(folder: Path) -> list[Problem]:
     """Reasons why a folder cannot hold kits."""
     shown, remedy = shown_path(folder), "use -o to name another folder"
     try:
+        there = mode_of(folder) is not None
         if (folder / MANIFEST_NAME).exists():
             return [Problem("output", f"output = {shown} is a kit, which holds no other kits; {remedy}")]
-        if (folder.exists() or folder.is_symlink()) and not folder.is_dir():
+        if there and not folder.is_dir():
             return [Problem("output", f"output = {shown} exists and is not a folder; nothing was touched; {remedy}")]
     except (OSError, ValueError) as error:  # a name that is invalid on every system
         reason = getattr(error, "strerror", None) or error

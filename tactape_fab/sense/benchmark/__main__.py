@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     write = actions.add_parser("write", help="simulate the frames; their truth goes beside the folder")
     write.add_argument("--frames", type=int, default=USUAL_FRAMES, metavar="N", help=f"of each condition; usually {USUAL_FRAMES}")
     write.add_argument("--seed", type=int, default=USUAL_SEED, metavar="S", help=f"usually {USUAL_SEED}")
-    conditions = ", ".join(CONDITIONS)
+    conditions = ", ".join(CONDITIONS).replace("%", "%%")  # argparse fills a help text in as a format
     write.add_argument("--only", action="append", default=[], metavar="CONDITION", help=f"one or several of: {conditions}")
     check = actions.add_parser("check", help="compare the files with their sums")
     answer = actions.add_parser("answer", help="locate the frames by a method of this package")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import secrets
@@ -12,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.errors import SpecError, TactapeError, tried
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import open_regular
-from tactape_fab.base.output_file import sync_below, sync_folder, write_file
+from tactape_fab.base.output_file import refuse_taken_place, sync_below, sync_folder, write_file
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense.benchmark.conditions import BARE_NAMES, CONDITIONS, FOREIGN, FOREIGN_NAMES, REGISTERED, tape_of
 from tactape_fab.sense.sensors import load_sensor
@@ -68,7 +69,7 @@ def write_benchmark(
             close = nearest(name, list(CONDITIONS)) or next(iter(CONDITIONS))
             table.problem("only", f"only = {shown(name)} is no condition; give one such as {shown(close)}")
     for path in (folder, truth_path(folder)):
-        table.problems += _taken(path)
+        tried(functools.partial(refuse_taken_place, path, "folder"), table.problems)
     if table.problems:
         raise SpecError(table.problems)
     names = [name for name in CONDITIONS if name in only or not only]
@@ -94,17 +95,6 @@ def write_benchmark(
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return {**sums, INDEX: sha256_of(folder / INDEX), truth_path(folder).name: truth_sum}
-
-
-def _taken(path: Path) -> list[Problem]:
-    try:
-        if path.exists() or path.is_symlink():
-            return [Problem("folder", f"{shown_path(path)} is there, and nothing is written over; give another folder")]
-        if not path.parent.is_dir():
-            return [Problem("folder", f"{shown_path(path)}: there is no folder to put it in; make that first")]
-    except (OSError, ValueError) as error:
-        return [Problem("folder", f"{shown_path(path)} cannot be looked at: {error}; give another folder")]
-    return []
 
 
 def sensor_text() -> str:

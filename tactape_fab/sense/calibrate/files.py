@@ -14,6 +14,7 @@ from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
+from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.sense.calibrate.result import Calibration
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.frames import BoolArray
@@ -30,16 +31,12 @@ def checked_output(output: str | Path) -> Path:
     path = Path(output)
     if path.suffix != ".toml":
         raise SpecError(Problem("output", f"output = {shown_path(path)} is no .toml file; name it my-sensor.toml"))
-    try:
-        if not path.parent.is_dir():
-            raise SpecError(Problem("output", f"output = {shown_path(path)} is in a folder that does not exist; make it first"))
-        ours = not path.exists() or read_regular(path, len(MARK))[: len(MARK)] == MARK.encode()
-    except (OSError, ValueError) as error:
-        raise SpecError(Problem("output", f"output = {shown_path(path)} cannot be used: {error}; give another file")) from error
-    if not ours:
-        message = f"output = {shown_path(path)} is there and is no calibrated profile; use another name"
-        raise SpecError(Problem("output", message))
+    refuse_taken_place(path, "output", ours=_is_calibrated, kind="no calibrated profile")
     return path
+
+
+def _is_calibrated(path: Path) -> bool:
+    return read_regular(path, len(MARK))[: len(MARK)] == MARK.encode()
 
 
 def write_profile(path: Path, found: Calibration) -> list[Path]:

@@ -18,7 +18,7 @@ from tactape_fab.base.build_date import zip_date
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
-from tactape_fab.base.output_file import sync_file, sync_folder
+from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder
 from tactape_fab.sense.files.depth_maps import ZIP_ERRORS
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.draw import MOST_FRAMES, Frame, iterate_frames
@@ -215,21 +215,16 @@ def refuse_taken_file(output: str | Path) -> Path:
     path = Path(output)
     if path.suffix.lower() != ".npz":
         raise SpecError(Problem("output", f"output = {shown_path(path)} does not end with .npz; give a name that does"))
-    try:
-        if not path.parent.is_dir():
-            raise SpecError(Problem("output", f"output = {shown_path(path)}: there is no folder of that name; make it first"))
-        if not path.exists() and not path.is_symlink():
-            return path
-        with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
-            simulated = SCENE_MEMBER + ".npy" in archive.namelist()
-    except ZIP_ERRORS as error:
-        if isinstance(error, SpecError):
-            raise
-        simulated = False
-    if not simulated:
-        message = f"output = {shown_path(path)} is there, or cannot be looked at, and is no simulated file; use another name"
-        raise SpecError(Problem("output", message))
+    refuse_taken_place(path, "output", ours=_is_simulated, kind="no simulated file")
     return path
+
+
+def _is_simulated(path: Path) -> bool:
+    try:
+        with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
+            return SCENE_MEMBER + ".npy" in archive.namelist()
+    except ZIP_ERRORS:
+        return False
 
 
 def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: SensorProfile, record: Mapping[str, Any]) -> None:

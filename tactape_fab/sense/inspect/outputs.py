@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
-from tactape_fab.base.output_file import write_file
+from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.sense.inspect.complaint import HEADER, complaint_csv
 from tactape_fab.sense.inspect.result import Inspection
-from tactape_fab.texture.as_built import AsBuilt
+from tactape_fab.texture.as_built import refuse_other_places
 
 
 def check_output(output: Path) -> None:
@@ -19,10 +20,8 @@ def check_output(output: Path) -> None:
 
     Raises SpecError if it is no .json file in a folder that exists, or holds something else than measured places.
     """
-    if output.suffix.lower() != ".json" or output.is_dir():
-        raise SpecError(Problem("o", f"-o {shown_path(output)} is no file of places; give the name of a .json file"))
-    if not output.parent.is_dir():
-        raise SpecError(Problem("o", f"-o {shown_path(output)}: there is no folder {shown_path(output.parent)}; make it first"))
+    if output.suffix.lower() != ".json":
+        raise SpecError(Problem("output", f"output = {shown_path(output)} is no file of places; give the name of a .json file"))
     _refuse_other([output], _table_beside(output, output.stem))
 
 
@@ -32,21 +31,22 @@ def _table_beside(places: Path, stem: str) -> Path:
 
 def _refuse_other(places: Sequence[Path], table: Path) -> None:
     """Refuse files that are there and that no inspection wrote."""
-    problems = []
-    for path in (path for path in places if path.exists() or path.is_symlink()):
-        try:
-            AsBuilt.load(path)
-        except SpecError:
-            problems.append(Problem("o", f"-o {shown_path(path)} is there and holds no measured places; use another name"))
-    if table.exists() or table.is_symlink():
-        try:
-            ours = read_regular(table, len(HEADER))[: len(HEADER)] == HEADER.encode("ascii")
-        except OSError:
-            ours = False
-        if not ours:
-            problems.append(Problem("o", f"{shown_path(table)} is there and holds no deviations; use another name for -o"))
+    problems: list[Problem] = []
+    for path in places:
+        tried(partial(refuse_other_places, path, "output"), problems)
+    if not problems:
+        tried(
+            partial(
+                refuse_taken_place, table, "output", ours=_is_table, kind="no list of deviations, which stands beside the places"
+            ),
+            problems,
+        )
     if problems:
         raise SpecError(problems)
+
+
+def _is_table(path: Path) -> bool:
+    return read_regular(path, len(HEADER))[: len(HEADER)] == HEADER.encode("ascii")
 
 
 def output_paths(output: Path, inspections: Sequence[Inspection]) -> list[Path]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
 from tactape_fab.sense.files.jobs import Job, of_colour_images, prepare_without_frames
 from tactape_fab.sense.live.camera import FILMS, USB, Crop, camera_named, camera_source, film_source
@@ -83,7 +84,7 @@ def open_watches(wanted: Sequence[Wanted], kits: Sequence[str], outputs: Outputs
     job = prepare_without_frames(kits, first.sensor, problems, colour=first.wishes.raw, **options)
     for key, ending, path in outputs:
         if path is not None:
-            problems += refused_output(key, Path(path), ending)
+            tried(partial(_refuse_output, key, Path(path), ending), problems)
     messages = any(key == "mcap" and path is not None for key, _, path in outputs)
     jobs: dict[tuple[str, bool], Job] = {} if job is None else {(first.sensor, first.wishes.raw): job}
     watches = []
@@ -139,19 +140,11 @@ def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None,
     return rate_hz, idle_s, crop
 
 
-def refused_output(key: str, path: Path, ending: str) -> list[Problem]:
-    """Problems of a file that is to be written."""
-    said = f"{key} {shown_path(path)}"
+def _refuse_output(key: str, path: Path, ending: str) -> None:
+    """Refuse a file that is to be written, of another ending or at a place that is taken: nothing is written over."""
     if path.suffix.lower() != ending:
-        return [Problem(key, f"{said} does not end with {ending}; give a name that does")]
-    try:
-        if path.exists() or path.is_symlink():
-            return [Problem(key, f"{said} is there, and nothing is written over; give another name")]
-        if not path.parent.is_dir():
-            return [Problem(key, f"{said}: there is no folder of that name; make it first")]
-    except (OSError, ValueError) as error:
-        return [Problem(key, f"{said} cannot be looked at: {error}; give another name")]
-    return []
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} does not end with {ending}; give a name that does"))
+    refuse_taken_place(path, key)
 
 
 def _source(

@@ -22,8 +22,8 @@ from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.survey.adjust import COMMON, Adjusted, Prior, adjust
 from tactape_fab.sense.survey.contacts import Contact, Ground, contact_of, ground_of
 from tactape_fab.sense.survey.poses import RobotPose, in_plane
-from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Film, Given, manifest_digest
-from tactape_fab.texture.as_built_file import AS_BUILT_NAME
+from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Film, Given, manifest_digest, refuse_other_places
+from tactape_fab.texture.as_built_file import file_of
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.manifest import find_manifest
 from tactape_fab.texture.tape import Tape
@@ -103,7 +103,8 @@ def survey_files(
     Raises SpecError with every invalid value; if too few frames are located.
     """
     problems: list[Problem] = []
-    tried(lambda: None if output is None else _refuse_taken(Path(output)), problems)
+    if output is not None:
+        tried(partial(refuse_other_places, file_of(Path(output)), "output"), problems)
     given: Given = NOMINAL if inspected is None else inspected
     if not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as frames.npz"))
@@ -138,19 +139,6 @@ def _robot(poses: str | Path, hand_eye: str | Path | None, tape: Tape | None) ->
     if problems or arm is None:
         raise SpecError(problems)
     return in_plane(arm, known)
-
-
-def _refuse_taken(path: Path) -> None:
-    """Refuse a file that holds something else than measured places, or whose folder is not there."""
-    file = path / AS_BUILT_NAME if path.is_dir() else path
-    if not file.parent.is_dir():
-        raise SpecError(Problem("output", f"output = {shown_path(file)}: there is no folder of that name; make it first"))
-    if file.exists() or file.is_symlink():
-        try:
-            AsBuilt.load(file)
-        except SpecError as error:
-            message = f"output = {shown_path(file)} is there and holds no measured places; use another name"
-            raise SpecError(Problem("output", message)) from error
 
 
 def _surveyed(

@@ -141,7 +141,8 @@ def test_survey_writes_places_that_decode_takes(kit: Path) -> None:
     [
         ("survey --tape kit -o out.json", "no file of frames is given"),
         ("survey frames.npz --tape nothing -o out.json", "nothing is no kit"),
-        ("survey frames.npz --tape kit -o kit/manifest.json", "holds no measured places; use another name"),
+        ("survey frames.npz --tape kit -o kit/manifest.json", "is no file of places; nothing was touched; use another name"),
+        (f"survey frames.npz --tape kit -o {'n' * 300}.json", "cannot be looked at: File name too long; use another name"),
         ("survey frames.npz --tape kit -o nowhere/out.json", "there is no folder of that name"),
         ("survey frames.npz --tape kit -o out.json --poses nothing.csv", "nothing.csv cannot be opened"),
         ("survey frames.npz --tape kit -o out.json --from other.json", "another kit"),

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[3]
 REQUIRES = [
     "numpy>=2.0",
     "no-such-library>=1",
-    'pupil-apriltags>=1.0.4; extra == "verify"',
+    'hypothesis>=6; extra == "verify"',
     'no-such-plotter>=3.9 ; extra == "evidence"',
     'no-such-solver>=4; python_version >= "9.0" and extra == "slam"',
     'no-such-recorder[files]>=0.6; extra == "lerobot"',
@@ -45,7 +45,7 @@ def test_what_is_there_is_said_with_its_version(monkeypatch: pytest.MonkeyPatch)
     assert found.libraries == {"no-such-library": None, "numpy": metadata.version("numpy")}
     extras = {extra.name: extra for extra in found.extras}
     assert extras["verify"].installed and not extras["evidence"].installed
-    assert set(extras["dev"].packages) == {"no-such-plotter", "pupil-apriltags", "pytest"}
+    assert set(extras["dev"].packages) == {"no-such-plotter", "hypothesis", "pytest"}
     assert not extras["dev"].installed and extras["lerobot"].packages == {"no-such-recorder": None}
     text = "\n".join(diagnosis_lines(found))
     assert "no-such-library MISSING" in text

@@ -72,7 +72,7 @@ def test_a_narrow_tolerance_makes_the_same_tape_fail(flat_kit: Kit, scans: dict[
         ([], ["SCAN is missing", "--tape is missing", "-o is missing"]),
         (["none.png", "--tape", "KIT", "-o", "a.json"], ["none.png cannot be read"]),
         (["GOOD", "--tape", "KIT", "-o", "a.txt"], ["a.txt is no file of places"]),
-        (["GOOD", "--tape", "KIT", "-o", "none/a.json"], ["there is no folder none"]),
+        (["GOOD", "--tape", "KIT", "-o", "none/a.json"], ["none/a.json: there is no folder of that name"]),
         (["GOOD", "--tape", "KIT", "-o", "a.json", "--tolerance", "wide"], ["tolerance = 'wide' is not from"]),
     ],
 )
@@ -91,7 +91,7 @@ def test_what_cannot_be_meant_is_status_2_and_writes_nothing(
 def test_a_file_that_no_inspection_wrote_is_kept(taken: str, flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
     (tmp_path / taken).write_bytes((flat_kit.path / "manifest.json").read_bytes())
     result = run(scans["good"], "--tape", flat_kit.path, "-o", tmp_path / "a.json")
-    assert result.exit_code == 2 and f"{taken} is there and holds no" in result.stderr
+    assert result.exit_code == 2 and f"{taken} is there and is no" in result.stderr
     assert [path.name for path in tmp_path.iterdir()] == [taken]
     assert (tmp_path / taken).read_bytes() == (flat_kit.path / "manifest.json").read_bytes()
 

@@ -114,7 +114,7 @@ def test_changed_files_are_named(folder: Path, tmp_path: Path, capsys: pytest.Ca
 def test_everything_that_cannot_be_written_is_said_at_once(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["write", str(folder), "--frames", "66", "--seed", "-1", "--only", "imprint, 7x7"]) == 2
     said = capsys.readouterr().err
-    for words in ("frames = 66", "seed = -1", "'imprint, 7x7 mm'", "is there, and nothing is written over"):
+    for words in ("frames = 66", "seed = -1", "'imprint, 7x7 mm'", "exists already; nothing was touched"):
         assert words in said, words
 
 
@@ -273,3 +273,11 @@ def test_a_truth_or_index_that_is_none_is_refused(folder: Path, located: Path, t
         with pytest.raises(SpecError, match="no benchmark"):
             open_benchmark(tmp_path)
     assert main(["score", str(tmp_path / "none"), str(located)]) == 2
+
+
+@pytest.mark.parametrize("words", ["", "write", "check", "answer", "score"])
+def test_help_is_printed(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*words.split(), "--help"])
+    assert ended.value.code == 0
+    assert "usage: python -m tactape_fab.sense.benchmark" in capsys.readouterr().out

@@ -47,9 +47,9 @@ def test_only_a_calibrated_profile_is_replaced(tmp_path: Path) -> None:
     assert checked_output(tmp_path / "ours.toml").name == "ours.toml"
     (tmp_path / "theirs.toml").write_text('name = "hand-made"\n')
     for name, words in (
-        ("theirs.toml", "is there and is no calibrated profile; use another name"),
+        ("theirs.toml", "is there and is no calibrated profile; nothing was touched; use another name"),
         ("sensor.json", "is no .toml file"),
-        ("none/sensor.toml", "is in a folder that does not exist"),
+        ("none/sensor.toml", "there is no folder of that name; make it first"),
     ):
         with pytest.raises(SpecError, match=words):
             checked_output(tmp_path / name)

@@ -387,7 +387,7 @@ def test_nothing_is_written_over(default_kit: Kit, frames: Path, tmp_path: Path)
     (tmp_path / "a.rrd").touch()
     result = run(f"{frames} --rate 9 --tape {default_kit.path} --mcap {tmp_path}/a.mcap --save {tmp_path}/a.rrd")
     assert result.exit_code == 2
-    assert [line.endswith("is there, and nothing is written over; give another name") for line in result.stderr.splitlines()] == [
+    assert [line.endswith("exists already; nothing was touched; use another name") for line in result.stderr.splitlines()] == [
         True
     ] * 2
 
