@@ -53,3 +53,15 @@ def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: in
     if len(data) != entry.file_size:
         raise ValueError(f"{entry.filename[:100]!r} unpacks to {len(data)} bytes, and the zip announces {entry.file_size}")
     return data
+
+
+def mode_of(path: Path) -> int | None:
+    """Mode of what has a name, that of a link if it is one; None where nothing has.
+
+    Raises OSError or ValueError where the name is invalid on every system or cannot be looked at: `Path.exists` says so up to
+    Python 3.13 only.
+    """
+    try:
+        return path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return None

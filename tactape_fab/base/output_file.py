@@ -11,22 +11,11 @@ from pathlib import Path
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import mode_of
 
 _SUFFIX = ".partial"
 _AT_ONCE = 8
 """Files that are brought to the disk at a time: one by one, waiting for it takes a tenth of the time of a kit."""
-
-
-def mode_of(path: Path) -> int | None:
-    """Mode of what has a name, that of a link if it is one; None where nothing has.
-
-    Raises OSError or ValueError where the name is invalid on every system or cannot be looked at: `Path.exists` says so up to
-    Python 3.13 only.
-    """
-    try:
-        return path.lstat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        return None
 
 
 def refuse_taken_place(

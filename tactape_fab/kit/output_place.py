@@ -9,8 +9,7 @@ from typing import Literal
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import Fields, shown_path
-from tactape_fab.base.input_file import open_regular
-from tactape_fab.base.output_file import mode_of
+from tactape_fab.base.input_file import mode_of, open_regular
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 

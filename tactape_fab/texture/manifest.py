@@ -8,7 +8,7 @@ from typing import Any
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import shown, shown_path
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.json_text import parse_json
 
 MANIFEST_FORMAT = "tactape-manifest/1"
@@ -38,6 +38,7 @@ def find_manifest(path: str | Path) -> Path:
     """
     place = Path(path)
     try:
+        mode_of(place)
         is_folder = place.is_dir()
         file = place / MANIFEST_NAME if is_folder else place
         unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)

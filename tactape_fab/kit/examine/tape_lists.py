@@ -10,7 +10,7 @@ from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
-from tactape_fab.base.output_file import mode_of
+from tactape_fab.base.input_file import mode_of
 from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
 from tactape_fab.kit.examine.together import apart, of_sector, other_sectors, sector_words, together_findings, too_many

@@ -84,7 +84,7 @@ class LiveSensor:
     @property
     def running(self) -> bool:
         """Whether answers may still come."""
-        return self._thread.is_alive()
+        return self._ended is None
 
     def read(self, *, after: int = -1, timeout_s: float = 1.0) -> Located:
         """The latest answer, which has ``frame``, ``depth`` and ``fix``.
