@@ -58,7 +58,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         message = f"{key} = {shown_path(path)} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile, give one"
         raise SpecError(Problem(key, message))
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        return tomllib.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {error}; correct it")) from error
 
