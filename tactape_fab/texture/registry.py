@@ -31,15 +31,15 @@ TapeLike = Tape | str | PathLike[str]
 """A tape, or the path of a kit, a panel, a manifest, a folder of these, or a packed registry."""
 
 
-def read_tapes(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Tape]:
+def read_tapes(paths: str | Path | Sequence[str | Path], as_built: str | Path | Sequence[str | Path] = ()) -> list[Tape]:
     """The tapes of kits.
 
     Parameters
     ----------
-    paths : sequence of path
+    paths : path or sequence of path
         Folders of kits, panels or embossed parts, their manifests, folders of such folders (in the order of their names), or
         packed registries.
-    as_built : sequence of path
+    as_built : path or sequence of path
         Files of measured places, each of one of the kits: in place of the as-built.json beside it. ``["none"]``: none at all.
 
     Returns
@@ -60,7 +60,7 @@ def as_tapes(tapes: object) -> list[Tape]:
 
     Raises SpecError: what is wrong with any of them, all together.
     """
-    given = [tapes] if isinstance(tapes, Tape | str | PathLike) or not isinstance(tapes, Iterable) else tapes
+    given = [tapes] if isinstance(tapes, Tape | str | bytes | PathLike) or not isinstance(tapes, Iterable) else tapes
     found: list[Tape] = []
     problems: list[Problem] = []
     for entry in given:
@@ -76,7 +76,9 @@ def as_tapes(tapes: object) -> list[Tape]:
     return found
 
 
-def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Registered]:
+def read_registered(
+    paths: str | Path | Sequence[str | Path], as_built: str | Path | Sequence[str | Path] = ()
+) -> list[Registered]:
     """The registry: kits, in the order given.
 
     paths: As for `read_tapes`.
@@ -85,8 +87,8 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
     """
     entries: list[Registered] = []
     problems: list[Problem] = []
-    given = tried(lambda: _Measured(as_built), problems) or _Measured(())
-    for path in map(Path, paths):
+    given = tried(lambda: _Measured([as_built] if isinstance(as_built, str | PathLike) else as_built), problems) or _Measured(())
+    for path in map(Path, [paths] if isinstance(paths, str | PathLike) else paths):
         try:
             packed = is_packed(path)
             if packed:
@@ -106,12 +108,18 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
                 tape = Tape.from_mapping(manifest).with_as_built(file, given.of(file))
                 entries.append(Registered(path=place, tape=tape, fab=str(name)[:200]))
             except SpecError as error:
-                named = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
-                problems.extend(Problem("tape", message) for message in named)
+                problems.extend(_of_kit(place, problem) for problem in error.problems)
     problems += given.unused(entries)
     if problems:
         raise SpecError(problems)
     return entries
+
+
+def _of_kit(place: Path, problem: Problem) -> Problem:
+    """A problem of a kit's file; where it names no path, the place is put before it, and its keys are the file's."""
+    if str(place) in problem.message:
+        return Problem("tape", problem.message)
+    return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 
 
 class _Measured:
