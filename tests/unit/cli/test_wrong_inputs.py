@@ -60,8 +60,13 @@ AS_TYPED = {
     "simulate nowhere -o a.npz --pose 1,2": "--pose = '1,2' is not 3 numbers; give X,Y,THETA in mm and degrees",
     "simulate nowhere -o .npz": "-o = .npz is an ending without a name; give a name before it",
     "verify nowhere --contact 6": "--contact = '6' is not 2 numbers; give both axes, each at most 1000 mm: 11x9",
+    "check --sector 7 --w 0.2 --size 400x400": "--size = 400 x 400 mm gives 1960 x 1987 grid points",
+    "check --sector 587 --size 601x30 --w 0.2 --code touch-1": "reach of code 'touch-1' at pitch 0.2 mm; use --code anoto-6x6",
+    "check --sector 7 --directions 8 --delta 0.25": "more than 1 %; use --delta 0.34 or more",
+    "make --sectors 1-3 --tabs x": "--tabs = 'x' is of a panel, and these tapes are made one by one; leave it out",
+    "make --sectors 1-3 --same-sector": "--same-sector is of a panel, and these tapes are made one by one; leave it out",
 }
-"""Others, of which an answer once named a key of the package."""
+"""Others, of which an answer once named a key of the package, or a remedy that is refused in its turn."""
 
 
 def test_there_are_thirty() -> None:
@@ -99,3 +104,22 @@ def test_the_keys_of_a_file_stay(command: str, said: str, tmp_path: Path, monkey
     result = CliRunner().invoke(main, shlex.split(command), prog_name="tactape-fab")
     assert result.exit_code == 2
     assert [line for line in result.stderr.splitlines() if line.startswith(f"error: {said}")], result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "leave_out"),
+    [("--sectors 1-4 --panel 1x3", "panel"), ("--sector 1 --panel none --tabs x", "tabs"), ("--sector 1 --tabs x", "tabs")],
+)
+def test_no_remedy_names_a_panel_for_what_goes_on_none(options: str, leave_out: str) -> None:
+    result = CliRunner().invoke(main, shlex.split(f"check {options} --part cone --w 1.7"))
+    assert result.exit_code == 2
+    assert f"; leave out --{leave_out}\n" in result.stderr
+    assert "--panel auto" not in result.stderr and "give --panel" not in result.stderr
+
+
+def test_a_size_that_is_named_holds_the_tag_in_its_corners() -> None:
+    command = "check --sector 1 --tag-cell 2 --rotation 30 --w 0.9"
+    refused = CliRunner().invoke(main, shlex.split(f"{command} --size 5x5 --coverlay lpi"))
+    found = re.search(r"or (--fab generic-lpi --w [\d.]+ --delta [\d.]+ --size [\d.x]+)", refused.stderr)
+    assert found is not None
+    assert CliRunner().invoke(main, shlex.split(f"{command} --coverlay lpi {found[1]}")).exit_code == 0
