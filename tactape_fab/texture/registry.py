@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -102,6 +103,10 @@ def read_registered(
         for place in places:
             try:
                 file = find_manifest(place)
+            except SpecError as error:  # it names the place
+                problems.extend(Problem("tape", problem.message) for problem in error.problems)
+                continue
+            try:
                 manifest = read_manifest(file)
                 fab = manifest.get("fab")
                 name = fab.get("name", "") if isinstance(fab, dict) else ""
@@ -116,8 +121,8 @@ def read_registered(
 
 
 def _of_kit(place: Path, problem: Problem) -> Problem:
-    """A problem of a kit's file; where it names no path, the place is put before it, and its keys are the file's."""
-    if str(place) in problem.message:
+    """A problem of a kit's file: its keys are the file's, and the place is put before it, unless it begins with a file there."""
+    if problem.message.startswith(f"{place}{os.sep}"):
         return Problem("tape", problem.message)
     return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 

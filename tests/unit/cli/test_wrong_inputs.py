@@ -92,15 +92,15 @@ def test_a_wrong_input_is_answered_as_it_was_typed(
         ("check --sector 7 --name foo --fab mine.toml", "fab mine: name = 5 is not a text"),
         ("check --sector 7 --name foo --part mine.toml", "part mine: name = 5 is not a text"),
         ("coupon --name foo --fab mine.toml", "fab mine: name = 5 is not a text"),
-        ("check --sector 7 --code touch-1 --avoid kit", "kit: code = 'zz' is none of"),
-        ("decode frames.npz --tape kit --code touch-1", "kit: code = 'zz' is none of"),
+        ("check --sector 7 --code touch-1 --avoid code", "code: code = 'zz' is none of"),
+        ("decode frames.npz --tape code --code touch-1", "code: code = 'zz' is none of"),
     ],
 )
 def test_the_keys_of_a_file_stay(command: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text('extends = "generic-fpc"\nname = 5\n')
-    Path("kit").mkdir()
-    Path("kit/manifest.json").write_text(json.dumps({**tape_at(7, (6, 5)).to_mapping(), **FORMAT, "code": "zz"}))
+    Path("code").mkdir()
+    Path("code/manifest.json").write_text(json.dumps({**tape_at(7, (6, 5)).to_mapping(), **FORMAT, "code": "zz"}))
     result = CliRunner().invoke(main, shlex.split(command), prog_name="tactape-fab")
     assert result.exit_code == 2
     assert [line for line in result.stderr.splitlines() if line.startswith(f"error: {said}")], result.stderr
