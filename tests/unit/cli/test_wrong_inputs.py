@@ -61,3 +61,12 @@ def test_a_wrong_input_is_answered_as_it_was_typed(
     assert [line for line in lines if said in line], lines
     assert [line for line in lines if OPTION_KEY.search(line)] == []
     assert list(tmp_path.iterdir()) == []
+
+
+def test_of_many_problems_the_first_are_printed_and_the_rest_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("many.toml").write_text("".join(f"[[tapes]]\nsector = {k}\npitch_mm = -1\n" for k in range(300)))
+    result = CliRunner().invoke(main, ["make", "many.toml"], prog_name="tactape-fab")
+    lines = result.stderr.splitlines()
+    assert result.exit_code == 2 and len(lines) == 201
+    assert lines[-1].startswith("error: ") and lines[-1].endswith(" more problems; correct these first")
