@@ -26,7 +26,7 @@ ROBOT = ("numpy", "numba", "click")
 """What a robot installs beside the package itself."""
 NO_WHEEL = {("3.13", "1.26"), ("3.14", "1.26")}
 """Python and numpy that never met: numpy 1.26 was built for up to Python 3.12."""
-_PYPI, _HELD_S = "https://pypi.org/simple", 600
+_HELD_S = 600
 """A registry's pages are asked for once in so long: by itself uv asks for all of them again in each of a hundred resolutions."""
 _UV_NAMES = {"find-links": ("UV_FIND_LINKS", ","), "cert": ("SSL_CERT_FILE", "")}
 """What uv calls the settings of pip, and how it parts several."""
@@ -83,13 +83,18 @@ def uv_program() -> str | None:
 @cache
 def _as_pip() -> tuple[dict[str, str], str]:
     """An environment and settings with which uv asks the registries that pip asks here, and takes the best of all as pip does."""
-    command = [sys.executable, "-m", "pip", "config", "list"]
-    lines = subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=True).stdout
+
+    def said_by(*words: str) -> str:
+        command = [sys.executable, *words]
+        return subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=True).stdout
+
+    lines = said_by("-m", "pip", "config", "list")
+    usual = said_by("-c", "from pip._internal.models.index import PyPI; print(PyPI.simple_url)").strip()  # pip has no other way
     rows = re.findall(r"^[^.\n]+\.([\w-]+)=(.+)$", lines, re.MULTILINE)
     found = {key: literal_eval(value) for key, value in reversed(rows)}  # what the environment says comes first there, and wins
     said = {name: between.join(found[key].split()) for key, (name, between) in _UV_NAMES.items() if key in found}
     held = f'cache-control = {{ api = "max-age={_HELD_S}", files = "max-age={_HELD_S}" }}'
-    registries = [*found.get("extra-index-url", "").split(), found.get("index-url", _PYPI)]
+    registries = [*found.get("extra-index-url", "").split(), found.get("index-url", usual)]
     settings = "".join(f"[[index]]\nurl = {json.dumps(url)}\n{held}\n" for url in registries) + "default = true\n"
     environment = {**said, "UV_INDEX_STRATEGY": "unsafe-best-match", "UV_PYTHON_DOWNLOADS": "never", **clean_environment()}
     return environment, settings
