@@ -267,6 +267,6 @@ class _Builder:
         np.subtract(own - 1, faces, out=faces, where=faces < 0)
         used = np.zeros(len(vertices), dtype=bool)
         used[faces.ravel()] = True
-        renumbered = np.cumsum(used) - 1
-        faces = renumbered[faces]
-        return Mesh(vertices_mm=vertices[used], faces=faces[:, ::-1] if form.negative else faces)
+        if not used.all():
+            faces, vertices = (np.cumsum(used) - 1)[faces], vertices[used]
+        return Mesh(vertices_mm=vertices, faces=faces[:, ::-1] if form.negative else faces)
