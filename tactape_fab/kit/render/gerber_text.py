@@ -8,12 +8,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from tactape_fab.base.build_date import build_date
+from tactape_fab.base.number_rows import number_rows
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.film.drawing import Project
 from tactape_fab.kit.profiles import X2Mode
 from tactape_fab.texture.frames import FloatArray, IntArray, to_nm
 
-_CHUNK = 2_000
+_CHUNK = 20_000
 """Flashes formatted at a time, which bounds memory whatever the number of parts."""
 
 
@@ -79,8 +80,7 @@ class GerberText:
     def rows(self, template: str, values: IntArray) -> None:
         """One `template` per row of `values`, in %-format; no Python loop over rows."""
         for start in range(0, len(values), _CHUNK):
-            chunk = values[start : start + _CHUNK]
-            self.add((template * len(chunk) % tuple(chunk.ravel().tolist())).rstrip("\n"))
+            self.add(number_rows(template, values[start : start + _CHUNK]).decode("ascii").rstrip("\n"))
 
     def flash(self, aperture: str, xy_mm: FloatArray) -> None:
         self.add(f"{aperture}*")

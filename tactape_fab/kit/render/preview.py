@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import RenderError
+from tactape_fab.base.number_rows import number_rows
 from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
@@ -154,8 +155,7 @@ def _stamp_uses(outline: FloatArray, xy: FloatArray, key: str) -> Iterator[str]:
     """An outline defined once and used at every place."""
     yield f'<defs><path id="{key}" d="{_path(outline, closed=True)}"/></defs>\n'
     for i in range(0, len(xy), _PIECE_STAMPS):
-        piece = xy[i : i + _PIECE_STAMPS]
-        yield (f'<use href="#{key}" x="%.4f" y="%.4f"/>\n' * len(piece)) % tuple(piece.ravel().tolist())
+        yield number_rows(f'<use href="#{key}" x="%.4f" y="%.4f"/>\n', xy[i : i + _PIECE_STAMPS]).decode("ascii")
 
 
 def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> Iterator[bytes]:
