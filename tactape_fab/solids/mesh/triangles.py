@@ -60,8 +60,9 @@ def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
     """
     header: bytes = f"binary STL, mm: {title}".encode("ascii", "replace")[:_STL_HEADER_BYTES].ljust(_STL_HEADER_BYTES)
     yield header + len(mesh.faces).to_bytes(4, "little")
+    vertices = mesh.vertices_mm.astype("<f4")
     for faces in _pieces(mesh.faces):
-        corners = mesh.vertices_mm[faces].astype("<f4")
+        corners = vertices[faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         triangles = np.zeros(len(corners), dtype=STL_TRIANGLE)

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -25,12 +26,13 @@ DECIMALS = 9
 """Decimals of coordinates: a tape's volume is then exact to 1e-9 (six decimals: 3e-8)."""
 SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
 _ROWS_AT_ONCE = 512
-_NAMES_IN_LINE = 12
 MOST_OF_FRAME = 100
 """Entities of a product besides its faces and copies."""
+_LINE_OF_NAMES = re.compile(r"(?:#\d+,){12}")
 _PLACE = re.compile(r"#\[(\d+)\]|<(\w+)>")
 
 
+@lru_cache(maxsize=1 << 12)
 def real(value: float) -> str:
     """A number as ISO 10303-21 wants it: with a point, without an exponent."""
     text = f"{value:.12f}".rstrip("0")
@@ -284,12 +286,4 @@ def names(first: int, indices: npt.NDArray[np.int64]) -> str:
 
 def wrapped_names(parts: Sequence[str]) -> str:
     """A long list of names in lines of bearable length."""
-    letters = np.frombuffer(",".join(part for part in parts if part).encode("ascii"), dtype=np.uint8)
-    commas = np.flatnonzero(letters == ord(","))
-    return np.insert(letters, commas[_NAMES_IN_LINE - 1 :: _NAMES_IN_LINE] + 1, ord("\n")).tobytes().decode("ascii")
-
-
-def padded_text(texts: Sequence[str]) -> TextArray:
-    """Texts of equal length as a column."""
-    width = max(map(len, texts))
-    return np.array([t.encode("ascii") for t in texts], dtype=f"S{width}")
+    return _LINE_OF_NAMES.sub("\\g<0>\n", ",".join(part for part in parts if part))
