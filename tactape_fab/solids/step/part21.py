@@ -28,7 +28,7 @@ SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
 _ROWS_AT_ONCE = 512
 MOST_OF_FRAME = 100
 """Entities of a product besides its faces and copies."""
-_LINE_OF_NAMES = re.compile(r"(?:#\d+,){12}")
+_LINE_OF_NAMES = re.compile(r"(?:#\d+,?){1,12}")
 _PLACE = re.compile(r"#\[(\d+)\]|<(\w+)>")
 
 
@@ -286,4 +286,4 @@ def names(first: int, indices: npt.NDArray[np.int64]) -> str:
 
 def wrapped_names(parts: Sequence[str]) -> str:
     """A long list of names in lines of bearable length."""
-    return _LINE_OF_NAMES.sub("\\g<0>\n", ",".join(part for part in parts if part))
+    return "\n".join(_LINE_OF_NAMES.findall(",".join(part for part in parts if part)))
