@@ -28,7 +28,7 @@ from tactape_fab.kit.render.colours import (
     rgb8,
 )
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
-from tactape_fab.texture.shapes import rotate
+from tactape_fab.texture.shapes import outlines_at, rotate
 
 MARGIN_MM = 2.0
 PX_PER_MM = 20.0
@@ -219,7 +219,7 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
         colour = _bgr(shape.colour)
         for outline, xy in shape.stamps:
             for i in range(0, len(xy), _PIECE_STAMPS):
-                for polygon in px(xy[i : i + _PIECE_STAMPS, None] + outline):
+                for polygon in px(outlines_at(xy[i : i + _PIECE_STAMPS], outline)):
                     cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_8, _SUB_PIXEL_BITS)
         for polygon in shape.polygons:
             cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_8, _SUB_PIXEL_BITS)
