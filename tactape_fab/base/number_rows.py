@@ -43,7 +43,8 @@ def number_rows(template: str, *columns: npt.NDArray[Any]) -> bytes:
     rows = np.empty((len(values[0]), ends[-1]), dtype=np.uint8)
     for cells, (begin, end) in zip(texts, pairwise(ends), strict=True):
         rows[:, begin:end] = cells
-    return rows.tobytes().translate(None, b"\0")
+    written = rows.tobytes()
+    return written.translate(None, b"\0") if b"\0" in written else written
 
 
 def _whole(values: npt.NDArray[Any]) -> Cells:
