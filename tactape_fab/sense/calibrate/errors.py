@@ -149,7 +149,9 @@ def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: Fl
         white = dtrtrs(lower, each.columns, lower=1)[0].reshape(2 * len(lower), -1)
         products = white.T @ white
         inner = products[own, own] + own_precision
-        factor, lean, _ = dposv(inner, products[own, len(own_precision) :], lower=1)
+        factor, lean, failed = dposv(inner, products[own, len(own_precision) :], lower=1)
+        if failed:
+            return inf
         total += float(products[-1, -1] - products[-1, own] @ lean[:, -1] + 2.0 * np.log(factor.diagonal()).sum())
         normal += products[shared, shared] - products[shared, own] @ lean[:, :-1]
         right += products[shared, -1] - products[shared, own] @ lean[:, -1]

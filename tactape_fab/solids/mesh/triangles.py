@@ -99,7 +99,7 @@ def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: dat
     date: From 1980 to 2107.
     """
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:  # by zlib at its own level, which entries of ours have
         for path, pieces in (
             ("[Content_Types].xml", [_CONTENT_TYPES]),
             ("_rels/.rels", [_RELATIONSHIPS]),
