@@ -21,6 +21,8 @@ _KEY = re.compile(
 )
 """A key of the package in a message, with the value of a flag or a list."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
+_MOST_LINES = 200
+"""Problems that are printed: a hostile file has one in each of 300,000 rows."""
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
 
@@ -86,7 +88,9 @@ def answers() -> Iterator[None]:
     try:
         yield
     except TactapeError as error:
-        fail(*answer(error, _options()))
+        status, lines = answer(error, _options())
+        more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
+        fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:
         fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot

@@ -68,7 +68,7 @@ def as_tapes(tapes: object) -> list[Tape]:
         if isinstance(entry, Tape):
             found.append(entry)
         elif isinstance(entry, str | PathLike):
-            found += tried(partial(read_tapes, [Path(entry)]), problems) or []
+            found += tried(partial(read_tapes, [entry if isinstance(entry, str) else Path(entry)]), problems) or []
         else:
             message = f"tape = {shown(entry)} is no tape; give Tape.load(KIT), or the path of a kit"
             problems.append(Problem("tape", message))
@@ -89,8 +89,11 @@ def read_registered(
     entries: list[Registered] = []
     problems: list[Problem] = []
     given = tried(lambda: _Measured([as_built] if isinstance(as_built, str | PathLike) else as_built), problems) or _Measured(())
-    for path in map(Path, [paths] if isinstance(paths, str | PathLike) else paths):
+    for given_path in [paths] if isinstance(paths, str | PathLike) else paths:
+        path = Path(given_path)
         try:
+            if given_path == "":  # as a path it is the current folder
+                raise SpecError(Problem("tape", "tape = '' is empty; give the path of a kit"))
             packed = is_packed(path)
             if packed:
                 entries += [Registered(path=path, tape=tape, fab=fab) for tape, fab in read_packed(path)]

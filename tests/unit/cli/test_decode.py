@@ -372,8 +372,8 @@ def test_overlay_writes_a_picture_of_every_frame(default_kit: Kit, frames: Path,
     taken = tmp_path / "taken"
     taken.write_text("mine")
     result = run(f"decode {frames} --tape {default_kit.path} --overlay {taken}")
-    assert result.exit_code == 1
-    assert "cannot be written" in result.stderr
+    assert result.exit_code == 2
+    assert "is there and is no folder; nothing was touched" in result.stderr
 
 
 def test_overlay_draws_the_parts_where_the_dots_are(default_kit: Kit, frames: Path) -> None:

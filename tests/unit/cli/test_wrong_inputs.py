@@ -123,3 +123,12 @@ def test_a_size_that_is_named_holds_the_tag_in_its_corners() -> None:
     found = re.search(r"or (--fab generic-lpi --w [\d.]+ --delta [\d.]+ --size [\d.x]+)", refused.stderr)
     assert found is not None
     assert CliRunner().invoke(main, shlex.split(f"{command} --coverlay lpi {found[1]}")).exit_code == 0
+
+
+def test_of_many_problems_the_first_are_printed_and_the_rest_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("many.toml").write_text("".join(f"[[tapes]]\nsector = {k}\npitch_mm = -1\n" for k in range(300)))
+    result = CliRunner().invoke(main, ["make", "many.toml"], prog_name="tactape-fab")
+    lines = result.stderr.splitlines()
+    assert result.exit_code == 2 and len(lines) == 201
+    assert lines[-1].startswith("error: ") and lines[-1].endswith(" more problems; correct these first")
