@@ -97,7 +97,7 @@ def _calibrated(
         problems.append(Problem("tape", "no tape is given; name the kit that was pressed with --tape"))
     opened = [tried(partial(open_frame_file, name), problems) for name in frames]
     tapes = tried(lambda: read_tapes(kits), problems)
-    sensor = tried(lambda: load_sensor(like), problems)
+    sensor = tried(lambda: load_sensor(like, "like"), problems)
     known = None if known_theta is None else tried(lambda: _known(known_theta), problems)
     count = sum(file.count for file in opened if file is not None)
     poses = None if hand_eye is None else tried(lambda: read_arm_poses(hand_eye, "hand_eye", count), problems)

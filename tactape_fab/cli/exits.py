@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -48,7 +48,7 @@ def _options() -> dict[str, tuple[str, Any]]:
 
 
 def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
-    """A message with options in place of keys whose values were given by one, and lists as typed; a file's keys stay."""
+    """A message with options in place of keys whose values were given by one, and lists as typed."""
 
     def option(found: re.Match[str]) -> str:
         key, index, flag, listed = found.groups()
@@ -62,16 +62,24 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line)
 
 
-def answer(error: TactapeError) -> tuple[int, list[str]]:
-    """Exit status and messages of an error of the package."""
+def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = None) -> tuple[int, list[str]]:
+    """Exit status and messages of an error of the package.
+
+    typed: Options that messages name in place of keys, with their texts; the keys of a file stay.
+    """
+
+    def said(lines: Iterable[str]) -> list[str]:
+        return [_as_typed(line, typed or {}) for line in lines]
+
     match error:
         case SpecError():
-            return USAGE, [*(p.message for p in error.problems), *rule_lines(error.findings)]
+            problems = [p.message if p.of_file else _as_typed(p.message, typed or {}) for p in error.problems]
+            return USAGE, [*problems, *said(rule_lines(error.findings))]
         case DesignRuleError():
-            return RULES, rule_lines(error.findings)
+            return RULES, said(rule_lines(error.findings))
         case VerifyError():
-            return VERIFICATION, [f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning]
-    return USAGE if isinstance(error, FrameError) else FAILED, str(error).splitlines()
+            return VERIFICATION, said(f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning)
+    return USAGE if isinstance(error, FrameError) else FAILED, said(str(error).splitlines())
 
 
 @contextmanager
@@ -80,10 +88,9 @@ def answers() -> Iterator[None]:
     try:
         yield
     except TactapeError as error:
-        status, lines = answer(error)
-        typed = _options()
+        status, lines = answer(error, _options())
         more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
-        fail(status, [*(_as_typed(line, typed) for line in lines[:_MOST_LINES]), *more])
+        fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:
         fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot
