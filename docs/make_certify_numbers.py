@@ -11,8 +11,9 @@ from collections import Counter
 from pathlib import Path
 
 from tactape_fab import TapeSpec, make_kit
+from tactape_fab.base.picture_file import write_picture
 from tactape_fab.kit.examine.code_tapes import default_tapes
-from tactape_fab.report.certify_picture import draw_certified, write_picture
+from tactape_fab.report.certify_picture import draw_certified
 from tactape_fab.texture.certify.certificate import closest
 from tactape_fab.texture.certify.kits import certified
 from tactape_fab.texture.certify.origin import choose_origin
@@ -45,7 +46,8 @@ def picture() -> None:
     with tempfile.TemporaryDirectory() as folder:
         kit = make_kit(TapeSpec(sector=7, models=False), Path(folder) / "tactape-s007")
     drawn = draw_certified(certified([kit.tape]))
-    write_picture(FIGURE, drawn, overwrite=True)
+    FIGURE.unlink(missing_ok=True)
+    write_picture(FIGURE, drawn, "picture", compression=9)
 
 
 def main() -> None:
