@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of, open_regular
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.texture.as_built_file import (
@@ -31,6 +32,7 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NOMINAL = "none"
 """Given in the place of a file: the places of the design."""
+_FILE = "a file of measured places, or the folder of a kit"
 _OTHERWISE = "measure this tape again, or leave the file out: --as-built none, or no --from"
 LEAST_MEASURED = 10
 """Measured parts from which on their scatter says how far off the others may be."""
@@ -234,7 +236,7 @@ class AsBuilt:
         SpecError
             If there is none, it is too large or not JSON, or a value is missing or impossible: all problems together.
         """
-        return cls.from_mapping(content_of(Path(path)))
+        return cls.from_mapping(content_of(as_path(path, "as_built", _FILE)))
 
     def write(self, path: str | Path) -> Path:
         """Write the file, the same bytes for the same places; a file of that name is replaced in one step, a link never.
@@ -256,7 +258,7 @@ class AsBuilt:
         TactapeError
             If it cannot be written; an older file is left unchanged.
         """
-        file = file_of(Path(path))
+        file = file_of(as_path(path, "path", _FILE))
         write_file(file, as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)
         return file
 

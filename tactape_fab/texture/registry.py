@@ -10,12 +10,13 @@ from os import PathLike
 from pathlib import Path
 
 from tactape_fab.base.errors import Problem, SpecError, tried
-from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
 from tactape_fab.texture.packed import MOST_TAPES, is_packed, read_packed
 from tactape_fab.texture.panel_manifest import kits_of
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, no_tape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,8 +70,7 @@ def as_tapes(tapes: object) -> list[Tape]:
         elif isinstance(entry, str | PathLike):
             found += tried(partial(read_tapes, [Path(entry)]), problems) or []
         else:
-            message = f"tape = {shown(entry)} is no tape; give Tape.load(KIT), or the path of a kit"
-            problems.append(Problem("tape", message))
+            problems.append(no_tape(entry, "Tape.load(KIT), or the path of a kit"))
     if problems:
         raise SpecError(problems)
     return found
@@ -86,8 +86,9 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
     entries: list[Registered] = []
     problems: list[Problem] = []
     given = tried(lambda: _Measured(as_built), problems) or _Measured(())
-    for path in map(Path, paths):
+    for named in [paths] if isinstance(paths, str | PathLike) or not isinstance(paths, Iterable) else paths:
         try:
+            path = as_path(named, "paths", "kits")
             packed = is_packed(path)
             if packed:
                 entries += [Registered(path=path, tape=tape, fab=fab) for tape, fab in read_packed(path)]
@@ -106,8 +107,8 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
                 tape = Tape.from_mapping(manifest).with_as_built(file, given.of(file))
                 entries.append(Registered(path=place, tape=tape, fab=str(name)[:200]))
             except SpecError as error:
-                named = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
-                problems.extend(Problem("tape", message) for message in named)
+                said = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
+                problems.extend(Problem("tape", message) for message in said)
     problems += given.unused(entries)
     if problems:
         raise SpecError(problems)

@@ -10,6 +10,7 @@ from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of
 from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
@@ -104,6 +105,7 @@ def list_tapes(
     tally = _Tally(packed=packed)
     for entry in entries:
         tally.take(entry)
+    folder = as_path(folder, "folder", "the folder for the kits")
     of_folder = _folder_problems(folder)
     problems = [*of_workers, *of_folder, *of_list, *tally.problems()]
     if not of_list:  # otherwise some of the tapes are substitutes

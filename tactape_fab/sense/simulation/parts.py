@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.board import LONGEST_MM
@@ -146,8 +147,9 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
 def _cpl_bytes(source: str | Path | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
+    path = as_path(source, "source", "a CSV file")
     try:
-        return read_regular(Path(source), MOST_CPL_BYTES)
+        return read_regular(path, MOST_CPL_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SpecError(Problem("cpl", f"cpl {shown_path(source)} cannot be opened: {reason}; give a CSV file")) from error
+        raise SpecError(Problem("cpl", f"cpl {shown_path(path)} cannot be opened: {reason}; give a CSV file")) from error
