@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from tactape_fab.cli import main
+from tactape_fab.cli.options import degrees, hertz, kilopascals, length, micrometres, newtons, per_inch, seconds
 
 OPTION_KEY = re.compile(r"\b\w+_(mm|deg|px|um)\b")
 WRONG = {
@@ -44,6 +46,16 @@ WRONG = {
     "advise --contact nan": "--contact = nan mm is not a finite number; give --contact MM, such as 6",
     "advise --contact 6 --blur 9": "--blur = 9 mm exceeds",
 }
+
+
+@pytest.mark.parametrize(
+    ("read", "texts"),
+    [(newtons, ("2N", "2 N", "2")), (degrees, ("45deg", "45")), (hertz, ("100Hz", "100hz")), (micrometres, ("5um", "5µm", "5")),
+     (per_inch, ("600dpi", "600")), (kilopascals, ("200kPa",)), (seconds, ("3s",)), (length, ("2mm", "2 mm", "2"))],
+)  # fmt: skip
+def test_a_number_may_have_its_own_unit(read: Callable[[str], object], texts: tuple[str, ...]) -> None:
+    assert {read(text) for text in texts} == {read(texts[-1])} and isinstance(read(texts[0]), int)
+    assert (read("2in"), read("max")) == ("2in", "max")
 
 
 def test_there_are_thirty() -> None:
