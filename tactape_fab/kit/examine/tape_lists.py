@@ -99,13 +99,13 @@ def list_tapes(
     DesignRuleError
         If there are only broken rules, and not `force`.
     """
+    folder = as_path(folder, "folder", "the folder for the kits")
     of_workers: list[Problem] = []
     chosen = checked_workers(workers, of_workers)
     entries, of_list = read_list(values, options)
     tally = _Tally(packed=packed)
     for entry in entries:
         tally.take(entry)
-    folder = as_path(folder, "folder", "the folder for the kits")
     of_folder = _folder_problems(folder)
     problems = [*of_workers, *of_folder, *of_list, *tally.problems()]
     if not of_list:  # otherwise some of the tapes are substitutes
