@@ -80,7 +80,7 @@ def answers() -> Iterator[None]:
     except TactapeError as error:
         status, lines = answer(error)
         typed = _options()
-        fail(status, [_as_typed(line, typed) for line in lines])
+        fail(status, list(dict.fromkeys(_as_typed(line, typed) for line in lines)))  # both sides of 0x0 say the same
     except MemoryError:
         fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot

@@ -87,5 +87,9 @@ def simulate(
             progress=step_shown(),
             **options,
         )
+        if made.left_out:
+            echo_line(
+                f"warning: the pick-and-place file leaves out {counted(made.left_out, 'part')}; the frames lack them", err=True
+            )
         frames = f"{counted(made.count, 'frame')} of {made.frame_shape[0]} x {made.frame_shape[1]} px"
         echo_line(f"{made.path}: {frames}, {made.tape} as {made.sensor} sees it")

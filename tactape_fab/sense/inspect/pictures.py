@@ -160,7 +160,8 @@ def write_pictures(folder: Path, inspection: Inspection, views: Sequence[View]) 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SpecError(Problem("picture", f"{shown_path(folder)} cannot be written: {error.strerror or error}")) from error
+        said = f"picture = {shown_path(folder)} cannot be made: {error.strerror or error}; give a folder elsewhere"
+        raise SpecError(Problem("picture", said)) from error
     paths = [folder / f"{inspection.tape.name}-{what}.png" for what in drawn]
     for path, picture in zip(paths, drawn.values(), strict=True):
         data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 7])[1].tobytes()
