@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import locale
 import os
 import pickle
@@ -66,6 +67,17 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """One more than processors for `-n auto`: a third of the time tests wait, for browsers, registries, programs that start.
+
+    PYTEST_XDIST_AUTO_NUM_WORKERS says otherwise.
+    """
+    if config.option.numprocesses != "auto" or "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None
+    return 1 + (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+@pytest.hookimpl(optionalhook=True)
 def pytest_configure_node(node: Any) -> None:
     node.workerinput["compiling"] = _compiling[0]
 
@@ -105,6 +117,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if not _all_cases(config):
         said = f"at most {AT_DESK} cases of each test were tried, none of tests/bench: all are where a file is named, or"
         terminalreporter.write_line(f"{said} TACTAPE_THOROUGH=1 is set")
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays: the garbage collector would walk over all of it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

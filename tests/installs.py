@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,12 +26,9 @@ ROBOT = ("numpy", "numba", "click")
 """What a robot installs beside the package itself."""
 NO_WHEEL = {("3.13", "1.26"), ("3.14", "1.26")}
 """Python and numpy that never met: numpy 1.26 was built for up to Python 3.12."""
-_UV_NAMES = {
-    "index-url": ("UV_DEFAULT_INDEX", ""),
-    "extra-index-url": ("UV_INDEX", " "),
-    "find-links": ("UV_FIND_LINKS", ","),
-    "cert": ("SSL_CERT_FILE", ""),
-}
+_HELD_S = 600
+"""A registry's pages are asked for once in so long: by itself uv asks for all of them again in each of a hundred resolutions."""
+_UV_NAMES = {"find-links": ("UV_FIND_LINKS", ","), "cert": ("SSL_CERT_FILE", "")}
 """What uv calls the settings of pip, and how it parts several."""
 _VENDORED = ("pip", "setuptools", "pkg_resources", "_distutils_hack")
 """What a fresh environment has before anything is installed."""
@@ -82,14 +81,23 @@ def uv_program() -> str | None:
 
 
 @cache
-def _as_pip() -> dict[str, str]:
-    """An environment in which uv asks the registries that pip asks here, and takes the best of all as pip does."""
-    command = [sys.executable, "-m", "pip", "config", "list"]
-    lines = subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=True).stdout
+def _as_pip() -> tuple[dict[str, str], str]:
+    """An environment and settings with which uv asks the registries that pip asks here, and takes the best of all as pip does."""
+
+    def said_by(*words: str) -> str:
+        command = [sys.executable, *words]
+        return subprocess.run(command, env=clean_environment(), capture_output=True, encoding="utf-8", check=True).stdout
+
+    lines = said_by("-m", "pip", "config", "list")
+    usual = said_by("-c", "from pip._internal.models.index import PyPI; print(PyPI.simple_url)").strip()  # pip has no other way
     rows = re.findall(r"^[^.\n]+\.([\w-]+)=(.+)$", lines, re.MULTILINE)
     found = {key: literal_eval(value) for key, value in reversed(rows)}  # what the environment says comes first there, and wins
     said = {name: between.join(found[key].split()) for key, (name, between) in _UV_NAMES.items() if key in found}
-    return {**said, "UV_INDEX_STRATEGY": "unsafe-best-match", "UV_PYTHON_DOWNLOADS": "never", **clean_environment()}
+    held = f'cache-control = {{ api = "max-age={_HELD_S}", files = "max-age={_HELD_S}" }}'
+    registries = [*found.get("extra-index-url", "").split(), found.get("index-url", usual)]
+    settings = "".join(f"[[index]]\nurl = {json.dumps(url)}\n{held}\n" for url in registries) + "default = true\n"
+    environment = {**said, "UV_INDEX_STRATEGY": "unsafe-best-match", "UV_PYTHON_DOWNLOADS": "never", **clean_environment()}
+    return environment, settings
 
 
 def resolved(python: str, machine: str, wanted: Sequence[str], glibc: int = 28) -> Mapping[str, str] | str:
@@ -108,7 +116,13 @@ def resolved(python: str, machine: str, wanted: Sequence[str], glibc: int = 28) 
     assert uv is not None
     command = [uv, "pip", "compile", "-", "--no-header", "--no-annotate", "--only-binary", ":all:", "--python-version", python]
     command += ["--python-platform", f"{machine}-manylinux_2_{glibc}", "--python", sys.executable]
-    run = subprocess.run(command, input="\n".join(wanted), env=_as_pip(), capture_output=True, encoding="utf-8", check=False)
+    environment, settings = _as_pip()
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".toml") as file:
+        file.write(settings)
+        file.flush()
+        command += ["--config-file", file.name]
+        text = "\n".join(wanted)
+        run = subprocess.run(command, input=text, env=environment, capture_output=True, encoding="utf-8", check=False)
     if run.returncode != 0:
         reasons = re.findall(r"(\S+?)[\[<>=!]\S* depends on (\S+?),?\s", run.stderr)
         return "{} asks for {}".format(*(word.rstrip(".") for word in reasons[-1])) if reasons else run.stderr.strip()[-200:]

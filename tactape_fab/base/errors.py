@@ -124,6 +124,11 @@ class Problem:
         """The option that the key belongs to: ``size_mm`` of ``size_mm[0]``, ``fab`` of a key of the fab's profile."""
         return re.split(r"[ .\[:]", self.key)[0]
 
+    @property
+    def of_file(self) -> bool:
+        """Whether the sentence is of a key in a file, as ``fab mine: name`` is, and its names are the file's."""
+        return ": " in self.key
+
 
 class ReachProblem(Problem):
     """A problem of capacity: valid numbers that exceed the code's range."""

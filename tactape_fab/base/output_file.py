@@ -32,9 +32,10 @@ def refuse_taken_place(
         Whether a regular file there may be replaced, as --overwrite asks for; None where there is no such option. A link, a
         folder or a device never is.
     ours : callable, optional
-        Whether a regular file there is one that may be replaced without being asked to; it may raise OSError or ValueError.
+        Whether a regular file there is of the kind that is written: no other is replaced, with `overwrite` neither, and where
+        there is no such option it is replaced without being asked to. It may raise OSError or ValueError.
     kind : str
-        What `ours` looks for, for the message.
+        What a file is that is not, for the message.
 
     Raises
     ------
@@ -55,16 +56,18 @@ def refuse_taken_place(
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "a link" if stat.S_ISLNK(mode) else "no regular file"
         raise SpecError(Problem(key, f"{said} is {what}; nothing was touched; use another name"))
-    if ours is not None:
-        try:
-            overwrite = ours(path)
-        except (OSError, ValueError):
-            overwrite = False
-        if not overwrite:
-            raise SpecError(Problem(key, f"{said} is there and is {kind}; nothing was touched; use another name"))
-    if not overwrite:
+    if overwrite is False or (overwrite is None and ours is None):
         remedy = "nothing was touched; use" if overwrite is None else "use --overwrite to replace it, or"
         raise SpecError(Problem(key, f"{said} exists already; {remedy} another name"))
+    if ours is not None and not _is(ours, path):
+        raise SpecError(Problem(key, f"{said} is there and is {kind}; nothing was touched; use another name"))
+
+
+def _is(ours: Callable[[Path], bool], path: Path) -> bool:
+    try:
+        return ours(path)
+    except (OSError, ValueError):
+        return False
 
 
 def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:

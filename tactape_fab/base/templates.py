@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from functools import lru_cache, wraps
@@ -19,6 +20,9 @@ from tactape_fab.base.input_file import read_regular
 
 T = TypeVar("T")
 _PROFILE_BYTES = 1024 * 1024
+_MOST_PARTS = 64
+"""Of a dotted key: the parser keeps every table on the way to it, and takes gigabytes for 100,000 parts."""
+_TOKENS = re.compile(r"""(?P<part>"(?:\\.|[^"\\])*"?|'[^']*'?|[\w-]+)|(?P<dot>[ \t]*\.[ \t]*)|#.*|.""")
 
 
 def templates_folder() -> Path:
@@ -58,9 +62,21 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
         message = f"{key} = {shown_path(path)} is larger than {_PROFILE_BYTES} bytes; it is not a spec or profile, give one"
         raise SpecError(Problem(key, message))
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        text = data.decode("utf-8-sig")
+        if any(line.count(".") >= _MOST_PARTS and _parts(line) > _MOST_PARTS for line in text.splitlines()):
+            raise ValueError(f"a key has more than {_MOST_PARTS} parts, with dots between them")
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # UnicodeDecodeError and TOMLDecodeError among them
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} is not TOML: {error}; correct it")) from error
+
+
+def _parts(line: str) -> int:
+    """Most parts of a dotted key in a line, quoted or bare; a string counts as one."""
+    most = parts = 0
+    for token in _TOKENS.finditer(line):
+        parts = parts + 1 if token.lastgroup == "part" else parts if token.lastgroup == "dot" else 0
+        most = max(most, parts)
+    return most
 
 
 def profile_table(kind: str, key: str, name: str) -> Fields:

@@ -10,6 +10,7 @@ import click
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP, length, number, size, workers_of, workers_option
@@ -102,7 +103,11 @@ def refuse_map(path: Path, *, overwrite: bool) -> None:
     """Refuse a place that is taken, and a name that is no SVG's."""
     if path.suffix.lower() != ".svg":
         raise SpecError(Problem("map_file", f"map_file = {shown_path(path)} is drawn as SVG; give a name that ends in .svg"))
-    refuse_taken_place(path, "map_file", overwrite=overwrite)
+    refuse_taken_place(path, "map_file", overwrite=overwrite, ours=_is_map, kind="no map of this tool")
+
+
+def _is_map(path: Path) -> bool:
+    return read_regular(path, 4).startswith(b"<svg")
 
 
 def _advice_lines(advice: Advice) -> list[str]:

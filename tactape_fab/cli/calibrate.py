@@ -59,7 +59,7 @@ def calibrate(
         if kits:  # --tape A B, as shells expand patterns
             kits = [*kits, *(f for f in frames if is_kit(f))]
             frames = [f for f in frames if not is_kit(f)]
-        found, path = _calibrated(frames, kits, like, output, known_theta, hand_eye)
+        found, path = _calibrated(frames, kits, like, output, picture, known_theta, hand_eye)
         files = write_profile(path, found)
         if picture is not None:
             from tactape_fab.sense.calibrate.picture import write_pictures
@@ -70,11 +70,18 @@ def calibrate(
 
 
 def _calibrated(
-    frames: Sequence[str], kits: Sequence[str], like: str, output: str, known_theta: str | None, hand_eye: str | None
+    frames: Sequence[str],
+    kits: Sequence[str],
+    like: str,
+    output: str,
+    picture: str | None,
+    known_theta: str | None,
+    hand_eye: str | None,
 ) -> tuple[Calibration, Path]:
     """The calibration, and the path of its profile; all invalid values are refused together."""
     from tactape_fab.sense import calibrate_sensor
     from tactape_fab.sense.calibrate.files import checked_output
+    from tactape_fab.sense.calibrate.picture import refuse_folder
     from tactape_fab.sense.files.arm_poses import read_arm_poses
     from tactape_fab.sense.files.depth_maps import open_frame_file
     from tactape_fab.sense.sensors import load_sensor
@@ -82,13 +89,15 @@ def _calibrated(
 
     problems: list[Problem] = []
     path = tried(lambda: checked_output(output), problems)
+    if picture is not None:
+        tried(lambda: refuse_folder(Path(picture)), problems)
     if not frames:
         problems.append(Problem("frames", "no file of frames is given; give FRAMES, such as presses.npz"))
     if not kits:
         problems.append(Problem("tape", "no tape is given; name the kit that was pressed with --tape"))
     opened = [tried(partial(open_frame_file, name), problems) for name in frames]
     tapes = tried(lambda: read_tapes(kits), problems)
-    sensor = tried(lambda: load_sensor(like), problems)
+    sensor = tried(lambda: load_sensor(like, "like"), problems)
     known = None if known_theta is None else tried(lambda: _known(known_theta), problems)
     count = sum(file.count for file in opened if file is not None)
     poses = None if hand_eye is None else tried(lambda: read_arm_poses(hand_eye, "hand_eye", count), problems)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import size, workers_of, workers_option
 from tactape_fab.cli.printing import echo_json, echo_lines, step_shown, table_lines
@@ -53,15 +52,17 @@ def certify(
         from tactape_fab.texture.certify.kits import certified
 
         if picture is not None:
-            refuse_taken_place(Path(picture), "picture", overwrite=overwrite)
+            from tactape_fab.base.picture_file import refuse_picture, write_picture
+
+            refuse_picture(Path(picture), "picture", overwrite=overwrite)
         given = {"code": code, "size_mm": None if size_mm is None else size(size_mm)}
         options = {key: value for key, value in given.items() if value is not None}
         result = certified(*tapes_to_certify(kits, options, as_built), step_shown(), workers=workers_of(workers, 1))
         echo_json(result.to_mapping()) if as_json else echo_lines(certified_lines(result))
         if picture is not None:
-            from tactape_fab.report.certify_picture import draw_certified, write_picture
+            from tactape_fab.report.certify_picture import draw_certified
 
-            write_picture(Path(picture), draw_certified(result), overwrite=overwrite)
+            write_picture(Path(picture), draw_certified(result), "picture", overwrite=overwrite, compression=9)
 
 
 def tapes_to_certify(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import locating_options, locating_values, named_object
 from tactape_fab.cli.printing import counted, echo_line, echo_lines, step_shown
@@ -73,7 +73,14 @@ def decode(
             colour = Raw(images=[*raw, *frames] if raw else [], background=background, weights=weights)
         if thing is not None:
             kits = [*(str(entry.kit) for entry in thing.tapes), *kits]
-        job = prepare(frames, kits, sensor, colour, topic, **options)
+        problems: list[Problem] = []
+        if overlay is not None:
+            from tactape_fab.sense.overlay import refuse_overlay
+
+            tried(lambda: refuse_overlay(Path(overlay)), problems)
+        job = tried(lambda: prepare(frames, kits, sensor, colour, topic, **options), problems)
+        if problems or job is None:
+            raise SpecError(problems)
         if thing is not None:
             refuse_ambiguous(thing, job.tapes)
         _print_answers(localize(job, make_locator), job, thing, as_json=as_json, dots=dots, overlay=overlay)

@@ -86,7 +86,7 @@ def _look(frames: Sequence[str], kits: Sequence[str], like: str | None) -> First
         problems.append(Problem("sensor", "--tape and --like belong to --sensor, and no frames are given; give --sensor FRAMES"))
     opened = [tried(partial(open_frame_file, name), problems) for name in frames]
     tapes = tried(lambda: read_tapes(kits), problems)
-    sensor = tried(lambda: load_sensor(like or "generic"), problems)
+    sensor = tried(lambda: load_sensor(like or "generic", "like"), problems)
     if problems:
         raise SpecError(problems)
     assert sensor is not None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -21,6 +21,8 @@ _KEY = re.compile(
 )
 """A key of the package in a message, with the value of a flag or a list."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
+_MOST_LINES = 200
+"""Problems that are printed: a hostile file has one in each of 300,000 rows."""
 FAILED, USAGE, RULES, VERIFICATION = 1, 2, 3, 4
 """Exit status besides 0: failure, a refused value, a broken design rule, a kit that failed its verification."""
 
@@ -46,7 +48,7 @@ def _options() -> dict[str, tuple[str, Any]]:
 
 
 def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
-    """A message with options in place of keys whose values were given by one, and lists as typed; a file's keys stay."""
+    """A message with options in place of keys whose values were given by one, and lists as typed."""
 
     def option(found: re.Match[str]) -> str:
         key, index, flag, listed = found.groups()
@@ -60,16 +62,24 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line)
 
 
-def answer(error: TactapeError) -> tuple[int, list[str]]:
-    """Exit status and messages of an error of the package."""
+def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = None) -> tuple[int, list[str]]:
+    """Exit status and messages of an error of the package.
+
+    typed: Options that messages name in place of keys, with their texts; the keys of a file stay.
+    """
+
+    def said(lines: Iterable[str]) -> list[str]:
+        return [_as_typed(line, typed or {}) for line in lines]
+
     match error:
         case SpecError():
-            return USAGE, [*(p.message for p in error.problems), *rule_lines(error.findings)]
+            problems = [p.message if p.of_file else _as_typed(p.message, typed or {}) for p in error.problems]
+            return USAGE, [*problems, *said(rule_lines(error.findings))]
         case DesignRuleError():
-            return RULES, rule_lines(error.findings)
+            return RULES, said(rule_lines(error.findings))
         case VerifyError():
-            return VERIFICATION, [f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning]
-    return USAGE if isinstance(error, FrameError) else FAILED, str(error).splitlines()
+            return VERIFICATION, said(f"{c.name}: {c.message}" for c in error.checks if not c.passed and not c.warning)
+    return USAGE if isinstance(error, FrameError) else FAILED, said(str(error).splitlines())
 
 
 @contextmanager
@@ -78,9 +88,10 @@ def answers() -> Iterator[None]:
     try:
         yield
     except TactapeError as error:
-        status, lines = answer(error)
-        typed = _options()
-        fail(status, list(dict.fromkeys(_as_typed(line, typed) for line in lines)))  # both sides of 0x0 say the same
+        status, lines = answer(error, _options())
+        lines = list(dict.fromkeys(lines))  # both sides of 0x0 say the same
+        more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
+        fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:
         fail(FAILED, ["there is not enough memory for this; free some, or give a smaller input"])
     except ModuleNotFoundError as error:  # an installation without the package's dependencies, as on a robot

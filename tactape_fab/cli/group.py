@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from importlib import import_module
 from io import TextIOWrapper
@@ -41,8 +42,20 @@ COMMANDS = (
 """Names of the commands; each is a function in the module of the same name beside this one."""
 
 
+_PATH = re.compile(r"^\[?(KIT|DIR|FILE|FRAMES|SCAN|IMAGE|SPEC|POSES|AS-BUILT|SOURCE|COUPON|MODEL|KEY|PUB)")
+"""Metavars of paths."""
+
+
 class _Text(click.types.StringParamType):
-    """Text parameter; its shell completion depends on the parameter's metavar."""
+    """Text parameter; its shell completion depends on the parameter's metavar.
+
+    An empty path is refused: it would be the current folder, where a script's variable is not set.
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "" and param is not None and _PATH.match(param.metavar or (param.name or "").upper()):
+            self.fail("'' is empty; give a path, or leave it out", param, ctx)
+        return super().convert(value, param, ctx)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from tactape_fab.cli.completion import offered

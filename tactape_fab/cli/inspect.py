@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import VERIFICATION, answers, fail
 from tactape_fab.cli.options import degrees, length, per_inch
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown, table_lines
@@ -60,11 +60,17 @@ def inspect(
                 [Problem(key, f"{key} is missing; see tactape-fab inspect --help") for key, has in given.items() if not has]
             )
 
+        from tactape_fab.base.picture_file import refuse_pictures
         from tactape_fab.sense.inspect.inspection import inspect_with_views
         from tactape_fab.sense.inspect.outputs import check_output, output_paths, write_outputs
         from tactape_fab.sense.inspect.pictures import write_pictures
 
-        check_output(Path(output))
+        problems: list[Problem] = []
+        tried(lambda: check_output(Path(output)), problems)
+        if picture is not None:
+            tried(lambda: refuse_pictures(Path(picture), [], "picture"), problems)
+        if problems:
+            raise SpecError(problems)
         options = {
             "dpi": None if dpi is None else per_inch(dpi),
             "tolerance_mm": None if tolerance is None else length(tolerance),

@@ -55,10 +55,10 @@ def registry(kits: Sequence[str], workers: str | None, as_json: bool, pack: str 
 def _packed(kits: Sequence[str], path: Path, overwrite: bool) -> list[str]:
     """Pack the tapes of some kits, and say so."""
     from tactape_fab.base.output_file import refuse_taken_place, write_file
-    from tactape_fab.texture.packed import pack
+    from tactape_fab.texture.packed import is_packed, pack
     from tactape_fab.texture.registry import read_registered
 
-    refuse_taken_place(path, "--pack", overwrite=overwrite)
+    refuse_taken_place(path, "--pack", overwrite=overwrite, ours=is_packed, kind="no packed registry")
     entries = read_registered(kits)
     data = pack([entry.tape for entry in entries], [entry.fab for entry in entries])
     write_file(path, data, "--pack", overwrite=overwrite)

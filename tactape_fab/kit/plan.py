@@ -15,7 +15,7 @@ from tactape_fab.base.errors import Problem, ReachProblem, SpecError, refusal
 from tactape_fab.kit.outlines import copper_outline, element_outline, part_outlines
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.texture.board import TAG_FAMILY, Board, Tag
+from tactape_fab.texture.board import LONGEST_MM, TAG_FAMILY, Board, Tag
 from tactape_fab.texture.code import DEFAULT_CODE, Code, get_code
 from tactape_fab.texture.frames import DIRECTIONS_XY, BoolArray, FloatArray, SymbolArray, snap_mm, texture_to_board
 from tactape_fab.texture.part import TapePart
@@ -261,13 +261,16 @@ def _strip_height_mm(spec: TapeSpec) -> float:
 
 
 def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, float]:
-    """The least size, in whole tenths of a millimetre, whose field holds a window, rounded corners considered."""
+    """The least size, in whole tenths of a millimetre, whose field holds a window and whose strip holds the tag, rounded
+    corners considered.
+    """
     margin_x_mm, margin_y_mm = field_margins_mm(claim, spec.displacement_mm)
     field_mm = (code.window - 1) * spec.pitch_mm
     x0_mm = _grid(spec.size_mm, spec, claim).texture_origin_mm[0]
     tenths = np.ceil(
         np.array([x0_mm + field_mm + margin_x_mm, max(2 * margin_y_mm + field_mm, _strip_height_mm(spec))]) * 10 - _STEP_SLACK
     )
+    cut = _cuts_tag(spec, (LONGEST_MM, LONGEST_MM), claim)  # whatever the size: another problem
     while True:
         size_mm = (float(tenths[0]) / 10, float(tenths[1]) / 10)
         grid = _grid(size_mm, spec, claim)
@@ -279,7 +282,8 @@ def _least_size_mm(spec: TapeSpec, code: Code, claim: Claim) -> tuple[float, flo
         )
         origin = (min(spec.place[0], code.range - grid.columns), min(spec.place[1], code.range - grid.rows))
         symbols = _symbols(spec, origin, grid, None, ())
-        if min(size_mm) >= 2 * spec.corner_radius_mm and _has_window(_placeable(spec, board, claim, symbols), code):
+        whole = min(size_mm) >= 2 * spec.corner_radius_mm and (cut or not _cuts_tag(spec, size_mm, claim))
+        if whole and _has_window(_placeable(spec, board, claim, symbols), code):
             return size_mm
         tenths += 1
 
@@ -289,8 +293,8 @@ def _reach_problems(spec: TapeSpec, code: Code, grid: _Grid, claim: Claim) -> It
         other = f", or --code {DEFAULT_CODE}" if code.most_points < MOST_POINTS else ""
         yield ReachProblem(
             "size_mm",
-            f"size_mm gives {grid.columns} x {grid.rows} grid points, more than the {code.most_points} of a tape of code "
-            f"'{code.name}'; use a smaller --size{other}",
+            f"size_mm = {spec.size_mm[0]:g} x {spec.size_mm[1]:g} mm gives {grid.columns} x {grid.rows} grid points, more than "
+            f"the {code.most_points} of a tape of code '{code.name}'; use a smaller --size{other}",
             needs=(*claim.needs, "code"),
         )
     last = (code.range - grid.columns, code.range - grid.rows)
@@ -326,6 +330,10 @@ def _tag_problems(spec: TapeSpec, ink_edge_mm: float) -> Iterator[Problem]:
             f"mm inside the outline; use --corner-radius {most_mm:g}, or --tag none",
             needs=("fab", "size_mm", "tag", "tag_cell_mm"),
         )
+
+
+def _cuts_tag(spec: TapeSpec, size_mm: tuple[float, float], claim: Claim) -> bool:
+    return any(_tag_problems(spec.but(size_mm=size_mm), claim.ink_edge_mm))
 
 
 def _plan_tag(spec: TapeSpec) -> Tag | None:

@@ -178,9 +178,10 @@ def fill_kit(
     if blocking:
         content["forced"] = [forced(finding) for finding in blocking]
     progress("writing")
-    write_kit(folder, content, artifacts)
     files = {artifact.role: artifact.path for artifact in artifacts}
-    del artifacts  # of 200,000 parts they take as much memory as the report does
+    artifacts.reverse()
+    # each is let go once it is written: of 200,000 parts they take as much memory as a model or the report does
+    write_kit(folder, content, (artifacts.pop() for _ in range(len(artifacts))))
     checks: tuple[Check, ...] = ()
     if verify:
         progress("verifying")

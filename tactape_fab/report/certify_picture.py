@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.output_file import write_file
 from tactape_fab.texture.certify.certificate import Certificate, Closest, nearest_distances
 from tactape_fab.texture.certify.kits import Certified
 from tactape_fab.texture.certify.pairs import BEYOND, NO_WINDOWS, Across
@@ -45,17 +43,6 @@ def draw_certified(result: Certified) -> Picture:
     panels = [_matrix(windows, result.names) for windows in result.across]
     title = "how far every two tapes are apart (dark: hard to tell apart)"
     return _sheet(title, _beside(panels), "symbols by which their nearest windows differ")
-
-
-def write_picture(path: Path, picture: Picture, *, overwrite: bool = False) -> None:
-    """Write a picture as PNG, whole or not at all.
-
-    Raises SpecError when something else is there, or another file without `overwrite`.
-    Raises TactapeError when it cannot be written.
-    """
-    import cv2
-
-    write_file(path, cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "picture", overwrite=overwrite)
 
 
 def _text(picture: Picture, text: str, x: int, y: int, colour: Colour = _INK) -> None:

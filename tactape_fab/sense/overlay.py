@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import TactapeError
-from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
-from tactape_fab.base.output_file import write_file
+from tactape_fab.base.picture_file import refuse_pictures, write_picture
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import DIRECTIONS_XY, LETTERS, FloatArray
 from tactape_fab.texture.tape import Tape
@@ -72,17 +70,14 @@ def draw_overlay(depth: npt.ArrayLike, sensor: SensorProfile, tapes: Sequence[Ta
     return np.concatenate([words, picture, panel])
 
 
+def refuse_overlay(folder: Path) -> None:
+    """Refuse a folder with pictures of frames that this tool did not draw, such as the frames themselves. Raises SpecError."""
+    refuse_pictures(folder, "frame-*.png", "overlay")
+
+
 def write_overlay(folder: Path, picture: Picture, frame: int) -> None:
     """Write a picture as ``frame-NNNNNN.png``. Raises TactapeError when it cannot be written."""
-    cv2 = library("cv2", "drawing a picture")
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise TactapeError(f"{shown_path(folder)} cannot be written: {reason}") from error
-    data = cv2.imencode(".png", picture)[1].tobytes()
-    write_file(folder / f"frame-{frame:06d}.png", data, "overlay", overwrite=True)
+    write_picture(folder / f"frame-{frame:06d}.png", picture, "overlay")
 
 
 class View:

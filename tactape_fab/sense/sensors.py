@@ -120,13 +120,15 @@ class SensorProfile:
         return np.rot90(upright, self.rotate90) if self.rotate90 else upright
 
 
-def load_sensor(name: str | Path) -> SensorProfile:
+def load_sensor(name: str | Path, key: str = "sensor") -> SensorProfile:
     """A sensor profile by name, or by the path of a TOML file.
 
     Parameters
     ----------
     name : str or Path
         Name of a profile that comes with the package, or the path of a ``.toml`` file.
+    key : str
+        The option that names it, for messages.
 
     Returns
     -------
@@ -137,7 +139,7 @@ def load_sensor(name: str | Path) -> SensorProfile:
     SpecError
         Every problem found in it, in its mask as well.
     """
-    table = profile_table("sensors", "sensor", str(name))
+    table = profile_table("sensors", key, str(name))
     folder = Path(name).parent if str(name).endswith(".toml") else templates_folder() / "sensors"
     table.refuse_unknown(("name", "title", "image", "orientation", "depth", "noise", "geometry", "gel"))
     image = table.table("image", ("width_px", "height_px", "px_per_mm", "scale_tolerance", "mask"))

@@ -20,12 +20,13 @@ from tactape_fab.texture.frames import FloatArray
 
 Style = Literal["csv", "tab", "kicad"]
 Columns = tuple[tuple[str, str], ...]
+SEPARATORS: Mapping[Style, str] = {"csv": ",", "tab": "\t"}
 
 MM_PER_MIL = 0.0254
 MOST_CPL_BYTES = 64 * 1024 * 1024
 MOST_PROBLEMS = 20
 _MOST_DEG = 360.0
-_OF_NUMBERS = frozenset("0123456789+-.eE")
+_OF_NUMBERS = "0123456789+-.eE"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,19 +170,26 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
         (a turn) that are not finite or too large.
     """
     try:
-        style, ((_, header), *rows) = _rows(data)
+        style, text = _text(data)
+        if (plain := plain_columns(text, SEPARATORS.get(style))) is not None:
+            header, columns, wrong = [column[0] for column in plain], [column[1:] for column in plain], []
+            lines = tuple(range(2, len(plain[0]) + 1))
+        else:
+            (_, header), *rows = _rows(style, text)
+            wrong = [
+                (line, f"it has {len(cells)} cells where the header has {len(header)}")
+                for line, cells in rows
+                if len(cells) != len(header)
+            ]
+            whole = [(line, cells) for line, cells in rows if len(cells) == len(header)]
+            lines = tuple(line for line, _ in whole)
+            columns = [[cells[i] for _, cells in whole] for i in range(len(header))]
         table = _table_of(style, header)
     except SpecError as error:
         problems.extend(error.problems)
         return None
-    wrong = [
-        (line, f"it has {len(cells)} cells where the header has {len(header)}")
-        for line, cells in rows
-        if len(cells) != len(header)
-    ]
-    rows = [row for row in rows if len(row[1]) == len(header)]
-    lines, place = tuple(line for line, _ in rows), {name: i for i, name in enumerate(header)}
-    cells = {content: tuple(row[place[name]] for _, row in rows) for name, content in table.columns}
+    place = {name: i for i, name in enumerate(header)}
+    cells = {content: tuple(columns[place[name]]) for name, content in table.columns}
     numbers = []
     for content, most, unit in (
         ("x", LONGEST_MM / table.unit_mm, table.unit),
@@ -208,8 +216,8 @@ def read_cpl(data: bytes, problems: list[Problem]) -> CplContent | None:
     )
 
 
-def _rows(data: bytes) -> tuple[Style, list[tuple[int, list[str]]]]:
-    """Style, header and rows, each with its line number; blank lines are skipped."""
+def _text(data: bytes) -> tuple[Style, str]:
+    """Style and text, without the mark that makes a comment of the header of a table with tabs."""
     if len(data) > MOST_CPL_BYTES:
         raise _refused(f"is larger than {MOST_CPL_BYTES} bytes; it is no pick-and-place file")
     try:
@@ -218,10 +226,37 @@ def _rows(data: bytes) -> tuple[Style, list[tuple[int, list[str]]]]:
         raise _refused(f"is not UTF-8: {error.reason} at byte {error.start}; write it again") from error
     # KiCad's files begin with comments; a table with tabs has its header as the first comment.
     style: Style = "kicad" if text.startswith("##") else "tab" if text.startswith("#") else "csv"
-    rows = list(_kicad_rows(text) if style == "kicad" else _csv_rows(text.removeprefix("#"), "\t" if style == "tab" else ","))
+    return style, text if style == "kicad" else text.removeprefix("#")
+
+
+def plain_columns(text: str, separator: str | None) -> list[list[str]] | None:
+    """Columns of a table of two or more, header first, if Python's csv module would write it in these very bytes without quotes.
+
+    None for any other, which may be a table all the same. Large lists are read so in a tenth of the time.
+    """
+    ends = text.count("\n")
+    if separator is None or '"' in text or "\0" in text or not text.endswith("\r\n"):
+        return None
+    if text.count("\r") != ends or text.count("\r\n") != ends:
+        return None
+    letters = np.frombuffer(text.encode("utf-8"), dtype=np.uint8)
+    marks = np.flatnonzero((letters == ord(separator)) | (letters == ord("\n")))
+    width = len(marks) // ends
+    of_row = np.append(np.full(width - 1, ord(separator)), ord("\n"))
+    if width < 2 or len(marks) != width * ends or (letters[marks].reshape(-1, width) != of_row).any():
+        return None
+    if int(np.diff(marks, prepend=-1).max()) > csv.field_size_limit():
+        return None
+    cells = text.removesuffix("\r\n").replace("\r\n", separator).split(separator)
+    return [cells[i::width] for i in range(width)]
+
+
+def _rows(style: Style, text: str) -> list[tuple[int, list[str]]]:
+    """Header and rows, each with its line number; blank lines are skipped."""
+    rows = list(_kicad_rows(text) if style == "kicad" else _csv_rows(text, SEPARATORS[style]))
     if not rows:
         raise _refused("is empty; write it again")
-    return style, rows
+    return rows
 
 
 def _refused(why: str) -> SpecError:
@@ -263,16 +298,21 @@ def _numbers(cells: Sequence[str]) -> FloatArray:
 
     Python reads '_' and the digits of every alphabet, too: '1_0' would be 10 here and 1 elsewhere.
     """
-    if all(cells) and _OF_NUMBERS.issuperset("".join(cells)):
+    if all(cells) and written_with("".join(cells), _OF_NUMBERS):
         try:
-            return np.array(cells, dtype=np.float64)
+            return np.array(list(map(float, cells)))
         except ValueError:
             pass
     return np.array([_number(cell) for cell in cells], dtype=np.float64)
 
 
+def written_with(text: str, letters: str) -> bool:
+    """Whether a text has no letter but these."""
+    return text.isascii() and not text.encode("ascii").translate(None, letters.encode("ascii"))
+
+
 def _number(cell: str) -> float:
     try:
-        return float(text) if _OF_NUMBERS.issuperset(text := cell.strip().removesuffix("mm")) else np.nan
+        return float(text) if written_with(text := cell.strip().removesuffix("mm"), _OF_NUMBERS) else np.nan
     except ValueError:
         return np.nan

@@ -57,7 +57,11 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         The same points in the board frame, mm.
     """
     xy = np.asarray(xy_mm, dtype=np.float64)
-    return np.asarray(xy * (1.0, -1.0) + np.asarray(texture_origin_mm), dtype=np.float64)
+    board = np.empty(xy.shape)
+    # axis by axis: numpy takes many times as long for operands of two numbers
+    np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
+    np.subtract(texture_origin_mm[1], xy[..., 1], out=board[..., 1])
+    return board
 
 
 def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float]) -> FloatArray:
@@ -76,7 +80,11 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
         The same points in the texture frame, mm.
     """
     xy = np.asarray(xy_mm, dtype=np.float64)
-    return np.asarray((xy - np.asarray(texture_origin_mm)) * (1.0, -1.0), dtype=np.float64)
+    texture = np.empty(xy.shape)
+    for axis in (0, 1):  # as above
+        np.subtract(xy[..., axis], texture_origin_mm[axis], out=texture[..., axis])
+    np.negative(texture[..., 1], out=texture[..., 1])
+    return texture
 
 
 def board_to_picture(xy_mm: npt.ArrayLike, upper_left_mm: tuple[float, float], px_per_mm: float) -> FloatArray:

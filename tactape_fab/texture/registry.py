@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -32,15 +33,15 @@ TapeLike = Tape | str | PathLike[str]
 """A tape, or the path of a kit, a panel, a manifest, a folder of these, or a packed registry."""
 
 
-def read_tapes(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Tape]:
+def read_tapes(paths: str | Path | Sequence[str | Path], as_built: str | Path | Sequence[str | Path] = ()) -> list[Tape]:
     """The tapes of kits.
 
     Parameters
     ----------
-    paths : sequence of path
+    paths : path or sequence of path
         Folders of kits, panels or embossed parts, their manifests, folders of such folders (in the order of their names), or
         packed registries.
-    as_built : sequence of path
+    as_built : path or sequence of path
         Files of measured places, each of one of the kits: in place of the as-built.json beside it. ``["none"]``: none at all.
 
     Returns
@@ -61,14 +62,14 @@ def as_tapes(tapes: object) -> list[Tape]:
 
     Raises SpecError: what is wrong with any of them, all together.
     """
-    given = [tapes] if isinstance(tapes, Tape | str | PathLike) or not isinstance(tapes, Iterable) else tapes
+    given = [tapes] if isinstance(tapes, Tape | str | bytes | PathLike) or not isinstance(tapes, Iterable) else tapes
     found: list[Tape] = []
     problems: list[Problem] = []
     for entry in given:
         if isinstance(entry, Tape):
             found.append(entry)
         elif isinstance(entry, str | PathLike):
-            found += tried(partial(read_tapes, [Path(entry)]), problems) or []
+            found += tried(partial(read_tapes, [entry if isinstance(entry, str) else Path(entry)]), problems) or []
         else:
             problems.append(no_tape(entry, "Tape.load(KIT), or the path of a kit"))
     if problems:
@@ -76,7 +77,9 @@ def as_tapes(tapes: object) -> list[Tape]:
     return found
 
 
-def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] = ()) -> list[Registered]:
+def read_registered(
+    paths: str | Path | Sequence[str | Path], as_built: str | Path | Sequence[str | Path] = ()
+) -> list[Registered]:
     """The registry: kits, in the order given.
 
     paths: As for `read_tapes`.
@@ -85,10 +88,12 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
     """
     entries: list[Registered] = []
     problems: list[Problem] = []
-    given = tried(lambda: _Measured(as_built), problems) or _Measured(())
-    for named in [paths] if isinstance(paths, str | PathLike) or not isinstance(paths, Iterable) else paths:
+    given = tried(lambda: _Measured([as_built] if isinstance(as_built, str | PathLike) else as_built), problems) or _Measured(())
+    for given_path in [paths] if isinstance(paths, str | PathLike) or not isinstance(paths, Iterable) else paths:
         try:
-            path = as_path(named, "paths", "kits")
+            path = as_path(given_path, "paths", "kits")
+            if given_path == "":  # as a path it is the current folder
+                raise SpecError(Problem("tape", "tape = '' is empty; give the path of a kit"))
             packed = is_packed(path)
             if packed:
                 entries += [Registered(path=path, tape=tape, fab=fab) for tape, fab in read_packed(path)]
@@ -101,18 +106,28 @@ def read_registered(paths: Sequence[str | Path], as_built: Sequence[str | Path] 
         for place in places:
             try:
                 file = find_manifest(place)
+            except SpecError as error:  # it names the place
+                problems.extend(Problem("tape", problem.message) for problem in error.problems)
+                continue
+            try:
                 manifest = read_manifest(file)
                 fab = manifest.get("fab")
                 name = fab.get("name", "") if isinstance(fab, dict) else ""
                 tape = Tape.from_mapping(manifest).with_as_built(file, given.of(file))
                 entries.append(Registered(path=place, tape=tape, fab=str(name)[:200]))
             except SpecError as error:
-                said = (p.message if str(place) in p.message else f"{shown_path(place)}: {p.message}" for p in error.problems)
-                problems.extend(Problem("tape", message) for message in said)
+                problems.extend(_of_kit(place, problem) for problem in error.problems)
     problems += given.unused(entries)
     if problems:
         raise SpecError(problems)
     return entries
+
+
+def _of_kit(place: Path, problem: Problem) -> Problem:
+    """A problem of a kit's file: its keys are the file's, and the place is put before it, unless it begins with a file there."""
+    if problem.message.startswith(f"{place}{os.sep}"):
+        return Problem("tape", problem.message)
+    return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 
 
 class _Measured:

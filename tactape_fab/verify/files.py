@@ -130,8 +130,11 @@ def read_files(
                 problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
         if (found := known[path]) is not None:
             files.setdefault(role, []).append(WrittenFile(path=str(path), data=found[0]))
-            if (row.get("bytes"), row.get("sha256")) != (len(found[0]), found[1]):
+            if row.get("sha256") != found[1]:
                 problems.append(f"{path} is not the file that was written: its SHA-256 differs")
+            elif row.get("bytes") != len(found[0]):
+                said = f"{path} has {len(found[0])} bytes and the SHA-256 as listed"
+                problems.append(f"{said}, but the manifest lists {shown(row.get('bytes'))} bytes")
     message = named(problems) if problems else f"{len(rows)} files, sizes and SHA-256 as listed"
     checks = [Check(name="files", passed=not problems, message=message, figure=float(len(rows)))]
     listed.add(AS_BUILT_NAME)  # the user's own; `check_as_built` reports it

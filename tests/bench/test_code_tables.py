@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 from tactape_fab import Localizer
+from tests.bench import dot_records
 from tests.bench.code_bounds import largest_code, most_distance
 from tests.bench.code_table import least_contact, located
 from tests.bench.code_trust import SUBJECTS, foreign, own, tape_of_code
+from tests.bench.dot_records import recorded
 from tests.bench.quarter_turns import Turns
 from tests.bench.touch_rungs import DESIGNS, designed
 from tests.bench.touch_rungs import located as located_on_design
 from tests.thorough import THOROUGH, only_thorough, some
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _few_records() -> Iterator[None]:
+    """Dots of contacts are drawn from a quarter of the frames that the tables themselves rest on."""
+    recorded.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dot_records, "RECORDED", dot_records.RECORDED // 4)
+        patch.setattr(dot_records, "RECORDED_AT_EDGES", dot_records.RECORDED_AT_EDGES // 4)
+        yield
+    recorded.cache_clear()
 
 
 @pytest.mark.parametrize(("length", "distance", "words"), [(24, 8, 4096), (16, 6, 256), (23, 7, 4096), (13, 6, 40)])

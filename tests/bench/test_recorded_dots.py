@@ -136,7 +136,7 @@ def test_false_dots_keep_away_from_dots_and_stay_by_the_outline(tape: Tape) -> N
 
     x0, y0 = tape.board.texture_origin_mm
     rng = np.random.default_rng(4)
-    recordings, n = 2 * some(600), 2 * some(600) + 300
+    recordings, n = 2 * some(300), 2 * some(300) + 300
     x = np.where(rng.random(n) < 0.5, rng.uniform(0.0, 2.0, n), tape.board.size_mm[0] - rng.uniform(0.0, 2.0, n)) - x0
     poses = np.column_stack([x, y0 - rng.uniform(20.0, 30.0, n), rng.uniform(-180.0, 180.0, n)])
     frames = iterate_frames(tape, recordings, 1, scene=replace(scene, noise=0.0), poses=poses[:recordings])

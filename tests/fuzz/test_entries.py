@@ -18,7 +18,7 @@ from tests.fuzz.mutate import mutated
 from tests.fuzz.seeds import make_seeds
 from tests.thorough import THOROUGH
 
-SPENT_S = 0.6 if THOROUGH else 0.3
+SPENT_S = 0.3 if THOROUGH else 0.15
 """Processor time for each entry point."""
 NAMES = (
     *("manifest", "panel manifest", "kit: manifest", "spec", "fab profile", "part profile", "process profile", "sensor profile"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -62,8 +63,10 @@ def legal(values: dict[str, Any]) -> Examined:
 @settings(deadline=None, derandomize=True, max_examples=some(8))
 @given(values=specs())
 def test_any_legal_spec_becomes_a_verified_kit(values: dict[str, Any]) -> None:
+    """Without FreeCAD and PrusaSlicer, for their time; they read random kits in tests/roundtrip/test_random_kits.py."""
     examined = legal(values)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", folder)
         kit = make_kit(examined.spec, Path(folder) / "kit")
         assert kit.checks
         assert all(check.passed or check.warning for check in kit.checks)

@@ -94,16 +94,16 @@ def examine_order(
     SpecError
         With every problem, and in `findings` the rules that the remaining values break.
     """
-    request, problems = read_panel_request(values)
     tape_values = {key: value for key, value in values.items() if key not in PANEL_KEYS}
     spec, _ = read_spec({"sector": 0, **tape_values})
+    request, problems = read_panel_request(values, films=spec.fab is not None)
     fab = None if spec.fab is None else tried(lambda: load_fab(str(spec.fab)), [])
     if request.wished and spec.fab is None:
         message = f"panel = '{values['panel']}' is of films with parts, but part = '{spec.part}' is printed or milled; "
         problems.append(Problem("panel", message + "leave out --panel"))
     by_profile = request.mode is None and fab is not None and fab.panel.make == "auto"
     if not (request.wished or by_profile):
-        problems += _without_panel(request, values) if request.mode is None else []
+        problems += _without_panel(values, films=spec.fab is not None) if request.mode is None else []
         if request.sectors:
             tape_values = {"sector": request.sectors[0], **tape_values}
         return examine(tape_values, output=output, overwrite=overwrite, avoid=avoid, known=problems), ()
@@ -152,10 +152,11 @@ def _no_panel(size_mm: tuple[float, float], fab: FabProfile) -> str:
     return f"no panel: tapes of {size_mm[0]:g} x {size_mm[1]:g} mm fit on none that assembly at {fab.name} takes"
 
 
-def _without_panel(request: PanelRequest, values: Mapping[str, Any]) -> list[Problem]:
-    """Keys that concern a panel although no panel is made."""
+def _without_panel(values: Mapping[str, Any], *, films: bool) -> list[Problem]:
+    """Keys that concern a panel although no panel is made; only films go on one."""
+    asked = "give --panel, or " if films else ""
     return [
-        Problem(key, f"{key} is of a panel, and none is asked for; give --panel, or leave out --{key.replace('_', '-')}")
+        Problem(key, f"{key} is of a panel, and none is asked for; {asked}leave out --{key.replace('_', '-')}")
         for key in PANEL_KEYS[1:]
         if values.get(key) not in (None, False)
     ]

@@ -15,11 +15,12 @@ from tactape_fab.base.errors import Problem
 from tactape_fab.kit.profiles.assembly import BomTable
 from tactape_fab.kit.read.gerber_file import FURTHEST_MM, ReadbackError, is_on_earth, one_line
 from tactape_fab.texture import cpl as texture_cpl
-from tactape_fab.texture.cpl import CplContent
+from tactape_fab.texture.cpl import SEPARATORS, CplContent, plain_columns, written_with
 from tactape_fab.texture.frames import FloatArray
 
-_DIGITS = frozenset("0123456789.-")
-_KEPT_BYTES = 1 << 20
+_DIGITS = "0123456789.-"
+_KEPT_BYTES = 8 << 20
+"""Size up to which what a list holds is kept: that of 200,000 parts, which takes 30 MB."""
 
 
 def read_drill(data: bytes) -> FloatArray:
@@ -71,14 +72,15 @@ def _read_cpl(data: bytes) -> CplContent:
     _refuse_header(content.headers, content.table.headers)
     if content.table.style == "kicad":
         rows = [line.split() for line in data.decode("ascii").splitlines() if not line.startswith("#")]
+        columns = [[row[i] for row in rows] for i in range(len(content.headers))]
     else:
-        rows = _plain_lines(_decoded(data).removeprefix("#"), "\t" if content.table.style == "tab" else ",")[1:]
+        columns = _columns(_decoded(data).removeprefix("#"), SEPARATORS[content.table.style])
     low, high = (-180.0, 180.0) if content.table.half_turns else (0.0, 360.0)
     turns = -content.rotation_deg if content.table.clockwise else content.rotation_deg
     if not ((turns >= low) & (turns <= high)).all():
         raise ReadbackError(f"a rotation is not from {low:g} to {high:g} deg, as this list has them")
     for number in (place for place, (_, of) in enumerate(content.table.columns) if of in ("x", "y", "rotation")):
-        if not _DIGITS.issuperset("".join(row[number] for row in rows)):
+        if not written_with("".join(columns[number]), _DIGITS):
             raise ReadbackError(f"a number of column {content.headers[number]} is not written with digits, '-' and '.' alone")
     return content
 
@@ -119,6 +121,13 @@ def csv_lines(text: str, separator: str = ",") -> list[list[str]]:
         if len(line) != len(lines[0]):
             raise ReadbackError(f"row {number} has {len(line)} cells where the header has {len(lines[0])}")
     return lines
+
+
+def _columns(text: str, separator: str) -> list[list[str]]:
+    """Cells below the header by column; of a table written as `_plain_lines` wants it, which it is asked where it has quotes."""
+    plain = plain_columns(text, separator)
+    columns = zip(*_plain_lines(text, separator), strict=True) if plain is None else plain
+    return [list(column[1:]) for column in columns]
 
 
 def _plain_lines(text: str, separator: str = ",") -> list[list[str]]:

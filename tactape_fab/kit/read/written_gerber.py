@@ -34,6 +34,8 @@ _FILE_ATTRIBUTES = [
 ]
 """Those of a header, in the writer's order; readers differ in which one of two they believe."""
 _POINT = re.compile(rb"^X(%b)Y(%b)(I%bJ%b)?D0([123])\*$" % ((_NUMBER,) * 4), re.MULTILINE)
+_PLAIN_POINT = re.compile(rb"X%bY%bD0[123]\*\n" % (_NUMBER, _NUMBER))
+_LETTERS_OF_POINTS = bytes.maketrans(b"XYD*", b"    ")
 _SELECT = re.compile(rb"^D(\d{2,4})\*$", re.MULTILINE)
 _APERTURE = re.compile(rb"%ADD(\d{2,4})(?:(C),(\d{1,4}\.\d{6})|(P),(\d{1,4}\.\d{6})X4X0\.000000|([A-Z]{1,20}))\*%")
 _MACRO = re.compile(rb"%AM([A-Z]{1,20})\*")
@@ -159,7 +161,7 @@ class _Reader:
 
     def __init__(self, data: bytes) -> None:
         self.data, self.drawn = data, Drawn()
-        text = np.frombuffer(data, dtype=np.uint8)
+        self.text = text = np.frombuffer(data, dtype=np.uint8)
         self.ends = np.flatnonzero(text == ord("\n"))
         self.begins = np.concatenate([[0], self.ends[:-1] + 1])
         first, second = text[self.begins], text[np.minimum(self.begins + 1, len(text) - 1)]
@@ -177,6 +179,10 @@ class _Reader:
 
     def line(self, number: int) -> bytes:
         return self.data[self.begins[number] : self.ends[number]]
+
+    def _lines_where(self, chosen: BoolArray) -> bytes:
+        """Some of the lines, with their line feeds."""
+        return self.text[np.repeat(chosen, self.ends - self.begins + 1)].tobytes()
 
     def fail(self, number: int, why: str) -> FormError:
         return FormError(f"line {number + 1}, {shown(self.line(number).decode('ascii'))}, {why}")
@@ -210,10 +216,10 @@ class _Reader:
 
     def _attributes(self, start: int) -> None:
         """Refuse what is no attribute, two ways to write them, and file attributes other than the header's and a signature."""
-        right = np.searchsorted(self.begins, [found.start() for found in _ATTRIBUTE.finditer(self.data)])
-        if len(right) != self.is_attribute.sum():
+        if _ATTRIBUTE.sub(b"", self._lines_where(self.is_attribute)).strip(b"\n"):
+            right = np.searchsorted(self.begins, [found.start() for found in _ATTRIBUTE.finditer(self.data)])
             raise self.fail(int(np.setdiff1d(np.flatnonzero(self.is_attribute), right)[0]), _FOREIGN)
-        if len({self.data[i] for i in self.begins[right].tolist()}) > 1:
+        if len(np.unique(self.text[self.begins[self.is_attribute]])) > 1:
             raise FormError("its attributes are written in two ways, as statements and as comments")
         found = [(match.start(), match[1]) for match in _FILE_ATTRIBUTE.finditer(self.data)]
         if found and len(self.begins) > 1 and found[-1] == (self.begins[-2], b".MD5"):
@@ -225,8 +231,13 @@ class _Reader:
     def _points(self) -> None:
         """Take all points apart: their lines, x, y and operation, and the centre of those of arcs."""
         self.point_lines = np.flatnonzero(self.is_point)
-        values = np.empty((len(self.point_lines), 3), dtype=np.int64)
         self.centres: dict[int, tuple[int, int]] = {}
+        points = self._lines_where(self.is_point)
+        if not _PLAIN_POINT.sub(b"", points):  # no arcs
+            values = np.fromstring(points.translate(_LETTERS_OF_POINTS), dtype=np.int64, sep=" ").reshape(-1, 3)
+            self.xy, self.operation = values[:, :2], values[:, 2]
+            return
+        values = np.empty((len(self.point_lines), 3), dtype=np.int64)
         done = 0
         for a in range(0, len(self.ends), _PIECE_LINES):
             b = min(a + _PIECE_LINES, len(self.ends))
@@ -251,7 +262,7 @@ class _Reader:
     def _select(self, defined: IntArray) -> None:
         """Find the aperture that is taken at each point; those defined in lines `defined` have numbers from 10 on."""
         lines = np.flatnonzero(self.is_select)
-        found = _SELECT.findall(self.data)
+        found = _SELECT.findall(self._lines_where(self.is_select))
         if len(found) != len(lines):
             wrong = next(i for i in lines.tolist() if not _SELECT.fullmatch(self.line(i)))
             raise self.fail(wrong, _FOREIGN)

@@ -11,6 +11,7 @@ from tactape_fab.kit.film.drawing import Drawing
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.render.gerber_text import GerberText
 from tactape_fab.texture.frames import to_nm
+from tactape_fab.texture.shapes import outlines_at
 
 # Gerber 2024.05 section 6.2: fixed apertures of component centre, pin 1 and other pins
 _CENTRE_MM = 0.3
@@ -44,7 +45,7 @@ def render_components(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
         )
         number = np.arange(first, first + len(parts.xy_mm))
         closed = np.concatenate([parts.bodies.outline_mm, parts.bodies.outline_mm[:1]])
-        outline = to_nm(parts.xy_mm[:, None] + closed).reshape(len(number), -1)
+        outline = to_nm(outlines_at(parts.xy_mm, closed)).reshape(len(number), -1)
         pins = to_nm(parts.pads.xy_mm).reshape(-1, 4)
         values = np.column_stack([number, to_nm(parts.xy_mm), outline, number, pins[:, :2], number, pins[:, 2:]])
         gerber.rows(template, values)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
 
 from tactape_fab.base.build_date import build_date
+from tactape_fab.base.number_rows import number_rows
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.film.drawing import Drawing
@@ -50,7 +51,7 @@ def render_cpl(drawing: Drawing, fab: FabProfile) -> tuple[Artifact]:
 def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -> Mapping[str, Iterable[str]]:
     """The cells of each column, by its content; without end where they are the same for every part."""
     part = drawing.part
-    x, y = (drawing.parts_xy_mm / house.unit_mm).T.tolist()
+    x, y = (number_rows("%.4f ", column).decode("ascii").split() for column in (drawing.parts_xy_mm / house.unit_mm).T)
     length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)
     of_tapes = [(_degrees(house.written_deg(parts.rotation_deg), house), len(parts.xy_mm)) for parts in drawing.parts]
     same = {
@@ -65,8 +66,8 @@ def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -
     return {
         "designator": drawing.designators(),
         "rotation": [text for text, count in of_tapes for _ in range(count)],
-        "x": [f"{value:.4f}" for value in x],
-        "y": [f"{value:.4f}" for value in y],
+        "x": x,
+        "y": y,
         **{content: repeat(text) for content, text in same.items()},
     }
 

@@ -8,12 +8,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from tactape_fab.base.build_date import build_date
+from tactape_fab.base.number_rows import number_rows
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.film.drawing import Project
 from tactape_fab.kit.profiles import X2Mode
 from tactape_fab.texture.frames import FloatArray, IntArray, to_nm
 
-_CHUNK = 2_000
+_CHUNK = 20_000
 """Flashes formatted at a time, which bounds memory whatever the number of parts."""
 
 
@@ -22,7 +23,7 @@ class GerberText:
 
     def __init__(self, project: Project, x2: X2Mode, file_function: str, polarity: str = "Positive") -> None:
         self._x2 = x2
-        self._lines: list[str] = []
+        self._pieces: list[bytes] = []
         self._next_aperture = 10
         self._attribute(f"TF.GenerationSoftware,tactape-fab,tactape-fab,{__version__}")
         self._attribute(f"TF.CreationDate,{build_date():%Y-%m-%dT%H:%M:%S+00:00}")
@@ -34,7 +35,7 @@ class GerberText:
         self.add("%FSLAX46Y46*%", "%MOMM*%", "%LPD*%", "G75*", "G01*")
 
     def add(self, *lines: str) -> None:
-        self._lines += lines
+        self._pieces += [f"{line}\n".encode("ascii") for line in lines]
 
     def _attribute(self, content: str) -> None:
         # Gerber 2024.05 section 5.1.1: attributes as standardised comments
@@ -77,10 +78,9 @@ class GerberText:
         return code
 
     def rows(self, template: str, values: IntArray) -> None:
-        """One `template` per row of `values`, in %-format; no Python loop over rows."""
+        """One `template` per row of `values`, in %-format, with its line feeds; no Python loop over rows."""
         for start in range(0, len(values), _CHUNK):
-            chunk = values[start : start + _CHUNK]
-            self.add((template * len(chunk) % tuple(chunk.ravel().tolist())).rstrip("\n"))
+            self._pieces.append(number_rows(template, values[start : start + _CHUNK]))
 
     def flash(self, aperture: str, xy_mm: FloatArray) -> None:
         self.add(f"{aperture}*")
@@ -104,9 +104,8 @@ class GerberText:
 
     def data(self) -> bytes:
         """The whole file with its signature (Gerber 2024.05 section 5.6.9: MD5 of all before it, line ends left out)."""
-        pieces = [f"{line}\n".encode("ascii") for line in self._lines]
         digest = hashlib.md5(usedforsecurity=False)
-        for piece in pieces:
+        for piece in self._pieces:
             digest.update(piece.replace(b"\n", b""))
         end = self.attribute_line(f"TF.MD5,{digest.hexdigest()}").replace("%%", "%")
-        return b"".join([*pieces, f"{end}M02*\n".encode("ascii")])
+        return b"".join([*self._pieces, f"{end}M02*\n".encode("ascii")])

@@ -77,7 +77,7 @@ def _text(text: str) -> str:
 
 
 def _for_format(text: str) -> str:
-    return text.replace("{", "{{").replace("}", "}}")
+    return text.replace("%", "%%")
 
 
 def _number(value: float) -> str:
@@ -113,12 +113,12 @@ def _footprints(drawing: Drawing) -> Iterator[str]:
         template = _footprint(drawing, parts)
         at = _sheet(drawing, parts.xy_mm).tolist()
         for n, (x, y) in enumerate(at, start=first):
-            yield template.format(n=n, x=x, y=y, stamp=f"00000000-0000-4000-8000-{n:011x}")
+            yield template % (n, x, y, n)
         first += len(at)
 
 
 def _footprint(drawing: Drawing, parts: Parts) -> str:
-    """Text of a part's footprint, to be formatted with its number, place and stamp.
+    """Text of a part's footprint in %-format, of its number, its place, and its number again.
 
     The file holds it for every part: what KiCad fills in itself (identifiers of its shapes, a font for the hidden
     value) or what the library has (its description) would more than double the file.
@@ -126,11 +126,9 @@ def _footprint(drawing: Drawing, parts: Parts) -> str:
     part, turn = drawing.part, _number(parts.rotation_deg)
     body, courtyard = part.body_mm, part.courtyard_mm
     lines = [
-        "  (footprint "
-        + _text(f"tactape:{part.footprint}").replace("{", "{{").replace("}", "}}")
-        + ' (layer "F.Cu") (tstamp {stamp:s}0)',
-        f"    (at {{x:.10g}} {{y:.10g}} {turn}) (attr smd)",
-        _hidden_text("reference", "R{n:d}", turn),
+        f'  (footprint {_text(_for_format(f"tactape:{part.footprint}"))} (layer "F.Cu") (tstamp 00000000-0000-4000-8000-%011x0)',
+        f"    (at %.10g %.10g {turn}) (attr smd)",
+        _hidden_text("reference", "R%d", turn),
         _hidden_text("value", _for_format(part.value), turn),
         _rectangle(body[:2], "F.Fab", _FAB_LINE_MM, "none"),
         _rectangle(courtyard, "F.CrtYd", _COURTYARD_LINE_MM, "none"),

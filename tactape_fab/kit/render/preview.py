@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import RenderError
+from tactape_fab.base.number_rows import number_rows
 from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.read.gerber_file import GerberShapes
@@ -27,7 +28,7 @@ from tactape_fab.kit.render.colours import (
     rgb8,
 )
 from tactape_fab.texture.frames import FloatArray, board_to_picture, board_to_texture
-from tactape_fab.texture.shapes import rotate
+from tactape_fab.texture.shapes import outlines_at, rotate
 
 MARGIN_MM = 2.0
 PX_PER_MM = 20.0
@@ -154,8 +155,7 @@ def _stamp_uses(outline: FloatArray, xy: FloatArray, key: str) -> Iterator[str]:
     """An outline defined once and used at every place."""
     yield f'<defs><path id="{key}" d="{_path(outline, closed=True)}"/></defs>\n'
     for i in range(0, len(xy), _PIECE_STAMPS):
-        piece = xy[i : i + _PIECE_STAMPS]
-        yield (f'<use href="#{key}" x="%.4f" y="%.4f"/>\n' * len(piece)) % tuple(piece.ravel().tolist())
+        yield number_rows(f'<use href="#{key}" x="%.4f" y="%.4f"/>\n', xy[i : i + _PIECE_STAMPS]).decode("ascii")
 
 
 def _svg(shapes: Sequence[_Shapes], size_mm: FloatArray, name: str) -> Iterator[bytes]:
@@ -219,7 +219,7 @@ def _png(shapes: Sequence[_Shapes], size_mm: FloatArray) -> bytes:
         colour = _bgr(shape.colour)
         for outline, xy in shape.stamps:
             for i in range(0, len(xy), _PIECE_STAMPS):
-                for polygon in px(xy[i : i + _PIECE_STAMPS, None] + outline):
+                for polygon in px(outlines_at(xy[i : i + _PIECE_STAMPS], outline)):
                     cv2.fillConvexPoly(image, polygon, colour, cv2.LINE_8, _SUB_PIXEL_BITS)
         for polygon in shape.polygons:
             cv2.fillPoly(image, [px(polygon)], colour, cv2.LINE_8, _SUB_PIXEL_BITS)

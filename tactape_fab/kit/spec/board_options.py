@@ -72,13 +72,12 @@ def _corner_radius(table: Fields, size_mm: tuple[float, float], *, square: bool)
 
 def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, float, float], ...]:
     holes = []
+    remedy = "give X,Y,DIAMETER in mm, or [X, Y, DIAMETER] in TOML and Python"
     for i, hole in enumerate(table.rows("holes_mm", longest=MOST_HOLES)):
         key = f"holes_mm[{i}]"
-        x, y, d = Fields({key: hole}, "", table.problems).numbers(
-            key, 3, above=0.0, high=LONGEST_MM, remedy="give X,Y,DIAMETER in mm"
-        )
+        x, y, d = Fields({key: hole}, "", table.problems).numbers(key, 3, above=0.0, high=LONGEST_MM, remedy=remedy)
         if d < LEAST_ROUND_MM:
-            table.problem(key, f"{key} has a diameter of {d:g} mm, below {LEAST_ROUND_MM:g} mm; give X,Y,DIAMETER in mm")
+            table.problem(key, f"{key} has a diameter of {d:g} mm, below {LEAST_ROUND_MM:g} mm; {remedy}")
         elif table.refused("size_mm"):
             pass
         elif x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:

@@ -45,7 +45,7 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
         "sector": sector,
         "pitch_mm": pitch_mm,
         "displacement_mm": _displacement(table, pitch_mm),
-        "size_mm": _size(table, pitch_mm, code.name, code.range),
+        "size_mm": _size(table, pitch_mm, code, sector),
         "origin": _origin(table, code, sector),
     }
 
@@ -55,7 +55,7 @@ def read_direction_option(table: Fields, part: Part | None, displacement_mm: flo
     code = None if table.refused("code") else get_code(table.values.get("code", DEFAULT_CODE))
     directions = read_directions(table, code)
     if not DIRECTIONS[directions].usual and isinstance(part, PartProfile) and not table.refused("displacement_mm"):
-        message = None if table.refused("directions") else scatter_refusal(displacement_mm)
+        message = scatter_refusal(displacement_mm)  # with another code, too
         if message is not None:
             table.problem("directions", message)
     return directions
@@ -83,25 +83,25 @@ def _displacement(table: Fields, pitch_mm: float) -> float:
     return float(snap_mm(usual if table.refused("pitch_mm") else displacement_mm))
 
 
-def _size(table: Fields, pitch_mm: float, code_name: str, code_range: int) -> tuple[float, float]:
-    remedy = "give WIDTHxHEIGHT in millimetres, such as 100x50"
+def _size(table: Fields, pitch_mm: float, code: Code, sector: int) -> tuple[float, float]:
+    remedy = "give WIDTHxHEIGHT in millimetres, such as 100x50, or [100, 50] in TOML and Python"
     width, height = table.numbers("size_mm", 2, above=0.0, high=LONGEST_MM, remedy=remedy, default=DEFAULT_SIZE_MM)
-    reach_mm = inf if table.refused("pitch_mm") else code_range * pitch_mm
-    code = _code_of_reach(max(width, height) / pitch_mm)
-    larger = f"use --code {code} or a smaller tape" if code else "use a smaller tape"
+    reach_mm = inf if table.refused("pitch_mm") else code.range * pitch_mm
+    other = _code_of_reach(max(width, height) / pitch_mm, sector)
+    larger = f"use --code {other} or a smaller tape" if other else "use a smaller tape"
     for i, side_mm in enumerate((width, height)):
         if side_mm > reach_mm:
             message = (
-                f"size_mm[{i}] = {side_mm} mm exceeds {reach_mm} mm, the reach of code '{code_name}' at pitch "
+                f"size_mm[{i}] = {side_mm} mm exceeds {reach_mm} mm, the reach of code '{code.name}' at pitch "
                 f"{pitch_mm} mm; {larger}"
             )
             table.problems.append(ReachProblem("size_mm", message))
     return DEFAULT_SIZE_MM if table.refused("size_mm") else (float(snap_mm(width)), float(snap_mm(height)))
 
 
-def _code_of_reach(points: float) -> str:
-    """Code of least range with so many points along an axis, '' if there is none."""
-    reaching = [name for name in CODE_NAMES if get_code(name).range >= points]
+def _code_of_reach(points: float, sector: int) -> str:
+    """Code of least range with so many points along an axis that has the sector, '' if there is none."""
+    reaching = [name for name in CODE_NAMES if get_code(name).range >= points and sector < get_code(name).sectors]
     return min(reaching, key=lambda name: get_code(name).range, default="")
 
 
@@ -116,6 +116,7 @@ def _origin(table: Fields, code: Code, sector: int) -> tuple[int, int] | Literal
         return code.default_origin(sector)
     if table.values["origin"] == BEST:
         return BEST
-    remedy = f"give --origin COL,ROW with both from 0 to {code.range - 1}, or best, or leave it to the sector's default"
+    remedy = f"give --origin COL,ROW with both from 0 to {code.range - 1}, or best, or leave it to the sector's default; "
+    remedy += "in TOML and Python give [COL, ROW]"
     column, row = table.integers("origin", 2, low=0, high=code.range - 1, remedy=remedy)
     return column, row

@@ -42,8 +42,11 @@ class PanelRequest:
         return self.mode in ("auto", "given")
 
 
-def read_panel_request(values: Mapping[str, Any]) -> tuple[PanelRequest, list[Problem]]:
-    """Read the keys of a panel from untrusted values; every problem is listed."""
+def read_panel_request(values: Mapping[str, Any], *, films: bool = True) -> tuple[PanelRequest, list[Problem]]:
+    """Read the keys of a panel from untrusted values; every problem is listed.
+
+    films: Whether the tapes are films. Others go on no panel, and no remedy names one.
+    """
     table = Fields({key: values[key] for key in (*PANEL_KEYS, "code") if values.get(key) is not None})
     mode, arrangement = _mode(table)
     sectors = _sectors(table) if "sectors" in table.values else None
@@ -55,7 +58,7 @@ def read_panel_request(values: Mapping[str, Any]) -> tuple[PanelRequest, list[Pr
         )
     if sectors is not None and same_sector:
         table.problem("same_sector", "same_sector repeats one sector, but sectors names those of the tapes; give one of them")
-    if arrangement is not None and sectors is not None and arrangement[0] * arrangement[1] != len(sectors):
+    if films and arrangement is not None and sectors is not None and arrangement[0] * arrangement[1] != len(sectors):
         count = arrangement[0] * arrangement[1]
         table.problem(
             "sectors",
@@ -66,7 +69,8 @@ def read_panel_request(values: Mapping[str, Any]) -> tuple[PanelRequest, list[Pr
     if mode == "none":
         for key in (k for k in PANEL_KEYS[1:] if table.values.get(k, False) is not False):
             option = f"--{key.replace('_', '-')}"
-            table.problem(key, f"{key} is of a panel, but panel = 'none'; leave out {option}, or use --panel auto")
+            other = ", or use --panel auto" if films else ""
+            table.problem(key, f"{key} is of a panel, but panel = 'none'; leave out {option}{other}")
     request = PanelRequest(mode=mode, arrangement=arrangement, sectors=sectors, same_sector=same_sector, tabs=tabs)
     return request, table.problems
 

@@ -54,7 +54,8 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
         if negative:
             _contradiction(table, "negative", "models = false (--no-3d)", "give one of them")
     if element is None and part is not None and "mark" in table.values:
-        _contradiction(table, "mark", f"part = '{part.name}', whose film prints its sector", "leave out --no-mark")
+        remedy = "leave out --no-mark, in TOML and Python mark"
+        _contradiction(table, "mark", f"part = '{part.name}', whose film prints its sector", remedy)
     with_models = models or element is not None
     body_mm, top_mm = _body(table, part)
     return {
@@ -119,13 +120,14 @@ def _size(table: Fields, part: ElementProfile) -> tuple[float, float, float]:
     given = table.values["body_mm"]
     once = part.shape == "dome" and isinstance(given, list | tuple) and len(given) == 2
     values = {"body_mm": [given[0], given[0], given[1]] if once else given}
-    remedy = "give DIAMETERxHEIGHT in mm" if part.shape == "dome" else "give LENGTHxWIDTHxHEIGHT in mm"
+    words = "DIAMETERxHEIGHT", "[DIAMETER, HEIGHT]"
+    words = words if part.shape == "dome" else ("LENGTHxWIDTHxHEIGHT", "[LENGTH, WIDTH, HEIGHT]")
     size = Fields(values, "", table.problems).numbers(
         "body_mm",
         3,
         low=LEAST_BODY_MM,
         high=LARGEST_BODY_MM,
-        remedy=f"{remedy}, each at most {LARGEST_BODY_MM:g}",
+        remedy=f"give {words[0]} in mm, each at most {LARGEST_BODY_MM:g}, or {words[1]} in TOML and Python",
         default=part.body_mm,
     )
     if once:

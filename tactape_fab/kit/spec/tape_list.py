@@ -15,6 +15,8 @@ from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
 
 _OF_ONE = ("sector", "sectors", "name")
 """Keys that must differ between the tapes of a list."""
+_OF_A_PANEL = ("panel", "same_sector", "tabs")
+"""Keys of a panel besides its sectors; a list's tapes are on none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +58,9 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
     The problems are those of the list. Faults of a tape are found when its spec is built. If sectors are refused, sector 0
     replaces them, so that everything else can be checked.
     """
-    problems = _contradictions(values, options)
-    shared = {key: value for key, value in values.items() if key != "tapes"}
+    problems = _contradictions(values, options) + _of_panels({**values, **options})
+    options = {key: value for key, value in options.items() if key not in _OF_A_PANEL}
+    shared = {key: value for key, value in values.items() if key not in ("tapes", *_OF_A_PANEL)}
     entries: list[TapeEntry] = []
     if "tapes" not in values:
         entries = _of_sectors({**shared, **options}, "", problems)
@@ -73,7 +76,9 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
         for i, tape in enumerate(values["tapes"]):
             where = f"tapes[{i}]: "
             if isinstance(tape, dict):
-                entries += _of_table({**common, **tape, **overriding}, where, problems)
+                problems += _of_panels(tape, where)
+                own = {key: value for key, value in tape.items() if key not in _OF_A_PANEL}
+                entries += _of_table({**common, **own, **overriding}, where, problems)
             else:
                 problems.append(Problem("tapes", f"{where}{shown(tape)} is no table; give it as [[tapes]]"))
             if len(entries) > MOST_TAPES:
@@ -97,6 +102,15 @@ def _contradictions(values: Mapping[str, Any], options: Mapping[str, Any]) -> li
                 why = "each of [[tapes]] has its own" if several else "each tape is named for its sector"
                 found.append(Problem(key, f"{key} = {shown(source[key])} cannot be that of all tapes: {why}; leave it out"))
     return found
+
+
+def _of_panels(values: Mapping[str, Any], where: str = "") -> list[Problem]:
+    """Keys of a panel, where each tape is made alone."""
+    return [
+        Problem(key, f"{where}{key} = {shown(values[key])} is of a panel, and these tapes are made one by one; leave it out")
+        for key in _OF_A_PANEL
+        if values.get(key) not in (None, False)
+    ]
 
 
 def _of_table(values: Mapping[str, Any], where: str, problems: list[Problem]) -> list[TapeEntry]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from tactape_fab.base.errors import SpecError, TactapeError
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.sense.benchmark.adapters import ADAPTERS, answer_lines, changed_files, open_benchmark, read_index
-from tactape_fab.sense.benchmark.answers import read_answers
+from tactape_fab.sense.benchmark.answers import is_answers, read_answers
 from tactape_fab.sense.benchmark.conditions import CONDITIONS
 from tactape_fab.sense.benchmark.score import HEADER, calibration_lines, line, read_truth, score
 from tactape_fab.sense.benchmark.write import INDEX, USUAL_FRAMES, USUAL_SEED, sha256_of, truth_path, write_benchmark
@@ -42,7 +42,7 @@ def _check(given: argparse.Namespace) -> int:
 
 def _answer(given: argparse.Namespace) -> int:
     output = Path(given.output)
-    refuse_taken_place(output, "output", overwrite=given.overwrite)
+    refuse_taken_place(output, "output", overwrite=given.overwrite, ours=is_answers, kind="no file of answers")
     lines = answer_lines(given.method, ADAPTERS[given.method], open_benchmark(given.folder), _progress)
     write_file(output, "".join(f"{text}\n" for text in lines).encode(), "output", overwrite=given.overwrite)
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
-from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.texture.frames import FloatArray
 
@@ -20,6 +21,12 @@ MOST_LINE_BYTES = 1 << 20
 MOST_FRAMES = 1_000_000
 _MOST_PROBLEMS = 10
 FARTHEST_MM, MOST_SECTOR = 1e7, 10**9
+
+
+def is_answers(path: Path) -> bool:
+    """Whether a file begins as one of answers does. Raises OSError."""
+    first = json.dumps({"format": FORMAT})[:-1].encode()
+    return read_regular(path, len(first)).startswith(first)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,6 +8,7 @@ from math import inf
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dposv, dtrtrs
 from scipy.optimize import minimize
 
 from tactape_fab.sense.calibrate.presses import Press
@@ -36,13 +37,23 @@ class Errors:
     correlation_mm: float = 4.0
 
 
-def covariance(press: Press, errors: Errors) -> FloatArray:
-    """Covariance of the dots of a press along an axis; shape (n, n), mm^2. The model is that of `decode.grid.posterior`."""
+def covariance(press: Press, errors: Errors, apart_mm2: FloatArray | None = None) -> FloatArray:
+    """Covariance of the dots of a press along an axis; shape (n, n), mm^2. The model is that of `decode.grid.posterior`.
+
+    apart_mm2: Squared distances of the dots, where they are known already.
+    """
     own = errors.dot_mm**2 / np.sqrt(press.weights) + RIM_MM**2 * (1.0 - press.weights) ** 1.75
     out: FloatArray = np.diag(own)
     if errors.gel_mm > 0.0:
-        apart = press.texture_mm[:, None] - press.texture_mm
-        out = out + errors.gel_mm**2 * np.exp((apart**2).sum(axis=2) / (-2.0 * errors.correlation_mm**2))
+        apart_mm2 = _apart_mm2(press) if apart_mm2 is None else apart_mm2
+        out += errors.gel_mm**2 * np.exp(apart_mm2 / (-2.0 * errors.correlation_mm**2))
+    return out
+
+
+def _apart_mm2(press: Press) -> FloatArray:
+    """Squared distances of the dots; shape (n, n)."""
+    apart = press.texture_mm[:, None] - press.texture_mm
+    out: FloatArray = (apart**2).sum(axis=2)
     return out
 
 
@@ -79,10 +90,11 @@ def estimate_errors(designs: Sequence[Design], precision: FloatArray, own_precis
     own_precision (4, 4): The same of a press's own.
     Returns: Without displacement of the gel where it makes the dots less than e^3 times as likely.
     """
+    rows = [_rows_of(design) for design in designs]
 
     def cost(z: FloatArray) -> float:
         errors = Errors(dot_mm=float(np.exp(z[0])), **_gel(z))
-        return _minus_ln_likelihood(designs, errors, precision, own_precision)
+        return _minus_ln_likelihood(rows, errors, precision, own_precision)
 
     # the errors at the start are as good as any: the likelihood of a variance alone has one maximum
     still = minimize(cost, np.array([np.log(START_MM)]), method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01})
@@ -108,21 +120,41 @@ def _gel(z: FloatArray) -> dict[str, float]:
     return {"gel_mm": float(np.exp(min(z[1], 0.0))), "correlation_mm": float(np.clip(np.exp(z[2]), low, high))}
 
 
-def _minus_ln_likelihood(designs: Sequence[Design], errors: Errors, precision: FloatArray, own_precision: FloatArray) -> float:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rows:
+    """What a likelihood asks of a press whatever the errors are.
+
+    apart_mm2: Squared distances of its dots; shape (n, n).
+    columns: Derivatives by its own unknowns and by the shared ones, and what is left, along both axes; shape (n, 2 m).
+    """
+
+    press: Press
+    apart_mm2: FloatArray
+    columns: FloatArray
+
+
+def _rows_of(design: Design) -> _Rows:
+    columns = np.concatenate([design.own, design.shared, design.residual_mm[:, :, None]], axis=2)
+    return _Rows(press=design.press, apart_mm2=_apart_mm2(design.press), columns=columns.reshape(len(columns), -1))
+
+
+def _minus_ln_likelihood(presses: Sequence[_Rows], errors: Errors, precision: FloatArray, own_precision: FloatArray) -> float:
     """Of the restricted likelihood, up to a constant; presses are eliminated one by one."""
     normal, right = precision.copy(), np.zeros(len(precision))
+    own, shared = slice(len(own_precision)), slice(len(own_precision), -1)
     total = 0.0
-    for design in designs:
-        white = whitening(design.press, errors)
-        total -= 4.0 * float(np.log(white.diagonal()).sum())  # ln of both determinants
-        r = (white @ design.residual_mm).T.ravel()
-        a = (white @ design.shared.transpose(1, 0, 2)).reshape(-1, design.shared.shape[2])
-        b = (white @ design.own.transpose(1, 0, 2)).reshape(-1, design.own.shape[2])
-        inner = b.T @ b + own_precision
-        lean = np.linalg.solve(inner, np.column_stack([b.T @ a, b.T @ r]))
-        total += float(r @ r - (b.T @ r) @ lean[:, -1]) + float(np.linalg.slogdet(inner)[1])
-        normal += a.T @ a - (a.T @ b) @ lean[:, :-1]
-        right += a.T @ r - (a.T @ b) @ lean[:, -1]
+    for each in presses:
+        lower = np.linalg.cholesky(covariance(each.press, errors, each.apart_mm2))
+        total += 4.0 * float(np.log(lower.diagonal()).sum())  # ln of both determinants
+        white = dtrtrs(lower, each.columns, lower=1)[0].reshape(2 * len(lower), -1)
+        products = white.T @ white
+        inner = products[own, own] + own_precision
+        factor, lean, failed = dposv(inner, products[own, len(own_precision) :], lower=1)
+        if failed:
+            return inf
+        total += float(products[-1, -1] - products[-1, own] @ lean[:, -1] + 2.0 * np.log(factor.diagonal()).sum())
+        normal += products[shared, shared] - products[shared, own] @ lean[:, :-1]
+        right += products[shared, -1] - products[shared, own] @ lean[:, -1]
     total += float(np.linalg.slogdet(normal)[1]) - float(right @ np.linalg.solve(normal, right))
     return total / 2.0
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
 from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.sense.calibrate.result import Calibration
@@ -32,7 +32,15 @@ def checked_output(output: str | Path) -> Path:
     if path.suffix != ".toml":
         raise SpecError(Problem("output", f"output = {shown_path(path)} is no .toml file; name it my-sensor.toml"))
     refuse_taken_place(path, "output", ours=_is_calibrated, kind="no calibrated profile")
+    if mode_of(path) is None:  # what stands beside a calibrated profile belongs to it
+        for beside in _beside(path):
+            refuse_taken_place(beside, "output")
     return path
+
+
+def _beside(path: Path) -> tuple[Path, Path]:
+    """The mask and the hand-eye answer of a profile."""
+    return path.with_name(f"{path.stem}-mask.png"), path.with_name(f"{path.stem}-hand-eye.json")
 
 
 def _is_calibrated(path: Path) -> bool:
@@ -47,11 +55,12 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
     Raises TactapeError.
     """
     files: dict[Path, bytes] = {}
+    mask, hand_eye = _beside(path)
     if found.valid is not None:
-        files[path.with_name(f"{path.stem}-mask.png")] = _png(found.valid)
+        files[mask] = _png(found.valid)
     if found.hand_eye is not None:
-        files[path.with_name(f"{path.stem}-hand-eye.json")] = (json.dumps(found.hand_eye.to_mapping(), indent=1) + "\n").encode()
-    files[path] = profile_text(found, f"{path.stem}-mask.png").encode()
+        files[hand_eye] = (json.dumps(found.hand_eye.to_mapping(), indent=1) + "\n").encode()
+    files[path] = profile_text(found, mask.name).encode()
     for at, data in files.items():
         partial = at.with_name(f".{secrets.token_hex(4)}.{at.name}")
         try:

@@ -37,6 +37,8 @@ FAR_MM = 2000.0
 OBSERVED_MM, OBSERVED_RAD = 5.0, 0.1
 _STARTS = 6
 _ROUNDS = 3
+_MOST_STEPS = 60
+"""Of a solve: poses that fit take some five to ten, those of other frames would take hundreds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,7 +119,9 @@ def find_hand_eye(bundle: Bundle, presses: Sequence[Press], tapes: Sequence[Tape
         # as many unknowns as two transforms have are spread over the six kinds of rows
         freedom = max(1.0 - 12.0 / (6.0 * len(which)), 0.3)
         sigmas = np.maximum(np.sqrt((left**2).mean(axis=0) / freedom), LEAST_SIGMAS)
-    rms = np.sqrt((left**2).mean(axis=0))
+        rms = np.sqrt((left**2).mean(axis=0))
+        if rms[:2].max() > 3.0 * MOST_LEFT_MM:  # other sizes of errors do not mend that
+            break
     if rms[:2].max() > MOST_LEFT_MM or rms[5] > MOST_LEFT_RAD:
         message = (
             f"--hand-eye: poses of the flange do not fit the presses: {rms[:2].max():.2g} mm and {np.degrees(rms[5]):.2g} deg "
@@ -154,7 +158,12 @@ class _Joint:
         free = np.flatnonzero(~held)
         whole = partial(completed, z, free)
         found = least_squares(
-            lambda x: self.rows(whole(x)), z[free], jac=lambda x: self.derivative(whole(x))[:, free], x_scale="jac", method="trf"
+            lambda x: self.rows(whole(x)),
+            z[free],
+            jac=lambda x: self.derivative(whole(x))[:, free],
+            x_scale="jac",
+            method="trf",
+            max_nfev=_MOST_STEPS,
         )
         at = whole(found.x)
         derivative = self.derivative(at)[:, free]

@@ -170,7 +170,8 @@ def _opened(path: Path, name: str = "depth") -> Iterator[tuple[IO[bytes], ArrayH
             if len(members) > _MOST_MEMBERS:
                 raise ValueError(f"it holds {len(members)} arrays, more than {_MOST_MEMBERS}")
             if name + ".npy" not in members:
-                has = ", ".join(sorted(m.removesuffix(".npy") for m in members)) or "nothing"
+                named = (m.removesuffix(".npy") if m.endswith(".npy") else f"{m} (without .npy)" for m in members)
+                has = ", ".join(sorted(named)) or "nothing"
                 raise SpecError(f"it has no array '{name}', only {has[:_SHOWN]}; {_REMEDY}")
             with archive.open(name + ".npy") as member:
                 yield member, read_array_header(member)

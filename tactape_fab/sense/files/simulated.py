@@ -115,7 +115,8 @@ def simulate_file(
     table = Fields({"count": count, "seed": seed, **({} if pose is None else {"pose": pose})})
     frames_count = table.integer("count", low=1, high=MOST_FRAMES, default=1)
     whole_seed = table.integer("seed", low=0, high=2**64 - 1)
-    at = table.numbers("pose", 3, low=-FARTHEST_MM, high=FARTHEST_MM, unit="") if pose is not None else None
+    remedy = f"give X,Y,THETA in mm and degrees, such as 20,12,30, each from {-FARTHEST_MM:g} to {FARTHEST_MM:g}"
+    at = table.numbers("pose", 3, low=-FARTHEST_MM, high=FARTHEST_MM, unit="", remedy=remedy) if pose is not None else None
     if at is not None and edge:
         table.problem("edge", "edge spreads the poses and pose fixes them; give one of --edge and --pose")
     problems = table.problems
@@ -166,10 +167,18 @@ def _scene(options: Mapping[str, Any]) -> Scene:
             model.problem("cylinder", "cylinder and contact both name the contact; give one of them")
     elif options.get("contact") == "pad":
         values["contact"] = values.pop("contact_mm")
-    scene = tried(lambda: Scene(**values), model.problems)
+    scene = tried(lambda: _scene_of(values), model.problems)
     if scene is None or model.problems:
         raise SpecError(model.problems)
     return scene
+
+
+def _scene_of(values: Mapping[str, Any], elastic: ElasticContact | None = None) -> Scene:
+    """The scene with these attributes; a refused one is named as the option that set it."""
+    try:
+        return Scene(**values, elastic=elastic)
+    except SpecError as error:
+        raise SpecError([_of_option(problem, _SCENE_KEYS) for problem in error.problems]) from None
 
 
 def _only_elastic(name: str) -> Problem:
@@ -183,13 +192,25 @@ def _elastic_scene(options: Mapping[str, Any]) -> Scene:
     if "contact" in options:
         problems.append(Problem("contact", "contact is decided by the force of an elastic contact; leave it out"))
     elastic = tried(lambda: ElasticContact(**{keys[name]: value for name, value in options.items() if name in keys}), problems)
+    problems = [_of_option(problem, keys) for problem in problems]
     others = {
         _SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS and name not in (*keys, "contact")
     }
-    scene = tried(lambda: Scene(**others, elastic=elastic), problems)
+    scene = tried(lambda: _scene_of(others, elastic), problems)
     if scene is None or problems:
         raise SpecError(problems)
     return scene
+
+
+def _of_option(problem: Problem, keys: Mapping[str, str]) -> Problem:
+    """A problem of an attribute as one of the option that set it, by which its sentence begins."""
+    attribute = problem.key.partition(".")[2]
+    name, _, index = attribute.partition("[")
+    option = next((option for option, key in keys.items() if key == name), None)
+    if option is None:
+        return problem
+    at = f"{option}[{index}" if index else option
+    return Problem(at, at + problem.message.removeprefix(problem.key))
 
 
 def _parts_from(source: str, tape: Tape, kit: str | Path) -> Parts | None:
@@ -226,6 +247,9 @@ def refuse_taken_file(output: str | Path) -> Path:
     Raises SpecError if it does not end with .npz, its folder does not exist, or another file is there.
     """
     path = Path(output)
+    if path.name.lower() == ".npz":
+        message = f"output = {shown_path(path)} is an ending without a name; give a name before it, such as frames.npz"
+        raise SpecError(Problem("output", message))
     if path.suffix.lower() != ".npz":
         raise SpecError(Problem("output", f"output = {shown_path(path)} does not end with .npz; give a name that does"))
     refuse_taken_place(path, "output", ours=_is_simulated, kind="no simulated file")

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import shown_path
 from tactape_fab.base.libraries import library
-from tactape_fab.base.output_file import write_file
+from tactape_fab.base.picture_file import write_picture
 from tactape_fab.sense.inspect.patches import patch_grid, sample
 from tactape_fab.sense.inspect.result import Deviation, Inspection, Kind
 from tactape_fab.sense.inspect.scan_files import Picture
@@ -155,15 +153,8 @@ def write_pictures(folder: Path, inspection: Inspection, views: Sequence[View]) 
 
     Raises SpecError if they cannot be written there.
     """
-    cv2 = library("cv2", "--picture")
     drawn = {"deviations": draw_deviations(inspection, views), "places": draw_places(inspection)}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        said = f"picture = {shown_path(folder)} cannot be made: {error.strerror or error}; give a folder elsewhere"
-        raise SpecError(Problem("picture", said)) from error
     paths = [folder / f"{inspection.tape.name}-{what}.png" for what in drawn]
     for path, picture in zip(paths, drawn.values(), strict=True):
-        data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 7])[1].tobytes()
-        write_file(path, data, "picture", overwrite=True)
+        write_picture(path, picture, "picture", compression=7)
     return paths

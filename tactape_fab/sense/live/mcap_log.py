@@ -81,12 +81,12 @@ class McapLog:
 
     def _failed(self, error: OSError) -> TactapeError:
         self._writer = None
+        remedy = "use another place"
         if hasattr(self, "_stream"):
+            remedy = "what is in it can be read"
             with suppress(OSError):
                 self._stream.close()
-        return TactapeError(
-            f"mcap {shown_path(self.path)} cannot be written: {error.strerror or error}; what is in it can be read"
-        )
+        return TactapeError(f"mcap {shown_path(self.path)} cannot be written: {error.strerror or error}; {remedy}")
 
 
 def _channel(writer: Any, topic: str, kind: MessageType) -> int:

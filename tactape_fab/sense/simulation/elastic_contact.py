@@ -55,7 +55,9 @@ class ElasticContact:
         """Refuse invalid values, all together."""
         given = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
         table = Fields(given, "elastic.")
-        object.__setattr__(self, "tilt_deg", table.numbers("tilt_deg", 2, low=-_MOST_TILT_DEG, high=_MOST_TILT_DEG, unit="deg"))
+        most = _MOST_TILT_DEG
+        remedy = f"give the tilts along image u and v, each from {-most:g} to {most:g} deg: 3,0, in Python (3, 0)"
+        object.__setattr__(self, "tilt_deg", table.numbers("tilt_deg", 2, low=-most, high=most, unit="deg", remedy=remedy))
         object.__setattr__(self, "crown_mm", table.numbers("crown_mm", 2, low=10.0, high=1e9))
         for name, (least, most, unit) in _NUMBERS.items():
             if name in given:

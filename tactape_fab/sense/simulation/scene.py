@@ -114,7 +114,8 @@ class Scene:
         table = Fields({f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}, "scene.")
         table.text("contact", choices=CONTACTS)
         for name, most in _PAIRS.items():
-            setting = table.numbers(name, 2, low=-most, high=most, unit="" if name == "tilt_mm_per_mm" else "mm")
+            remedy = f"give both axes, each at most {most:g} mm: 11x9, in Python (11, 9)" if name == "contact_mm" else ""
+            setting = table.numbers(name, 2, low=-most, high=most, unit=_PAIR_UNITS.get(name, "mm"), remedy=remedy)
             object.__setattr__(self, name, setting)
         if min(self.contact_mm) < _LEAST_CONTACT_MM:
             said = f"contact_mm = {list(self.contact_mm)} is below {_LEAST_CONTACT_MM} mm; give a larger contact"
@@ -197,6 +198,7 @@ def as_scene(scene: object) -> Scene:
 
 _LEAST_CONTACT_MM = 0.1
 _PAIRS = {"contact_mm": 1000.0, "contact_offset_mm": 1000.0, "tilt_mm_per_mm": 1.0}
+_PAIR_UNITS = {"tilt_mm_per_mm": ""}
 _NUMBERS = {
     "cylinder_radius_mm": (0.5, 1e6, "mm"),
     "strip_width_mm": (_LEAST_CONTACT_MM, 1000.0, "mm"),

@@ -24,6 +24,7 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 
 _SAME_MM = 1e-7
+_ITSELF: IntArray = np.array([[0, 1, 2]])
 
 
 def texture_mesh(tape: Tape, form: SolidForm) -> Mesh:
@@ -52,10 +53,8 @@ class _Builder:
         self._a = lattice.a_fine_mm
         self._lattice_points = len(self._a) * len(lattice.b_mm)
         self._others = Numbers()
-        self._faces: list[IntArray] = []
-        self._back_faces: list[IntArray] = []
+        self._faces: list[tuple[IntArray, IntArray]] = []  # vertices of copies (n, m), triangles of one (f, 3) by their columns
         self._elements: list[FloatArray] = []
-        self._element_faces: list[IntArray] = []
         self._element_count = 0
 
     # Elements
@@ -130,10 +129,10 @@ class _Builder:
         self._element_count += len(parts) * own
         own_ids = first - np.arange(own)
         ids = own_ids if foot_ids is None else np.concatenate([foot_ids, own_ids], axis=1)
-        self._faces.append(ids[:, shell.faces].reshape(-1, 3))
+        self._faces.append((ids, shell.faces))
         if cell_ids is not None and cell_faces is not None:
             ids = np.concatenate([cell_ids, own_ids], axis=1)
-            self._faces.append(ids[:, cell_faces].reshape(-1, 3))
+            self._faces.append((ids, cell_faces))
         self._elements.append(self._element_points(foot, shell.above, parts))
 
     def _element_points(self, foot: FloatArray, above: FloatArray, parts: IntArray) -> FloatArray:
@@ -178,7 +177,7 @@ class _Builder:
         floors = [sunk(corners)[:, ::-1] for pocket in pockets for corners in triangulated(shapely.Polygon(*pocket), cuts)]
         if (len(self._others.points), len(back.points), len(sunk.points)) != (count_top, count_back, count_sunk):
             raise RenderError("the mesh of the board does not close; use a slightly different --size")
-        self._faces += top_faces
+        faces = top_faces
         sunk_first = self._back_first + count_back
         known_top += [ids + sunk_first for ids in known_sunk]
         for rim, top, low in zip((rims.outline, *rims.holes, *loops), known_top, known_back, strict=True):
@@ -187,9 +186,10 @@ class _Builder:
             used = ~seam
             p, q = top[used], np.roll(top, -1)[used]
             p_low, q_low = low[used] + self._back_first, np.roll(low, -1)[used] + self._back_first
-            self._faces += [np.stack([p_low, q_low, q], axis=1), np.stack([p_low, q, p], axis=1)]
-        self._faces += [faces + self._back_first for faces in back_faces]
-        self._faces += [faces + sunk_first for faces in floors]
+            faces += [np.stack([p_low, q_low, q], axis=1), np.stack([p_low, q, p], axis=1)]
+        faces += [of_back + self._back_first for of_back in back_faces]
+        faces += [floor + sunk_first for floor in floors]
+        self._faces += [(some, _ITSELF) for some in faces]
         self._back = np.array(back.points)
         self._sunk = np.array(sunk.points).reshape(-1, 2)
 
@@ -261,12 +261,18 @@ class _Builder:
                 *self._elements,
             ]
         )
-        faces = np.concatenate(self._faces)
         own = self._back_first + len(self._back) + len(self._sunk)
-        self._faces = []
-        np.subtract(own - 1, faces, out=faces, where=faces < 0)
+        copies, self._faces, self._elements = self._faces, [], []
         used = np.zeros(len(vertices), dtype=bool)
-        used[faces.ravel()] = True
-        renumbered = np.cumsum(used) - 1
-        faces = renumbered[faces]
-        return Mesh(vertices_mm=vertices[used], faces=faces[:, ::-1] if form.negative else faces)
+        for ids, triangles in copies:
+            np.subtract(own - 1, ids, out=ids, where=ids < 0)
+            used[ids[:, np.unique(triangles)]] = True
+        number = np.cumsum(used) - 1
+        faces = np.empty((sum(len(ids) * len(triangles) for ids, triangles in copies), 3), dtype=np.int64)
+        end = 0
+        for ids, triangles in copies:
+            begin, end = end, end + len(ids) * len(triangles)
+            out = faces[begin:end].reshape(len(ids), *triangles.shape)
+            np.take(number[ids], triangles, axis=1, out=out, mode="clip")  # any other mode makes a copy first
+        vertices = vertices if used.all() else vertices[used]
+        return Mesh(vertices_mm=vertices, faces=faces[:, ::-1] if form.negative else faces)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.number_rows import number_rows
 from tactape_fab.texture.frames import FloatArray, IntArray
 
-_PIECE_ROWS = 50_000
+_PIECE_ROWS = 20_000
 """Vertices or triangles that are written at once: bounds the memory."""
 _ROW_BYTES = 60
 """More than a vertex or triangle takes in the XML of a 3MF."""
@@ -59,8 +60,9 @@ def stl_pieces(mesh: Mesh, title: str) -> Iterator[bytes]:
     """
     header: bytes = f"binary STL, mm: {title}".encode("ascii", "replace")[:_STL_HEADER_BYTES].ljust(_STL_HEADER_BYTES)
     yield header + len(mesh.faces).to_bytes(4, "little")
+    vertices = mesh.vertices_mm.astype("<f4")
     for faces in _pieces(mesh.faces):
-        corners = mesh.vertices_mm[faces].astype("<f4")
+        corners = vertices[faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         triangles = np.zeros(len(corners), dtype=STL_TRIANGLE)
@@ -76,17 +78,17 @@ def _pieces(rows: npt.NDArray[Any]) -> Iterator[npt.NDArray[Any]]:
 # 3MF Core Specification 1.3: one object, one build item, millimetres
 
 _CONTENT_TYPES = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
-    "</Types>\n"
+    b'<?xml version="1.0" encoding="UTF-8"?>\n'
+    b'<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    b'<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    b'<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    b"</Types>\n"
 )
 _RELATIONSHIPS = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-    '<Relationship Target="/3D/3dmodel.model" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
-    "</Relationships>\n"
+    b'<?xml version="1.0" encoding="UTF-8"?>\n'
+    b'<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    b'<Relationship Target="/3D/3dmodel.model" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
+    b"</Relationships>\n"
 )
 
 
@@ -97,7 +99,7 @@ def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: dat
     date: From 1980 to 2107.
     """
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:  # by zlib at its own level, which entries of ours have
         for path, pieces in (
             ("[Content_Types].xml", [_CONTENT_TYPES]),
             ("_rels/.rels", [_RELATIONSHIPS]),
@@ -110,21 +112,21 @@ def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: dat
             entry.file_size = _ROW_BYTES * (len(mesh.vertices_mm) + len(mesh.faces))  # beyond 2 GB a longer entry is needed
             with archive.open(entry, "w") as member:
                 for piece in pieces:
-                    member.write(piece.encode("utf-8"))
+                    member.write(piece)
     return stream.getvalue()
 
 
-def _model_xml(mesh: Mesh, title: str, metadata: Mapping[str, str]) -> Iterator[str]:
+def _model_xml(mesh: Mesh, title: str, metadata: Mapping[str, str]) -> Iterator[bytes]:
     yield (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        '<model unit="millimeter" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
+        b'<?xml version="1.0" encoding="UTF-8"?>\n'
+        b'<model unit="millimeter" xml:lang="en-US" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
     )
     for name, value in {"Title": title, **metadata}.items():
-        yield f'<metadata name="{escape(name)}">{escape(value, quote=False)}</metadata>\n'
-    yield f'<resources>\n<object id="1" type="model" name="{escape(title)}">\n<mesh>\n<vertices>\n'
+        yield f'<metadata name="{escape(name)}">{escape(value, quote=False)}</metadata>\n'.encode()
+    yield f'<resources>\n<object id="1" type="model" name="{escape(title)}">\n<mesh>\n<vertices>\n'.encode()
     for rows in _pieces(mesh.vertices_mm):
-        yield '<vertex x="%.6f" y="%.6f" z="%.6f"/>\n' * len(rows) % tuple(rows.ravel().tolist())
-    yield "</vertices>\n<triangles>\n"
+        yield number_rows('<vertex x="%.6f" y="%.6f" z="%.6f"/>\n', rows)
+    yield b"</vertices>\n<triangles>\n"
     for corners in _pieces(mesh.faces):
-        yield '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(corners) % tuple(corners.ravel().tolist())
-    yield '</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'
+        yield number_rows('<triangle v1="%d" v2="%d" v3="%d"/>\n', corners)
+    yield b'</triangles>\n</mesh>\n</object>\n</resources>\n<build>\n<item objectid="1"/>\n</build>\n</model>\n'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from itertools import groupby
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from tactape_fab.solids.step.part21 import (
     first_name,
     header,
     names,
-    padded_text,
     product,
     reals,
     wrapped_names,
@@ -142,12 +141,14 @@ def _occurrences(
     xy_mm = tape.part_xy_mm()
     decimals = _exact_decimals(xy_mm)
     x, y = reals(xy_mm[:, 0], decimals), reals(xy_mm[:, 1], decimals)
-    for _, group in groupby(enumerate(tape.designators()), key=lambda item: len(item[1])):
-        rows, texts = zip(*group, strict=True)
+    texts = np.array(tape.designators(), dtype=np.bytes_)
+    length = np.char.str_len(texts)
+    ends = [*(np.flatnonzero(np.diff(length)) + 1).tolist(), len(texts)]
+    for begin, end in pairwise([0, *ends]):
         t = Template()
         point = t.add("CARTESIAN_POINT('',(<x>,<y>,0.))")
         placement = t.add(f"AXIS2_PLACEMENT_3D('',{point},{directions})")
         _relation(t, "<designator>", of, used, origin, placement)
         assert len(t) == _OF_OCCURRENCE
-        here = slice(rows[0], rows[-1] + 1)
-        yield t, first + rows[0] * _OF_OCCURRENCE, {"x": x[here], "y": y[here], "designator": padded_text(texts)}
+        designators = texts[begin:end].astype(f"S{length[begin]}")
+        yield t, first + begin * _OF_OCCURRENCE, {"x": x[begin:end], "y": y[begin:end], "designator": designators}

@@ -16,6 +16,7 @@ from tactape_fab.solids.elements import block_corners_mm, sphere_radius_mm
 from tactape_fab.solids.step.part21 import Step, Template, TextArray, Writer, index_of, real, reals, reversed_steps
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.part import TapePart
+from tactape_fab.texture.shapes import outlines_at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,8 +105,8 @@ def _flat_block(w: Writer, part: TapePart, centres_mm: FloatArray, turn: FloatAr
     # the outward normal of a side is the direction of the side before it
     sides = [t.add(f"PLANE('',{t.axes(points[0][k], along_names[k - 1], up_name)})") for k in range(4)]
     bound, faces = prism_faces(t, foot_edges, top_edges, rise, sides, top_plane)
-    xy = (centres_mm[:, None] + corners) * (turn[0, 0], 1.0)
-    texts_x, texts_y = reals(xy[..., 0]), reals(xy[..., 1])
+    xy = outlines_at(centres_mm, corners)
+    texts_x, texts_y = reals(xy[..., 0] * turn[0, 0]), reals(xy[..., 1])
     columns = {f"x{k}": texts_x[:, k] for k in range(4)} | {f"y{k}": texts_y[:, k] for k in range(4)}
     return ElementText(template=t, bound=bound, faces=faces, columns=columns)
 

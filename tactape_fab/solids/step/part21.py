@@ -11,10 +11,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.number_rows import digits, number_rows
 from tactape_fab.texture.frames import FloatArray
 
 Rgb = tuple[float, float, float]
@@ -23,12 +25,14 @@ TextArray = npt.NDArray[np.bytes_]
 DECIMALS = 9
 """Decimals of coordinates: a tape's volume is then exact to 1e-9 (six decimals: 3e-8)."""
 SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
-_ROWS_AT_ONCE = 2048
+_ROWS_AT_ONCE = 512
 MOST_OF_FRAME = 100
 """Entities of a product besides its faces and copies."""
+_LINE_OF_NAMES = re.compile(r"(?:#\d+,?){1,12}")
 _PLACE = re.compile(r"#\[(\d+)\]|<(\w+)>")
 
 
+@lru_cache(maxsize=1 << 12)
 def real(value: float) -> str:
     """A number as ISO 10303-21 wants it: with a point, without an exponent."""
     text = f"{value:.12f}".rstrip("0")
@@ -156,7 +160,7 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
     first: Number of the first entity of the first copy; see `first_name`.
     columns (count,): Values of each ``<name>``, without trailing NUL bytes: see `reals`.
     """
-    size, digits = len(template), len(str(first))
+    size, of_name = len(template), len(str(first))
     row, fields, formats, offsets = bytearray(), [], [], []
     for k, entity in enumerate(template.entities):
         line = f"#[{k}]={entity};" + ("\n" if k % 8 == 7 or k == size - 1 else "")
@@ -166,34 +170,24 @@ def fill(template: Template, first: int, count: int, columns: Mapping[str, TextA
             end = match.end()
             if match[1] is not None:
                 row += b"#"
-            width = digits if match[1] is not None else columns[match[2]].dtype.itemsize
+            width = of_name if match[1] is not None else columns[match[2]].dtype.itemsize
             fields.append((match[1], match[2]))
             formats.append(f"V{width}")
             offsets.append(len(row))
             row += bytes(width)
         row += line[end:].encode("ascii")
-    names = [str(i) for i in range(len(fields))]
-    row_type = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(row)})
+    keys = [str(i) for i in range(len(fields))]
+    row_type = np.dtype({"names": keys, "formats": formats, "offsets": offsets, "itemsize": len(row)})
     for start in range(0, count, _ROWS_AT_ONCE):
         stop = min(start + _ROWS_AT_ONCE, count)
         rows = np.empty(stop - start, dtype=f"V{len(row)}")
         rows[:] = np.void(bytes(row))
         cells = rows.view(row_type)
-        numbers = _digits(np.arange(first + start * size, first + stop * size), digits).view(f"V{digits}").reshape(-1, size)
-        for name, (local, column), format_ in zip(names, fields, formats, strict=True):
-            cells[name] = numbers[:, int(local)] if local is not None else columns[column][start:stop].view(format_)
+        numbers = np.ascontiguousarray(digits(np.arange(first + start * size, first + stop * size), of_name))
+        names = numbers.view(f"V{of_name}").reshape(-1, size)
+        for key, (local, column), format_ in zip(keys, fields, formats, strict=True):
+            cells[key] = names[:, int(local)] if local is not None else columns[column][start:stop].view(format_)
         yield rows.tobytes()
-
-
-def _digits(values: npt.NDArray[np.int64], width: int) -> npt.NDArray[np.uint8]:
-    """Decimal digits of whole numbers below 10 ** width as characters; shape (n, width)."""
-    out = np.empty((len(values), width), dtype=np.uint8)
-    rest = values.astype(np.int64)
-    for place in range(width - 1, -1, -1):
-        above = rest // 10
-        out[:, place] = rest - 10 * above + ord("0")
-        rest = above
-    return out
 
 
 def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
@@ -203,13 +197,13 @@ def reals(values: FloatArray, decimals: int = DECIMALS) -> TextArray:
     size = np.abs(scaled).ravel()
     whole = max(len(str(int(size.max(initial=0)))) - decimals, 1)
     lead = whole + (1 if negative.any() else 0)
-    digits = _digits(size, whole + decimals)
+    written = digits(size, whole + decimals)
     out = np.full((len(size), lead + 1 + decimals), ord(" "), dtype=np.uint8)
-    out[:, lead - whole : lead] = digits[:, :whole]
+    out[:, lead - whole : lead] = written[:, :whole]
     out[:, lead] = ord(".")
-    out[:, lead + 1 :] = digits[:, whole:]
+    out[:, lead + 1 :] = written[:, whole:]
     # leading zeros become spaces, a minus is before the first digit
-    leading = np.cumprod(digits[:, : whole - 1] == ord("0"), axis=1).sum(axis=1)
+    leading = np.cumprod(written[:, : whole - 1] == ord("0"), axis=1).sum(axis=1)
     column = np.arange(lead)
     first = lead - whole + leading
     out[:, :lead][column < first[:, None]] = ord(" ")
@@ -287,16 +281,9 @@ def coloured(w: Writer, shared: Context, solid: str, rgb: Rgb) -> None:
 
 def names(first: int, indices: npt.NDArray[np.int64]) -> str:
     """Comma-separated names of entities first + index."""
-    return ("#%d," * len(indices) % tuple((first + indices).tolist())).rstrip(",")
+    return number_rows("#%d,", first + indices).decode("ascii").rstrip(",")
 
 
 def wrapped_names(parts: Sequence[str]) -> str:
     """A long list of names in lines of bearable length."""
-    listed = ",".join(part for part in parts if part).split(",")
-    return ",\n".join(",".join(listed[i : i + 12]) for i in range(0, len(listed), 12))
-
-
-def padded_text(texts: Sequence[str]) -> TextArray:
-    """Texts of equal length as a column."""
-    width = max(map(len, texts))
-    return np.array([t.encode("ascii") for t in texts], dtype=f"S{width}")
+    return "\n".join(_LINE_OF_NAMES.findall(",".join(part for part in parts if part)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import cos, sin
 
 import numpy as np
@@ -90,8 +90,10 @@ def element_bounds(first: int, element: ElementText, tile_of_part: IntArray) -> 
     """For each tile, the names of the bounds that its elements leave in it."""
     order = np.argsort(tile_of_part, kind="stable")
     bounds = first + order * len(element.template) + element.bound
-    ends = np.cumsum(np.bincount(tile_of_part))
-    return [names(0, piece) for piece in np.split(bounds, ends[:-1])] if len(order) else []
+    width = len(f"#{first},")  # all names have as many digits
+    ends = np.cumsum([0, *np.bincount(tile_of_part)]) * width
+    text = names(0, bounds) + ","
+    return [text[begin : end - 1] for begin, end in pairwise(ends.tolist())]
 
 
 class FlatBase:

@@ -225,10 +225,11 @@ class _Drawing:
     def map(self, parts_xy_mm: FloatArray) -> TopMap:
         """Trace the faces and find the tile of every part."""
         loops = self._loops()
-        outer = [loop for loop in loops if _area(self._polygon(loop)) > 0.0]
-        inner = [loop for loop in loops if _area(self._polygon(loop)) < 0.0]
+        polygons = [self._polygon(loop) for loop in loops]
+        areas = [_area(polygon) for polygon in polygons]
+        outer, inner = ([loop for loop, area in zip(loops, areas, strict=True) if area * s > 0.0] for s in (1, -1))
         tiles = [[loop] for loop in outer]
-        find = _Finder([self._polygon(loop) for loop in outer], self.xs, self.ys)
+        find = _Finder([polygon for polygon, area in zip(polygons, areas, strict=True) if area > 0.0], self.xs, self.ys)
         on_rim = np.array([self.vertices[self.edges[loop[0][0]].start] for loop in inner]).reshape(-1, 2)
         for tile, loop in zip(find(on_rim).tolist(), inner, strict=True):
             tiles[tile].append(loop)
@@ -303,8 +304,7 @@ def _near(lines: Sequence[float], place: float) -> Sequence[float]:
 
 
 def _area(polygon: Sequence[Point]) -> float:
-    x, y = np.array(polygon).T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+    return sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(polygon, [*polygon[1:], polygon[0]], strict=True)) / 2
 
 
 class _Finder:
@@ -314,11 +314,15 @@ class _Finder:
         import shapely
 
         self._xs, self._ys = np.array(xs), np.array(ys)
-        self._polygons = [shapely.Polygon(p) for p in polygons]
-        inside = np.array([p.representative_point().coords[0] for p in self._polygons])
+        of_polygon = np.repeat(np.arange(len(polygons)), [len(polygon) for polygon in polygons])
+        self._polygons = shapely.polygons(shapely.linearrings(np.concatenate(polygons), indices=of_polygon))
+        cells = self._cells(shapely.get_coordinates(shapely.point_on_surface(self._polygons)))
         self._tiles: dict[int, list[int]] = {}
-        for tile, cell in enumerate(self._cells(inside).tolist()):
+        for tile, cell in enumerate(cells.tolist()):
             self._tiles.setdefault(cell, []).append(tile)
+        count = np.bincount(cells, minlength=(len(xs) + 1) * (len(ys) + 1))
+        self._only = np.full(len(count), -1)
+        self._only[cells] = np.where(count[cells] == 1, np.arange(len(cells)), -1)
 
     def _cells(self, xy_mm: FloatArray) -> IntArray:
         cells: IntArray = np.searchsorted(self._xs, xy_mm[:, 0]) * (len(self._ys) + 1) + np.searchsorted(self._ys, xy_mm[:, 1])
@@ -328,14 +332,11 @@ class _Finder:
         import shapely
 
         cells = self._cells(xy_mm)
-        found = np.empty(len(xy_mm), dtype=np.int64)
-        for cell in np.unique(cells).tolist():
+        found: IntArray = self._only[cells]
+        for cell in np.unique(cells[found < 0]).tolist():
             here = np.flatnonzero(cells == cell)
             tiles = self._tiles[cell]
-            if len(tiles) == 1:
-                found[here] = tiles[0]
-            else:
-                points = shapely.points(xy_mm[here])
-                distance = np.array([shapely.distance(self._polygons[t], points) for t in tiles])
-                found[here] = np.array(tiles)[distance.argmin(axis=0)]
+            points = shapely.points(xy_mm[here])
+            distance = np.array([shapely.distance(self._polygons[t], points) for t in tiles])
+            found[here] = np.array(tiles)[distance.argmin(axis=0)]
         return found

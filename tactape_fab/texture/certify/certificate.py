@@ -30,7 +30,8 @@ LEAST_SIDE, MOST_SIDE = 3, 8
 """Sides of the squares tried as smallest contacts."""
 CORRECTING = 3
 """Least distance at which a window with one wrong symbol is still nearest to the true one."""
-_STEPS = (2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
+_STEPS = (0, 2, 4, 6, 8, 12, 18, 25, 36, 49, 64)
+"""Distances up to which pairs are sought, until there are some. Large tapes have equal small windows: they take one sort."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown_path
-from tactape_fab.base.output_file import refuse_taken_place, write_file
+from tactape_fab.base.picture_file import refuse_picture, write_picture
 from tactape_fab.texture.as_built import NOMINAL
 from tactape_fab.texture.frames import FloatArray, board_to_picture, texture_to_board
 from tactape_fab.texture.manifest import find_manifest
@@ -37,8 +37,6 @@ def refuse_map(kit: str | Path, file: str | Path, *, overwrite: bool = False) ->
         lies in the kit, which holds no file that its manifest does not list.
     """
     path, folder = Path(file), find_manifest(kit).parent
-    if path.suffix.lower() != ".png":
-        raise SpecError(Problem("map", f"map = {shown_path(path)} does not end with .png; give a name that does"))
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
@@ -47,7 +45,7 @@ def refuse_map(kit: str | Path, file: str | Path, *, overwrite: bool = False) ->
     if inside:
         message = f"map = {shown_path(path)} lies in the kit, which holds only what its manifest lists; give a place outside"
         raise SpecError(Problem("map", message))
-    refuse_taken_place(path, "map", overwrite=overwrite)
+    refuse_picture(path, "map", overwrite=overwrite)
     return path
 
 
@@ -71,10 +69,8 @@ def map_kit(
     """
     tape = Tape.load(kit, as_built=NOMINAL)
     if tape.surface is None:
-        import cv2
-
         picture = draw_map(tape, coverage_of(tape, contact, progress), contact, trips)
-        write_file(path, cv2.imencode(".png", picture)[1].tobytes(), "map", overwrite=overwrite)
+        write_picture(path, picture, "map", overwrite=overwrite)
 
 
 def draw_map(tape: Tape, coverage: Coverage, contact: Contact, trips: Sequence[Trip]) -> Picture:

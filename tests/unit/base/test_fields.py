@@ -197,3 +197,10 @@ def test_no_value_makes_a_reader_raise_and_what_it_accepts_is_in_bounds(value: A
     table = Fields({"a": value})
     table.table("a").rows("b", longest=2)
     assert all(p.key in ("a", "a.b") for p in table.problems)
+
+
+def test_of_many_unknown_keys_the_first_are_named_and_the_rest_counted() -> None:
+    table = Fields({f"key_{k}": 0 for k in range(60_000)}, "spec: ")
+    table.refuse_unknown(["size_mm", "sector"])
+    assert len(table.problems) == 21
+    assert table.problems[-1].message == "spec: 59980 more keys are not known; known are: size_mm, sector"

@@ -443,7 +443,7 @@ def test_a_tape_past_the_range_names_an_origin_that_works(sector: int, size_mm: 
 def test_too_many_grid_points_are_refused_before_any_is_made() -> None:
     with pytest.raises(
         CapacityError,
-        match=r"size_mm gives \d+ x \d+ grid points, more than the 500000 of a tape of code .anoto-6x6.; use a smaller --size",
+        match=r"size_mm = 9000 x 9000 mm gives \d+ x \d+ grid points, more than the 500000 of a tape .*; use a smaller --size",
     ):
         tape_of(size_mm=(9000.0, 9000.0), code="anoto-6x6")
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from itertools import product
+
 import pytest
 
 from tactape_fab.base.errors import Problem
 from tactape_fab.kit.read.gerber_file import ReadbackError
 from tactape_fab.kit.read.readback import read_cpl as read_exactly
 from tactape_fab.texture import cpl
-from tactape_fab.texture.cpl import CplContent, read_cpl
+from tactape_fab.texture.cpl import CplContent, plain_columns, read_cpl, written_with
 
 HEADER = b"Designator,Mid X,Mid Y,Layer,Rotation\n"
 KICAD = b"### Footprint positions ###\n## Unit = mm, Angle = deg.\n# Ref Val Package PosX PosY Rot Side\n%s## End\n"
@@ -168,3 +172,30 @@ def test_the_list_with_most_columns_in_common_is_meant() -> None:
     assert "no column Mid X, Mid Y, Layer; write it with" in refused(of_another_style)
     assert read("\ufeff".encode() + HEADER)[0].xy_mm.shape == (0, 2)
     assert cpl.MOST_CPL_BYTES == 64 << 20
+
+
+def _by_csv(text: str) -> list[list[str]] | None:
+    """Columns of a table of two or more that Python's csv module reads, and would write in these very bytes."""
+    try:
+        rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
+    except csv.Error:
+        return None
+    again = io.StringIO(newline="")
+    csv.writer(again).writerows(rows)
+    whole = rows and len(rows[0]) > 1 and {len(row) for row in rows} == {len(rows[0])}
+    return [list(column) for column in zip(*rows, strict=True)] if whole and again.getvalue() == text else None
+
+
+def test_a_table_read_by_columns_is_the_one_that_csv_reads() -> None:
+    texts = ["".join(letters) for size in range(7) for letters in product(("a", "é", ",", '"', "\r\n", "\n"), repeat=size)]
+    found = [(text, plain_columns(text, ",")) for text in texts]
+    assert all(columns == (None if '"' in text else _by_csv(text)) for text, columns in found)
+    assert sum(columns is not None for _, columns in found) > 300
+    assert plain_columns("a,b\r\nc\0,d\r\n", ",") is None
+    assert plain_columns("a,b\r\n" + "c" * csv.field_size_limit() + "c,d\r\n", ",") is None
+
+
+def test_numbers_are_written_with_few_letters() -> None:
+    assert written_with("-12.5", "0123456789.-")
+    assert not written_with("1_0", "0123456789.-")
+    assert not written_with("\N{ARABIC-INDIC DIGIT ONE}", "0123456789.-")

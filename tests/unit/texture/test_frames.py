@@ -119,3 +119,13 @@ def test_a_quarter_turn_counter_clockwise_takes_north_to_west() -> None:
 def test_points_of_a_picture_are_pixel_centres() -> None:
     found = board_to_picture([(1.0, 9.0), (1.05, 8.95), (3.0, 8.0)], (1.0, 9.0), 10.0)
     np.testing.assert_allclose(found, [(-0.5, -0.5), (0.0, 0.0), (19.5, 9.5)], atol=1e-9)
+
+
+def test_both_frames_are_mapped_to_the_last_bit_as_by_one_formula() -> None:
+    random = np.random.default_rng(3)
+    for xy_mm in (random.normal(size=(500, 3, 2)), random.choice([0.0, -0.0, 6.9, -6.9, 48.25, -48.25], (500, 2))):
+        for origin_mm in (ORIGIN_MM, (0.0, -0.0), (-0.0, 0.0)):
+            board = xy_mm * (1.0, -1.0) + np.asarray(origin_mm)
+            texture = (xy_mm - np.asarray(origin_mm)) * (1.0, -1.0)
+            assert texture_to_board(xy_mm, origin_mm).tobytes() == board.tobytes()
+            assert board_to_texture(xy_mm, origin_mm).tobytes() == texture.tobytes()

@@ -163,3 +163,10 @@ def test_measured_places_are_those_given_those_beside_the_kit_or_none(tmp_path: 
 def test_a_label_has_its_path_where_a_name_is_not_enough(tmp_path: Path) -> None:
     kits = [kit(tmp_path / "a", 1, "same"), kit(tmp_path / "b", 2, "same"), kit(tmp_path / "c", 3, "other")]
     assert labels(read_registered(kits)) == (f"same ({kits[0]})", f"same ({kits[1]})", "other")
+
+
+def test_one_path_needs_no_list(tmp_path: Path) -> None:
+    one = kit(tmp_path / "one", 9)
+    assert [tape.sector for tape in read_tapes(str(one))] == [tape.sector for tape in read_tapes(one, "none")] == [9]
+    with pytest.raises(SpecError, match=r"^tape = b'k7' is no tape; give Tape.load\(KIT\), or the path of a kit$"):
+        as_tapes(b"k7")

@@ -81,6 +81,8 @@ def test_other_bytes_sizes_or_digests_are_named(kit: Path) -> None:
     (kit / "cpl.csv").write_bytes(b"parts")
     for wrong in ({"bytes": 6}, {"bytes": None}, {"sha256": "0" * 64}, {"sha256": None}):
         assert not read(kit, manifest(cpl=wrong))[1][0].passed
+    size = read(kit, manifest(cpl={"bytes": 6}))[1][0]
+    assert size.message == "cpl.csv has 5 bytes and the SHA-256 as listed, but the manifest lists 6 bytes"
 
 
 def test_files_that_are_missing_or_elsewhere_are_named(kit: Path) -> None:

@@ -37,6 +37,8 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
     except (TypeError, ValueError, OverflowError) as error:
         raise FrameError(f"the frame is no array of numbers: {error}; give a depth map (h, w)") from error
     expected = sensor.frame_shape
+    if image.ndim != 2:
+        raise FrameError(f"the frame has shape {image.shape}; give one depth map at a time (h, w)")
     if image.shape != expected:
         raise FrameError(
             f"a frame of shape {image.shape} is none of sensor '{sensor.name}', whose frames are {expected[0]} x "

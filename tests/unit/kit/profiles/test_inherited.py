@@ -105,12 +105,29 @@ def test_chains_are_bounded(tmp_path: Path) -> None:
     assert f"passes through more than {MOST_ANCESTORS} profiles; extend one that is nearer to the last" in refusal(last)
 
 
-def test_tables_of_any_depth_are_merged_without_recursion(tmp_path: Path) -> None:
-    """Dotted keys nest as deep as Python recurses: from 1,000 parts on Python 3.14 refuses them."""
-    deep = f"limits.{'.'.join(['a'] * 990)} = 1\n"
+def test_tables_are_merged_as_deep_as_keys_may_be(tmp_path: Path) -> None:
+    deep = f"limits.{'.'.join(['a'] * 63)} = 1\n"
     written(tmp_path, "house", f'extends = "generic-fpc"\n{deep}')
     table = fab_table(written(tmp_path, "line", f'extends = "house.toml"\n{deep}'))
     assert "a" in table.values["limits"] and "pad-pad" in table.values["limits"]
+
+
+@pytest.mark.parametrize("part", ["a", '"a.b"', "'a'", "a ", '"\\"" '])
+@pytest.mark.parametrize("line", ["{} = 1", "[{}]", "[[{}]]", "x = {{ {} = 1 }}"])
+def test_a_key_of_many_parts_is_refused_before_it_is_parsed(part: str, line: str, tmp_path: Path) -> None:
+    """100,000 parts took all memory there is."""
+    key = ".".join([part] * 50_000)
+    path = tmp_path / "deep.toml"
+    path.write_text(f"name = 'x'\n{line.format(key)}\n")
+    with pytest.raises(SpecError, match="is not TOML: a key has more than 64 parts"):
+        fab_table(str(path))
+
+
+def test_many_dots_that_are_no_key_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "dots.toml"
+    numbers, words = [0.5] * 100, ".".join("a" * 100)
+    path.write_text(f"numbers = {numbers}\nwords = '{words}' # {words}\n", encoding="utf-8-sig")
+    assert fab_table(str(path)).values == {"numbers": numbers, "words": words}
 
 
 def test_problems_of_inherited_values_are_those_of_the_profile(tmp_path: Path) -> None:

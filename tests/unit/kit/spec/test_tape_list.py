@@ -131,6 +131,9 @@ def test_tables_inherit_and_options_override() -> None:
         ({}, {"sectors": "1-2", "name": "n"}, "name = 'n' cannot be that of all tapes"),
         ({}, {"sectors": "1-2", "sector": 4}, "sector = 4 contradicts sectors = '1-2'"),
         ({"tapes": [{"sectors": "0-255"}] * 20}, {}, "these are at least 4352, more than 4096 tapes"),
+        ({"same_sector": True}, {"sectors": "1-2"}, "same_sector = True is of a panel"),
+        ({"tapes": [{"sector": 1}]}, {"tabs": "x"}, "tabs = 'x' is of a panel"),
+        ({"tapes": [{"sector": 1, "panel": "auto"}]}, {}, "tapes[0]: panel = 'auto' is of a panel"),
     ],
 )
 def test_contradictions_of_a_list_are_named(values: dict[str, Any], options: dict[str, Any], said: str) -> None:
@@ -143,6 +146,11 @@ def test_options_take_the_place_of_the_file_s_sector() -> None:
     entries, problems = read_list({"sector": 7, "size_mm": [30, 20]}, {"sectors": "1-2"})
     assert problems == []
     assert [e.values for e in entries] == [{"size_mm": [30, 20], "sector": 1}, {"size_mm": [30, 20], "sector": 2}]
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text("sector = 1\n", encoding="utf-8-sig")
+    assert read_list_file(tmp_path / "lab.toml") == {"sector": 1}
 
 
 def test_profiles_in_tables_stand_beside_the_file(tmp_path: Path) -> None:

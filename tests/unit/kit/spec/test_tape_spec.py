@@ -144,6 +144,12 @@ BAD: list[tuple[dict[str, Any], str, str]] = [
     ({"name": "a/b"}, "name", "name = 'a/b' has a form that cannot be used; use 1 to 64 letters"),
     ({"name": ".hidden"}, "name", "name = '.hidden' has a form that cannot be used"),
     ({"name": "x" * 65}, "name", "has a form that cannot be used"),
+    ({"size_mm": "100x50"}, "size_mm", "such as 100x50, or [100, 50] in TOML and Python"),
+    ({"part": "block", "body_mm": "0.8x0.4"}, "body_mm", "or [LENGTH, WIDTH, HEIGHT] in TOML and Python"),
+    ({"part": "dome", "body_mm": "0.8x0.4"}, "body_mm", "or [DIAMETER, HEIGHT] in TOML and Python"),
+    ({"holes_mm": ["50,25,1"]}, "holes_mm[0]", "or [X, Y, DIAMETER] in TOML and Python"),
+    ({"origin": "0,0"}, "origin", "in TOML and Python give [COL, ROW]"),
+    ({"mark": True}, "mark", "leave out --no-mark, in TOML and Python mark"),
     ({"w": 1.5}, "w", "w is not a known key"),
     ({"secter": 7}, "secter", "secter is not a known key; did you mean 'sector'?"),
 ]

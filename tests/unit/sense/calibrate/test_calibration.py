@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -172,29 +174,39 @@ def holes(frames: list[Frame]) -> list[Frame]:
     return [np.where(np.arange(320) < 200, np.nan, frame).astype(np.float32) for frame in frames]
 
 
-BAD = {
-    "none at all": ([], "there are no frames; give depth maps of some ten presses"),
-    "constant": ([np.full((240, 320), 3.0)] * 8, "no frame shows anything: frame 0 is constant: 3 in every pixel"),
-    "NaN": ([np.full((240, 320), np.nan)] * 8, "frame 0 is NaN or infinite in every pixel"),
-    "mostly NaN": (holes(presses().frames), "is NaN or infinite in 6[23] % of its pixels"),
-    "no dots": (empty_frames(), "is not seen in any of 8 frames, by either sign, mirrored or not"),
-    "one press": (presses().frames[:1], "only 1 press .*can be used, and a calibration needs 6; press the tape some ten times"),
-    "five presses": (presses().frames[:5], "only 5 presses"),
-    "one press among empty frames": ([presses().frames[0], *empty_frames()], "only 1 press of 9 frames"),
+BAD: dict[str, tuple[Callable[[], list[Any]], str]] = {
+    "none at all": (list, "there are no frames; give depth maps of some ten presses"),
+    "constant": (
+        lambda: [np.full((240, 320), 3.0)] * 8,
+        "no frame shows anything: frame 0 is constant: 3 in every pixel",
+    ),
+    "NaN": (lambda: [np.full((240, 320), np.nan)] * 8, "frame 0 is NaN or infinite in every pixel"),
+    "mostly NaN": (lambda: holes(presses().frames), "is NaN or infinite in 6[23] % of its pixels"),
+    "no dots": (empty_frames, "is not seen in any of 8 frames, by either sign, mirrored or not"),
+    "one press": (
+        lambda: presses().frames[:1],
+        "only 1 press .*can be used, and a calibration needs 6; press the tape some ten times",
+    ),
+    "five presses": (lambda: presses().frames[:5], "only 5 presses"),
+    "one press among empty frames": (lambda: [presses().frames[0], *empty_frames()], "only 1 press of 9 frames"),
     "all in the middle": (
-        presses(10, 2, (0.0, 0.0)).frames,
+        lambda: presses(10, 2, (0.0, 0.0)).frames,
         "all contacts are in the middle of the image: .* press near the four corners",
     ),
-    "two shapes": ([presses().frames[0], presses().frames[1][:200]], "frame 1 is 200 x 320 px, the others are 240 x 320"),
-    "too small": ([np.zeros((8, 8))], "frame 0 is no depth map"),
-    "a stack": ([np.zeros((3, 240, 320))], r"frame 0 is no depth map: shape \(3, 240, 320\)"),
-    "words": ([np.array([["a"] * 20] * 20)], "frame 0 is no depth map"),
+    "two shapes": (
+        lambda: [presses().frames[0], presses().frames[1][:200]],
+        "frame 1 is 200 x 320 px, the others are 240 x 320",
+    ),
+    "too small": (lambda: [np.zeros((8, 8))], "frame 0 is no depth map"),
+    "a stack": (lambda: [np.zeros((3, 240, 320))], r"frame 0 is no depth map: shape \(3, 240, 320\)"),
+    "words": (lambda: [np.array([["a"] * 20] * 20)], "frame 0 is no depth map"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_frames_that_say_too_little_are_refused_with_the_remedy(case: str) -> None:
-    frames, words = BAD[case]
+    drawn, words = BAD[case]
+    frames = drawn()
     with pytest.raises((SpecError, FrameError), match=words):
         calibrate_sensor(frames, [TAPE], STOCK)
 

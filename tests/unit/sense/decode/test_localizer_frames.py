@@ -130,6 +130,13 @@ def test_what_is_no_depth_map_is_refused(localizer: Localizer, frame: Any) -> No
     assert len(str(caught.value)) > 20
 
 
+@pytest.mark.parametrize("shape", [(5, 240, 320), (240, 320, 1), (76800,)])
+def test_several_frames_at_a_time_are_refused_as_such(localizer: Localizer, shape: tuple[int, ...]) -> None:
+    with pytest.raises(FrameError) as caught:
+        localizer.locate(np.zeros(shape, dtype=np.float32))
+    assert str(caught.value) == f"the frame has shape {shape}; give one depth map at a time (h, w)"
+
+
 @pytest.mark.parametrize(
     ("xy", "weights"),
     [

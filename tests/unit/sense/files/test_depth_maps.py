@@ -172,6 +172,12 @@ def test_arrays_of_another_form_are_named(tmp_path: Path, arrays: dict[str, npt.
     assert words in refused(tmp_path / "f.npz")
 
 
+def test_a_member_without_npy_is_no_array(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "f.npz", "w") as archive:
+        archive.writestr("depth", b"")
+    assert "no array 'depth', only depth (without .npy); give" in refused(tmp_path / "f.npz")
+
+
 def test_a_damaged_byte_is_noticed(tmp_path: Path) -> None:
     np.savez(tmp_path / "f.npz", depth=ramp(2))
     data = bytearray((tmp_path / "f.npz").read_bytes())

@@ -72,7 +72,7 @@ def test_every_prefix_of_a_file_is_read_or_refused() -> None:
 
 
 def test_a_small_file_of_many_pixels_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
-    written, data = cv2.imencode(".png", np.zeros((12_000, 14_000, 3), dtype=np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    written, data = cv2.imencode(".png", np.zeros((12_000, 14_000), dtype=np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     assert written and len(data) < 1_000_000
     (tmp_path / "scan.png").write_bytes(data.tobytes())
     with pytest.raises(SpecError, match="it shows next to nothing"):

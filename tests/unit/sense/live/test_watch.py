@@ -27,6 +27,7 @@ from tactape_fab.sense import SensorProfile
 from tactape_fab.sense.files.depth_maps import open_frame_file
 from tactape_fab.sense.files.jobs import Job, Locate, Located
 from tactape_fab.sense.live.counts import Latencies, Tally
+from tactape_fab.sense.live.mcap_log import McapLog
 from tactape_fab.sense.live.replay import replay
 from tactape_fab.sense.live.sources import Frame, Slot, Source, Trouble
 from tactape_fab.sense.live.status_lines import end_lines, status_line
@@ -417,3 +418,9 @@ def test_a_full_disk_is_a_word(default_kit: Kit, frames: Path, tmp_path: Path) -
     assert result.exit_code == 1
     error = f"error: mcap {path} cannot be written: File too large; what is in it can be read"
     assert result.stderr.splitlines()[-1] == error
+
+
+def test_nothing_is_said_of_a_file_that_was_never_there(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(TactapeError, match=r"a.mcap cannot be written: Not a directory; use another place$"):
+        McapLog(tmp_path / "file" / "a.mcap")

@@ -20,7 +20,6 @@ from tactape_fab.solids.step.part21 import (
     header,
     index_of,
     names,
-    padded_text,
     product,
     real,
     reals,
@@ -117,7 +116,9 @@ def test_lists_of_names() -> None:
     listed = wrapped_names(["#1", "", names(0, np.arange(30))])
     assert listed.replace(",\n", ",").split(",") == ["#1", *(f"#{i}" for i in range(30))]
     assert max(map(len, listed.split("\n"))) < 60
-    assert padded_text(["R1", "R2"]).tolist() == [b"R1", b"R2"]
+    for count in (0, 1, 11, 12, 13, 24, 25):
+        lines = [names(0, np.arange(i, min(i + 12, count))) for i in range(0, count, 12)]
+        assert wrapped_names([names(0, np.arange(count))]) == ",\n".join(lines)
 
 
 def test_header_context_product_and_colour_are_whole() -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from random import Random
 from typing import Any
 
-import build123d as bd
 import numpy as np
 import pytest
 
@@ -27,6 +27,15 @@ from tests.roundtrip.test_verify_robust import DAMAGES
 from tests.surfaces import kit_folder, planned, step_file
 from tests.thorough import some
 
+
+class _Kernel:
+    """build123d, loaded by the first test that uses it: every worker collects these tests, and that takes seconds."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module("build123d"), name)
+
+
+bd = _Kernel()
 BLOCK_MM3 = 0.6 * 0.3 * 0.23
 AXES = np.array([(0.6, 0.8, 0.0), (-0.8, 0.6, 0.0), (0.0, 0.0, 1.0)])
 

@@ -185,7 +185,7 @@ def test_what_contradicts_itself_is_refused(values: dict[str, Any], said: str) -
         ({"directions": 6}, "directions = 6 is neither 4 nor 8; give one of them"),
         ({"directions": "many"}, "directions = 'many' is neither 4 nor 8"),
         (
-            {"directions": 8, "code": "anoto-6x6"},
+            {"directions": 8, "code": "anoto-6x6", "displacement_mm": 0.4},
             "directions = 8 of code 'anoto-6x6': only touch-1 and .* have 8; use --code touch-1",
         ),
         ({"directions": 8, "code": TOUCH_CODE}, r"directions = 8 at displacement_mm = 0\.25 mm: .* 5\.6 % .* more than 1 %"),
@@ -195,6 +195,15 @@ def test_others_are_refused_with_the_figure_and_a_remedy(values: dict[str, Any],
     with pytest.raises(SpecError, match=said) as refused:
         TapeSpec(sector=1, **values)
     assert len(refused.value.problems) == 1
+
+
+def test_code_and_displacement_are_refused_together() -> None:
+    with pytest.raises(SpecError) as refused:
+        TapeSpec(sector=1, directions=8)
+    assert [("--code touch-1" in p.message, "--delta 0.34" in p.message) for p in refused.value.problems] == [
+        (True, False),
+        (False, True),
+    ]
 
 
 def test_a_refusal_names_a_displacement_that_is_taken() -> None:

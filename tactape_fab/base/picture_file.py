@@ -1,0 +1,90 @@
+"""Pictures that are drawn for a user: PNG files that say who wrote them, so that nothing else is ever replaced."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.input_file import mode_of, read_regular
+from tactape_fab.base.libraries import library
+from tactape_fab.base.output_file import refuse_taken_place, write_file
+
+_TEXT = b"tEXtSoftware\0tactape-fab"
+_WRITER = (len(_TEXT) - 4).to_bytes(4, "big") + _TEXT + zlib.crc32(_TEXT).to_bytes(4, "big")
+"""The chunk that names the software (PNG, 11.3.3.2)."""
+_AFTER_HEADER = 33
+"""Bytes of the signature and of IHDR, which comes first (PNG, 5.6)."""
+_KIND = "no picture of this tool"
+
+
+def is_own_picture(path: Path) -> bool:
+    """Whether a file is a picture that this module wrote. Raises OSError."""
+    return read_regular(path, _AFTER_HEADER + len(_WRITER))[_AFTER_HEADER:].startswith(_WRITER)
+
+
+def refuse_picture(path: Path, key: str, *, overwrite: bool | None = None) -> None:
+    """Refuse a path that cannot take a picture: no .png, in no folder, or that of anything but a picture of this tool.
+
+    key: The option that names it.
+    overwrite: As for `refuse_taken_place`.
+    Raises SpecError.
+    """
+    if path.suffix.lower() != ".png":
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} does not end with .png; give a name that does"))
+    refuse_taken_place(path, key, overwrite=overwrite, ours=is_own_picture, kind=_KIND)
+
+
+def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
+    """Refuse a folder that cannot take pictures, before the work: no folder, or others than pictures of this tool by their names.
+
+    names: Those of the pictures, or a pattern of them.
+    key: The option that names the folder.
+    Raises SpecError.
+    """
+    said = f"{key} = {shown_path(folder)}"
+    try:
+        nearest = next(place for place in (folder, *folder.parents) if mode_of(place) is not None)
+        is_folder = nearest.is_dir()
+        paths = sorted(folder.glob(names)) if isinstance(names, str) else [folder / name for name in names]
+        taken = [path for path in paths if mode_of(path) is not None]
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason}; use another folder")) from error
+    if not is_folder:
+        message = f"{said}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
+        raise SpecError(Problem(key, message))
+    for path in taken:
+        problems: list[Problem] = []
+        tried(partial(refuse_taken_place, path, key, ours=is_own_picture, kind=_KIND), problems)
+        if problems:  # one says enough: the folder is another's
+            raise SpecError(problems)
+
+
+def write_picture(
+    path: Path, picture: npt.NDArray[np.uint8], key: str, *, overwrite: bool | None = None, compression: int | None = None
+) -> None:
+    """Write a picture, whole or not at all; its folder is made if need be.
+
+    picture (h, w, 3): Blue, green, red.
+    key, overwrite: As for `refuse_picture`, which is asked first.
+    compression: Of zlib, 0 to 9; OpenCV's own where None.
+    Raises SpecError when something else is there, TactapeError when it cannot be written.
+    """
+    cv2 = library("cv2", "drawing a picture")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        message = f"{key} = {shown_path(path.parent)} cannot be written: {reason}; use another folder"
+        raise TactapeError(message) from error
+    asked = [] if compression is None else [cv2.IMWRITE_PNG_COMPRESSION, compression]
+    data = cv2.imencode(".png", picture, asked)[1].tobytes()
+    refuse_picture(path, key, overwrite=overwrite)
+    write_file(path, data[:_AFTER_HEADER] + _WRITER + data[_AFTER_HEADER:], key, overwrite=overwrite is not False)
