@@ -70,6 +70,8 @@ def read_question(values: Mapping[str, Any]) -> Question:
     try:
         if known:
             making = load_fab(values.get("fab", DEFAULT_FAB)) if process == FILM else load_process(process)
+        elif "fab" in values:
+            load_fab(values["fab"])
     except SpecError as refused:
         problems += refused.problems
     if problems or sensor is None or making is None:

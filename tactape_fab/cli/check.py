@@ -11,7 +11,7 @@ import click
 
 from tactape_fab.base.errors import DesignRuleError, Problem, SpecError
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import length, lengths, number, pair, size
+from tactape_fab.cli.options import degrees, length, lengths, number, pair, size
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, finding_lines, remark_lines, warn
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ TAPE_OPTIONS = (
     ),
     _TapeOption("--body", "body_mm", size, "LxWxH", "Size of block, dome or cone; of the round ones DxH."),
     _TapeOption("--dome-top", "dome_top_mm", length, "MM", "Diameter of a dome's flat top."),
-    _TapeOption("--rotation", "rotation_deg", number, "DEG", "Rotation of every part.  [default: 45]"),
+    _TapeOption("--rotation", "rotation_deg", degrees, "DEG", "Rotation of every part.  [default: 45]"),
     _TapeOption("--fab", "fab", _same, "PROFILE", "Fab profile, or a .toml file.  [default: generic-fpc]"),
     _TapeOption(
         "--process",

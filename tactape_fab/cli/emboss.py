@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactape_fab.base.errors import Problem, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import number, pair
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, purpose_lines, step_shown, verified_line
@@ -48,14 +49,14 @@ def emboss(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     with answers():
         from tactape_fab.make.emboss import emboss_kit
-        from tactape_fab.solids.surface.charts import read_placement
+        from tactape_fab.solids.surface.charts import Placement, read_placement
 
         given = {"at_mm": place["at"], "up": place["up"], "face": place["face"]}
-        placement = read_placement(
-            {key: number(text) if key == "face" else pair(text) for key, text in given.items() if text is not None}
-        )
+        values = {key: number(text) if key == "face" else pair(text) for key, text in given.items() if text is not None}
+        problems: list[Problem] = []
+        placement = tried(lambda: read_placement(values), problems) or Placement()
         replace: Overwrite = "edits" if discard_edits else overwrite
-        how: dict[str, Any] = {"overwrite": replace, "unit": unit, "sim": sim, "progress": step_shown()}
+        how: dict[str, Any] = {"overwrite": replace, "unit": unit, "sim": sim, "progress": step_shown(), "known": problems}
         made = emboss_kit(kit, surface, output, placement=placement, **how)
         echo_lines_err(distortion_lines(made))
         echo_json(made.to_mapping()) if as_json else echo_lines(embossed_lines(made))

@@ -89,6 +89,7 @@ def answers() -> Iterator[None]:
         yield
     except TactapeError as error:
         status, lines = answer(error, _options())
+        lines = list(dict.fromkeys(lines))  # both sides of 0x0 say the same
         more = [f"{len(lines) - _MOST_LINES} more problems; correct these first"] if len(lines) > _MOST_LINES else []
         fail(status, [*lines[:_MOST_LINES], *more])
     except MemoryError:

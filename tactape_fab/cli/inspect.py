@@ -10,7 +10,7 @@ import click
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import VERIFICATION, answers, fail
-from tactape_fab.cli.options import length, number
+from tactape_fab.cli.options import degrees, length, per_inch
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, echo_lines_err, step_shown, table_lines
 
 if TYPE_CHECKING:
@@ -72,9 +72,9 @@ def inspect(
         if problems:
             raise SpecError(problems)
         options = {
-            "dpi": None if dpi is None else number(dpi),
+            "dpi": None if dpi is None else per_inch(dpi),
             "tolerance_mm": None if tolerance is None else length(tolerance),
-            "turn_tolerance_deg": None if turn_tolerance is None else number(turn_tolerance),
+            "turn_tolerance_deg": None if turn_tolerance is None else degrees(turn_tolerance),
         }
         found = inspect_with_views(
             scans, kit, photo=photo, progress=step_shown(), **{k: v for k, v in options.items() if v is not None}

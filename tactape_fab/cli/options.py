@@ -33,9 +33,20 @@ def number(text: str) -> Any:
     return text
 
 
-def length(text: str) -> Any:
-    found = number(text.strip().removesuffix("mm").rstrip())
-    return text if isinstance(found, str) else found
+def in_unit(unit: str) -> Callable[[str], Any]:
+    """Reader of a number that may have its unit behind it, whatever its case, as in 2N or 45 deg."""
+
+    def read(text: str) -> Any:
+        bare = text.strip().replace("µm", "um").replace("μm", "um")
+        found = number(bare[: -len(unit)].rstrip() if bare.lower().endswith(unit.lower()) else bare)
+        return text if isinstance(found, str) else found
+
+    return read
+
+
+length, degrees, micrometres, newtons, hertz, per_inch, kilopascals, seconds = map(
+    in_unit, ("mm", "deg", "um", "N", "Hz", "dpi", "kPa", "s")
+)
 
 
 def lengths(text: str, separator: str) -> Any:
@@ -53,8 +64,8 @@ def contact_size(text: str) -> Any:
     return axes if len(axes) == 2 else text
 
 
-def pair(text: str) -> Any:
-    return [number(item) for item in text.split(",")]
+def pair(text: str, read: Callable[[str], Any] = number) -> Any:
+    return [read(item) for item in text.split(",")]
 
 
 def workers_option(what: str, usual: str, *others: str) -> Callable[[F], F]:

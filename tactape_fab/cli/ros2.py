@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import SENSOR_HELP
 from tactape_fab.cli.printing import echo_lines
@@ -32,8 +33,16 @@ def ros2(kits: Sequence[str], sensor: str | None, package: str | None, arguments
         if kits:
             given["kits"] = [str(Path(kit).resolve()) if package is not None else kit for kit in kits]
         if package is not None:
-            from tactape_fab.sense.live.ros2_package import write_package
+            from tactape_fab.sense.live.ros2_package import refuse_package, write_package
+            from tactape_fab.sense.sensors import load_sensor
+            from tactape_fab.texture.registry import read_tapes
 
+            problems: list[Problem] = []
+            tried(lambda: refuse_package(Path(package)), problems)
+            tried(lambda: read_tapes(kits), problems)
+            tried(lambda: None if sensor is None else load_sensor(sensor), problems)
+            if problems:
+                raise SpecError(problems)
             echo_lines(str(Path(package) / path) for path in write_package(Path(package), given))
             return
         from tactape_fab.sense.live.ros2_node import run_ros2_node

@@ -5,18 +5,22 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import click
 
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import SENSOR_HELP, contact_size, length, number, pair
+from tactape_fab.cli.options import SENSOR_HELP, contact_size, degrees, kilopascals, length, micrometres, newtons, number, pair
 from tactape_fab.cli.printing import counted, echo_line, step_shown
 
 _READ: dict[str, Callable[[str], Any]] = {
     "contact": contact_size,
     "contact_model": str,
-    "tilt": pair,
+    "tilt": partial(pair, read=degrees),
+    "force": newtons,
+    "gel_modulus": kilopascals,
+    "gel_displacement": micrometres,
     "places": str,
     "as_built": str,
     **dict.fromkeys(("cylinder", "placement", "elastomer", "gel_correlation", "gel_thickness"), length),
@@ -44,7 +48,9 @@ _READ: dict[str, Callable[[str], Any]] = {
 @click.option("--missing", metavar="SHARE", help="Share of parts that are missing.  [default: 0]")
 @click.option("--bumps", metavar="N", help="Bumps that belong to no tape.  [default: 0]")
 @click.option("--noise", metavar="FACTOR", help="Factor on the sensor's noise.  [default: 1]")
-@click.option("--noise-model", metavar="MODEL", help="slope, or smooth for the older model.  [default: the sensor's own]")
+@click.option(
+    "--noise-model", metavar="sensor|slope|smooth", help="smooth is the older model.  [default: sensor, the one of its profile]"
+)
 @click.option("--placement", metavar="MM", help="Standard deviation of the parts' places.  [default: 0]")
 @click.option("--elastomer", metavar="MM", help="How far the gel smooths, standard deviation.  [default: 0.15; elastic: 0.04]")
 @click.option("--scale-error", metavar="SHARE", help="The true px/mm is the profile's times 1 + SHARE.  [default: 0]")
@@ -53,7 +59,7 @@ _READ: dict[str, Callable[[str], Any]] = {
 @click.option("--k1-error", metavar="SHARE", help="The true radial distortion is the profile's plus SHARE.  [default: 0]")
 @click.option("--gel-displacement", metavar="UM", help="Smooth displacement of the gel, rms, µm.  [default: the sensor's own]")
 @click.option("--gel-correlation", metavar="MM", help="How far it is alike, standard deviation.  [default: the sensor's own]")
-@click.option("--from", "places", metavar="cpl|as-built", help="Source of the parts' places.  [default: the design]")
+@click.option("--from", "places", metavar="design|cpl|as-built", help="Source of the parts' places.  [default: design]")
 @click.option("--as-built", metavar="FILE", help="With --from as-built: measured places.  [default: KIT/as-built.json]")
 @click.option("--from-cpl", is_flag=True, help="The same as --from cpl.")
 def simulate(
@@ -81,5 +87,9 @@ def simulate(
             progress=step_shown(),
             **options,
         )
+        if made.left_out:
+            echo_line(
+                f"warning: the pick-and-place file leaves out {counted(made.left_out, 'part')}; the frames lack them", err=True
+            )
         frames = f"{counted(made.count, 'frame')} of {made.frame_shape[0]} x {made.frame_shape[1]} px"
         echo_line(f"{made.path}: {frames}, {made.tape} as {made.sensor} sees it")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactape_fab.cli.exits import answers
-from tactape_fab.cli.options import SENSOR_HELP, workers_of, workers_option
+from tactape_fab.cli.options import SENSOR_HELP, number, workers_option
 from tactape_fab.cli.printing import counted, echo_json, echo_lines, step_shown
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def survey(
             inspected=inspected,
             output=output,
             progress=step_shown(),
-            workers=workers_of(workers, 1),
+            workers=None if workers is None else number(workers),
         )
         path = found.as_built.write(output)
         echo_json(found.to_mapping()) if as_json else echo_lines([*survey_lines(found), f"written: {path}"])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactape_fab.cli.exits import FAILED, answers
-from tactape_fab.cli.options import locating_options_of_several, locating_values, named_object, number, pair
+from tactape_fab.cli.options import hertz, locating_options_of_several, locating_values, named_object, number, pair, seconds
 from tactape_fab.cli.printing import clear_step, echo_lines_err
 
 if TYPE_CHECKING:
@@ -146,8 +146,8 @@ def _wishes(name: str, names: Sequence[str], given: Mapping[str, Any]) -> Wishes
     background, weights = value("background"), value("weights")
     some_raw = bool(names) and any(given[option] for option in ("background", "weights"))
     return Wishes(
-        rate=value("rate", number),
-        idle=None if given["idle"] is None else number(given["idle"].removesuffix("s")),
+        rate=value("rate", hertz),
+        idle=None if given["idle"] is None else seconds(given["idle"]),
         crop=value("crop", pair),
         no_drop=given["no_drop"],
         raw=given["raw"] and not (some_raw and background is None and weights is None),

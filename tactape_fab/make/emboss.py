@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,7 @@ def emboss_kit(
     unit: str = "mm",
     sim: bool = False,
     progress: Progress = lambda *_: None,
+    known: Sequence[Problem] = (),
 ) -> Embossed:
     """Put a kit's texture on the user's own part.
 
@@ -126,22 +128,28 @@ def emboss_kit(
     unit {"mm", "cm", "m", "inch"}: Unit of an STL, OBJ or PLY. 3MF and STEP files state their own.
     sim: Add assets for simulators.
     progress: Called with the name of the step, the number of finished elements and their total.
+    known: Problems already found; raised together with all others.
     Raises SpecError if the kit or the part cannot be read, the part is not a solid, or the texture does not fit on it.
     Raises MissingLibraryError if the extra ``cad`` is not installed.
     Raises VerifyError if the written files fail the verification; nothing is left at `output`.
     """
-    manifest_file = find_manifest(kit_path)
-    content = read_manifest(manifest_file)
-    tape = Tape.from_mapping(content)
-    refuse_tape(tape)
-    solid = content.get("solid")
-    if isinstance(solid, Mapping) and solid.get("negative") is True:
-        raise SpecError(f"KIT = {shown_path(kit_path)} is a mould; make the texture itself, without --negative, and emboss that")
-    source = _read_source(Path(surface_path), unit)
+    problems = list(known)
+    kit = tried(lambda: _read_kit(kit_path), problems)
+    source = tried(lambda: _read_source(Path(surface_path), unit), problems)
+    if source is not None and source.kind != "step" and placement.face is not None:
+        message = f"face = {placement.face} is one of a STEP solid, and {shown_path(source.path)} is a mesh; leave it out"
+        problems.append(Problem("face", message))
+    target = None if output is None else Path(output)
+    if target is not None:
+        tried(partial(refuse_taken, target, overwrite=overwrite), problems)
+    if problems or kit is None or source is None:
+        raise SpecError(problems)
+    content, tape = kit
     library("manifold3d", "emboss")
     name = re.sub(r"[^A-Za-z0-9._+-]+", "-", f"{source.path.stem}-{tape.name}").lstrip(".-")
-    target = source.path.parent / name if output is None else Path(output)
-    refuse_taken(target, overwrite=overwrite)
+    if target is None:
+        target = source.path.parent / name
+        refuse_taken(target, overwrite=overwrite)
     progress("reading", 0, tape.part_count)
     made = (_on_step if source.kind == "step" else _on_mesh)(tape, source, placement, unit, progress)
     artifacts = [*_artifacts(tape, made, name), *render_certificate(certify(tape))]
@@ -169,15 +177,34 @@ def emboss_kit(
     return Embossed(path=target, tape=tape, surface=surface, checks=checks, files=files)
 
 
+def _read_kit(path: str | Path) -> tuple[Mapping[str, Any], Tape]:
+    content = read_manifest(find_manifest(path))
+    tape = Tape.from_mapping(content)
+    refuse_tape(tape)
+    solid = content.get("solid")
+    if isinstance(solid, Mapping) and solid.get("negative") is True:
+        raise SpecError(f"KIT = {shown_path(path)} is a mould; make the texture itself, without --negative, and emboss that")
+    return content, tape
+
+
 def _read_source(path: Path, unit: str) -> _Source:
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in (*MESH_FORMATS, *STEP_FORMATS):
-        raise SpecError(f"SURFACE = {shown_path(path)} is none of: {', '.join((*MESH_FORMATS, *STEP_FORMATS))}; export it as one")
-    if unit not in UNITS_MM:
-        raise SpecError(f"unit = {unit!r} is none of: {', '.join(UNITS_MM)}; give one of them")
+    kind, problems = path.suffix.lower().removeprefix("."), list[Problem]()
     kind = "step" if kind in STEP_FORMATS else kind
-    if unit != "mm" and kind in ("step", "3mf"):
-        raise SpecError(f"unit = {unit}: a {kind.upper()} file says its unit itself; leave --unit out")
+    if unit not in UNITS_MM:
+        problems.append(Problem("unit", f"unit = {unit!r} is none of: {', '.join(UNITS_MM)}; give one of them"))
+    elif unit != "mm" and kind in ("step", "3mf"):
+        problems.append(Problem("unit", f"unit = {unit}: a {kind.upper()} file says its unit itself; leave --unit out"))
+    if kind not in (*MESH_FORMATS, "step"):
+        formats = ", ".join((*MESH_FORMATS, *STEP_FORMATS))
+        problems.append(Problem("surface", f"SURFACE = {shown_path(path)} is none of: {formats}; export it as one"))
+        raise SpecError(problems)
+    source = tried(lambda: _read_model(path, kind), problems)
+    if source is None or problems:
+        raise SpecError(problems)
+    return source
+
+
+def _read_model(path: Path, kind: str) -> _Source:
     try:
         data = read_regular(path, MOST_BYTES)
         if len(data) > MOST_BYTES:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
+from tactape_fab.base.given_path import as_path
 from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
@@ -130,6 +131,8 @@ def make_kit(
     VerifyError
         If the written files fail the verification; nothing is left at `path`.
     """
+    if path is not None:
+        path = as_path(path, "path", "the folder of the kit")  # before the work
     return make_examined(
         examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, signer=signer, progress=progress
     )
@@ -146,7 +149,7 @@ def make_examined(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Kit:
     """Make the kit of a tape that has been examined; see `make_kit`."""
-    target = Path(examined.tape.name if path is None else path)
+    target = Path(examined.tape.name) if path is None else as_path(path, "path", "the folder of the kit")
     blocking = refuse_broken(examined.findings, examined, target, overwrite=overwrite, force=force)
     with finished(target, "kit", overwrite=overwrite, signer=signer) as folder:
         files, checks = fill_kit(folder, examined, blocking, verify=verify, progress=progress)

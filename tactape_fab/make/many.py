@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, tried
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
@@ -165,6 +166,7 @@ def make_kits(
     TactapeError
         If the folder cannot be made.
     """
+    folder = as_path(folder, "folder", "the folder for the kits")
     orders = [
         _Order(
             name=tape.spec.name,

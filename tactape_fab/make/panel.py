@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import Check, Finding
+from tactape_fab.base.given_path import as_path
 from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined
@@ -120,7 +121,7 @@ def make_panel(
     VerifyError
         If the written files fail the verification; nothing is left at `path`.
     """
-    target = Path(examined.name if path is None else path)
+    target = Path(examined.name) if path is None else as_path(path, "path", "the folder of the panel")
     findings = examined.findings
     blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
     with finished(target, "panel", overwrite=overwrite, signer=signer) as folder:

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import Fields, shown
-from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.given_path import as_path
+from tactape_fab.base.input_file import mode_of, open_regular
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.texture.as_built_file import (
     AS_BUILT_FORMAT,
@@ -31,6 +32,8 @@ from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NOMINAL = "none"
 """Given in the place of a file: the places of the design."""
+_FILE = "a file of measured places, or the folder of a kit"
+_OTHERWISE = "measure this tape again, or leave the file out: --as-built none, or no --from"
 LEAST_MEASURED = 10
 """Measured parts from which on their scatter says how far off the others may be."""
 
@@ -233,7 +236,7 @@ class AsBuilt:
         SpecError
             If there is none, it is too large or not JSON, or a value is missing or impossible: all problems together.
         """
-        return cls.from_mapping(content_of(Path(path)))
+        return cls.from_mapping(content_of(as_path(path, "as_built", _FILE)))
 
     def write(self, path: str | Path) -> Path:
         """Write the file, the same bytes for the same places; a file of that name is replaced in one step, a link never.
@@ -255,7 +258,7 @@ class AsBuilt:
         TactapeError
             If it cannot be written; an older file is left unchanged.
         """
-        file = file_of(Path(path))
+        file = file_of(as_path(path, "path", _FILE))
         write_file(file, as_text(self.to_mapping()).encode("utf-8"), "o", overwrite=True)
         return file
 
@@ -290,12 +293,13 @@ class AsBuilt:
         if len(self.number) and self.number[-1] > parts:
             message = f"designator R{self.number[-1]} exceeds R{parts}, the last part of {name}; leave it out"
             problems.append(Problem("as-built", message))
+        if parts and self.missing >= parts:
+            message = f"present is false for all {parts} parts of {name}, which then has nothing to locate by"
+            problems.append(Problem("as-built", f"{message}; {_OTHERWISE}"))
         if self.mean_mm > most_mm:
             off = f"its parts are off the design by {self.mean_mm:.3f} mm on the mean"
             message = f"{off}, more than their displacement of {most_mm:g} mm"
-            problems.append(
-                Problem("as-built", f"{message}; measure this tape again, or leave the file out: --as-built none, or no --from")
-            )
+            problems.append(Problem("as-built", f"{message}; {_OTHERWISE}"))
         return problems
 
 
@@ -312,7 +316,7 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, m
     most_mm: As `AsBuilt.problems_for` takes it.
     Raises SpecError if the file cannot be read, is that of another kit, or has all parts together too far off.
     """
-    if given is None and not (manifest.parent / AS_BUILT_NAME).is_file():
+    if given is None and not _is_beside(manifest.parent / AS_BUILT_NAME):
         return None
     if isinstance(given, str) and given == NOMINAL:
         return None
@@ -321,6 +325,20 @@ def as_built_of(manifest: Path, name: str, parts: int, given: Given = None, *, m
     if problems:
         raise SpecError(problems)
     return built
+
+
+def _is_beside(path: Path) -> bool:
+    """Whether a kit has measured places. Raises SpecError where something else has their name, and would be taken for them."""
+    try:
+        if mode_of(path) is None:
+            return False
+        if path.is_file():
+            return True
+        what = "a folder" if path.is_dir() else "a link to nothing" if path.is_symlink() else "no regular file"
+    except (OSError, ValueError) as error:
+        what = f"not to be looked at ({getattr(error, 'strerror', None) or error})"
+    message = f"{shown_path(path)} is {what}, and measured places are looked for there; remove it, or give --as-built none"
+    raise SpecError(Problem("as-built", message))
 
 
 def refuse_other_places(path: Path, key: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from tactape_fab.base.errors import SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.json_text import parse_json
 
@@ -36,7 +37,7 @@ def find_manifest(path: str | Path) -> Path:
 
     Raises SpecError if there is no manifest, or the folder was left unfinished by an interrupted run.
     """
-    place = Path(path)
+    place = as_path(path, "path", f"the folder of a kit or its {MANIFEST_NAME}")
     try:
         mode_of(place)
         is_folder = place.is_dir()

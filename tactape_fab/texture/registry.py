@@ -11,12 +11,13 @@ from os import PathLike
 from pathlib import Path
 
 from tactape_fab.base.errors import Problem, SpecError, tried
-from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.fields import shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
 from tactape_fab.texture.packed import MOST_TAPES, is_packed, read_packed
 from tactape_fab.texture.panel_manifest import kits_of
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, no_tape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,8 +71,7 @@ def as_tapes(tapes: object) -> list[Tape]:
         elif isinstance(entry, str | PathLike):
             found += tried(partial(read_tapes, [entry if isinstance(entry, str) else Path(entry)]), problems) or []
         else:
-            message = f"tape = {shown(entry)} is no tape; give Tape.load(KIT), or the path of a kit"
-            problems.append(Problem("tape", message))
+            problems.append(no_tape(entry, "Tape.load(KIT), or the path of a kit"))
     if problems:
         raise SpecError(problems)
     return found
@@ -89,9 +89,9 @@ def read_registered(
     entries: list[Registered] = []
     problems: list[Problem] = []
     given = tried(lambda: _Measured([as_built] if isinstance(as_built, str | PathLike) else as_built), problems) or _Measured(())
-    for given_path in [paths] if isinstance(paths, str | PathLike) else paths:
-        path = Path(given_path)
+    for given_path in [paths] if isinstance(paths, str | PathLike) or not isinstance(paths, Iterable) else paths:
         try:
+            path = as_path(given_path, "paths", "kits")
             if given_path == "":  # as a path it is the current folder
                 raise SpecError(Problem("tape", "tape = '' is empty; give the path of a kit"))
             packed = is_packed(path)

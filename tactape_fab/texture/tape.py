@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
-from tactape_fab.base.fields import Fields
+from tactape_fab.base.fields import Fields, shown
 from tactape_fab.texture.as_built import AsBuilt, BuiltParts, Given, as_built_of
 from tactape_fab.texture.board import Board, Surface, Tag, read_board, read_surface, read_tag
 from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, get_code, read_directions
@@ -238,6 +238,17 @@ class Tape:
         """
         built = as_built_of(manifest, self.name, self.part_count, as_built, most_mm=self.displacement_mm)
         return self if built is None else replace(self, as_built=built)
+
+
+def no_tape(value: object, remedy: str = "Tape.load(KIT)") -> Problem:
+    """The problem of what is given in place of a tape."""
+    return Problem("tape", f"tape = {shown(value)} is no tape; give {remedy}")
+
+
+def refuse_no_tape(value: object) -> None:
+    """Refuse what is no tape, such as the path of one. Raises SpecError."""
+    if not isinstance(value, Tape):
+        raise SpecError(no_tape(value))
 
 
 def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:

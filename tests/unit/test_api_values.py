@@ -2,15 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tactape_fab import Kit, Localizer, Prior, SpecError, Tape, read_tapes
+from tactape_fab import (
+    AsBuilt,
+    Kit,
+    Localizer,
+    Prior,
+    SpecError,
+    Tape,
+    TapeSpec,
+    Tracker,
+    certify,
+    make_kit,
+    read_object,
+    read_tapes,
+    verify_kit,
+)
 from tactape_fab.base.templates import templates_folder
-from tactape_fab.sense import Network, SensorProfile, load_sensor, make_reconstruction, simulate
+from tactape_fab.sense import (
+    Network,
+    SensorProfile,
+    draw_poses,
+    inspect_scans,
+    load_network,
+    load_sensor,
+    make_reconstruction,
+    simulate,
+)
 from tactape_fab.sense.raw.reconstruct import make_network
 from tests.contacts import TAPE, dots
 
@@ -72,6 +96,62 @@ def test_a_code_s_grid_must_be_numbers() -> None:
     wrong: Any = "1.5"
     with pytest.raises(SpecError, match=r"w = '1\.5' mm is not above 0 and at most 100 mm"):
         Localizer.from_code("microdots-4x4", wrong, 0.25)
+
+
+NO_TAPE = r"^tape = .* is no tape; give Tape\.load\(KIT\)$"
+NO_KIT = r"^path = .* is no path; give the folder of a kit or its manifest\.json, as a text or a Path$"
+WRONG: dict[str, tuple[Callable[[], object], str]] = {
+    "tracker": (lambda: Tracker(of("k7")), r"^localizer = 'k7' is no Localizer; give Tracker\(Localizer\(KIT\)\)$"),
+    "motion": (lambda: Tracker(Localizer(TAPE), of(3)), "^motion = 3 is no Motion; give one, or leave it out$"),
+    "simulate": (lambda: simulate(of("k7"), (1.0, 2.0), 3.0), NO_TAPE),
+    "simulate None": (lambda: simulate(of(None), (1.0, 2.0), 3.0), NO_TAPE),
+    "poses": (lambda: draw_poses(of("k7"), 3), NO_TAPE),
+    "scene": (lambda: simulate(TAPE, (1.0, 2.0), 3.0, scene=of(3)), r"^scene = 3 is no Scene; give one, such as Scene"),
+    "certify": (lambda: certify(of("k7")), NO_TAPE),
+    "load None": (lambda: Tape.load(of(None)), NO_KIT),
+    "load 3": (lambda: Tape.load(of(3)), NO_KIT),
+    "load bytes": (lambda: Tape.load(of(b"k7")), NO_KIT),
+    "verify": (lambda: verify_kit(of(5)), NO_KIT),
+    "read_tapes": (lambda: read_tapes(of(None)), "^paths = None is no path; give kits"),
+    "object": (lambda: read_object(of({})), r"^path = \{\} is no path; give the \.toml file of an object"),
+    "as-built": (lambda: AsBuilt.load(of(None)), "^as_built = None is no path; give a file of measured places"),
+    "kit": (lambda: make_kit(TapeSpec(sector=7, models=False), of(5)), "^path = 5 is no path; give the folder of the kit"),
+    "spec": (lambda: make_kit(of("k7")), r"^spec = 'k7' is no TapeSpec; give one, such as TapeSpec\(sector=7\)$"),
+    "network": (lambda: load_network(of(None)), "^path = None is no path; give a file of weights"),
+    "scans": (lambda: inspect_scans(of(5), "k7"), "^scans = 5 is no path; give images of the tape"),
+    "size": (lambda: TapeSpec(sector=7, size_mm=of(x for x in (100, 50))), "^size_mm = <generator .* is not 2 numbers; give W"),
+}  # fmt: skip
+
+
+def of(value: Any) -> Any:
+    """A value of whatever type a call declares."""
+    return value
+
+
+@pytest.mark.parametrize(("call", "said"), WRONG.values(), ids=WRONG)
+def test_what_is_of_another_type_is_refused_with_what_to_give(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(SpecError, match=said):
+        call()
+
+
+def test_wrong_types_are_said_together() -> None:
+    with pytest.raises(SpecError) as caught:
+        simulate(of("k7"), (1.0, 2.0), 3.0, scene=of(3), sensor=of(5))
+    assert [p.key for p in caught.value.problems] == ["tape", "sensor", "scene"]
+
+
+def test_a_spec_takes_arrays_and_paths() -> None:
+    fab = templates_folder() / "fabs" / "generic-fpc.toml"
+    taken = TapeSpec(
+        sector=of(np.int64(7)), size_mm=of(np.array([100, 50])), fab=of(fab), holes_mm=of(np.array([[50.0, 3.0, 1.0]]))
+    )
+    usual = TapeSpec(sector=7, size_mm=(100, 50), fab=str(fab), holes_mm=[(50.0, 3.0, 1.0)])
+    assert (
+        taken
+        == usual
+        == TapeSpec.from_mapping({"sector": 7, "size_mm": np.array([100, 50]), "fab": fab, "holes_mm": [(50.0, 3.0, 1.0)]})
+    )
+    assert hash(taken) == hash(usual)
 
 
 # Sensors

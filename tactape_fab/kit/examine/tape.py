@@ -183,6 +183,10 @@ def examine(
 
 def _read(values: Mapping[str, Any], avoid: Sequence[Tape], problems: list[Problem]) -> TapeSpec:
     """Read the spec from untrusted values; origin and sector may be left out if there are tapes to avoid."""
+    given: object = values
+    if not isinstance(given, Mapping):
+        message = f"spec = {shown(given)} is no TapeSpec; give one, such as TapeSpec(sector=7)"
+        raise SpecError([*problems, Problem("spec", message)])
     if avoid:
         values = {"sector": 0, **({"origin": BEST} if has_plane(values.get("code")) else {}), **values}
     spec, refused = read_spec(values)

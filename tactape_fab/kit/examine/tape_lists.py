@@ -10,6 +10,7 @@ from typing import Any
 
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of
 from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
@@ -98,6 +99,7 @@ def list_tapes(
     DesignRuleError
         If there are only broken rules, and not `force`.
     """
+    folder = as_path(folder, "folder", "the folder for the kits")
     of_workers: list[Problem] = []
     chosen = checked_workers(workers, of_workers)
     entries, of_list = read_list(values, options)

@@ -12,6 +12,7 @@ from tactape_fab.texture.frames import snap_mm
 LEAST_ROUND_MM = 0.01
 """Least radius of a corner and diameter of a hole: no machine makes them smaller, and their arcs shrink to points."""
 DEFAULT_CORNER_RADIUS_MM = 1.0
+DEFAULT_TAG_CELL_MM = 0.5
 
 
 def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool) -> dict[str, Any]:
@@ -30,6 +31,9 @@ def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool)
 
 def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
     if tag == "none":
+        cell_mm = table.values.get("tag_cell_mm", DEFAULT_TAG_CELL_MM)
+        if cell_mm != DEFAULT_TAG_CELL_MM and not (table.refused("tag_cell_mm") or table.refused("tag")):
+            table.problem("tag_cell_mm", f"tag_cell_mm = {shown(cell_mm)} mm is of a tag, and there is none; leave it out")
         if "tag_id" in table.values and not table.refused("tag_id"):
             table.problem("tag_id", f"tag_id = {shown(table.values['tag_id'])} contradicts tag = 'none'; give one of them")
         return None

@@ -11,7 +11,7 @@ from tactape_fab.base.fields import Fields, nearest, shown
 from tactape_fab.base.templates import profile_names
 from tactape_fab.kit.profiles import X2_MODES, ElementProfile, read_part
 from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
-from tactape_fab.kit.spec.board_options import read_board_options
+from tactape_fab.kit.spec.board_options import DEFAULT_TAG_CELL_MM, read_board_options
 from tactape_fab.kit.spec.film_options import read_film_options
 from tactape_fab.kit.spec.grid_options import read_direction_option, read_grid_options
 from tactape_fab.kit.spec.solid_options import DEFAULT_PROCESS, read_solid_options
@@ -23,7 +23,6 @@ from tactape_fab.texture.tape import NAME_PATTERN, NAME_REMEDY
 TAG_MODES = ("strip", "none")
 DEFAULT_FAB = "generic-fpc"
 DEFAULT_PART = "r0201"
-DEFAULT_TAG_CELL_MM = 0.5
 DEFAULT_ROTATION_DEG = 45.0
 _CHIP_SIZE = re.compile(r"[rRcC]?(\d{4,5})")
 

@@ -67,6 +67,9 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
     elif not isinstance(values["tapes"], list) or not values["tapes"]:
         said = shown(values["tapes"])
         problems.append(Problem("tapes", f"tapes = {said} is no list of tapes; give each a table of its own, [[tapes]]"))
+    elif len(values["tapes"]) > MOST_TAPES:
+        message = f"tapes = {len(values['tapes'])} tables, more than {MOST_TAPES}; make them in several runs"
+        return [], [*problems, Problem("tapes", message)]
     else:
         overriding = {key: value for key, value in options.items() if key not in _OF_ONE}
         common = {key: value for key, value in shared.items() if key not in _OF_ONE}
@@ -81,8 +84,9 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
             if len(entries) > MOST_TAPES:
                 break
     if len(entries) > MOST_TAPES:
-        problems.append(Problem("tapes", f"these are more than {MOST_TAPES} tapes; make them in several runs"))
-    return entries[:MOST_TAPES], problems
+        message = f"these are at least {len(entries)}, more than {MOST_TAPES} tapes; make them in several runs"
+        return [], [*problems, Problem("tapes", message)]
+    return entries, problems
 
 
 def _contradictions(values: Mapping[str, Any], options: Mapping[str, Any]) -> list[Problem]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Problem, refusal
 from tactape_fab.base.fields import unknown_key
 from tactape_fab.base.templates import read_toml
+from tactape_fab.kit.spec.board_options import DEFAULT_TAG_CELL_MM
 from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_PITCH_MM, DEFAULT_SIZE_MM
-from tactape_fab.kit.spec.options import DEFAULT_PART, DEFAULT_ROTATION_DEG, DEFAULT_TAG_CELL_MM, read_options
+from tactape_fab.kit.spec.options import DEFAULT_PART, DEFAULT_ROTATION_DEG, read_options
 from tactape_fab.solids.forms import Axis, Cylinder, Shell, SolidForm, Top
 from tactape_fab.texture.code import DEFAULT_CODE
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
@@ -140,7 +141,7 @@ class TapeSpec:
     mark: bool | None = None
 
     def __post_init__(self) -> None:
-        values, problems = read_options(asdict(self))
+        values, problems = read_options(_plainly({key: getattr(self, key) for key in KEYS}))
         if problems:
             raise refusal(problems)
         self._take(values)
@@ -226,11 +227,18 @@ def read_spec(values: Mapping[str, Any]) -> tuple[TapeSpec, list[Problem]]:
     problems = [unknown_key(key, KEYS) for key in values if key not in KEYS]
     if "sector" not in values:
         problems.append(Problem("sector", "sector is missing; give --sector N, or sector = N in the TOML file"))
-    known = {key: value for key, value in values.items() if key in KEYS}
+    known = _plainly({key: value for key, value in values.items() if key in KEYS})
     read, refused = read_options({**DEFAULTS, "sector": 0, **known})
     spec = object.__new__(TapeSpec)
     spec._take(read)
     return spec, problems + refused
+
+
+def _plainly(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values with lists in place of numpy's arrays, and texts in place of paths of profiles."""
+    lists = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in values.items()}
+    paths = {key: str(lists[key]) for key in PROFILE_KEYS if isinstance(lists.get(key), PurePath)}
+    return {**lists, **paths}
 
 
 def _plain(value: Any) -> Any:

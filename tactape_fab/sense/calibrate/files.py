@@ -69,7 +69,8 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
                 load_sensor(partial)
             partial.replace(at)
         except OSError as error:
-            raise TactapeError(f"{shown_path(at)} cannot be written: {error.strerror or error}") from error
+            said = f"output = {shown_path(at)} cannot be written: {error.strerror or error}"
+            raise TactapeError(f"{said}; what stood there is as it was; use another place") from error
         finally:
             partial.unlink(missing_ok=True)
     return list(files)

@@ -53,14 +53,14 @@ class FrameFile:
     """A file of frames with its header read and checked; the frames are read one by one.
 
     frame_shape: Height and width of each frame.
-    timestamp (count,)
+    timestamp (count,): As the file has it, whole numbers too: a float does not hold all of those in ns.
     px_per_mm: Scale along u and v of the canonical image, where the file says it.
     """
 
     path: Path
     count: int
     frame_shape: tuple[int, int]
-    timestamp: npt.NDArray[np.float64] | None = None
+    timestamp: npt.NDArray[Any] | None = None
     px_per_mm: tuple[float, float] | None = None
 
     def frames(self) -> Iterator[Depth]:
@@ -84,7 +84,8 @@ class FrameFile:
         """Timestamp of a frame, s; None without timestamps."""
         if self.timestamp is None or not isfinite(self.timestamp[frame]):
             return None
-        return float(self.timestamp[frame])
+        stamp: int | float = self.timestamp[frame].item()
+        return float(stamp) if abs(stamp) <= 2**53 else stamp
 
 
 def open_frames(paths: Sequence[str | Path], sensor: SensorProfile) -> list[FrameFile]:
@@ -223,18 +224,19 @@ def _read(stream: IO[bytes], header: ArrayHeader) -> Depth:
     return np.frombuffer(data, dtype=header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
 
 
-def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> npt.NDArray[np.float64] | None:
-    """Optional array of one of the allowed shapes; None if the file does not have it."""
+def _small_array(path: Path, name: str, shapes: Sequence[tuple[int, ...]]) -> npt.NDArray[Any] | None:
+    """Optional array of one of the allowed shapes, whole numbers or float64; None if the file does not have it."""
     with open_regular(path) as file, zipfile.ZipFile(file) as archive:
         if name + ".npy" not in archive.namelist():
             return None
     with _opened(path, name) as (stream, header):
         if header.shape not in shapes:
             raise SpecError(f"{name} has shape {shown(header.shape)}; give {' or '.join(str(s) for s in shapes)}")
-        return _read(stream, header).astype(np.float64)
+        values = _read(stream, header)
+        return values if values.dtype.kind in "iu" else values.astype(np.float64)
 
 
-def _scale(values: npt.NDArray[np.float64]) -> tuple[float, float]:
+def _scale(values: npt.NDArray[Any]) -> tuple[float, float]:
     u, v = (float(x) for x in np.broadcast_to(values, 2))
     if not (1.0 <= u <= 1000.0 and 1.0 <= v <= 1000.0):
         raise SpecError(f"px_per_mm = {shown(values.tolist())} is not from 1 to 1000 px/mm; correct it or leave it out")

@@ -68,13 +68,14 @@ _CONTACT_MODELS = ("imprint", "elastic")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """A written file of frames: number, shape, tape and sensor."""
+    """A written file of frames: number, shape, tape and sensor, parts that the pick-and-place file leaves out."""
 
     path: Path
     count: int
     frame_shape: tuple[int, int]
     tape: str
     sensor: str
+    left_out: int = 0
 
 
 def simulate_file(
@@ -141,25 +142,35 @@ def simulate_file(
     if tape.as_built is not None:
         record["as_built"] = tape.as_built.manifest_sha256
     write_frames(path, _shown(frames, frames_count, progress), frames_count, profile, record)
-    return Simulated(path=path, count=frames_count, frame_shape=profile.frame_shape, tape=tape.name, sensor=profile.name)
+    return Simulated(
+        path=path,
+        count=frames_count,
+        frame_shape=profile.frame_shape,
+        tape=tape.name,
+        sensor=profile.name,
+        left_out=tape.part_count - len(parts.xy_mm) if parts is not None and source == "cpl" else 0,
+    )
 
 
 def _scene(options: Mapping[str, Any]) -> Scene:
     """The default scene with some attributes replaced by options."""
     model = Fields({"contact_model": "imprint", **options})
-    if model.text("contact_model", choices=_CONTACT_MODELS) == "elastic":
+    chosen = model.text("contact_model", choices=_CONTACT_MODELS)
+    if chosen == "elastic":
         return _elastic_scene(options)
-    model.problems += [_only_elastic(name) for name in options if name in _ELASTIC_KEYS]
-    if model.problems:
-        raise SpecError(model.problems)
-    values = {_SCENE_KEYS[name]: value for name, value in options.items() if name != "contact_model"}
+    model.problems += [_only_elastic(name) for name in options if name in _ELASTIC_KEYS and chosen]
+    values = {_SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS}
     if "cylinder" in options:
         values["contact"] = "strip"
         if "contact" in options:
-            raise SpecError(Problem("cylinder", "cylinder and contact both name the contact; give one of them"))
+            del values["contact_mm"]
+            model.problem("cylinder", "cylinder and contact both name the contact; give one of them")
     elif options.get("contact") == "pad":
         values["contact"] = values.pop("contact_mm")
-    return _scene_of(values)
+    scene = tried(lambda: _scene_of(values), model.problems)
+    if scene is None or model.problems:
+        raise SpecError(model.problems)
+    return scene
 
 
 def _scene_of(values: Mapping[str, Any], elastic: ElasticContact | None = None) -> Scene:
@@ -176,13 +187,15 @@ def _only_elastic(name: str) -> Problem:
 
 def _elastic_scene(options: Mapping[str, Any]) -> Scene:
     """The scene of an elastic contact."""
-    if "contact" in options:
-        raise SpecError(Problem("contact", "contact is decided by the force of an elastic contact; leave it out"))
     keys = {**_ELASTIC_KEYS, "cylinder": "cylinder_radius_mm", "elastomer": "blur_mm"}
     problems: list[Problem] = []
+    if "contact" in options:
+        problems.append(Problem("contact", "contact is decided by the force of an elastic contact; leave it out"))
     elastic = tried(lambda: ElasticContact(**{keys[name]: value for name, value in options.items() if name in keys}), problems)
     problems = [_of_option(problem, keys) for problem in problems]
-    others = {_SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS and name not in keys}
+    others = {
+        _SCENE_KEYS[name]: value for name, value in options.items() if name in _SCENE_KEYS and name not in (*keys, "contact")
+    }
     scene = tried(lambda: _scene_of(others, elastic), problems)
     if scene is None or problems:
         raise SpecError(problems)
@@ -203,11 +216,11 @@ def _of_option(problem: Problem, keys: Mapping[str, str]) -> Problem:
 def _parts_from(source: str, tape: Tape, kit: str | Path) -> Parts | None:
     """The parts of a source; None for those of the design."""
     if source == "cpl":
-        return _written_parts(kit)
+        return _written_parts(tape, kit)
     return built_parts_of(tape) if source == "as-built" else None
 
 
-def _written_parts(kit: str | Path) -> Parts:
+def _written_parts(tape: Tape, kit: str | Path) -> Parts:
     """Parts of the kit's pick-and-place file."""
     file = find_manifest(kit)
     rows = read_manifest(file).get("files")
@@ -215,7 +228,7 @@ def _written_parts(kit: str | Path) -> Parts:
     path = safe_path(named[0].get("path")) if named else None
     if path is None:
         raise SpecError(Problem("cpl", f"the kit of {file} has no pick-and-place file; leave out --from-cpl"))
-    return parts_from_cpl(file.parent / path)
+    return parts_from_cpl(file.parent / path, tape.designators())
 
 
 def _record(tape: Tape, profile: SensorProfile, scene: Scene, run: Mapping[str, Any]) -> dict[str, Any]:
@@ -284,7 +297,8 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
         partial_path.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        raise TactapeError(f"{shown_path(path)} cannot be written: {error.strerror or error}") from error
+        message = f"output = {shown_path(path)} cannot be written: {error.strerror or error}"
+        raise TactapeError(f"{message}; what stood there is as it was; use another place") from error
     finally:
         partial_path.unlink(missing_ok=True)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
@@ -12,6 +12,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown
+from tactape_fab.base.given_path import as_path
 from tactape_fab.sense.inspect.bodies import COVERED, Bodies, fit_bodies
 from tactape_fab.sense.inspect.colours import Palette, learn_palette
 from tactape_fab.sense.inspect.film import fit_film
@@ -107,7 +108,8 @@ def inspect_with_views(
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Inspected:
     """`inspect_scans`, with the scans themselves."""
-    paths = [scans] if isinstance(scans, str | Path) else list(scans)
+    several = scans if isinstance(scans, Iterable) and not isinstance(scans, str) else [scans]
+    paths = [as_path(scan, "scans", "images of the tape") for scan in several]
     problems = _problems(paths, dpi, tolerance_mm, turn_tolerance_deg)
     wanted = tried(lambda: read_wanted(kit), problems)
     if problems or wanted is None:

@@ -94,7 +94,9 @@ def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
         header = read_header(data)
         return _unpacked(data, header), header
     except OSError as error:
-        raise SpecError(Problem("scan", f"{shown_path(path)} cannot be read: {error.strerror or error}")) from error
+        raise SpecError(
+            Problem("scan", f"SCAN = {shown_path(path)} cannot be read: {error.strerror or error}; {_REMEDY}")
+        ) from error
     except ValueError as error:
         if isinstance(error, SpecError):
             raise SpecError([Problem("scan", f"{shown_path(path)}: {p.message}") for p in error.problems]) from None

@@ -16,7 +16,7 @@ from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
 from tactape_fab.sense.files.jobs import Job, of_colour_images, prepare_without_frames
 from tactape_fab.sense.live.camera import FILMS, USB, Crop, camera_named, camera_source, film_source
 from tactape_fab.sense.live.folder import folder_source
-from tactape_fab.sense.live.replay import has_stamps, replay
+from tactape_fab.sense.live.replay import has_stamps, refuse_no_seconds, replay
 from tactape_fab.sense.live.sources import Source
 from tactape_fab.sense.live.stream import stream_source
 from tactape_fab.sense.live.watch import Watch
@@ -125,7 +125,7 @@ def _opened(
 def _read_wishes(wishes: Wishes, problems: list[Problem]) -> tuple[float | None, float | None, Crop | None]:
     table = Fields({"rate": wishes.rate, "idle": wishes.idle, "crop": wishes.crop}, problems=problems)
     rate_hz = None
-    if wishes.rate in ("max", 0):
+    if wishes.rate == "max":
         rate_hz = float("inf")
     elif wishes.rate is not None:
         rate_hz = table.number("rate", above=0.0, high=MOST_HZ, unit="Hz", remedy="give a number of Hz, or max", default=1.0)
@@ -185,4 +185,6 @@ def _source(
     if film:
         return film_source(path, sensor.frame_shape, crop, rate_hz=rate_hz, keep=keep), True
     (file,) = open_frames([path], sensor)
+    if rate_hz is None:
+        refuse_no_seconds(file)
     return replay(file, rate_hz, keep=keep), has_stamps(file, rate_hz)

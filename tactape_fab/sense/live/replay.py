@@ -7,12 +7,23 @@ from functools import partial
 from threading import Event
 from time import perf_counter
 
-from tactape_fab.base.errors import SpecError
+import numpy as np
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.files.depth_maps import FrameFile
 from tactape_fab.sense.live.sources import Frame, Source, Trouble
 
 USUAL_HZ = 25.0
 """Rate of a file without timestamps: a GelSight Mini's."""
+LONGEST_GAP_S = 3600.0
+"""Longest pause that a replay makes: who recorded two presses further apart does not wait for them, and stamps of 25 Hz in µs
+are 40,000 apart."""
+LAST_S = 1e11
+"""Timestamps from here on are no seconds since 1970: as such they are those of the year 5138, in ms those of 1973."""
+LONG_GAP_S = 10.0
+"""A pause from which on the replay says that it waits: stamps of 25 Hz in ms are 40 apart."""
+_SECONDS = "timestamps are seconds: divide those in ms by 1e3, in ns by 1e9, or give --rate HZ, or --rate max"
 
 
 def replay(file: FrameFile, rate_hz: float | None = None, *, keep: bool = False) -> Source:
@@ -34,11 +45,28 @@ def has_stamps(file: FrameFile, rate_hz: float | None) -> bool:
     return file.timestamp is not None or (rate_hz is not None and rate_hz < float("inf"))
 
 
+def refuse_no_seconds(file: FrameFile) -> None:
+    """Refuse a file whose own timestamps would have a replay wait for hours. Raises SpecError."""
+    if file.timestamp is None:
+        return
+    at = np.flatnonzero(np.isfinite(file.timestamp))
+    stamps = np.maximum.accumulate(file.timestamp[at].astype(np.float64))
+    gaps = np.diff(stamps)
+    said = None
+    if (gaps > LONGEST_GAP_S).any():
+        k = int(np.argmax(gaps > LONGEST_GAP_S))
+        said = f"frame {at[k + 1]} comes {gaps[k]:g} s after frame {at[k]}, and a replay waits {LONGEST_GAP_S:g} s at most"
+    elif len(stamps) and stamps[-1] >= LAST_S:
+        said = f"a timestamp is {stamps[-1]:g} s, not below {LAST_S:g} s, the year 5138"
+    if said is not None:
+        raise SpecError(Problem("rate", f"{shown_path(file.path)}: {said}; {_SECONDS}"))
+
+
 def _replayed(file: FrameFile, rate_hz: float | None, keep: bool, stop: Event) -> Iterator[Frame | Trouble]:
     start, first = perf_counter(), None
     by_file = rate_hz is None and file.timestamp is not None
     hz = rate_hz or USUAL_HZ
-    k = -1
+    k, said = -1, False
     try:
         for k, image in enumerate(file.frames()):
             stamp = file.time_of(k)
@@ -46,7 +74,11 @@ def _replayed(file: FrameFile, rate_hz: float | None, keep: bool, stop: Event) -
             if by_file:
                 first = stamp if first is None else first
                 due_s = 0.0 if stamp is None or first is None else stamp - first
-            if stop.wait(max(0.0, start + due_s - perf_counter())):
+            wait_s = max(0.0, start + due_s - perf_counter())
+            if wait_s > LONG_GAP_S and not said:
+                said = True
+                yield Trouble(kind="long pause", message=f"frame {k} comes in {wait_s:g} s by the file's timestamps; {_SECONDS}")
+            if stop.wait(wait_s):
                 return
             if stamp is None and rate_hz is not None and rate_hz < float("inf") and file.timestamp is None:
                 stamp = k / rate_hz

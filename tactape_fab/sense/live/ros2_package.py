@@ -38,6 +38,21 @@ def write_package(folder: Path, parameters: Mapping[str, Any]) -> list[str]:
     Raises SpecError if the folder is there, or its name is none of a package.
     Raises TactapeError when it cannot be written.
     """
+    name = refuse_package(folder)
+    files = package_files(name, {**PARAMETERS, **parameters})
+    try:
+        for path, text in files.items():
+            place = folder / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        message = f"package = {shown_path(folder)} cannot be written: {error.strerror or error}; give a folder elsewhere"
+        raise TactapeError(message) from error
+    return list(files)
+
+
+def refuse_package(folder: Path) -> str:
+    """The name of a package that may be written there. Raises SpecError."""
     name = folder.resolve().name
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
         remedy = "use small letters, digits and single underscores, such as src/tactape_node"
@@ -46,15 +61,7 @@ def write_package(folder: Path, parameters: Mapping[str, Any]) -> list[str]:
         raise SpecError(
             Problem("package", f"package = {shown_path(folder)} is there, and nothing is written over; give a new one")
         )
-    files = package_files(name, {**PARAMETERS, **parameters})
-    try:
-        for path, text in files.items():
-            place = folder / path
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise TactapeError(f"package {shown_path(folder)} cannot be written: {error.strerror or error}") from error
-    return list(files)
+    return name
 
 
 def package_files(name: str, parameters: Mapping[str, Any]) -> dict[str, str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.templates import read_toml
 from tactape_fab.sense.decode.result import state_of
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance
@@ -120,12 +121,13 @@ def read_object(path: str | Path) -> TapedObject:
     SpecError
         Every problem found in it and in its kits.
     """
-    table = Fields(read_toml(Path(path), "object"), f"object {shown_path(Path(path).name)}: ")
+    path = as_path(path, "path", "the .toml file of an object")
+    table = Fields(read_toml(path, "object"), f"object {shown_path(path.name)}: ")
     table.refuse_unknown(("name", "tapes"))
     name = table.text("name", longest=100)
     tapes: list[TapeOnObject] = []
     for i, row in enumerate(table.rows("tapes", longest=MOST_TAPES)):
-        found = _read_tape(row, f"{table.where}tapes[{i}].", Path(path).parent, table.problems)
+        found = _read_tape(row, f"{table.where}tapes[{i}].", path.parent, table.problems)
         if found is not None:
             tapes.append(found)
     if not tapes and not table.problems:

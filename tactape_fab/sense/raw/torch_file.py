@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import read_regular
 
 MOST_BYTES = 8 << 20
@@ -73,7 +74,7 @@ def read_tensors(path: str | Path) -> dict[str, npt.NDArray[np.float32]]:
 
     Raises SpecError when the file is none, too large, or holds anything else. Nothing in it is run.
     """
-    path = Path(path)
+    path = as_path(path, "path", "a file of weights")
     try:
         data = read_regular(path, MOST_BYTES)
         if len(data) > MOST_BYTES:

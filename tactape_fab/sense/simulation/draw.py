@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.contact import contact_outline_mm, imprint, inside_mm
@@ -18,10 +18,10 @@ from tactape_fab.sense.simulation.elastic import imprint_of
 from tactape_fab.sense.simulation.gel import BUMP_FOOT_MM, BUMP_HEIGHT, FloatImage, press, relief_of, sensed
 from tactape_fab.sense.simulation.gel_displacement import displacement_um, displacements
 from tactape_fab.sense.simulation.parts import Parts, as_parts, scattered
-from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
+from tactape_fab.sense.simulation.scene import Scene, as_scene
 from tactape_fab.sense.simulation.view import View, make_view
 from tactape_fab.texture.frames import FloatArray, IntArray
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 MOST_FRAMES = 1_000_000
 _OVERHANG = (-0.2, 0.9)
@@ -129,7 +129,7 @@ def simulate(
     SpecError
         For an invalid pose, option, part or sensor.
     """
-    profile, scene = as_sensor(sensor), (scene or DEFAULT_SCENE).changed(options)
+    profile, scene = _given(tape, sensor, scene, options)
     view = make_view(tape, position_mm, theta_deg, profile, scene)
     return _frame(view, as_parts(tape, parts), np.random.SeedSequence(checked_seed(seed))).depth
 
@@ -169,7 +169,7 @@ def iterate_frames(
     SpecError
         As `simulate`, and for poses of another shape; on the first frame asked for.
     """
-    profile, scene = as_sensor(sensor), scene or DEFAULT_SCENE
+    profile, scene = _given(tape, sensor, scene)
     drawn = draw_poses(tape, count, seed, profile, scene, edge=edge) if poses is None else _checked_poses(poses, count)
     standing = as_parts(tape, parts)
     for k, pose in enumerate(drawn):
@@ -187,7 +187,8 @@ def frame_at(
     parts: Parts | npt.ArrayLike | None = None,
 ) -> Frame:
     """Frame `number` of `iterate_frames` with this pose; it raises the same errors."""
-    view = make_view(tape, pose[:2], float(pose[2]), as_sensor(sensor), scene or DEFAULT_SCENE)
+    profile, scene = _given(tape, sensor, scene)
+    view = make_view(tape, pose[:2], float(pose[2]), profile, scene)
     return _frame(view, as_parts(tape, parts), _stream(seed, number))
 
 
@@ -264,7 +265,7 @@ def draw_poses(
     ndarray, shape (count, 3)
         x mm, y mm (texture frame), theta deg in (-180, 180].
     """
-    profile, scene = as_sensor(sensor), scene or DEFAULT_SCENE
+    profile, scene = _given(tape, sensor, scene)
     _check_count(count)
     shift = np.random.Generator(np.random.PCG64(np.random.SeedSequence(checked_seed(seed), spawn_key=(0, 2)))).random(3)
     share = (shift + np.outer(np.arange(1, count + 1), _RECURRENCE)) % 1.0
@@ -338,6 +339,17 @@ def _frame(view: View, parts: Parts, stream: np.random.SeedSequence) -> Frame:
         dots_part=index[felt],
         dots_imprint=share[felt],
     )
+
+
+def _given(tape: object, sensor: object, scene: object, options: Mapping[str, Any] | None = None) -> tuple[SensorProfile, Scene]:
+    """The profile and the scene that are meant. Raises SpecError with what is wrong with them or the tape, all together."""
+    problems: list[Problem] = []
+    tried(lambda: refuse_no_tape(tape), problems)
+    profile = tried(lambda: as_sensor(sensor), problems)
+    meant = tried(lambda: as_scene(scene).changed(options or {}), problems)
+    if profile is None or meant is None or problems:
+        raise SpecError(problems)
+    return profile, meant
 
 
 def _stream(seed: int, number: int) -> np.random.SeedSequence:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown, shown_path
+from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.board import LONGEST_MM
@@ -104,7 +106,7 @@ def scattered(parts: Parts, scene: Scene, rng: np.random.Generator) -> tuple[Par
     return Parts(xy_mm=xy_mm, rotation_deg=parts.rotation_deg + scene.rotation_deg * rng.standard_normal(count)), there
 
 
-def parts_from_cpl(source: str | Path | bytes) -> Parts:
+def parts_from_cpl(source: str | Path | bytes, expected: Sequence[str] | None = None) -> Parts:
     """Parts of a written pick-and-place file, in its order.
 
     Parameters
@@ -112,6 +114,8 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     source : path or bytes
         CSV with the columns Designator, Mid X, Mid Y, Layer, Rotation (mm and degrees, board frame), other columns
         ignored; or a list of any assembly format of kits.
+    expected : sequence of str, optional
+        Designators that it may name, and no others.
 
     Returns
     -------
@@ -120,7 +124,7 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
     Raises
     ------
     SpecError
-        If it cannot be read, or a row is incomplete; at most twenty problems are listed.
+        If it cannot be read, a row is incomplete, or it names a part that is not expected; at most twenty problems are listed.
     """
     problems: list[Problem] = []
     cpl = read_cpl(_cpl_bytes(source), problems)
@@ -134,6 +138,11 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
         elif side.strip().lower() not in ("top", "t"):
             problems.append(Problem("cpl", f"cpl line {line}: {shown(name)} is on layer {shown(side)}; parts stand on Top"))
         seen.add(name)
+    known = None if expected is None else set(expected)
+    foreign = [name for name in cpl.designators if known is not None and name not in known]
+    if foreign and not problems:
+        message = f"cpl names {shown(foreign[0])}, which is no part of the tape ({len(foreign)} of {len(cpl.designators)})"
+        problems.append(Problem("cpl", f"{message}; write the file again, or leave out --from cpl"))
     if not seen and not problems:
         problems.append(Problem("cpl", "cpl names no part; write it again"))
     if len(cpl.lines) >= MOST_POINTS:
@@ -146,8 +155,9 @@ def parts_from_cpl(source: str | Path | bytes) -> Parts:
 def _cpl_bytes(source: str | Path | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
+    path = as_path(source, "source", "a CSV file")
     try:
-        return read_regular(Path(source), MOST_CPL_BYTES)
+        return read_regular(path, MOST_CPL_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SpecError(Problem("cpl", f"cpl {shown_path(source)} cannot be opened: {reason}; give a CSV file")) from error
+        raise SpecError(Problem("cpl", f"cpl {shown_path(path)} cannot be opened: {reason}; give a CSV file")) from error

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from math import sqrt
 from typing import Any, Literal
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, unknown_key
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 
@@ -184,6 +184,16 @@ class Scene:
     def to_mapping(self) -> dict[str, Any]:
         """All attributes as plain values, for a record of what was simulated."""
         return asdict(self)
+
+
+def as_scene(scene: object) -> Scene:
+    """A scene itself, the default one for None. Raises SpecError for anything else."""
+    if scene is None:
+        return DEFAULT_SCENE
+    if isinstance(scene, Scene):
+        return scene
+    message = f"scene = {shown(scene)} is no Scene; give one, such as Scene(noise=2), or leave it out"
+    raise SpecError(Problem("scene", message))
 
 
 _LEAST_CONTACT_MM = 0.1

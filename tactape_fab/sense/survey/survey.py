@@ -14,7 +14,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
-from tactape_fab.base.pool import Workers, mapped
+from tactape_fab.base.pool import Workers, checked_workers, mapped
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.files.arm_poses import read_arm_poses, read_hand_eye
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
@@ -86,7 +86,7 @@ def survey_files(
     inspected: str | Path | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda *_: None,
-    workers: Workers = 1,
+    workers: object = 1,
 ) -> Survey:
     """Survey a kit's tape from files of frames.
 
@@ -99,10 +99,11 @@ def survey_files(
     inspected: Measured places to start from, such as those of an inspection or of an earlier survey; combined by covariance.
     output: Where the measured places will be written: refused if something else is there. Nothing is written yet.
     progress: Called with a text, the number of frames done and their total.
-    workers: Number of processes that locate frames, or the address of a Dask scheduler.
+    workers: Number of processes that locate frames, or the address of a Dask scheduler, untrusted; None for one.
     Raises SpecError with every invalid value; if too few frames are located.
     """
     problems: list[Problem] = []
+    chosen = checked_workers(workers, problems, usual=1)
     if output is not None:
         tried(partial(refuse_other_places, file_of(Path(output)), "output"), problems)
     given: Given = NOMINAL if inspected is None else inspected
@@ -126,7 +127,7 @@ def survey_files(
     if problems:
         raise SpecError(problems)
     assert tape is not None and profile is not None and files is not None and robot is not None
-    return _surveyed(tape, find_manifest(kit), profile, files, robot, progress, workers)
+    return _surveyed(tape, find_manifest(kit), profile, files, robot, progress, chosen)
 
 
 def _robot(poses: str | Path, hand_eye: str | Path | None, tape: Tape | None) -> list[RobotPose]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.fields import shown
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
 from tactape_fab.sense.decode.search.search import Prior
@@ -122,6 +123,16 @@ class Tracker:
     """
 
     def __init__(self, localizer: Localizer, motion: Motion | None = None) -> None:
+        problems = []
+        located: object = localizer
+        moving: object = motion
+        if not isinstance(located, Localizer):
+            message = f"localizer = {shown(located)} is no Localizer; give Tracker(Localizer(KIT))"
+            problems.append(Problem("localizer", message))
+        if not isinstance(moving, Motion | None):
+            problems.append(Problem("motion", f"motion = {shown(moving)} is no Motion; give one, or leave it out"))
+        if problems:
+            raise SpecError(problems)
         if not localizer.takes_prior:
             message = "this localizer takes no prior (method 'paper', or a code without tapes); register tapes with method 'ml'"
             raise SpecError(Problem("localizer", message))

@@ -41,6 +41,8 @@ def read_placement(values: Mapping[str, Any]) -> Placement:
         at_mm=_triple(table, "at_mm", "mm", "give X,Y,Z in mm, a point of the surface"),
         up=_triple(table, "up", "", "give a direction X,Y,Z, such as 0,0,1"),
     )
+    if placement.up is not None and not any(placement.up) and not table.refused("up"):
+        table.problem("up", f"up = {','.join(f'{v:g}' for v in placement.up)} is no direction; give three numbers, not all zero")
     if table.problems:
         raise SpecError(table.problems)
     return placement

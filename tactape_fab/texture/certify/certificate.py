@@ -17,7 +17,7 @@ import numpy as np
 from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import IntArray
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tape
 from tactape_fab.texture.touch.patches import PatchDistance, patch_distances
 from tactape_fab.texture.windows import Windows, windows_of
 
@@ -147,6 +147,7 @@ def certify(tape: Tape) -> Certificate:
     Certificate
         By window size: least distance in symbols, and what it detects and corrects.
     """
+    refuse_no_tape(tape)
     sizes: tuple[Closest, ...] = ()
     for side in SIDES:
         sizes = (*sizes, closest(tape, side, (sizes[-1].distance or 0) if sizes else 0))

@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from tactape_fab import Kit
 from tactape_fab.cli import main
+from tactape_fab.cli.options import degrees, hertz, kilopascals, length, micrometres, newtons, per_inch, seconds
 from tests.tapes import tape_at
 
 FORMAT = {"format": "tactape-manifest/1"}
@@ -50,7 +55,7 @@ WRONG = {
 AS_TYPED = {
     "doctor --sensor frames.npz --like nope": "--like = 'nope' is none of: digit",
     "calibrate frames.npz --tape nowhere --like nope -o s.toml": "--like = 'nope' is none of: digit",
-    "simulate nowhere -o a.npz --contact-model elastic --force 2N": "--force = '2N' is not a number in N; give a number",
+    "simulate nowhere -o a.npz --contact-model elastic --force 2kg": "--force = '2kg' is not a number in N; give a number",
     "simulate nowhere -o a.npz --contact-model elastic --tilt 3": "--tilt = '3' is not 2 numbers; give the tilts along",
     "simulate nowhere -o a.npz --contact-model elastic --tilt 3,40": "--tilt = 40 deg exceeds 20 deg; give the tilts along",
     "simulate nowhere -o a.npz --contact-model elastic --gel-thickness 0": "--gel-thickness = 0 mm is below 0.1 mm",
@@ -67,6 +72,99 @@ AS_TYPED = {
     "make --sectors 1-3 --same-sector": "--same-sector is of a panel, and these tapes are made one by one; leave it out",
 }
 """Others, of which an answer once named a key of the package, or a remedy that is refused in its turn."""
+
+
+OF_A_KIT = {
+    "simulate {kit} -o a.npz --contact-model nope --noise-model nope --noise 1e9 --placement -3 --elastomer -1 --k1-error 7": [
+        "--contact-model = 'nope'", "--elastomer = -1 mm", "--noise = 1e+09", "--placement = -3 mm", "--k1-error = 7",
+        "--noise-model = 'nope'",
+    ],
+    "simulate {kit} -o a.npz --cylinder 5 --contact 3x3 --force 2 --noise -1": [
+        "force belongs to an elastic contact", "cylinder and contact both name", "--noise = -1",
+    ],
+    "simulate {kit} -o a.npz --contact-model elastic --contact 3x3 --force -1N --tilt 99deg,0": [
+        "contact is decided by the force", "99 deg exceeds 20 deg", " = -1 N is below 0.01 N",
+    ],
+    "survey f.npz --tape {kit} -o a.json --workers 0 --sensor nope": ["--workers = 0", "--sensor = 'nope'"],
+    "emboss {kit} no.stl --at 0,0 --up 0,0,0 --unit ft --face -1": [
+        "--face = -1", "--at = '0,0'", "--up = 0,0,0 is no direction", "--unit = 'ft'", "SURFACE = no.stl cannot be read",
+    ],
+    "emboss {kit} no.txt --unit ft -o .": ["--unit = 'ft'", "SURFACE = no.txt is none of", "-o = . is no name"],
+    "advise --contact nan --size 0x50 --process foo --fab bar --sensor nope": [
+        "--contact = nan", "--process = 'foo'", "--size = 0 mm", "--sensor = 'nope'", "--fab = 'bar'",
+    ],
+    "ros2 --tape nope --sensor x --package No": ["No is no name of a ROS package", "nope is no kit", "--sensor = 'x'"],
+    "ros2 --tape nope --package pp": ["nope is no kit"],
+    "inspect nope.png --tape {kit} -o a.json": ["SCAN = nope.png cannot be read: No such file or directory; give a scan"],
+    "check --sector 7 --size 0x0": ["--size = 0 mm is not above 0 mm"],
+    "check --sector 7 --origin 4000,4000": ["--origin = 4000 is outside 0 to 3374"],
+    "check --sector 7 --tag none --tag-cell 1": ["--tag-cell = 1 mm is of a tag, and there is none; leave it out"],
+    "check --sector 7 --part dome --tag-cell 1": ["--tag-cell = 1 mm is of a tag, and there is none; leave it out"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "said"), OF_A_KIT.items(), ids=OF_A_KIT)
+def test_all_that_is_wrong_is_said_once_and_together(
+    command: str, said: list[str], default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(main, shlex.split(command.format(kit=default_kit.path)), prog_name="tactape-fab")
+    assert (result.exit_code, result.stdout) == (2, ""), result.exception
+    lines = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert len(lines) == len(said) and all(any(text in line for line in lines) for text in said), lines
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("read", "texts"),
+    [(newtons, ("2N", "2 N", "2")), (degrees, ("45deg", "45")), (hertz, ("100Hz", "100hz")), (micrometres, ("5um", "5µm", "5")),
+     (per_inch, ("600dpi", "600")), (kilopascals, ("200kPa",)), (seconds, ("3s",)), (length, ("2mm", "2 mm", "2"))],
+)  # fmt: skip
+def test_a_number_may_have_its_own_unit(read: Callable[[str], object], texts: tuple[str, ...]) -> None:
+    assert {read(text) for text in texts} == {read(texts[-1])} and isinstance(read(texts[0]), int)
+    assert (read("2in"), read("max")) == ("2in", "max")
+
+
+def test_a_list_of_too_many_tapes_is_refused_before_they_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("many.toml").write_text("[[tapes]]\nsector = 300\n" * 4097)
+    result = CliRunner().invoke(main, ["make", "many.toml", "-o", "kits"], prog_name="tactape-fab")
+    assert result.exit_code == 2
+    assert result.stderr.splitlines() == ["error: tapes = 4097 tables, more than 4096; make them in several runs"]
+
+
+def test_what_cannot_be_written_names_the_option_and_the_remedy(
+    default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(zipfile, "ZipFile", refuse)
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    for command, said in {
+        f"simulate {default_kit.path} -o a.npz": "-o = a.npz cannot be written: Permission denied; what stood there is as it was",
+        "ros2 --package pp": "--package = pp cannot be written: Permission denied; give a folder elsewhere",
+    }.items():
+        result = CliRunner().invoke(main, shlex.split(command), prog_name="tactape-fab")
+        assert result.exit_code == 1 and said in result.stderr, result.stderr
+
+
+def test_a_cpl_of_other_parts_is_refused_and_one_of_fewer_said(
+    default_kit: Kit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(default_kit.path, "kit")
+    (cpl,) = Path("kit").rglob("*-cpl.csv")
+    cpl.write_bytes(cpl.read_bytes().replace(b"\nR1,", b"\nX1,", 1))
+    result = CliRunner().invoke(main, ["simulate", "kit", "-o", "a.npz", "--from", "cpl"], prog_name="tactape-fab")
+    assert result.exit_code == 2
+    assert "cpl names 'X1', which is no part of the tape (1 of " in result.stderr
+    cpl.write_bytes(b"\n".join(line for line in cpl.read_bytes().split(b"\n") if not line.startswith(b"X1,")))
+    result = CliRunner().invoke(main, ["simulate", "kit", "-o", "a.npz", "--from", "cpl"], prog_name="tactape-fab")
+    assert result.exit_code == 0
+    assert "warning: the pick-and-place file leaves out 1 part; the frames lack them" in result.stderr
 
 
 def test_there_are_thirty() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -319,6 +320,31 @@ def test_a_kit_has_the_places_that_are_given_those_beside_it_or_none(tmp_path: P
         as_built_of(manifest, "t", 8)
     with pytest.raises(SpecError, match="more than their displacement"):
         as_built_of(manifest, "t", 9, most_mm=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["link", "folder", "fifo"])
+def test_what_has_the_name_of_the_places_and_is_none_is_refused(tmp_path: Path, kind: str) -> None:
+    manifest, file = tmp_path / "manifest.json", tmp_path / "as-built.json"
+    manifest.write_text(json.dumps({"name": "t"}))
+    if kind == "link":
+        file.symlink_to("nowhere")
+    elif kind == "folder":
+        file.mkdir()
+    else:
+        os.mkfifo(file)
+    said = {"link": "a link to nothing", "folder": "a folder", "fifo": "no regular file"}[kind]
+    with pytest.raises(SpecError, match=rf"as-built\.json is {said}, .*; remove it, or give --as-built none"):
+        as_built_of(manifest, "t", 9)
+    assert as_built_of(manifest, "t", 9, "none") is None
+
+
+def test_a_tape_without_any_part_is_refused(tmp_path: Path) -> None:
+    manifest = tmp_path / "manifest.json"
+    manifest.write_text(json.dumps({"name": "t"}))
+    bare = places(number=np.arange(1, 6), present=np.zeros(5, dtype=bool), manifest_sha256=manifest_digest(manifest))
+    with pytest.raises(SpecError, match=r"present is false for all 5 parts of t, .*; measure this tape again, or leave"):
+        as_built_of(manifest, "t", 5, bare)
+    assert as_built_of(manifest, "t", 6, bare) is bare
 
 
 def test_shapes_and_numbers_of_a_program_are_checked() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,17 +14,19 @@ from tactape_fab.texture.frames import FloatArray
 
 LARGE = 1e9
 """Depths and places beyond this are scaled or refused."""
+_SMALL = 1e-30
+"""Depths below this all lose digits in single precision, whose least value with all of them is 1.2e-38."""
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """A frame as the canonical image; NaN and infinite values become the median of the others.
+    """A frame as the canonical image; NaN, infinite and masked values become the median of the others.
 
     It is the frame's own memory where nothing has to be changed: only to be read.
 
     Raises FrameError when it is no array of real numbers, or not of the sensor's shape.
     """
     try:
-        frame = np.asarray(depth)
+        frame = np.asarray(_unmasked(depth))
         if frame.dtype.kind not in "fiub":
             raise ValueError(f"dtype {frame.dtype}")
         if frame.dtype == np.float32 and frame.flags.carray:
@@ -42,6 +45,9 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
             f"{expected[1]} (h, w); give another --sensor"
         )
     low, high = _span(image)
+    if image.dtype != frame.dtype and not _SMALL <= max(abs(low), abs(high)) < np.inf:
+        image = _fitted(frame, image)
+        low, high = _span(image)
     if not (isfinite(low) and isfinite(high)):
         finite = np.isfinite(image)
         image = np.where(finite, image, np.median(image[finite]) if finite.any() else 0.0).astype(np.float32)
@@ -60,10 +66,34 @@ def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:
         return float(image.min()), float(image.max())
 
 
+def _unmasked(values: npt.ArrayLike) -> npt.ArrayLike:
+    """Values with NaN for those that a masked array masks; all others unchanged."""
+    if not isinstance(values, np.ma.MaskedArray) or values.dtype.kind not in "fiub":
+        return values
+    return np.where(np.ma.getmaskarray(values), np.nan, values.data)
+
+
+def _fitted(frame: npt.NDArray[Any], image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """A frame in single precision, scaled where that cannot hold most of it; `image` is the frame unscaled.
+
+    A few values that are too large stay holes: they say nothing of the frame's scale.
+    """
+    low, high = float(np.fmin.reduce(image, axis=None)), float(np.fmax.reduce(image, axis=None))  # of what is no NaN
+    if _SMALL <= max(abs(low), abs(high)) < np.inf:
+        return image
+    height = np.abs(frame[np.isfinite(frame) & (frame != 0)])
+    middle = len(height) // 2
+    typical = float(np.partition(height, middle)[middle]) if len(height) else 1.0  # the mean of two could be infinite
+    if _SMALL <= typical <= 1.0 / _SMALL or typical == 0.0:
+        return image
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (frame / typical).astype(np.float32)
+
+
 def dot_numbers(values: npt.ArrayLike) -> FloatArray:
     """Values as an array of real numbers. Raises FrameError."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(_unmasked(values))
         if array.dtype.kind not in "fiub":
             raise ValueError(f"dtype {array.dtype}")
         return array.astype(np.float64)

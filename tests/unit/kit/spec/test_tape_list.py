@@ -130,7 +130,7 @@ def test_tables_inherit_and_options_override() -> None:
         ({"tapes": [{"sector": 1}]}, {"name": "n"}, "name = 'n' cannot be that of all tapes"),
         ({}, {"sectors": "1-2", "name": "n"}, "name = 'n' cannot be that of all tapes"),
         ({}, {"sectors": "1-2", "sector": 4}, "sector = 4 contradicts sectors = '1-2'"),
-        ({"tapes": [{"sectors": "0-255"}] * 20}, {}, "more than 4096 tapes"),
+        ({"tapes": [{"sectors": "0-255"}] * 20}, {}, "these are at least 4352, more than 4096 tapes"),
         ({"same_sector": True}, {"sectors": "1-2"}, "same_sector = True is of a panel"),
         ({"tapes": [{"sector": 1}]}, {"tabs": "x"}, "tabs = 'x' is of a panel"),
         ({"tapes": [{"sector": 1, "panel": "auto"}]}, {}, "tapes[0]: panel = 'auto' is of a panel"),

@@ -20,7 +20,7 @@ from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frame_file
 from tactape_fab.sense.live import folder as folder_module
 from tactape_fab.sense.live.camera import camera_named, camera_source, film_source
 from tactape_fab.sense.live.folder import folder_source
-from tactape_fab.sense.live.replay import has_stamps, replay
+from tactape_fab.sense.live.replay import has_stamps, refuse_no_seconds, replay
 from tactape_fab.sense.live.sources import Frame, Trouble
 from tactape_fab.sense.live.stream import stream_source
 from tests.live import SHAPE, npy, ramp, read, save_npz
@@ -81,8 +81,33 @@ def test_a_replay_stops_when_told(tmp_path: Path) -> None:
     next(found)
     threading.Timer(0.05, stop.set).start()
     start = monotonic()
-    assert list(found) == []
+    assert [one.kind for one in found if isinstance(one, Trouble)] == ["long pause"]
     assert monotonic() - start < 5.0
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (40_000_000, "frame 1 comes 4e+07 s after frame 0, and a replay waits 3600 s at most"),
+        (40, "a timestamp is 1.7641e+18 s, not below 1e+11 s"),
+    ],
+)
+def test_stamps_that_are_no_seconds_are_not_replayed(tmp_path: Path, step: int, said: str) -> None:
+    stamps = 1_764_100_000_000_000_000 + step * np.arange(3)
+    file = open_frame_file(save_npz(tmp_path / "ns.npz", [ramp(k) for k in range(3)], timestamp=stamps))
+    assert [file.time_of(k) for k in range(3)] == stamps.tolist()  # every digit
+    with pytest.raises(SpecError) as caught:
+        refuse_no_seconds(file)
+    assert said in str(caught.value) and "timestamps are seconds" in str(caught.value) and "--rate HZ" in str(caught.value)
+    refuse_no_seconds(open_frame_file(save_npz(tmp_path / "s.npz", [ramp(0)] * 3, timestamp=[1.7641e9, np.nan, 1.7641e9 + 3600])))
+
+
+def test_a_long_pause_is_said_before_it_is_made(tmp_path: Path) -> None:
+    file = open_frame_file(save_npz(tmp_path / "ms.npz", [ramp(0)] * 2, timestamp=[0, 40]))
+    found = replay(file)(Event())
+    next(found)
+    said = next(found)
+    assert isinstance(said, Trouble) and "frame 1 comes in 40" in said.message and "--rate HZ" in said.message
 
 
 # Stream

@@ -53,6 +53,33 @@ def test_holes_become_the_median_and_the_frame_stays_as_it_was(hole: float) -> N
     assert (image[~known] == np.median(DEPTH[known])).all()
 
 
+def test_what_is_masked_is_a_hole() -> None:
+    holes = DEPTH.copy()
+    holes[3:9, 20:40] = np.nan
+    wild = np.where(np.isnan(holes), 7.0, DEPTH)
+    image = canonical_frame(np.ma.masked_array(wild, np.isnan(holes)), load_sensor("gelsight-mini"))
+    assert np.array_equal(image, canonical_frame(holes, load_sensor("gelsight-mini")))
+    whole = np.ma.masked_array((DEPTH * 1000).astype(np.int32), np.isnan(holes))
+    assert (canonical_frame(whole, load_sensor("gelsight-mini"))[3:9, 20:40] == np.median(whole.compressed())).all()
+
+
+@pytest.mark.parametrize("scale", [1e308, 1e300, 1e-300, 1e37, 1e39, 1e-38, 1e-44])
+def test_any_scale_of_double_precision_keeps_the_picture(scale: float) -> None:
+    frame = DEPTH.astype(np.float64) * scale
+    frame[5, 5] = np.nan
+    image = canonical_frame(frame, load_sensor("gelsight-mini")).astype(np.float64)
+    keep = np.isfinite(frame)
+    assert np.corrcoef(image[keep], DEPTH[keep])[0, 1] > 1 - 1e-9
+
+
+def test_a_value_too_large_for_single_precision_is_a_hole() -> None:
+    frame = DEPTH.astype(np.float64)
+    frame[5, 5] = 1e300
+    image = canonical_frame(frame, load_sensor("gelsight-mini"))
+    assert image[5, 5] == np.median(np.delete(DEPTH.ravel(), 5 * DEPTH.shape[1] + 5))
+    assert np.array_equal(image[6:], DEPTH[6:])
+
+
 @pytest.mark.parametrize("count", [1, 5, 28, 61])
 def test_the_power_scanned_is_that_of_plain_sums(count: int) -> None:
     rng = np.random.default_rng(count)
