@@ -122,7 +122,7 @@ def _gel(z: FloatArray) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Rows:
-    """What a likelihood asks of a press whatever the errors are.
+    """Parts of a likelihood that do not depend on the errors, of one press.
 
     apart_mm2: Squared distances of its dots; shape (n, n).
     columns: Derivatives by its own unknowns and by the shared ones, and what is left, along both axes; shape (n, 2 m).
