@@ -15,7 +15,7 @@ from tactape_fab.sense import load_sensor
 from tactape_fab.sense.decode.contact.plane import GAIN_SIGMA
 from tactape_fab.sense.decode.rule import MOST_TURN_SHARE, OVERHANG_SHARE
 from tactape_fab.sense.geometry import Geometry
-from tactape_fab.sense.live.replay import USUAL_HZ
+from tactape_fab.sense.live.replay import LONG_GAP_S, USUAL_HZ
 from tactape_fab.sense.live.rerun_log import BOX_UM
 from tactape_fab.sense.simulation.elastic import MODULUS_KPA
 from tactape_fab.solids.mark import MOST_SHARE_OF_BASE
@@ -41,7 +41,7 @@ DECIDED = {
         f"{MOST_CPU_S:g} s",
         *(f"{of:g} s" for of in (STEP_CPU_S, MESH_CPU_S, CPU_S, CPU_S_OF_OWN, MOST_S)),
     ],
-    "live.md": [f"{USUAL_HZ:g} Hz", f"{BOX_UM:g} µm"],
+    "live.md": [f"{USUAL_HZ:g} Hz", f"{LONG_GAP_S:g} s", f"{BOX_UM:g} µm"],
     "localization.md": [f"{100 * MOST_TURN_SHARE:g} %", f"{100 * (1 - OVERHANG_SHARE):g} %", f"{MODULUS_KPA:g} kPa"],
     "robot.md": [f"{RATE_HZ:g} Hz"],
     "solids.md": [

@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 
 from tactape_fab import Kit, TapeSpec, make_kit
+from tactape_fab.base.picture_file import write_picture
 from tactape_fab.sense.overlay import write_overlay
 from tactape_fab.texture.as_built import AsBuilt
 from tests.faults.injected import Run, command
@@ -38,7 +39,7 @@ def a_kit(kit: Kit, folder: Path) -> None:
 
 def a_kit_and_a_picture(kit: Kit, folder: Path) -> None:
     a_kit(kit, folder)
-    (folder / "windows.png").write_bytes(b"older")
+    write_picture(folder / "windows.png", np.zeros((2, 2, 3), dtype=np.uint8), "picture")
 
 
 def a_part(kit: Kit, folder: Path) -> None:

@@ -463,7 +463,7 @@ MANIFEST_CHANGES = [
     case("a file not listed", lambda kit: kit.manifest["files"].pop(0), "roles", says="bom 0 times"),
     case("a file listed twice", lambda kit: kit.manifest["files"].append(kit.manifest["files"][0]), "roles", says="bom 2 times"),
     case("a hash", stated("files.1.sha256", "0" * 64), "files", says="cpl.csv is not the file"),
-    case("a size", stated("files.1.bytes", 1), "files", says="cpl.csv is not the file"),
+    case("a size", stated("files.1.bytes", 1), "files", says="but the manifest lists 1 bytes"),
     case("a file that is not there", stated("files.1.path", "assembly/x.csv"), "files", says="assembly/x.csv is missing"),
 ]
 

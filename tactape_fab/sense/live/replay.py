@@ -77,7 +77,9 @@ def _replayed(file: FrameFile, rate_hz: float | None, keep: bool, stop: Event) -
             wait_s = max(0.0, start + due_s - perf_counter())
             if wait_s > LONG_GAP_S and not said:
                 said = True
-                yield Trouble(kind="long pause", message=f"frame {k} comes in {wait_s:g} s by the file's timestamps; {_SECONDS}")
+                yield Trouble(
+                    kind="long pause", message=f"frame {k} comes in {wait_s:.3g} s by the file's timestamps; {_SECONDS}"
+                )
             if stop.wait(wait_s):
                 return
             if stamp is None and rate_hz is not None and rate_hz < float("inf") and file.timestamp is None:

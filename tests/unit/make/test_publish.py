@@ -140,7 +140,7 @@ def test_the_picture_of_a_certificate_replaces_nothing(flat_kit: Kit, copied: Co
     folder = copied(flat_kit)
     before = contents(folder)
     run = cli("certify", str(folder), "--picture", str(folder / "manifest.json"))
-    assert run.exit_code == 2 and "exists already; use --overwrite" in run.stderr
+    assert run.exit_code == 2 and "does not end with .png" in run.stderr
     link = tmp_path / "link.png"
     link.symlink_to(folder / "manifest.json")
     for option in ([], ["--overwrite"]):
