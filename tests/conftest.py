@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import gc
 import locale
 import os
 import pickle
@@ -117,12 +116,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if not _all_cases(config):
         said = f"at most {AT_DESK} cases of each test were tried, none of tests/bench: all are where a file is named, or"
         terminalreporter.write_line(f"{said} TACTAPE_THOROUGH=1 is set")
-
-
-def pytest_collection_finish() -> None:
-    """What was collected stays: the garbage collector would walk over all of it again and again."""
-    gc.collect()
-    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
