@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
+from tactape_fab.base.errors import Problem, SpecError, TactapeError
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
@@ -60,11 +59,8 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
     if not is_folder:
         message = f"{said}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
         raise SpecError(Problem(key, message))
-    for path in taken:
-        problems: list[Problem] = []
-        tried(partial(refuse_taken_place, path, key, ours=is_own_picture, kind=_KIND), problems)
-        if problems:  # one says enough: the folder is another's
-            raise SpecError(problems)
+    for path in taken:  # the first says enough: the folder is another's
+        refuse_taken_place(path, key, ours=is_own_picture, kind=_KIND)
 
 
 def write_picture(

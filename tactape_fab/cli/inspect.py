@@ -63,7 +63,7 @@ def inspect(
         from tactape_fab.base.picture_file import refuse_pictures
         from tactape_fab.sense.inspect.inspection import inspect_with_views
         from tactape_fab.sense.inspect.outputs import check_output, output_paths, write_outputs
-        from tactape_fab.sense.inspect.pictures import write_pictures
+        from tactape_fab.sense.inspect.pictures import picture_names, write_pictures
 
         problems: list[Problem] = []
         tried(lambda: check_output(Path(output)), problems)
@@ -79,6 +79,9 @@ def inspect(
         found = inspect_with_views(
             scans, kit, photo=photo, progress=step_shown(), **{k: v for k, v in options.items() if v is not None}
         )
+        if picture is not None:
+            names = [name for inspection in found.inspections for name in picture_names(inspection)]
+            refuse_pictures(Path(picture), names, "picture")  # before any file is written
         written = write_outputs(output_paths(Path(output), found.inspections), found.inspections)
         for inspection, views in zip(found.inspections, found.views, strict=True):
             if picture is not None:

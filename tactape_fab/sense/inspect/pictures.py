@@ -153,8 +153,12 @@ def write_pictures(folder: Path, inspection: Inspection, views: Sequence[View]) 
 
     Raises SpecError if they cannot be written there.
     """
-    drawn = {"deviations": draw_deviations(inspection, views), "places": draw_places(inspection)}
-    paths = [folder / f"{inspection.tape.name}-{what}.png" for what in drawn]
-    for path, picture in zip(paths, drawn.values(), strict=True):
+    paths = [folder / name for name in picture_names(inspection)]
+    for path, picture in zip(paths, (draw_deviations(inspection, views), draw_places(inspection)), strict=True):
         write_picture(path, picture, "picture", compression=7)
     return paths
+
+
+def picture_names(inspection: Inspection) -> list[str]:
+    """Names of the files of `write_pictures`."""
+    return [f"{inspection.tape.name}-{what}.png" for what in ("deviations", "places")]

@@ -96,6 +96,14 @@ def test_a_file_that_no_inspection_wrote_is_kept(taken: str, flat_kit: Kit, scan
     assert (tmp_path / taken).read_bytes() == (flat_kit.path / "manifest.json").read_bytes()
 
 
+def test_a_picture_of_another_s_is_kept_and_nothing_written(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
+    mine = tmp_path / f"{flat_kit.tape.name}-places.png"
+    mine.write_bytes(b"mine")
+    result = run(scans["good"], "--tape", flat_kit.path, "-o", tmp_path / "a.json", "--picture", tmp_path)
+    assert result.exit_code == 2 and f"{mine.name} is there and is no picture of this tool" in result.stderr
+    assert list(tmp_path.iterdir()) == [mine] and mine.read_bytes() == b"mine"
+
+
 def test_an_older_inspection_is_replaced(flat_kit: Kit, scans: dict[str, Path], tmp_path: Path) -> None:
     for name, status in (("bad", 4), ("good", 0)):
         assert run(scans[name], "--tape", flat_kit.path, "-o", tmp_path / "a.json").exit_code == status
