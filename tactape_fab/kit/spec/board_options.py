@@ -31,9 +31,6 @@ def read_board_options(table: Fields, values: Mapping[str, Any], *, solid: bool)
 
 def _tag_id(table: Fields, tag: str, sector: int) -> int | None:
     if tag == "none":
-        cell_mm = table.values.get("tag_cell_mm", DEFAULT_TAG_CELL_MM)
-        if cell_mm != DEFAULT_TAG_CELL_MM and not (table.refused("tag_cell_mm") or table.refused("tag")):
-            table.problem("tag_cell_mm", f"tag_cell_mm = {shown(cell_mm)} mm is of a tag, and there is none; leave it out")
         if "tag_id" in table.values and not table.refused("tag_id"):
             table.problem("tag_id", f"tag_id = {shown(table.values['tag_id'])} contradicts tag = 'none'; give one of them")
         return None

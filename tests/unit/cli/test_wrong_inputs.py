@@ -98,8 +98,6 @@ OF_A_KIT = {
     "inspect nope.png --tape {kit} -o a.json": ["SCAN = nope.png cannot be read: No such file or directory; give a scan"],
     "check --sector 7 --size 0x0": ["--size = 0 mm is not above 0 mm"],
     "check --sector 7 --origin 4000,4000": ["--origin = 4000 is outside 0 to 3374"],
-    "check --sector 7 --tag none --tag-cell 1": ["--tag-cell = 1 mm is of a tag, and there is none; leave it out"],
-    "check --sector 7 --part dome --tag-cell 1": ["--tag-cell = 1 mm is of a tag, and there is none; leave it out"],
 }  # fmt: skip
 
 

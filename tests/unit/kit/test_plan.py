@@ -374,8 +374,7 @@ def test_a_size_too_small_comes_with_the_least_that_works(
     pitch_mm = pitch_um / 1000
     displacement_mm = max(share * pitch_mm, 0.02)
     values: dict[str, Any] = {"pitch_mm": pitch_mm, "displacement_mm": displacement_mm, "code": code, "tag": tag}
-    values |= {"rotation_deg": rotation_deg, "corner_radius_mm": 0.5}
-    values |= {} if tag == "none" else {"tag_cell_mm": tag_cell_mm}
+    values |= {"rotation_deg": rotation_deg, "tag_cell_mm": tag_cell_mm, "corner_radius_mm": 0.5}
     width, height = refused_size({**values, "size_mm": (2.0, 2.0)})
     tape = tape_of(**values, size_mm=(width, height))
     assert min(tape.columns, tape.rows) >= (6 if code == "anoto-6x6" else 4)

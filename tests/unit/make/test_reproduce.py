@@ -192,7 +192,7 @@ SPECS: dict[str, dict[str, Any]] = {
     "solid elements": {"part": "dome"},
     "coverlay asked for": {"coverlay": "per-part", "anchor": "none"},
     "mould on a cylinder": {"part": "block", "negative": True, "cylinder_mm": 40.0, "around": "x"},
-    "rigid board without attributes": {"fab": "pcbway-fr4", "x2": "off", "tag": "none"},
+    "rigid board without attributes": {"fab": "pcbway-fr4", "x2": "off", "tag": "none", "tag_cell_mm": 1.0},
     "origin searched for": {"origin": "best"},
     "designed code": {"code": "touch-1"},
     "house and number": {"assembly": "jlcpcb", "part_number": "C123456"},
