@@ -71,7 +71,7 @@ def render_all(drawing: Drawing, fab: FabProfile) -> list[AnyArtifact]:
 
 def render_models(tape: Tape, form: SolidForm, fab: FabProfile | None) -> list[AnyArtifact]:
     """The 3D models; a film's with its assembly, a texture of solid elements (`fab` None) with previews of the mesh."""
-    from tactape_fab.kit.render.models import render_assembly, render_solid  # imported here: only kits with models need it
+    from tactape_fab.kit.render.solid_models import render_assembly, render_solid  # imported here: only kits with models need it
     from tactape_fab.kit.render.solid_preview import render_solid_preview
 
     models = render_solid(tape, form)
