@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from math import degrees, exp, log
 from typing import Any
 
@@ -34,8 +34,6 @@ _BY_CHANCE = 1e-5
 """Share of max_p_false. Where p_tape is below it, chance does not explain the dots; nor can an unregistered tape at its default
 origin by its edge, where dots beyond it may be anything."""
 _TILTED = "the contact is tilted: its pressure falls across the parts, which the dots' heights tell and their pixels do not"
-
-_AROUND = {count: of.xy[np.argsort(of.gray_codes)] for count, of in DIRECTIONS.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,15 +158,19 @@ def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
     nominal_mm, offset_px = np.empty((2, n, 2))
     seen = (dots.xy_px, dots.weights, dots.trust)
     out = (inside, cells, nominal_mm, offset_px, weights)
-    k, good = parts_under(place.cells, place.shown, *seen, view.pitch_mm, _around_mm(view), view.centre_px, *out)
+    around_mm = _around_mm(view.displacement_mm, view.directions)
+    k, good = parts_under(place.cells, place.shown, *seen, view.pitch_mm, around_mm, view.centre_px, *out)
     return _OnTape(
         inside=inside, cells=cells[:k], nominal_mm=nominal_mm[:k], offset_px=offset_px[:k], weights=weights[:k], good=good
     )
 
 
-def _around_mm(view: View) -> FloatArray:
+@lru_cache(maxsize=8)
+def _around_mm(displacement_mm: float, directions: int) -> FloatArray:
     """Displacement of each symbol, as `single_place.shown_by` has them; shape (directions, 2)."""
-    return view.displacement_mm * _AROUND[view.directions]
+    around_mm: FloatArray = displacement_mm * DIRECTIONS[directions].xy[np.argsort(DIRECTIONS[directions].gray_codes)]
+    around_mm.setflags(write=False)
+    return around_mm
 
 
 def _doubt(place: Place | PlanePlace, world: Registry | CodePlane, limits: Limits, p_tape: float) -> _Doubt:

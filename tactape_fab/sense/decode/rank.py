@@ -129,7 +129,7 @@ def _fits(dots: Dots, xy: FloatArray, view: View, most: int) -> list[Fit]:
         for angle, pitch, phase_a, phase_b, power in lattices.tolist()
         if power >= LEAST_GRID_POWER
     ]
-    return [fit for fit in fits if np.isfinite(fit.grid).all()]
+    return [fit for fit in fits if all(map(isfinite, fit.grid.tolist()))]
 
 
 def _place(

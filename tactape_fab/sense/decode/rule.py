@@ -189,7 +189,8 @@ def turn_shares(ln_ratio: float) -> FloatArray:
     A logistic curve is the posterior of two alternatives of even prior. Bodies look alike after half a turn.
     """
     even = min(max(1.0 / (1.0 + float(np.exp(-ln_ratio))), 1.0 - MOST_TURN_SHARE), MOST_TURN_SHARE)
-    return np.array([even, 1.0 - even, even, 1.0 - even]) / 2.0
+    half = even / 2.0
+    return np.array([half, 0.5 - half, half, 0.5 - half])
 
 
 def trusted(weights: FloatArray, noise: float = USUAL_NOISE) -> FloatArray:

@@ -77,16 +77,16 @@ def detect(depth: Image, px_per_mm: float) -> Dots:
         RIDGE_ALONG_MM * coarse_px_per_mm,
         RIDGE_ACROSS_MM * coarse_px_per_mm,
     )
-    order = np.argsort(-height, kind="stable")
+    order = (-height).argsort(kind="stable")
     if deep >= STEP_TOPS:
         order = _off_ridges(order, height, trough)
     if len(order) == 0:
         return Dots(xy_px=np.empty((0, 2)), weights=np.empty(0), trust=np.empty(0), elongation=np.empty((0, 2)))
-    falling = height[order]
+    falling = height.take(order)
     # the unit of height is a whole dot: the depth map's own scale may be anything
     scale = _middle(falling[:STRONGEST])
-    kept = order[: min(int(np.searchsorted(-falling, -LEAST_HEIGHT * scale, side="right")), MOST_DOTS)]
-    weights = height[kept] / scale
+    n = min(int((-falling).searchsorted(-LEAST_HEIGHT * scale, side="right")), MOST_DOTS)
+    kept, weights = order[:n], falling[:n] / scale
     # most tops are bumps of noise: their median stands for the height of the noise
     noise = max(_middle(falling) / scale, LEAST_NOISE)
     trust = trusted(weights, noise)

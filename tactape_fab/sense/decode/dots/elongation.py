@@ -5,7 +5,7 @@ Elongations are those of `detect.Dots`: a top that is longest at an angle phi ha
 
 from __future__ import annotations
 
-from math import erfc, log, radians, sqrt
+from math import atan2, copysign, erfc, log, radians, sqrt
 
 import numpy as np
 
@@ -64,9 +64,9 @@ def parity_log_ratio(
         return 0.0
     # a texture direction psi (from x towards y, down) is seen at theta + psi, and theta is the grid's angle in turn 0
     psi = radians(-part.rotation_deg + (0.0 if length_mm >= width_mm else 90.0))
-    z = _sign_strength(elongation, weights, trust, 2.0 * (float(np.arctan2(grid[1], grid[0])) + psi))
+    z = _sign_strength(elongation, weights, trust, 2.0 * (atan2(grid[1], grid[0]) + psi))
     likely = erfc(-abs(z) / sqrt(2.0))
-    return float(np.copysign(log(likely) - log(max(erfc(abs(z) / sqrt(2.0)), 1e-300)), z))
+    return copysign(log(likely) - log(max(erfc(abs(z) / sqrt(2.0)), 1e-300)), z)
 
 
 @kernel()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -102,10 +103,11 @@ def _cuts(out: IntArray, size: int, dots: int) -> int:
     return n
 
 
-def count_places(groups: Groups, classes: IntArray) -> FloatArray:
-    """Places of all tapes by turn: with all dots on the tape, and with some beyond its edge; shape (4, 2)."""
+def count_places(groups: Iterable[Groups], classes: Iterable[IntArray]) -> FloatArray:
+    """Places of all tapes of some families by turn: with all dots on the tape, and with some beyond its edge; shape (4, 2)."""
     counts = np.zeros((4, 2))
-    _add_places(groups.fields, groups.spans, classes, counts)
+    for of, kinds in zip(groups, classes, strict=True):
+        _add_places(of.fields, of.spans, kinds, counts)
     return counts
 
 

@@ -175,12 +175,12 @@ def search(
     Returns: None where the dots reach farther than any contact, or no place has enough of them on a tape.
     """
     tables = tuple(tables_of(nodes, q, family.signs, LARGEST_CONTACT) for family in families)
-    if tables[0].size.max() > LARGEST_CONTACT:
+    if len(tables[0].dots[0]) == 1:  # the tables are empty: beyond `LARGEST_CONTACT`
         return None
     groups = tuple(groups_of(t, family.registered.sizes, LEAST_DOTS) for t, family in zip(tables, families, strict=True))
-    counts = sum(count_places(g, family.registered.classes) for g, family in zip(groups, families, strict=True))
+    counts = count_places(groups, [family.registered.classes for family in families])
     near = None if prior is None else _near(tapes, families, tables, grid, centre_px, prior)
-    base = place_weights(np.asarray(counts), turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
+    base = place_weights(counts, turn_weights, 1.0 if near is None else 1.0 - PRIOR_SHARE)
     cue = np.log(turn_weights)
     negligible = NEGLIGIBLE
     for last in (False, True):
@@ -190,18 +190,18 @@ def search(
                 weigh_matrices(t, family.registered, LEAST_DOTS, base, cue, tally)
             else:
                 weigh_sites(t, family.registered, g, Weights(base, cue), tally)
-        of = max(range(len(tallies)), key=lambda k: tallies[k].sums[BEST])
-        best = float(tallies[of].sums[BEST])
-        if tallies[of].best_place[0] < 0:
+        sums = [tally.sums.tolist() for tally in tallies]
+        of = max(range(len(sums)), key=lambda k: sums[k][BEST])
+        best, answer = sums[of][BEST], (of, *tallies[of].best_place[:4].tolist())
+        if answer[1] < 0:
             return None
         # the sum of pi L over all places, in multiples of the best (docs/trust.md)
-        total = sum(float(t.sums[TOTAL]) * exp(t.sums[BEST] - best) for t in tallies)
-        bounded = sum(float(t.sums[BOUNDED]) * exp(t.sums[BEST] - best) for t in tallies)
+        total = sum(s[TOTAL] * exp(s[BEST] - best) for s in sums)
+        bounded = sum(s[BOUNDED] * exp(s[BEST] - best) for s in sums)
         enough = _enough(precision, best)
         if last or bounded <= enough or (near is None and total - 1.0 > _PLENTY):  # else what was left out may count
             break
         negligible = _strict(groups, enough)
-    answer = (of, *(int(v) for v in tallies[of].best_place[:4]))
     if near is not None:
         without, raised = _raised(near, turn_weights, base)
         top = int(raised.argmax())
@@ -212,6 +212,7 @@ def search(
     tape = families[of].tapes[site]
     symbols = shown_by(tapes[tape])
     score, _ = evidence_at(tables[of], symbols, turn, column, row)
+    most = tables[of].most[turn, :, -1, -1]
     return Place(
         score=score,
         weight=best - score,
@@ -220,8 +221,8 @@ def search(
         cells=tables[of].cells[turn] + np.array([column, row]),
         shown=symbols,
         others=max(total - 1.0, 0.0),
-        lead=score + float(cue[turn]) - _next_best(tallies, answer),
-        most_said=float(tables[of].most[turn, :, -1, -1].sum()),
+        lead=score + float(cue[turn]) - _next_best(tallies, sums, answer),
+        most_said=float(most[0] + most[1]),
         tables=tables,
         groups=groups,
         turn_weights=turn_weights,
@@ -294,7 +295,7 @@ def rehearse_search(families: Sequence[Family], directions: int) -> None:
     for family in families:
         tables = tables_of(nodes, q, family.signs, LARGEST_CONTACT)
         groups = groups_of(tables, family.registered.sizes, LEAST_DOTS)
-        count_places(groups, family.registered.classes)
+        count_places([groups], [family.registered.classes])
         evidence_at(tables, np.full((1, 1), NO_PART, dtype=np.uint8), 0, 0, 0)
         if isinstance(family.registered, Matrices):
             weigh_matrices(tables, family.registered, LEAST_DOTS, base, cue, new_tally())
@@ -319,8 +320,8 @@ def _unregistered(families: Sequence[Family], place: Place, *, beyond: bool) -> 
 
 def _unregistered_weights(others: _Others, place: Place, share: float) -> FloatArray:
     """`place_weights` of the tapes that nobody registered, in multiples of what the registered ones have."""
-    counts = sum(count_places(g, sites.classes) for _, g, sites, _ in others)
-    return place_weights(np.asarray(counts), place.turn_weights, share / (1.0 - share))
+    counts = count_places([g for _, g, _, _ in others], [sites.classes for _, _, sites, _ in others])
+    return place_weights(counts, place.turn_weights, share / (1.0 - share))
 
 
 def _strongest(found: Rivals, tally: Tally, family: Family, place: Place, cue: FloatArray) -> Rivals:
@@ -345,12 +346,12 @@ def _strict(groups: Sequence[Groups], precision: float) -> float:
     return log(precision) - log(10.0 * sum(len(g.fields) for g in groups) + 1.0)
 
 
-def _next_best(tallies: Sequence[Tally], answer: tuple[int, ...]) -> float:
-    """Ln L of the strongest registered place that is not the answer."""
+def _next_best(tallies: Sequence[Tally], sums: Sequence[list[float]], answer: tuple[int, ...]) -> float:
+    """Ln L of the strongest registered place that is not the answer; `sums` are those of the tallies."""
     values = []
-    for k, tally in enumerate(tallies):
+    for k, (tally, s) in enumerate(zip(tallies, sums, strict=True)):
         is_answer = k == answer[0] and tuple(tally.strongest_place[:4].tolist()) == answer[1:]
-        values += [float(tally.sums[NEXT_STRONGEST if is_answer else STRONGEST]), float(tally.sums[LEFT_OUT])]
+        values += [s[NEXT_STRONGEST if is_answer else STRONGEST], s[LEFT_OUT]]
     return max(values)
 
 
