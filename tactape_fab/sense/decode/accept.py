@@ -155,7 +155,7 @@ def _on_tape(dots: Dots, place: Place | PlanePlace, view: View) -> _OnTape:
         )
     n = len(place.cells)
     inside, cells, weights = np.empty(n, dtype=np.bool_), np.empty((n, 2), dtype=np.int64), np.empty(n)
-    nominal_mm, offset_px = np.empty((2, n, 2))
+    nominal_mm, offset_px = np.empty((n, 2)), np.empty((n, 2))
     seen = (dots.xy_px, dots.weights, dots.trust)
     out = (inside, cells, nominal_mm, offset_px, weights)
     around_mm = _around_mm(view.displacement_mm, view.directions)
@@ -243,7 +243,7 @@ def _described(
 
     S is the texture point under the image centre (paper, Eq. 12, fitted to all dots instead of one).
     """
-    column, row = (int(v) for v in cell)
+    column, row = cell.tolist()
     position_mm = (float(pose.position_mm[0]), float(pose.position_mm[1]))
     theta_deg = degrees(pose.theta_rad)
     found = {

@@ -147,7 +147,7 @@ def posterior(
         return np.full(4, np.nan), np.full((3, 3), inf), sigma, np.full((2, 3), np.nan)
     # in the image's axes, turned by the robust fit's theta: x and y are turned back at the end
     c, s = along / length, across / length
-    buffer, (normal, spread) = np.zeros((14, 2, len(seen_mm))), np.empty((2, 10, 10))
+    buffer, normal, spread = np.zeros((14, 2, len(seen_mm))), np.empty((10, 10)), np.empty((10, 10))
     rates, drawn, target, shares = buffer[:10], buffer[10:12], buffer[12], buffer[13]
     to_fill = drawn if smoothed else drawn[:0]
     (a, b), c2, s2 = beliefs.lean, c * c - s * s, 2.0 * c * s
