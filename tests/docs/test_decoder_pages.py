@@ -1,4 +1,6 @@
-"""What docs/search.md says: its names are in the search, its numbers of places are those of a contact on the default tape."""
+"""What docs/dots.md and docs/search.md say: their names are in the decoder, their numbers are those of its constants and of a
+contact on the default tape.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,18 @@ import pytest
 
 from tactape_fab import TapeSpec
 from tactape_fab.kit.examine.tape import examine
+from tactape_fab.sense import decode
 from tactape_fab.sense.decode import search
-from tactape_fab.sense.decode.rule import LEAST_DOTS, PRIOR_SHARE
+from tactape_fab.sense.decode.dots.detect import COARSE_PX_PER_MM
+from tactape_fab.sense.decode.grid.lattice import ANGLES
+from tactape_fab.sense.decode.rule import (
+    AGREE_SIGMAS,
+    LEAST_DOTS,
+    OUTLIER_SHARE,
+    PRIOR_SHARE,
+    SMOOTHING_MM,
+    WRONG_SHARE,
+)
 from tactape_fab.sense.decode.search.built_places import CANDIDATES
 from tactape_fab.sense.decode.search.evidence import tables_of
 from tactape_fab.sense.decode.search.families import families
@@ -23,18 +35,32 @@ from tactape_fab.sense.decode.search.tally import NEGLIGIBLE
 from tactape_fab.texture.code import get_plane
 from tactape_fab.texture.plane import PlaneCode
 
-TEXT = (Path(__file__).parents[2] / "docs" / "search.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+TEXT, DOTS = ((DOCS / name).read_text(encoding="utf-8") for name in ("search.md", "dots.md"))
 NAMED = re.compile(r"`(\w+)\.(_?\w+)`")
 MODULES = {module.name for module in pkgutil.iter_modules(search.__path__)}
+ALL = [module.name for module in pkgutil.walk_packages(decode.__path__, f"{decode.__name__}.")]
 
 
-@pytest.mark.parametrize(("module", "name"), sorted({found for found in NAMED.findall(TEXT) if found[0] != "ManyBuffers"}))
+def is_there(module: str, name: str) -> bool:
+    """Whether a module of the decoder, or a class of one, has a name."""
+    for where in ALL:
+        found = importlib.import_module(where)
+        if where.endswith(f".{module}") and hasattr(found, name):
+            return True
+        if hasattr(found, module) and name in (*dir(getattr(found, module)), *getattr(getattr(found, module), "_fields", ())):
+            return True
+    return False
+
+
+@pytest.mark.parametrize(("module", "name"), sorted(set(NAMED.findall(TEXT + DOTS))))
 def test_what_is_named_is_there(module: str, name: str) -> None:
-    where = f"tactape_fab.sense.decode.search.{module}" if module in MODULES else f"tactape_fab.sense.decode.{module}"
-    if module == "Localizer":
-        where = "tactape_fab"
-        module, name = name, module
-    assert hasattr(importlib.import_module(where), name)
+    assert is_there(module, name)
+
+
+def test_a_name_that_is_gone_would_be_found() -> None:
+    assert len(NAMED.findall(TEXT)) > 10 and len(NAMED.findall(DOTS)) > 10
+    assert not is_there("tally", "weigh_none") and not is_there("none", "weigh_site") and not is_there("ManyBuffers", "none")
 
 
 def test_every_module_of_the_search_is_in_the_table() -> None:
@@ -77,3 +103,18 @@ def test_numbers_of_places_are_those_of_a_contact() -> None:
 )
 def test_constants_are_those_of_the_search(said: str) -> None:
     assert said in " ".join(TEXT.split())
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        f"finer than {COARSE_PX_PER_MM:g} px/mm",
+        f"a Gaussian of {SMOOTHING_MM:g} mm",
+        f"looks at {ANGLES} angles",
+        f"t = trust · {1.0 - OUTLIER_SHARE:g}",
+        f"with {100.0 * WRONG_SHARE:g} % spread over all letters, so that no bit says more than ln {1.0 / WRONG_SHARE:.0f}",
+        f"within {AGREE_SIGMAS:g} standard deviations",
+    ],
+)
+def test_constants_are_those_of_the_dots(said: str) -> None:
+    assert said in " ".join(DOTS.split())
