@@ -12,7 +12,7 @@ import numpy as np
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
 from tactape_fab.sense.decode.search.evidence import Floats
 from tactape_fab.sense.decode.search.plane_sites import Starts, Steps
-from tactape_fab.texture.frames import FloatArray, IntArray
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
 NEVER = -1e30
 """Stands for a bound or evidence of what was counted already, or does not exist."""
@@ -28,15 +28,17 @@ class Bounds(NamedTuple):
     slot (4, 2, m + 1, m + 1): Slot of a turn, axis and range; -1 before it is made.
     used (1,): How many there are.
     differences (2,): The least and the greatest by which phases of neighbouring lines differ: there are no bounds for others.
+    made (2, k, m): Whether there are the pairs, and the triples, that begin with a line.
     pairs (k, m, L): Most that a line and the next can say together, by how much their phases differ.
     triples (k, m, L L): Most that a line and the next two can say together, by both differences.
     pair_most, triple_most, line_most (k, m): Most of them, and of each line.
-    buffer (6 L,): Work buffer.
+    buffer (6 L + 2 L L,): Work buffer.
     """
 
     slot: IntArray
     used: IntArray
     differences: IntArray
+    made: BoolArray
     pairs: Floats
     triples: Floats
     pair_most: FloatArray
@@ -52,18 +54,31 @@ def no_bounds(m: int, length: int, differences: IntArray) -> Bounds:
         np.full((4, 2, m + 1, m + 1), -1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
         differences,
+        np.empty((2, most, m), dtype=np.bool_),
         np.empty((most, m, length), dtype=np.float32),
         np.empty((most, m, length * length), dtype=np.float32),
         np.empty((most, m)),
         np.empty((most, m)),
         np.empty((most, m)),
-        np.empty(6 * length, dtype=np.float32),
+        np.empty(6 * length + 2 * length * length, dtype=np.float32),
     )
 
 
-@inner_kernel()
-def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, dots: tuple[int | np.int64, int], count: int) -> int:
-    """Slot of the bounds for a range of dots along the lines (first, last + 1); made when first asked for."""
+@inner_kernel(fastmath=True)
+def slot_of(
+    of: Bounds,
+    lines: Floats,
+    turn: int,
+    axis: int,
+    dots: tuple[int | np.int64, int],
+    count: int,
+    span: tuple[int | np.int64, int],
+) -> int:
+    """Slot of the bounds for a range of dots along the lines (first, last + 1); made when first asked for.
+
+    It has bounds of each of the `count` lines, and of the runs that `runs_of` makes of a span of them, as `bound_starts` and
+    `bound_lines` need.
+    """
     low, high = dots
     slot = of.slot[turn, axis, low, high]
     if slot < 0:
@@ -77,51 +92,92 @@ def slot_of(of: Bounds, lines: Floats, turn: int, axis: int, dots: tuple[int | n
         slot = of.used[0]
         of.used[0] += 1
         of.slot[turn, axis, low, high] = slot
-        _bound_runs(of, slot, lines, dots, count)
+        length = of.pairs.shape[2]
+        one = of.buffer[:length]
+        for k in range(count):
+            _said(one, lines, dots, k)
+            of.line_most[slot, k] = _most(one, np.int64(0), length)
+            of.made[0, slot, k] = of.made[1, slot, k] = False
+    threes, pairs, _ = runs_of(span[1] - span[0])
+    behind = span[0] + 3 * threes
+    for k in range(span[0], behind, 3):
+        bound_three(of, slot, lines, dots, k)
+    for k in range(behind, behind + 2 * pairs, 2):
+        bound_two(of, slot, lines, dots, k)
     return int(slot)
 
 
+@inlined_kernel()
+def _said(out: Floats, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
+    """What a range of the dots along a line says, for as many phases as there is space."""
+    low, high = dots
+    for p in range(len(out)):
+        out[p] = lines[high, line, p] - lines[low, line, p]
+
+
 @inner_kernel(fastmath=True)
-def _bound_runs(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64, int], count: int) -> None:
-    """Fill `Bounds` for `count` lines (`evidence.add_lines` has the parameters).
+def bound_two(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
+    """Fill `Bounds.pairs` for a line and the next, unless they are there (`evidence.add_lines` has the parameters).
 
     Whatever the sector, phases of lines differ by the plane's steps: the best phase for each step bounds two lines, or three.
     """
-    pairs, triples, (low, high) = of.pairs[slot], of.triples[slot], dots
-    length, least, greatest = pairs.shape[1], of.differences[0], of.differences[1]
-    one, two, three = of.buffer[:length], of.buffer[length : 3 * length], of.buffer[3 * length :]
-    for k in range(count):
-        for p in range(length):
-            one[p] = lines[high, k, p] - lines[low, k, p]
-        of.line_most[slot, k] = _most(one, np.int64(0), length)
-        if k + 1 < count:
-            for p in range(2 * length):
-                two[p] = lines[high, k + 1, p] - lines[low, k + 1, p]
-            for step in range(least, greatest + 1):
-                most = one[0] + two[step]
-                for p in range(1, length):
-                    most = max(most, one[p] + two[p + step])
-                pairs[k, step] = most
-            of.pair_most[slot, k] = _most(pairs[k], least, greatest + 1)
-        if k + 2 < count:
-            for p in range(2 * length):
-                three[p] = lines[high, k + 2, p] - lines[low, k + 2, p]
-            for p in range(length):
-                three[2 * length + p] = three[p]
-            _bound_threes(triples[k], one, two, three, of.differences)
-            of.triple_most[slot, k] = _most(triples[k], least * length, (greatest + 1) * length)
+    if of.made[0, slot, line]:
+        return
+    length, least, greatest = of.pairs.shape[2], of.differences[0], of.differences[1]
+    one, two, pairs = of.buffer[:length], of.buffer[length : 3 * length], of.pairs[slot, line]
+    _said(one, lines, dots, line)
+    _said(two, lines, dots, line + 1)
+    for step in range(least, greatest + 1):
+        most = one[0] + two[step]
+        for p in range(1, length):
+            most = max(most, one[p] + two[p + step])
+        pairs[step] = most
+    of.pair_most[slot, line] = _most(pairs, least, greatest + 1)
+    of.made[0, slot, line] = True
 
 
 @inner_kernel(fastmath=True)
-def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats, differences: IntArray) -> None:
-    """Most of the sum of three lines for the steps from the first to the second (L), and on to the third (1)."""
-    length = len(one)
-    for step in range(differences[0], differences[1] + 1):
-        most = out[step * length : (step + 1) * length]
-        for p in range(length):
-            said, third = one[p] + two[p + step], three[p + step :]
-            for k in range(length):
-                most[k] = max(most[k], said + third[k]) if p > 0 else said + third[k]
+def bound_three(of: Bounds, slot: int, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
+    """Fill `Bounds.triples` for a line and the next two, unless they are there."""
+    if of.made[1, slot, line]:
+        return
+    length, least, greatest = of.pairs.shape[2], of.differences[0], of.differences[1]
+    one, two, three = of.buffer[:length], of.buffer[length : 3 * length], of.buffer[3 * length : 6 * length]
+    _said(one, lines, dots, line)
+    _said(two, lines, dots, line + 1)
+    _said(three[: 2 * length], lines, dots, line + 2)
+    for p in range(length):
+        three[2 * length + p] = three[p]
+    _bound_threes(of.triples[slot, line], one, two, three, of.buffer[6 * length :], of.differences)
+    of.triple_most[slot, line] = _most(of.triples[slot, line], least * length, (greatest + 1) * length)
+    of.made[1, slot, line] = True
+
+
+@inner_kernel(fastmath=True)
+def _bound_threes(out: Floats, one: Floats, two: Floats, three: Floats, both: Floats, differences: IntArray) -> None:
+    """Most of the sum of three lines for the steps from the first to the second (L), and on to the third (1).
+
+    two, three (2 L,), (3 L,): Phases twice and three times over; ``both`` (2 L L,) is a work buffer.
+    """
+    length, least = len(one), differences[0]
+    for p in range(least, differences[1] + length):
+        for k in range(length):
+            both[p * length + k] = two[p] + three[p + k]
+    most = out[least * length : (differences[1] + 1) * length]
+    for p in range(length):
+        # all steps at once: what the second and the third say lies one after the other, and long loops become vectors
+        _raise(most, one[p], both[(p + least) * length :], p == 0)
+
+
+@inner_kernel(fastmath=True)
+def _raise(out: Floats, one: float, others: Floats, first: bool) -> None:
+    """Raise values to sums with others where those are larger, the first time whatever they are."""
+    if first:
+        for k in range(len(out)):
+            out[k] = one + others[k]
+    else:
+        for k in range(len(out)):
+            out[k] = max(out[k], one + others[k])
 
 
 @inner_kernel(fastmath=True)
@@ -167,13 +223,22 @@ def _add_runs(out: Floats, said: Floats, steps: IntArray, runs: tuple[int, int, 
 
 
 @inner_kernel(fastmath=True)
-def most_of_starts(out: FloatArray, values: Floats, place: IntArray, count: int, span: tuple[int, int]) -> None:
-    """Largest of some values over the places of the sites at each start."""
+def _larger(out: Floats, some: Floats, others: Floats) -> None:
+    for k in range(len(out)):
+        out[k] = max(some[k], others[k])
+
+
+@inner_kernel(fastmath=True)
+def most_of_starts(out: FloatArray, values: Floats, place: IntArray, count: int, span: tuple[int, int], buffers: Floats) -> None:
+    """Largest of some values over the places of the sites at each start; ``buffers`` are two of their length, overwritten."""
+    # those of one value, of two, of four ...; the last ones, two of which have all places of a site between them
+    largest, target, other, width, windows = values, buffers[0], buffers[1], 1, len(values)
+    while 2 * width <= count:
+        windows -= width
+        _larger(target[:windows], largest, largest[width:])
+        largest, target, other, width = target, other, target, 2 * width
     for k in range(span[0], span[1]):
-        most = values[place[k]]
-        for j in range(place[k] + 1, place[k] + count):
-            most = max(most, values[j])
-        out[k] = most
+        out[k] = max(largest[place[k]], largest[place[k] + count - width])
 
 
 @inner_kernel(fastmath=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactape_fab.base.jit import inner_kernel
-from tactape_fab.sense.decode.search.bounds import NEVER, slot_of
+from tactape_fab.sense.decode.search.bounds import NEVER, bound_three, bound_two, slot_of
 from tactape_fab.sense.decode.search.evidence import Floats, Tables
 from tactape_fab.sense.decode.search.groups import COLUMNS, FIRST_COLUMN, FIRST_ROW, LAST_COLUMN, LAST_ROW, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START, Sites
@@ -103,8 +103,8 @@ def _bound_whole(
     """Fill `ManyBuffers.bounds` at a group's place along an axis: runs of lines without holes, and the most of the others."""
     (group, holed), own, other, most, rest, count = of, 4 * axis, 4 * (1 - axis), tables.most[turn, axis], 0.0, 0
     dots, start = (group[other + 2], group[other + 3]), group[own] + place
-    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis])
     known, k, last = more.known, group[own + 2], group[own + 3]
+    slot = slot_of(known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis], (k, k))
     while k < last:
         run = 0
         while run < 3 and k + run < last and holed[axis, start + k + run + 1] == holed[axis, start + k]:
@@ -114,6 +114,10 @@ def _bound_whole(
         elif run == 1:
             rest += known.line_most[slot, k]
         else:
+            if run == 3:
+                bound_three(known, slot, tables.lines[turn, axis], dots, k)
+            else:
+                bound_two(known, slot, tables.lines[turn, axis], dots, k)
             more.whole[0, count], more.whole[1, count] = k, run
             count += 1
         k += max(run, 1)

@@ -160,8 +160,9 @@ def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) 
     for turn in range(4):
         for axis in range(2):
             count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
-            slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count)
-            bound_starts(out[turn, axis], known, slot, sites.steps[axis], (np.int64(0), count))
+            span = (np.int64(0), count)
+            slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count, span)
+            bound_starts(out[turn, axis], known, slot, sites.steps[axis], span)
 
 
 @inner_kernel()
@@ -185,7 +186,8 @@ def _bound_inside(
     x, y, rank = more.of_starts[0], more.of_starts[1], sites.starts.rank
     for axis in range(2):
         span, count = sites.starts.spans[kind[0], axis], group[COLUMNS] if axis == 0 else group[ROWS]
-        most_of_starts(more.of_starts[axis], more.starts[turn, axis], sites.starts.place[axis], count, (span[0], span[1]))
+        place, said = sites.starts.place[axis], more.starts[turn, axis]
+        most_of_starts(more.of_starts[axis], said, place, count, (span[0], span[1]), more.everywhere)
     for site in range(kind[1], kind[2]):
         more.of_rows[site] = y[rank[site, 1]]
         more.bounds[site] = x[rank[site, 0]] + y[rank[site, 1]]
@@ -204,8 +206,8 @@ def _bound_over(
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
     count, rest = tables.size[turn, axis], limit[1 - axis]
-    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count)
     lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
+    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines)
     out, everywhere = more.of_starts[axis], more.everywhere[0]
     if _PLACES_AT_ONCE * (span[1] - span[0]) < len(everywhere):
         bound_lines(out, more.known, slot, (sites.steps[axis], starts, group[own]), lines, (span[0], span[1]), least - rest)
@@ -222,11 +224,10 @@ def _bound_across(
 ) -> tuple[int, float, float]:
     """Leave out of `ManyBuffers.chosen`, after `_bound_over`, whose lines across do not fit; returns what `survivors` does."""
     across, own, other = 1 - axis, 4 * axis, 4 * (1 - axis)
-    slot = slot_of(
-        more.known, tables.lines[turn, across], turn, across, (group[own + 2], group[own + 3]), tables.size[turn, across]
-    )
+    lines, dots, size = (group[other + 2], group[other + 3]), (group[own + 2], group[own + 3]), tables.size[turn, across]
+    slot = slot_of(more.known, tables.lines[turn, across], turn, across, dots, size, lines)
     everywhere, of_starts = more.everywhere[1], more.of_starts[axis]
-    bound_starts(everywhere, more.known, slot, sites.steps[across], (group[other + 2], group[other + 3]))
+    bound_starts(everywhere, more.known, slot, sites.steps[across], lines)
     left, dropped, most = 0, 0.0, NEVER
     for c in range(count):
         site = more.chosen[c]

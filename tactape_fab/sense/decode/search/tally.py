@@ -76,12 +76,14 @@ class Buffers(NamedTuple):
 
     lines (2, k, L): Evidence of columns and of rows for every phase, or for those from the group's first row and column on.
     most (2, k): The largest of each.
+    shares (k,): exp of the largest of each row, over the largest of all.
     said (2, m + 1, 2 L): Evidence of the dots of a group along its columns and rows, from `say_group`; the last row zero.
     allowed (L, L): Sectors that are not barred.
     """
 
     lines: Floats
     most: FloatArray
+    shares: FloatArray
     said: Floats
     allowed: BoolArray
 
@@ -297,13 +299,26 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
     """Places of a group where any sector may lie but the barred ones: every pair of phases is one sector."""
     at, group, of, terms = candidate.at, candidate.group, candidate.of, candidate.terms
     row, column = candidate.place[ORIGIN, 1] + group[Y], candidate.place[ORIGIN, 0] + group[X]
-    length = buffers.lines.shape[2]
+    length, x_most, y_most, y_shares, shares, left_out = buffers.lines.shape[2], NEVER, NEVER, 0.0, 0.0, NEVER
+    for i in range(group[COLUMNS]):
+        x_most = max(x_most, buffers.most[0, i])
+    for j in range(group[ROWS]):
+        y_most = max(y_most, buffers.most[1, j])
+    # places that are left out are counted at exp(most of a column + most of a row), which is a product of what both have
+    for j in range(group[ROWS]):
+        buffers.shares[j] = np.exp(buffers.most[1, j] - y_most)
+        y_shares += buffers.shares[j]
     for i in range(group[COLUMNS]):
         if buffers.most[0, i] == NEVER:
             continue
+        share = np.exp(buffers.most[0, i] - x_most)
+        if buffers.most[0, i] + y_most < least_of(of, terms, tally.sums):
+            shares, left_out = shares + share * y_shares, max(left_out, buffers.most[0, i] + y_most)
+            continue
         for j in range(group[ROWS]):
             most = buffers.most[0, i] + buffers.most[1, j]
-            if drop(most, float(length * length), of, terms, tally.sums):
+            if most < least_of(of, terms, tally.sums):
+                shares, left_out = shares + share * buffers.shares[j], max(left_out, most)
                 continue
             x_sum, p_best = _sum_and_best(buffers.lines[0, i], buffers.most[0, i])
             y_sum, r_best = _sum_and_best(buffers.lines[1, j], buffers.most[1, j])
@@ -319,6 +334,9 @@ def _count_every_sector(candidate: Candidate, barred: IntArray, tally: Tally, bu
                 most, total, u, v = _without(buffers, (i, j), row + j, column + i, barred, at[1])
             if total > 0.0:
                 count_at(tally, most, total, terms, (at[0], at[1], group[X] + i, group[Y] + j, u, v))
+    if shares > 0.0:
+        weight = length * length * shares * np.exp(x_most + y_most + terms[0] - tally.sums[BEST])
+        count_bound(weight, left_out + terms[1], tally.sums)
 
 
 @inner_kernel()

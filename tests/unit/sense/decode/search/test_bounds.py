@@ -21,13 +21,13 @@ ROUNDING = 1e-4
 
 @kernel(fastmath=True)
 def bounds_at_once(out: Any, known: Any, lines: Any, dots: Any, steps: Any, span: Any) -> None:
-    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1])
+    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1], span)
     bounds.bound_starts(out, known, slot, steps, span)
 
 
 @kernel(fastmath=True)
 def bounds_one_by_one(out: Any, known: Any, lines: Any, dots: Any, steps: Any, places: Any, span: Any, least: float) -> None:
-    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1])
+    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1], span)
     bounds.bound_lines(out, known, slot, (steps, places, np.int64(0)), span, (np.int64(0), len(places)), least)
 
 
