@@ -10,7 +10,7 @@ import numpy as np
 
 from tactape_fab.base.jit import kernel
 from tactape_fab.sense.decode.search.evidence import Tables
-from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights
+from tactape_fab.sense.decode.search.groups import OVER, Groups, Weights, likelier_turn
 from tactape_fab.sense.decode.search.holes import reach_holes, weigh_holed
 from tactape_fab.sense.decode.search.many_tapes import choose, known_lines, many_buffers, prepare
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, TAPES, Sites
@@ -59,7 +59,8 @@ def _weigh(
 ) -> None:
     """The entry from Python: an array is handed over in 0.1 us, a tuple of them in 0.7 us and more.
 
-    First the classes of many sites, then those of few, each time places with all dots on a tape before others.
+    First the classes of many sites, then those of few, each time places with all dots on a tape before others, and turns that the
+    dots' shape speaks for before others: what comes once the best place is known is mostly left out.
     Where `many` and `barred` are None numba leaves out the former, and sites of all sectors: half of what a search compiles.
     Where `holed` is None it leaves out tapes with holes.
     """
@@ -74,7 +75,8 @@ def _weigh(
                 continue
             # ln of the places of a group on all tapes: together they have to be negligible
             tapes = np.log(float(kind[TAPES] * (last - first)))
-            for turn in range(4):
+            for turn_k in range(4):
+                turn = likelier_turn(turn_k, turn_terms)
                 terms = (place[turn, over], turn_terms[turn])
                 for g in range(spans[turn, size, 0], spans[turn, size, 1]):
                     group, limit = fields[g], limits[g]

@@ -103,6 +103,13 @@ def _cuts(out: IntArray, size: int, dots: int) -> int:
     return n
 
 
+@inner_kernel()
+def likelier_turn(k: int, turn: FloatArray) -> int:
+    """The k-th quarter turn, likelier ones first: a turn and its half turn are as likely. ``turn`` as in `Weights`."""
+    likely = 0 if turn[0] >= turn[1] else 1
+    return (2 * k + (k // 2 + likely) % 2) % 4
+
+
 def count_places(groups: Iterable[Groups], classes: Iterable[IntArray]) -> FloatArray:
     """Places of all tapes of some families by turn: with all dots on the tape, and with some beyond its edge; shape (4, 2)."""
     counts = np.zeros((4, 2))

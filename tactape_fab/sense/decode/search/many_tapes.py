@@ -19,7 +19,7 @@ from tactape_fab.sense.decode.search.bounds import (
     survivors_of_starts,
 )
 from tactape_fab.sense.decode.search.evidence import Floats, Tables, add_everywhere, say
-from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights
+from tactape_fab.sense.decode.search.groups import COLUMNS, OVER, ROWS, Groups, Weights, likelier_turn
 from tactape_fab.sense.decode.search.holes import weigh_holed
 from tactape_fab.sense.decode.search.plane_sites import FIRST, LAST, MANY, OVERHANG, SIZE, START, Sites
 from tactape_fab.sense.decode.search.tally import (
@@ -261,10 +261,10 @@ def _first_guess(
     guess.best_place[0] = -1
     for k in range(LEAST_SHARE + 1):  # nothing is negligible here
         guess.sums[k] = NEVER
-    likely = 0 if base[0, 0] >= base[1, 0] else 1
+    likely = likelier_turn(np.int64(0), weights.turn)
     for over in range(2):
         for turn_k in range(4):
-            turn = (2 * turn_k + (turn_k // 2 + likely) % 2) % 4  # the likelier two come first
+            turn = likelier_turn(turn_k, weights.turn)
             if guess.sums[BEST] > base[likely, 0] + _FOUND * most_said:
                 break
             for k in range(len(sites.classes)):
