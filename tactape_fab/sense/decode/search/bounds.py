@@ -73,6 +73,7 @@ def slot_of(
     dots: tuple[int | np.int64, int],
     count: int,
     span: tuple[int | np.int64, int],
+    back: bool,
 ) -> int:
     """Slot of the bounds for a range of dots along the lines (first, last + 1); made when first asked for.
 
@@ -98,12 +99,11 @@ def slot_of(
             _said(one, lines, dots, k)
             of.line_most[slot, k] = _most(one, np.int64(0), length)
             of.made[0, slot, k] = of.made[1, slot, k] = False
-    threes, pairs, _ = runs_of(span[1] - span[0])
-    behind = span[0] + 3 * threes
-    for k in range(span[0], behind, 3):
-        bound_three(of, slot, lines, dots, k)
-    for k in range(behind, behind + 2 * pairs, 2):
-        bound_two(of, slot, lines, dots, k)
+    begin, threes, pair, _ = runs_of(span[0], span[1] - span[0], back)
+    for j in range(threes):
+        bound_three(of, slot, lines, dots, begin + 3 * j)
+    if pair >= 0:
+        bound_two(of, slot, lines, dots, pair)
     return int(slot)
 
 
@@ -188,22 +188,37 @@ def _most(values: Floats, first: int, last: int) -> float:
     return float(most)
 
 
-@inlined_kernel()
-def runs_of(lines: int) -> tuple[int, int, int]:
-    """Threes, pairs after them, and single lines at the end, of some lines together."""
-    return lines // 3, lines % 3 // 2, lines % 3 % 2
+@inner_kernel()
+def runs_of(first: int, lines: int, back: bool) -> tuple[int, int, int, int]:
+    """How some lines are taken together: where threes begin, how many they are, where a pair is, and a single line; -1 for none.
+
+    Threes come first, or, ``back``, last, or in the middle: what both say at most is less than either. Up to three lines are one
+    run, and what they say is known exactly.
+    """
+    threes, left = lines // 3, lines % 3
+    begin, pair, single = first, first + 3 * threes if left == 2 else -1, first + 3 * threes if left == 1 else -1
+    if back and lines > 3:
+        begin = first + left
+        if left == 0:  # one, threes, two
+            begin, threes, pair, single = first + 1, threes - 1, first + lines - 2, first
+        elif left == 1:
+            single = first
+        else:
+            pair = first
+    return begin, threes, pair, single
 
 
 @inner_kernel(fastmath=True)
-def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tuple[int, int]) -> None:
+def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tuple[int, int], back: bool) -> None:
     """Bound of some lines (first, last + 1) together for every place of the first in the plane; NEVER too near its end."""
     first, number = lines[0], lines[1] - lines[0]
-    threes, pairs, single = runs_of(number)
-    count, rest = len(out) - number + 1, np.float32(bounds.line_most[slot, lines[1] - 1] if single == 1 else 0.0)
+    begin, threes, pair, single = runs_of(first, number, back)
+    count, rest = len(out) - number + 1, np.float32(bounds.line_most[slot, single] if single >= 0 else 0.0)
     for start in range(len(out)):
         out[start] = rest if start < count else np.float32(NEVER)
-    _add_runs(out, bounds.triples[slot, first:], steps[1], (np.int64(0), np.int64(3), np.int64(threes)), count)
-    _add_runs(out, bounds.pairs[slot, first:], steps[0], (np.int64(3 * threes), np.int64(2), np.int64(pairs)), count)
+    pairs = np.int64(1 if pair >= 0 else 0)
+    _add_runs(out, bounds.triples[slot, first:], steps[1], (begin - first, np.int64(3), threes), count)
+    _add_runs(out, bounds.pairs[slot, first:], steps[0], (max(pair - first, 0), np.int64(2), pairs), count)
 
 
 @inner_kernel(fastmath=True)
@@ -259,29 +274,26 @@ def bound_lines(
     lines: First line and last + 1.
     """
     (steps, starts, place), (first, last), lowest = where, lines, least - DEEP
-    threes, pairs, single = runs_of(last - first)
+    begin, threes, pair, single = runs_of(first, last - first, False)
     of_three, of_two, triple_most, pair_most = (
         bounds.triples[slot],
         bounds.pairs[slot],
         bounds.triple_most[slot],
         bounds.pair_most[slot],
     )
-    whole, behind = bounds.line_most[slot, last - 1] if single == 1 else 0.0, first + 3 * threes
-    for k in range(first, behind, 3):
+    whole, behind = bounds.line_most[slot, single] if single >= 0 else 0.0, begin + 3 * threes
+    for k in range(begin, behind, 3):
         whole += triple_most[k]
-    for k in range(behind, behind + 2 * pairs, 2):
-        whole += pair_most[k]
+    if pair >= 0:
+        whole += pair_most[pair]
     for start in range(span[0], span[1]):
         at, bound = starts[start] + place, whole
-        for k in range(first, behind, 3):
+        for k in range(begin, behind, 3):
             bound += of_three[k, steps[1, at + k]] - triple_most[k]
             if bound < lowest:
                 break
-        if bound >= lowest:
-            for k in range(behind, behind + 2 * pairs, 2):
-                bound += of_two[k, steps[0, at + k]] - pair_most[k]
-                if bound < lowest:
-                    break
+        if bound >= lowest and pair >= 0:
+            bound += of_two[pair, steps[0, at + pair]] - pair_most[pair]
         out[start] = bound
 
 

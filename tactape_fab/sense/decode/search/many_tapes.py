@@ -9,7 +9,6 @@ import numpy as np
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
 from tactape_fab.sense.decode.search.bounds import (
     NEVER,
-    Bounds,
     bound_lines,
     bound_starts,
     most_of_starts,
@@ -46,6 +45,8 @@ _PLACES_AT_ONCE = 4
 """Places in the plane that are bounded one after the other in the time of one by itself."""
 _FEW_PHASES = 16
 """Phases of a line up to which what the dots say everywhere in the plane is kept: megabytes, and less than its bounds take."""
+_PLACES_BOUNDED = 0.5
+"""Places in the plane that are bounded by other runs of lines in the time of one of a site by itself."""
 _PLACES_SAID = 2
 """Places in the plane that are looked at with all their phases in the time of one of a site by itself."""
 _ANYTHING = 1e6
@@ -76,6 +77,7 @@ def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: In
         starts,
         said,
         np.zeros(4, dtype=np.bool_),
+        np.zeros(4, dtype=np.bool_),
         np.empty(sites),
         np.empty(sites),
         np.empty((2, sites)),
@@ -102,8 +104,8 @@ def prepare(
     for g in range(len(groups.limits)):
         most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
     for turn in range(4):
-        more.known_turns[turn] = False
-    _bounds_of_starts(more.starts, tables, sites, more.known)
+        more.known_turns[turn] = more.bounded_again[turn] = False
+        _bound_turn(tables, sites, turn, False, more)
     if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
         tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_said))
 
@@ -131,7 +133,13 @@ def choose(
         rest = 0.0
         _bound_inside(tables, sites, of[0], turn, kind, more)
         left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
-        worth = left * (of[0][COLUMNS] + of[0][ROWS]) > _PLACES_SAID * more.said.shape[2] > 0
+        places = of[0][COLUMNS] + of[0][ROWS]
+        if not more.bounded_again[turn] and left * places > _PLACES_BOUNDED * len(more.everywhere[0]):
+            more.bounded_again[turn] = True
+            _bound_turn(tables, sites, turn, True, more)
+            _bound_inside(tables, sites, of[0], turn, kind, more)
+            left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+        worth = left * places > _PLACES_SAID * more.said.shape[2] > 0
         if worth and not more.known_turns[turn]:
             _say_everywhere(tables, sites, turn, buffers, more)
             _bound_inside(tables, sites, of[0], turn, kind, more)
@@ -154,15 +162,23 @@ def known_lines(more: ManyBuffers, turn: int, place: IntArray, group: IntArray) 
     return more.starts[turn, 0, column : column + group[COLUMNS]], more.starts[turn, 1, row : row + group[ROWS]]
 
 
-@inlined_kernel()
-def _bounds_of_starts(out: Floats, tables: Tables, sites: Sites, known: Bounds) -> None:
-    """Bounds of what the x bits say where the dots' column 0 lies on each column of the plane, and the y bits of rows."""
-    for turn in range(4):
-        for axis in range(2):
-            count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
-            span = (np.int64(0), count)
-            slot = slot_of(known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count, span)
-            bound_starts(out[turn, axis], known, slot, sites.steps[axis], span)
+@inner_kernel(fastmath=True)
+def _bound_turn(tables: Tables, sites: Sites, turn: int, back: bool, more: ManyBuffers) -> None:
+    """Bounds of what the x bits say where the dots' column 0 lies on each column of the plane, and the y bits of rows.
+
+    ``back``: by other runs of lines, where those are less.
+    """
+    for axis in range(2):
+        count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
+        span, out = (np.int64(0), count), more.starts[turn, axis]
+        slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count, span, back)
+        if not back:
+            bound_starts(out, more.known, slot, sites.steps[axis], span, back)
+            continue
+        other = more.everywhere[0]
+        bound_starts(other, more.known, slot, sites.steps[axis], span, back)
+        for start in range(len(out)):
+            out[start] = min(out[start], other[start])
 
 
 @inner_kernel()
@@ -207,12 +223,12 @@ def _bound_over(
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
     count, rest = tables.size[turn, axis], limit[1 - axis]
     lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
-    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines)
+    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines, False)
     out, everywhere = more.of_starts[axis], more.everywhere[0]
     if _PLACES_AT_ONCE * (span[1] - span[0]) < len(everywhere):
         bound_lines(out, more.known, slot, (sites.steps[axis], starts, group[own]), lines, (span[0], span[1]), least - rest)
     else:
-        bound_starts(everywhere, more.known, slot, sites.steps[axis], lines)
+        bound_starts(everywhere, more.known, slot, sites.steps[axis], lines, False)
         for k in range(span[0], span[1]):
             out[k] = everywhere[starts[k] + group[own] + lines[0]]
     return axis, float(rest)
@@ -225,9 +241,9 @@ def _bound_across(
     """Leave out of `ManyBuffers.chosen`, after `_bound_over`, whose lines across do not fit; returns what `survivors` does."""
     across, own, other = 1 - axis, 4 * axis, 4 * (1 - axis)
     lines, dots, size = (group[other + 2], group[other + 3]), (group[own + 2], group[own + 3]), tables.size[turn, across]
-    slot = slot_of(more.known, tables.lines[turn, across], turn, across, dots, size, lines)
+    slot = slot_of(more.known, tables.lines[turn, across], turn, across, dots, size, lines, False)
     everywhere, of_starts = more.everywhere[1], more.of_starts[axis]
-    bound_starts(everywhere, more.known, slot, sites.steps[across], lines)
+    bound_starts(everywhere, more.known, slot, sites.steps[across], lines, False)
     left, dropped, most = 0, 0.0, NEVER
     for c in range(count):
         site = more.chosen[c]

@@ -91,10 +91,10 @@ class Buffers(NamedTuple):
 class ManyBuffers(NamedTuple):
     """Work buffers for many sites.
 
-    starts (4, 2, columns or rows of the plane): From `_bounds_of_starts`, or the largest of each entry of `said`.
+    starts (4, 2, columns or rows of the plane): From `_bound_turn`, or the largest of each entry of `said`.
     said (4, 2, columns or rows of the plane, L): Evidence of all dots with their column or row 0 there, for every phase; of the
         turns in `known_turns` alone, from `_say_everywhere`. Empty where L is large.
-    known_turns (4,)
+    known_turns, bounded_again (4,): Whether `said` is of a turn; and whether `starts` is the less of two bounds there.
     bounds, of_rows (n,): From `_bound_inside`.
     of_starts (2, n): From `_bound_over`, by `Sites.starts`.
     everywhere (2, columns or rows of the plane): Work buffers of `_bound_over` and `_bound_across`.
@@ -107,6 +107,7 @@ class ManyBuffers(NamedTuple):
     starts: Floats
     said: Floats
     known_turns: BoolArray
+    bounded_again: BoolArray
     bounds: FloatArray
     of_rows: FloatArray
     of_starts: FloatArray
