@@ -244,16 +244,17 @@ def _larger(out: Floats, some: Floats, others: Floats) -> None:
 
 
 @inner_kernel(fastmath=True)
-def most_of_starts(out: FloatArray, values: Floats, place: IntArray, count: int, span: tuple[int, int], buffers: Floats) -> None:
-    """Largest of some values over the places of the sites at each start; ``buffers`` are two of their length, overwritten."""
-    # those of one value, of two, of four ...; the last ones, two of which have all places of a site between them
+def largest_of(values: Floats, count: int, buffers: Floats) -> tuple[Floats, int]:
+    """Largest of as many neighbouring values as a power of two, at least half of `count`, from each on; and how many those are.
+
+    Two of them, which overlap, have any `count` neighbours between them. ``buffers`` are two as long as the values, overwritten.
+    """
     largest, target, other, width, windows = values, buffers[0], buffers[1], 1, len(values)
-    while 2 * width <= count:
+    while 2 * width <= count:  # of one value, of two, of four ...
         windows -= width
         _larger(target[:windows], largest, largest[width:])
         largest, target, other, width = target, other, target, 2 * width
-    for k in range(span[0], span[1]):
-        out[k] = max(largest[place[k]], largest[place[k] + count - width])
+    return largest, width
 
 
 @inner_kernel(fastmath=True)

@@ -11,7 +11,7 @@ from tactape_fab.sense.decode.search.bounds import (
     NEVER,
     bound_lines,
     bound_starts,
-    most_of_starts,
+    largest_of,
     no_bounds,
     slot_of,
     survivors,
@@ -81,7 +81,7 @@ def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: In
         np.empty(sites),
         np.empty(sites),
         np.empty((2, sites)),
-        np.empty((2, lines), dtype=np.float32),
+        np.empty((3, lines), dtype=np.float32),
         chosen,
         new_tally(),
         np.empty((2, dots), dtype=np.int64),
@@ -147,7 +147,7 @@ def choose(
     else:
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
         left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
-        if _PLACES_A_SITE * left > len(more.everywhere[1]):
+        if _PLACES_A_SITE * left > len(more.everywhere[0]):
             left, more_dropped, more_most = _bound_across(tables, sites, of[0], turn, axis, np.int64(left), least, more)
             dropped, most = dropped + more_dropped, max(most, more_most - rest)
     weight = dropped / float(kind[2] - kind[1]) * np.exp(least + of_all + terms[0] - tally.sums[BEST])
@@ -203,7 +203,9 @@ def _bound_inside(
     for axis in range(2):
         span, count = sites.starts.spans[kind[0], axis], group[COLUMNS] if axis == 0 else group[ROWS]
         place, said = sites.starts.place[axis], more.starts[turn, axis]
-        most_of_starts(more.of_starts[axis], said, place, count, (span[0], span[1]), more.everywhere)
+        largest, width = largest_of(said, count, more.everywhere)
+        for k in range(span[0], span[1]):
+            more.of_starts[axis, k] = max(largest[place[k]], largest[place[k] + count - width])
     for site in range(kind[1], kind[2]):
         more.of_rows[site] = y[rank[site, 1]]
         more.bounds[site] = x[rank[site, 0]] + y[rank[site, 1]]
@@ -242,15 +244,14 @@ def _bound_across(
     across, own, other = 1 - axis, 4 * axis, 4 * (1 - axis)
     lines, dots, size = (group[other + 2], group[other + 3]), (group[own + 2], group[own + 3]), tables.size[turn, across]
     slot = slot_of(more.known, tables.lines[turn, across], turn, across, dots, size, lines, False)
-    everywhere, of_starts = more.everywhere[1], more.of_starts[axis]
+    everywhere, of_starts = more.everywhere[0], more.of_starts[axis]
     bound_starts(everywhere, more.known, slot, sites.steps[across], lines, False)
+    largest, width = largest_of(everywhere, group[other + 1], more.everywhere[1:])
     left, dropped, most = 0, 0.0, NEVER
     for c in range(count):
         site = more.chosen[c]
         first = sites.table[site, START, across] + group[other] + group[other + 2]
-        best = everywhere[first]
-        for k in range(first + 1, first + group[other + 1]):
-            best = max(best, everywhere[k])
+        best = max(largest[first], largest[first + group[other + 1] - width])
         bound = best + of_starts[sites.starts.rank[site, axis]]
         if bound >= least:
             more.chosen[left] = site

@@ -97,7 +97,7 @@ class ManyBuffers(NamedTuple):
     known_turns, bounded_again (4,): Whether `said` is of a turn; and whether `starts` is the less of two bounds there.
     bounds, of_rows (n,): From `_bound_inside`.
     of_starts (2, n): From `_bound_over`, by `Sites.starts`.
-    everywhere (2, columns or rows of the plane): Work buffers of `_bound_over` and `_bound_across`.
+    everywhere (3, columns or rows of the plane): Work buffers of bounds.
     chosen (n,): From `survivors`.
     guess: Of `_first_guess`.
     whole (2, m): Of `holes`.
