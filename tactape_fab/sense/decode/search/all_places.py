@@ -39,7 +39,9 @@ def _buffers(tables: Tables, sites: Sites) -> Buffers:
     length, widest = len(sites.signs) // 3, int(sites.kinds[0])
     lines, most = np.empty((2, widest, length), dtype=np.float32), np.empty((2, widest))
     said = np.zeros((2, tables.lines.shape[3] + 1, 2 * length), dtype=np.float32)
-    return Buffers(lines, most, np.empty(widest), said, np.empty((length, length), dtype=np.bool_))
+    return Buffers(
+        lines, most, np.empty(widest), np.empty((2, widest), dtype=np.int64), said, np.empty((length, length), dtype=np.bool_)
+    )
 
 
 @kernel(no_rewrites=False)

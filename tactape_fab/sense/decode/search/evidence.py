@@ -293,6 +293,13 @@ def add_lines(out: Floats, said: Floats, span: tuple[int, int], phases: IntArray
         else:
             for p in range(length):
                 out[p] = out[p] + one[p] + two[p] + three[p] + four[p]
+    return float(largest_of_line(out))
+
+
+@inner_kernel(fastmath=True)
+def largest_of_line(out: Floats) -> float:
+    """Largest of what a line says for each phase."""
+    length = len(out)
     a = b = c = d = e = f = g = h = out[0]  # eight at a time: one after the other each would wait for the one before
     for p in range(0, length - 7, 8):
         a, b, c, d = max(a, out[p]), max(b, out[p + 1]), max(c, out[p + 2]), max(d, out[p + 3])

@@ -6,10 +6,19 @@ import numpy as np
 
 from tactape_fab.base.jit import inner_kernel
 from tactape_fab.sense.decode.search.bounds import NEVER, bound_three, bound_two, slot_of
-from tactape_fab.sense.decode.search.evidence import Floats, Tables
+from tactape_fab.sense.decode.search.evidence import Floats, Tables, largest_of_line
 from tactape_fab.sense.decode.search.groups import COLUMNS, FIRST_COLUMN, FIRST_ROW, LAST_COLUMN, LAST_ROW, ROWS, X, Y
 from tactape_fab.sense.decode.search.plane_sites import ORIGIN, SECTOR, START, Sites
-from tactape_fab.sense.decode.search.tally import BEST, Buffers, ManyBuffers, Tally, count_at, count_bound, least_of, over_holes
+from tactape_fab.sense.decode.search.tally import (
+    BEST,
+    Buffers,
+    ManyBuffers,
+    Tally,
+    count_at,
+    count_bound,
+    least_of,
+    over_holes,
+)
 from tactape_fab.texture.frames import FloatArray, IntArray
 
 _ROUNDING = 1e-6
@@ -46,15 +55,19 @@ def weigh_holed(
     ``of`` are the group's fields and limits, ``span`` the first site and the last + 1; `tally.drop` has ``of_all`` and ``terms``.
     """
     (group, limit), holed, out = of, sites.holed[sites.layout[span[0]]], buffers.lines[0, 0]
-    length, least, dropped = len(out), least_of(of_all, terms, tally.sums), 0.0
+    length, least, dropped, count = len(out), least_of(of_all, terms, tally.sums), 0.0, 0
+    for j in range(group[ROWS]):
+        if over_holes(holed, group, np.int64(1), j):
+            buffers.rows[0, count], buffers.rows[1, count] = j, j % length
+            count += 1
     if more is not None:
         for site in range(span[0], span[1]):
             more.of_rows[site] = NEVER
-        for j in range(group[ROWS]):
-            if over_holes(holed, group, np.int64(1), j):
-                _bound_whole(more, tables, sites, (group, holed), turn, np.int64(1), j, span)
-                for site in range(span[0], span[1]):
-                    more.of_rows[site] = max(more.of_rows[site], more.bounds[site])
+        for n in range(count):
+            _bound_whole(more, tables, sites, (group, holed), turn, np.int64(1), buffers.rows[0, n], span)
+            for site in range(span[0], span[1]):
+                more.of_rows[site] = max(more.of_rows[site], more.bounds[site])
+                more.of_each_row[n, site] = more.bounds[site]
     for i in range(group[COLUMNS]):
         if not over_holes(holed, group, np.int64(0), i):
             continue
@@ -65,26 +78,27 @@ def weigh_holed(
             if more is not None:
                 of_rows = more.of_rows[site]
                 if more.bounds[site] + of_rows < least:
-                    dropped += group[ROWS]
+                    dropped += count
                     continue
             place = sites.table[site]
             rest, most = _add_whole(out, tables, (group, holed), turn, x, (sites.phases[0], place[START, 0] + x))
-            rest += of_rows
-            if most + rest < least:
-                dropped += group[ROWS]
+            if most + rest + of_rows < least:
+                dropped += count
                 continue
             # the x phase is that of the first row, as in `tally._count_sector`
-            phase = (place[ORIGIN, 1] + group[Y] + place[SECTOR, 0]) % length
-            for j in range(group[ROWS]):
-                value, y = out[phase] + rest, group[Y] + j
-                phase = phase + 1 if phase + 1 < length else 0
-                if value >= least and over_holes(holed, group, np.int64(1), j):
+            first = (place[ORIGIN, 1] + group[Y] + place[SECTOR, 0]) % length
+            for n in range(count):
+                y, phase = group[Y] + buffers.rows[0, n], first + buffers.rows[1, n]
+                value = out[phase if phase < length else phase - length] + rest
+                value += of_rows if more is None else more.of_each_row[n, site]
+                if value >= least:
                     value = _evidence(tables, sites, (turn, site), (x, y), least)
-                    if value >= least:
-                        count_at(tally, value, 1.0, terms, (turn, site, x, y, place[SECTOR, 0], place[SECTOR, 1]))
-                        least = least_of(of_all, terms, tally.sums)
-                dropped += value < least
-    # some were dropped below a lesser bound, and some are counted by `tally.weigh_site`: this is no less than all weigh
+                if value >= least:
+                    count_at(tally, value, 1.0, terms, (turn, site, x, y, place[SECTOR, 0], place[SECTOR, 1]))
+                    least = least_of(of_all, terms, tally.sums)
+                else:
+                    dropped += 1.0
+    # some were dropped below a lesser bound: this is no less than all weigh
     if dropped > 0.0:
         count_bound(dropped * np.exp(least + terms[0] - tally.sums[BEST]), least + terms[1], tally.sums)
 
@@ -166,10 +180,7 @@ def _add_whole(
             below = lines[low, k, shift : shift + length]
             for p in range(length):
                 out[p] -= below[p]
-    largest = out[0]
-    for p in range(1, length):
-        largest = max(largest, out[p])
-    return float(rest), float(largest)
+    return float(rest), float(largest_of_line(out))
 
 
 @inner_kernel()

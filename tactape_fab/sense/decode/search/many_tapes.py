@@ -60,16 +60,17 @@ def many_buffers(tables: Tables, sites: Sites) -> ManyBuffers | None:
     length = len(sites.signs) // 3
     if sites.kinds[2] == 0 and len(sites.bare) == 1:  # `holes` bounds few sites as well
         return _no_buffers(length)
-    return _buffers_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1], sites.differences)
+    rows = int(sites.sizes[:, 1].max()) if len(sites.bare) > 1 else 0
+    return _buffers_for(tables.dots.shape[1] - 1, length, len(sites.table), sites.phases.shape[1], sites.differences, rows)
 
 
 @cache
 def _no_buffers(length: int) -> ManyBuffers:
     """Empty buffers; nothing writes to them, so all calls share them."""
-    return _buffers_for(0, length, 0, 0, np.zeros(2, dtype=np.int64))
+    return _buffers_for(0, length, 0, 0, np.zeros(2, dtype=np.int64), 0)
 
 
-def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: IntArray) -> ManyBuffers:
+def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: IntArray, rows: int) -> ManyBuffers:
     starts, chosen = np.empty((4, 2, lines), dtype=np.float32), np.empty(sites, dtype=np.int64)
     said = np.empty((4, 2, lines if length <= _FEW_PHASES else 0, length), dtype=np.float32)
     return ManyBuffers(
@@ -80,6 +81,7 @@ def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: In
         np.zeros(4, dtype=np.bool_),
         np.empty(sites),
         np.empty(sites),
+        np.empty((rows, sites), dtype=np.float32),
         np.empty((2, sites)),
         np.empty((3, lines), dtype=np.float32),
         chosen,

@@ -77,6 +77,7 @@ class Buffers(NamedTuple):
     lines (2, k, L): Evidence of columns and of rows for every phase, or for those from the group's first row and column on.
     most (2, k): The largest of each.
     shares (k,): exp of the largest of each row, over the largest of all.
+    rows (2, k): Rows of a group that are over holes, and the same modulo L.
     said (2, m + 1, 2 L): Evidence of the dots of a group along its columns and rows, from `say_group`; the last row zero.
     allowed (L, L): Sectors that are not barred.
     """
@@ -84,6 +85,7 @@ class Buffers(NamedTuple):
     lines: Floats
     most: FloatArray
     shares: FloatArray
+    rows: IntArray
     said: Floats
     allowed: BoolArray
 
@@ -96,6 +98,7 @@ class ManyBuffers(NamedTuple):
         turns in `known_turns` alone, from `_say_everywhere`. Empty where L is large.
     known_turns, bounded_again (4,): Whether `said` is of a turn; and whether `starts` is the less of two bounds there.
     bounds, of_rows (n,): From `_bound_inside`.
+    of_each_row (rows, n): Of `holes`; empty where no tape has any.
     of_starts (2, n): From `_bound_over`, by `Sites.starts`.
     everywhere (3, columns or rows of the plane): Work buffers of bounds.
     chosen (n,): From `survivors`.
@@ -110,6 +113,7 @@ class ManyBuffers(NamedTuple):
     bounded_again: BoolArray
     bounds: FloatArray
     of_rows: FloatArray
+    of_each_row: Floats
     of_starts: FloatArray
     everywhere: Floats
     chosen: IntArray
