@@ -223,6 +223,11 @@ class LostProcessError(Exception):
         self.exit_status = exit_status
 
 
+def reason_of(error: Exception) -> str:
+    """The system's reason of a failure, without its number and path; the text of the error where no system call failed."""
+    return getattr(error, "strerror", None) or str(error)
+
+
 def tried(read: Callable[[], T], problems: list[Problem]) -> T | None:
     """Result of a reader; None if it raises SpecError, whose problems are added to the list."""
     try:

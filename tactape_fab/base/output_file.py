@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of
 
@@ -49,8 +49,7 @@ def refuse_taken_place(
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason}; use another name")) from error
+        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason_of(error)}; use another name")) from error
     if mode is None:
         return
     if not stat.S_ISREG(mode):
@@ -112,7 +111,7 @@ def write_file(path: Path, data: bytes, key: str, *, overwrite: bool) -> None:
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         message = f"{key} = {shown_path(path)} cannot be written: {reason}; what stood there is as it was; use another place"
         raise TactapeError(message) from error
 

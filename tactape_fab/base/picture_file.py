@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
@@ -54,8 +54,7 @@ def refuse_pictures(folder: Path, names: str | Iterable[str], key: str) -> None:
         paths = sorted(folder.glob(names)) if isinstance(names, str) else [folder / name for name in names]
         taken = [path for path in paths if mode_of(path) is not None]
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason}; use another folder")) from error
+        raise SpecError(Problem(key, f"{said} cannot be looked at: {reason_of(error)}; use another folder")) from error
     if not is_folder:
         message = f"{said}: {shown_path(nearest)} is there and is no folder; nothing was touched; use another folder"
         raise SpecError(Problem(key, message))
@@ -77,8 +76,7 @@ def write_picture(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        message = f"{key} = {shown_path(path.parent)} cannot be written: {reason}; use another folder"
+        message = f"{key} = {shown_path(path.parent)} cannot be written: {reason_of(error)}; use another folder"
         raise TactapeError(message) from error
     asked = [] if compression is None else [cv2.IMWRITE_PNG_COMPRESSION, compression]
     data = cv2.imencode(".png", picture, asked)[1].tobytes()

@@ -14,7 +14,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 
@@ -55,7 +55,7 @@ def read_toml(path: Path, key: str) -> dict[str, Any]:
     try:
         data = read_regular(path, _PROFILE_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path that is invalid on every system
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        reason = reason_of(error)
         message = f"{key} = {shown_path(path)} cannot be opened: {reason}; give the path of a TOML file that can be read"
         raise SpecError(Problem(key, message)) from error
     if len(data) > _PROFILE_BYTES:

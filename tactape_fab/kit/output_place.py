@@ -7,7 +7,7 @@ import stat
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import mode_of, open_regular
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
@@ -28,7 +28,7 @@ def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
     try:
         mode = mode_of(target)
     except (OSError, ValueError) as error:  # a name that is invalid on every system
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         raise SpecError(f"output = {shown_path(target)} cannot be a folder: {reason}; use -o to name another one") from error
     if mode is None:
         return

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactape_fab.base.build_date import build_date, zip_date
-from tactape_fab.base.errors import Check, LostProcessError, Problem, SpecError, VerifyError, tried
+from tactape_fab.base.errors import Check, LostProcessError, Problem, SpecError, VerifyError, reason_of, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.launch import limit_self, too_long
@@ -212,8 +212,7 @@ def _read_model(path: Path, kind: str) -> _Source:
     except (OSError, ValueError) as error:
         if isinstance(error, SpecError):
             raise
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(f"SURFACE = {shown_path(path)} cannot be read: {reason}; give a model file") from error
+        raise SpecError(f"SURFACE = {shown_path(path)} cannot be read: {reason_of(error)}; give a model file") from error
     return _Source(path=path, kind=kind, data=data)
 
 

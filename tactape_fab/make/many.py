@@ -12,7 +12,7 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, tried
+from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.pool import Workers, mapped
 from tactape_fab.kit.examine.order import ExaminedPanel
@@ -187,7 +187,7 @@ def _made_folder(folder: Path) -> Generator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise TactapeError(f"{folder} cannot be made: {error.strerror or error}; use -o to name another folder") from error
+        raise TactapeError(f"{folder} cannot be made: {reason_of(error)}; use -o to name another folder") from error
     try:
         yield
     finally:

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.output_file import sync_below, sync_folder
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
@@ -44,7 +44,7 @@ def finished(target: Path, what: str, *, overwrite: Overwrite, signer: Signer | 
         put_in_place(folder, target, overwrite=overwrite)
         sync_folder(target.parent)
     except OSError as error:
-        reason = error.strerror or error
+        reason = reason_of(error)
         raise TactapeError(f"the {what} cannot be written to {target}: {reason}; use -o to name another folder") from error
     finally:
         try:

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from tactape_fab.base.build_date import dated
-from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError
+from tactape_fab.base.errors import Check, Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import Fields, shown
 from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
@@ -232,7 +232,7 @@ def _reproduced_panel(file: Path, content: Mapping[str, Any]) -> tuple[list[str]
         try:
             read_inside(root, kit, MOST_MANIFEST_BYTES)
         except (OSError, RuntimeError) as error:
-            raise SpecError(f"{place.manifest} {getattr(error, 'strerror', None) or error}") from error
+            raise SpecError(f"{place.manifest} {reason_of(error)}") from error
         own = read_any_manifest(kit)
         record = _read_made(own)
         if {**record, "libraries": None} != {**made, "libraries": None}:
@@ -285,7 +285,7 @@ def _differences(folder: Path, again: Path, libraries: Mapping[str, Any]) -> tup
             right = (again / path).read_bytes()
             same = read_inside(root, folder / path, len(right) + _LONGER_BYTES) == right
         except (OSError, RuntimeError) as error:
-            problems.append(f"{path} {getattr(error, 'strerror', None) or error}")
+            problems.append(f"{path} {reason_of(error)}")
         else:
             problems += [] if same else [f"{path} is not what this manifest makes"]
     if read_inside(root, folder / MANIFEST_NAME, MOST_MANIFEST_BYTES) != (again / MANIFEST_NAME).read_bytes():

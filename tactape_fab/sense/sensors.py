@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.image_file import PNG_HEADER, png_size, unpacked
 from tactape_fab.base.input_file import read_regular
@@ -282,8 +282,7 @@ def _read_png(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     try:
         data = read_regular(path, _MASK_BYTES)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        message = f"mask = {shown_path(path)} cannot be opened: {reason}; give a PNG beside the profile"
+        message = f"mask = {shown_path(path)} cannot be opened: {reason_of(error)}; give a PNG beside the profile"
         raise SpecError(Problem("mask", message)) from error
     height, width = png_size(data)
     if not data.startswith(PNG_HEADER) or len(data) > _MASK_BYTES:

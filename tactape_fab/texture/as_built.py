@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of, open_regular
@@ -336,7 +336,7 @@ def _is_beside(path: Path) -> bool:
             return True
         what = "a folder" if path.is_dir() else "a link to nothing" if path.is_symlink() else "no regular file"
     except (OSError, ValueError) as error:
-        what = f"not to be looked at ({getattr(error, 'strerror', None) or error})"
+        what = f"not to be looked at ({reason_of(error)})"
     message = f"{shown_path(path)} is {what}, and measured places are looked for there; remove it, or give --as-built none"
     raise SpecError(Problem("as-built", message))
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of, read_regular
@@ -45,8 +45,7 @@ def find_manifest(path: str | Path) -> Path:
         unfinished = file.resolve().parent.name.endswith(UNFINISHED_SUFFIX)
         there = file.is_file()
     except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or a name that is invalid on every system
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(f"{shown_path(place)} is no kit: {reason}; give the folder of a kit") from error
+        raise SpecError(f"{shown_path(place)} is no kit: {reason_of(error)}; give the folder of a kit") from error
     if unfinished:
         raise SpecError(f"{place} is an unfinished kit that an interrupted run left behind; delete it and run make again")
     if not there:

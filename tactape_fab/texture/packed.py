@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import SpecError
+from tactape_fab.base.errors import SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.json_text import parse_json
@@ -81,7 +81,7 @@ def read_packed(path: Path) -> Iterator[tuple[Tape, str]]:
         with open_regular(path) as stream:
             data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
-        raise _refused(path, str(getattr(error, "strerror", None) or error)) from error
+        raise _refused(path, reason_of(error)) from error
     begin = _HEADER + 8
     size = int.from_bytes(data[_HEADER:begin], "little")
     if len(data) > MOST_BYTES or size > min(MOST_INDEX_BYTES, len(data) - begin):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from tactape_fab.base.errors import Check, SpecError
+from tactape_fab.base.errors import Check, SpecError, reason_of
 from tactape_fab.base.fields import shown
 from tactape_fab.base.image_file import PNG_SIGNATURE, png_size, unpacked
 from tactape_fab.base.input_file import open_regular
@@ -127,7 +127,7 @@ def read_files(
                 known[path] = data, hashlib.sha256(data).hexdigest()
                 left -= len(data)
             except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
-                problems.append(f"{path} {error.strerror if isinstance(error, OSError) and error.strerror else error}")
+                problems.append(f"{path} {reason_of(error)}")
         if (found := known[path]) is not None:
             files.setdefault(role, []).append(WrittenFile(path=str(path), data=found[0]))
             if row.get("sha256") != found[1]:

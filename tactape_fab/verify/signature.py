@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import Check, Problem, SpecError
+from tactape_fab.base.errors import Check, Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.base.libraries import library
@@ -76,7 +76,7 @@ def check_signed(kit: str | Path, key: str | Path | None) -> list[Check]:
     except FileNotFoundError:
         message = f"there is no {SIGNATURE_NAME}: nothing says who made it; it should be {whose}"
     except OSError as error:
-        message = f"{SIGNATURE_NAME} cannot be read: {error.strerror or error}"
+        message = f"{SIGNATURE_NAME} cannot be read: {reason_of(error)}"
     except library("cryptography.exceptions", "--key").InvalidSignature:
         message = f"it is not that of {whose} for this manifest: another made it, or it was changed since"
     else:
@@ -88,8 +88,7 @@ def _read(path: str | Path, option: str, remedy: str) -> bytes:
     try:
         return read_regular(Path(path), _MOST_KEY_BYTES)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(Problem(option, f"{option} = {shown_path(path)} cannot be read: {reason}; {remedy}")) from error
+        raise SpecError(Problem(option, f"{option} = {shown_path(path)} cannot be read: {reason_of(error)}; {remedy}")) from error
 
 
 def _private_key(data: bytes) -> Any:

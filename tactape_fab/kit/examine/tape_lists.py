@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, tried
+from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import mode_of
@@ -269,8 +269,7 @@ def _folder_problems(folder: Path) -> list[Problem]:
         if there and not folder.is_dir():
             return [Problem("output", f"output = {shown} exists and is not a folder; nothing was touched; {remedy}")]
     except (OSError, ValueError) as error:  # a name that is invalid on every system
-        reason = getattr(error, "strerror", None) or error
-        return [Problem("output", f"output = {shown} cannot be a folder: {reason}; {remedy}")]
+        return [Problem("output", f"output = {shown} cannot be a folder: {reason_of(error)}; {remedy}")]
     return []
 
 

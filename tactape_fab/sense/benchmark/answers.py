@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import open_regular, read_regular
 from tactape_fab.base.json_text import parse_json
@@ -80,7 +80,7 @@ def read_answers(path: str | Path, frames: int) -> tuple[str, dict[int, Answer]]
                 except ValueError as error:
                     problems.append(Problem("answers", f"{shown_path(path)}, line {number}: {error}"))
     except OSError as error:
-        raise SpecError(Problem("answers", f"{shown_path(path)} cannot be read: {error.strerror or error}")) from error
+        raise SpecError(Problem("answers", f"{shown_path(path)} cannot be read: {reason_of(error)}")) from error
     if problems:
         raise SpecError(problems)
     return method, found

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tactape_fab.base.errors import SpecError, TactapeError, tried
+from tactape_fab.base.errors import SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_below, sync_folder, write_file
@@ -91,7 +91,7 @@ def write_benchmark(
         partial.replace(folder)
         sync_folder(folder.parent)
     except OSError as error:
-        raise TactapeError(f"{shown_path(folder)} cannot be written: {error.strerror or error}") from error
+        raise TactapeError(f"{shown_path(folder)} cannot be written: {reason_of(error)}") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return {**sums, INDEX: sha256_of(folder / INDEX), truth_path(folder).name: truth_sum}

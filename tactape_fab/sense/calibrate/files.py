@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import mode_of, read_regular
 from tactape_fab.base.libraries import library
@@ -69,7 +69,7 @@ def write_profile(path: Path, found: Calibration) -> list[Path]:
                 load_sensor(partial)
             partial.replace(at)
         except OSError as error:
-            said = f"output = {shown_path(at)} cannot be written: {error.strerror or error}"
+            said = f"output = {shown_path(at)} cannot be written: {reason_of(error)}"
             raise TactapeError(f"{said}; what stood there is as it was; use another place") from error
         finally:
             partial.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.texture.frames import FloatArray
@@ -97,8 +97,7 @@ def _bytes_of(path: str | Path, key: str, remedy: str) -> bytes:
     try:
         data = read_regular(Path(path), MOST_BYTES)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise SpecError(Problem(key, f"{key} = {shown_path(path)} cannot be opened: {reason}; {remedy}")) from error
+        raise SpecError(Problem(key, f"{key} = {shown_path(path)} cannot be opened: {reason_of(error)}; {remedy}")) from error
     if len(data) > MOST_BYTES:
         raise SpecError(Problem(key, f"{key} = {shown_path(path)} is larger than {MOST_BYTES} bytes; give a row a frame"))
     return data

@@ -15,7 +15,7 @@ from typing import IO, Any
 import numpy as np
 
 from tactape_fab.base.build_date import zip_date
-from tactape_fab.base.errors import Problem, SpecError, TactapeError, tried
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.base.output_file import refuse_taken_place, sync_file, sync_folder
@@ -297,7 +297,7 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
         partial_path.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        message = f"output = {shown_path(path)} cannot be written: {error.strerror or error}"
+        message = f"output = {shown_path(path)} cannot be written: {reason_of(error)}"
         raise TactapeError(f"{message}; what stood there is as it was; use another place") from error
     finally:
         partial_path.unlink(missing_ok=True)

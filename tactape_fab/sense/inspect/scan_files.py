@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.image_file import (
     AS_STORED,
@@ -94,9 +94,7 @@ def read_scan(path: str | Path) -> tuple[Picture, ScanHeader]:
         header = read_header(data)
         return _unpacked(data, header), header
     except OSError as error:
-        raise SpecError(
-            Problem("scan", f"SCAN = {shown_path(path)} cannot be read: {error.strerror or error}; {_REMEDY}")
-        ) from error
+        raise SpecError(Problem("scan", f"SCAN = {shown_path(path)} cannot be read: {reason_of(error)}; {_REMEDY}")) from error
     except ValueError as error:
         if isinstance(error, SpecError):
             raise SpecError([Problem("scan", f"{shown_path(path)}: {p.message}") for p in error.problems]) from None

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from tactape_fab.base.errors import SpecError, TactapeError
+from tactape_fab.base.errors import SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.input_file import open_regular
 from tactape_fab.sense.files.depth_maps import open_frame_file
@@ -116,7 +116,7 @@ def _names(folder: Path, suffixes: tuple[str, ...]) -> set[str]:
 
 
 def _gone(folder: Path, error: OSError) -> TactapeError:
-    return TactapeError(f"folder {shown_path(folder)} cannot be looked into: {error.strerror or error}; is it still there?")
+    return TactapeError(f"folder {shown_path(folder)} cannot be looked into: {reason_of(error)}; is it still there?")
 
 
 def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Frame | Trouble]:
@@ -124,7 +124,7 @@ def _tried(path: Path, file: _Waiting, colour: bool, number: int) -> Iterator[Fr
     try:
         status = path.stat()
     except OSError as error:
-        file.reason = error.strerror or str(error)
+        file.reason = reason_of(error)
         return
     seen, now_s = (status.st_size, status.st_mtime_ns), perf_counter()
     settled = path.suffix.lower() not in (".tif", ".tiff") or time() - status.st_mtime > _SETTLED_S

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.errors import TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.files.jobs import Located
@@ -86,7 +86,7 @@ class McapLog:
             remedy = "what is in it can be read"
             with suppress(OSError):
                 self._stream.close()
-        return TactapeError(f"mcap {shown_path(self.path)} cannot be written: {error.strerror or error}; {remedy}")
+        return TactapeError(f"mcap {shown_path(self.path)} cannot be written: {reason_of(error)}; {remedy}")
 
 
 def _channel(writer: Any, topic: str, kind: MessageType) -> int:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.output_file import refuse_taken_place
 from tactape_fab.sense.files.depth_maps import SUFFIXES, open_frames
@@ -156,7 +156,7 @@ def _source(
     try:
         mode = 0 if given == STANDARD_INPUT else path.stat().st_mode
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         raise SpecError(Problem("source", f"source {shown_path(given)} cannot be opened: {reason}; {_SOURCES}")) from error
     folder, camera = stat.S_ISDIR(mode), stat.S_ISCHR(mode)
     film = wishes.raw and path.suffix.lower() in FILMS

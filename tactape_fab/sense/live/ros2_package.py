@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.errors import Problem, SpecError, TactapeError
+from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.version import __version__
 from tactape_fab.sense.live.ros2_node import PARAMETERS
@@ -46,7 +46,7 @@ def write_package(folder: Path, parameters: Mapping[str, Any]) -> list[str]:
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
-        message = f"package = {shown_path(folder)} cannot be written: {error.strerror or error}; give a folder elsewhere"
+        message = f"package = {shown_path(folder)} cannot be written: {reason_of(error)}; give a folder elsewhere"
         raise TactapeError(message) from error
     return list(files)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, tried
+from tactape_fab.base.errors import Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.sense.raw.image_files import COLOUR_PICTURES, read_colour, read_colour_header
 from tactape_fab.sense.sensors import SensorProfile
@@ -99,7 +99,7 @@ def _images_of(path: Path, problems: list[Problem]) -> list[Path]:
         found = [file for file in path.iterdir() if file.suffix.lower() in COLOUR_PICTURES]
     except (OSError, ValueError) as error:
         problems.append(
-            Problem("raw", f"raw {shown_path(path)} cannot be read: {_reason(error)}; give a PNG or JPEG, or a folder")
+            Problem("raw", f"raw {shown_path(path)} cannot be read: {reason_of(error)}; give a PNG or JPEG, or a folder")
         )
         return []
     if not found:
@@ -137,8 +137,5 @@ def _refused(path: Path, key: str) -> Iterator[None]:
     except SpecError as error:
         raise SpecError([Problem(key, f"{key} {shown_path(path)}: {p.message}") for p in error.problems]) from None
     except (OSError, ValueError) as error:
-        raise SpecError(Problem(key, f"{key} {shown_path(path)} cannot be read: {_reason(error)}; give a PNG or JPEG")) from error
-
-
-def _reason(error: Exception) -> str:
-    return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        reason = reason_of(error)
+        raise SpecError(Problem(key, f"{key} {shown_path(path)} cannot be read: {reason}; give a PNG or JPEG")) from error

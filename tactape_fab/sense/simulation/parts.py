@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
 from tactape_fab.base.input_file import read_regular
@@ -159,5 +159,5 @@ def _cpl_bytes(source: str | Path | bytes) -> bytes:
     try:
         return read_regular(path, MOST_CPL_BYTES)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         raise SpecError(Problem("cpl", f"cpl {shown_path(path)} cannot be opened: {reason}; give a CSV file")) from error

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.picture_file import refuse_picture, write_picture
 from tactape_fab.texture.as_built import NOMINAL
@@ -40,7 +40,7 @@ def refuse_map(kit: str | Path, file: str | Path, *, overwrite: bool = False) ->
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         raise SpecError(Problem("map", f"map = {shown_path(path)} cannot be looked at: {reason}; use another name")) from error
     if inside:
         message = f"map = {shown_path(path)} lies in the kit, which holds only what its manifest lists; give a place outside"
