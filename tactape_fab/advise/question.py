@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactape_fab.advise.designs import FILM
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import Fields, unknown_key
 from tactape_fab.kit.profiles import FabProfile, ProcessProfile, load_fab, load_process
 from tactape_fab.kit.spec.tape_spec import TapeSpec
@@ -57,41 +57,24 @@ def read_question(values: Mapping[str, Any]) -> Question:
     placement_mm = table.number("placement_mm", low=0.0, high=MOST_PLACEMENT_MM)
     tapes = table.integer("tapes", low=1, high=MOST_TAPES)
     process = table.text("process", choices=PROCESSES)
-    size_mm = _size(values.get("size_mm", DEFAULT_SIZE_MM), problems)
+    outline: Any = values.get("size_mm", DEFAULT_SIZE_MM)  # checked as in `make`
+    size_mm = tried(lambda: TapeSpec(sector=0, size_mm=outline).size_mm, problems)
     known = process in PROCESSES  # otherwise it is already refused
     if known and process != FILM and "fab" in values:
         said = f"fab = {values['fab']!r} contradicts process = '{process}': a fab makes films; use --process {FILM}, or no --fab"
         problems.append(Problem("fab", said))
-    sensor, making = None, None
-    try:
-        sensor = load_sensor(values.get("sensor", DEFAULT_SENSOR))
-    except SpecError as refused:
-        problems += refused.problems
-    try:
-        if known:
-            making = load_fab(values.get("fab", DEFAULT_FAB)) if process == FILM else load_process(process)
-        elif "fab" in values:
-            load_fab(values["fab"])
-    except SpecError as refused:
-        problems += refused.problems
-    if problems or sensor is None or making is None:
+    sensor = tried(lambda: load_sensor(values.get("sensor", DEFAULT_SENSOR)), problems)
+    fab = values.get("fab", DEFAULT_FAB)  # read where the process is refused, too
+    making = tried(lambda: load_process(process) if known and process != FILM else load_fab(fab), problems)
+    if problems or sensor is None or making is None or size_mm is None:
         raise SpecError(problems)
     return Question(
         contact_mm=contact_mm,
         sensor=sensor,
         making=making,
-        profile=str(values.get("fab", DEFAULT_FAB)) if process == FILM else process,
+        profile=str(fab) if process == FILM else process,
         blur_mm=blur_mm,
         placement_mm=placement_mm,
         tapes=tapes,
         size_mm=size_mm,
     )
-
-
-def _size(value: object, problems: list[Problem]) -> tuple[float, float]:
-    """A tape's outline, checked as in `make`."""
-    try:
-        return TapeSpec(sector=0, size_mm=value).size_mm  # type: ignore[arg-type]
-    except SpecError as refused:
-        problems += refused.problems
-        return DEFAULT_SIZE_MM

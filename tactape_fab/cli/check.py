@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tactape_fab.base.errors import DesignRuleError, Problem, SpecError
+from tactape_fab.base.errors import DesignRuleError, Problem, SpecError, tried
 from tactape_fab.cli.exits import answers
 from tactape_fab.cli.options import degrees, length, lengths, number, pair, size
 from tactape_fab.cli.printing import echo_json, echo_lines, echo_lines_err, finding_lines, remark_lines, warn
@@ -219,16 +219,13 @@ def examined_order(
     single = {**values, **given}
     if "sector" in given and "sectors" not in given:
         single.pop("sectors", None)
-    try:
-        tapes = read_tapes(avoid)
-    except SpecError as refused:
-        problems += refused.problems
+    tapes = tried(lambda: read_tapes(avoid), problems)
     try:
         if problems:  # report all other problems, too
             of_one = {key: value for key, value in single.items() if key not in PANEL_KEYS}
             examine({"sector": 0, **of_one}, output=output, overwrite=overwrite)
         else:
-            examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes)
+            examined, remarks = examine_order(single, output=output, overwrite=overwrite, avoid=tapes or ())
     except SpecError as error:
         raise SpecError([*problems, *error.problems], error.findings) from None
     if problems:

@@ -131,13 +131,10 @@ def _verified(
 
 def _signed(kit: str, key: str | None, said: Said) -> Verification:
     """Whether a kit is signed as it should be: before anything else of it is read."""
-    from tactape_fab.verify import Verification
     from tactape_fab.verify.signature import check_signed
+    from tactape_fab.verify.verification import collected
 
-    verification = Verification(name=Path(kit).resolve().name, checks=tuple(check_signed(kit, key)))
-    for check in verification.checks:
-        said(check)
-    return verification
+    return collected(Path(kit).resolve().name, check_signed(kit, key), said)
 
 
 def _reproduced(kit: str, said: Said, *, required: bool) -> Verification:

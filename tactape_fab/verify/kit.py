@@ -57,7 +57,7 @@ from tactape_fab.verify.models.cad_readers import read_by_others
 from tactape_fab.verify.models.expected import Expected, expected_of_embossed, expected_of_kit
 from tactape_fab.verify.models.meshes import check_models, check_threemf
 from tactape_fab.verify.trip.positions import Source, copper_source, cpl_source, stl_source
-from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, check_measured, full_trips, quick_trips, trip_checks
+from tactape_fab.verify.trip.round_trip import Contact, Progress, Trip, check_measured, full_trips, quick_trip, trip_checks
 from tactape_fab.verify.verification import Beside, Said, Verification, collected, unreadable
 
 
@@ -169,7 +169,7 @@ def _check_kit(
         if isinstance(mesh, Mesh) and not (asked.quick and sources):
             sources.append(stl_source(tape, form, mesh))
     if sources:
-        made = quick_trips(tape, sources) if asked.quick else full_trips(tape, sources, asked.contact, asked.progress)
+        made = [quick_trip(tape, s) for s in sources] if asked.quick else full_trips(tape, sources, asked.contact, asked.progress)
         trips += () if asked.quick else made
         yield from trip_checks(tape, sources, made)
 

@@ -34,7 +34,7 @@ STAGES = {
     "verify: Gerber by our grammar": [("verify.kit", "check_form")],
     "verify: KiCad": [("verify.kit", "check_kicad")],
     "verify: models": [("verify.kit", "check_models")],
-    "verify: round trip": [("verify.kit", "quick_trips")],
+    "verify: round trip": [("verify.kit", "quick_trip")],
     "verify: certificate": [("verify.kit", "check_certificate")],
 }
 """Stages by the functions that each is, where they are looked up."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from tactape_fab.base.errors import Check, SpecError
@@ -68,7 +68,7 @@ def read_fab_order(table: Fields) -> FabOrder | None:
     if "material" not in fab.values and profile is None:
         return None
     if profile is not None:
-        record = {**vars_of(profile.material), "mask": profile.mask_name, "flexible": profile.bend is not None}
+        record = {**asdict(profile.material), "mask": profile.mask_name, "flexible": profile.bend is not None}
         material = Fields(record, "fab.material.", table.problems)
     else:
         material = fab.table("material")
@@ -84,11 +84,6 @@ def read_fab_order(table: Fields) -> FabOrder | None:
         finish=material.text("finish"),
         pad_to_pad_mm=fab.table("limits_mm").number("pad-pad", low=0.0, high=100.0),
     )
-
-
-def vars_of(record: Any) -> dict[str, Any]:
-    """The fields of a slotted record."""
-    return {name: getattr(record, name) for name in record.__slots__}
 
 
 def check_job(name: str, size_mm: tuple[float, float], order: FabOrder | None, files: Mapping[str, WrittenFile]) -> Check:

@@ -15,6 +15,7 @@ from tactape_fab.solids.surface.charts import nearest
 from tactape_fab.solids.surface.placements import Placed, PlacementsError, read_placements
 from tactape_fab.texture.frames import FloatArray, IntArray, texture_to_board
 from tactape_fab.texture.tape import Tape
+from tactape_fab.verify.models.raised import bounds_of_groups
 from tactape_fab.verify.symbols import check_symbols
 
 _VOLUME_ERROR = 1e-6
@@ -100,19 +101,11 @@ def _tops(tape: Tape, placed: Placed, mesh: Mesh) -> tuple[IntArray, FloatArray]
     return owner[high], local[high]
 
 
-def _middles(count: int, owner: IntArray, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest coordinates of each owner's points, mm; infinite if it has no points; shapes (count, 3)."""
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, owner, local)
-    np.maximum.at(high, owner, local)
-    return low, high
-
-
 def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> Check:
     """Check that the centre of every element's top is above its place, at the element's height."""
     axes = np.stack([placed.x_axis, np.cross(placed.normal, placed.x_axis), placed.normal], axis=1)
     moved = np.einsum("nij,nj->ni", axes, placed.points_mm - placed.grid_mm)
-    low, high = _middles(len(moved), owner, tops)
+    low, high = bounds_of_groups(len(moved), owner, tops)
     there = np.isfinite(low[:, 0])
     if not there.all():
         missing = [placed.designators[i] for i in np.flatnonzero(~there)[:5]]
@@ -129,7 +122,7 @@ def _check_tops(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -
 
 def _board_positions(tape: Tape, placed: Placed, owner: IntArray, tops: FloatArray) -> FloatArray:
     """Board positions of the elements that the mesh shows, each from its grid point's frame; shape (m, 2)."""
-    low, high = _middles(len(placed.cells), owner, tops)
+    low, high = bounds_of_groups(len(placed.cells), owner, tops)
     there = np.isfinite(low[:, 0])
     moved = (low[there, :2] + high[there, :2]) / 2
     points = texture_to_board(placed.cells[there] * tape.pitch_mm, tape.board.texture_origin_mm)

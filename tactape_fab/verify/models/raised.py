@@ -12,7 +12,7 @@ from tactape_fab.solids.wrap import unwrapped, wrap_of
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, board_to_texture
 from tactape_fab.texture.tape import Tape
 
-RAISED_SHARE = 0.6
+_RAISED_SHARE = 0.6
 """Points above this fraction of an element's height belong to its top."""
 
 
@@ -41,22 +41,34 @@ def cells_of(tape: Tape, xy_mm: FloatArray) -> tuple[IntArray, BoolArray]:
     return key, inside
 
 
+def is_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> BoolArray:
+    """Which unwrapped points are well above the base (below it, in a mould); shape (n,)."""
+    height_mm = tape.part.body_mm[2]
+    raised: BoolArray = points_mm[:, 2] > _RAISED_SHARE * height_mm
+    if form.negative:
+        raised &= points_mm[:, 2] < height_mm + form.base_mm / 2
+    return raised
+
+
+def bounds_of_groups(count: int, group: IntArray, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest coordinates of the points of each group, mm; infinite if it has none; shapes (count, axes)."""
+    low = np.full((count, points_mm.shape[1]), np.inf)
+    high = -low
+    np.minimum.at(low, group, points_mm)
+    np.maximum.at(high, group, points_mm)
+    return low, high
+
+
 def find_raised(tape: Tape, form: SolidForm, points_mm: FloatArray) -> Raised:
     """Gather the points well above the base (below it, in a mould) by their cells.
 
     points_mm (n, 3): Vertices of a mesh, or corners of a solid, in the file's frame.
     """
     points = unwrapped(points_mm, tape, form)
-    height = tape.part.body_mm[2]
-    high = points[:, 2] > RAISED_SHARE * height
-    if form.negative:
-        high &= points[:, 2] < height + form.base_mm / 2
-    points = points[high]
+    points = points[is_raised(tape, form, points)]
     key, inside = cells_of(tape, points[:, :2])
     count = tape.rows * tape.columns
-    low, most = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-    np.minimum.at(low, key[inside], points[inside, :2])
-    np.maximum.at(most, key[inside], points[inside, :2])
+    low, most = bounds_of_groups(count, key[inside], points[inside, :2])
     there = np.flatnonzero(np.isfinite(low[:, 0]))
     centres = np.zeros((count, 2))
     centres[there] = (low[there] + most[there]) / 2

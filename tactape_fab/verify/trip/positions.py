@@ -14,7 +14,7 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.frames import FloatArray, IntArray
 from tactape_fab.texture.tape import Tape
 from tactape_fab.verify.layers.lands import LandPairs, pair_lands
-from tactape_fab.verify.models.raised import RAISED_SHARE
+from tactape_fab.verify.models.raised import bounds_of_groups, is_raised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,18 +51,12 @@ def copper_source(flash_xy_mm: FloatArray, offset_mm: float, rotation_deg: float
 def stl_source(tape: Tape, form: SolidForm, mesh: Mesh) -> Source:
     """Elements of a solid: each connected patch of its mesh well above the base, at any place."""
     points = unwrapped(mesh.vertices_mm, tape, form)
-    height_mm = tape.part.body_mm[2]
-    high = points[:, 2] > RAISED_SHARE * height_mm
-    if form.negative:
-        high &= points[:, 2] < height_mm + form.base_mm / 2
-    faces = mesh.faces[high[mesh.faces].all(axis=1)]
+    faces = mesh.faces[is_raised(tape, form, points)[mesh.faces].all(axis=1)]
     patch = _patches(len(points), faces)
     used = np.unique(faces)
     _, number = np.unique(patch[used], return_inverse=True)
     count = int(number.max(initial=-1)) + 1
-    low, most = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-    np.minimum.at(low, number, points[used, :2])
-    np.maximum.at(most, number, points[used, :2])
+    low, most = bounds_of_groups(count, number, points[used, :2])
     return Source(name="STL", parts=Parts(xy_mm=(low + most) / 2, rotation_deg=np.full(count, tape.part.rotation_deg)))
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactape_fab.base.errors import Check, Problem, SpecError
+from tactape_fab.base.errors import Check, Problem, SpecError, tried
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.sense.simulation.dot_errors import dots_of
 from tactape_fab.sense.simulation.draw import Frame, draw_poses, frame_at, iterate_frames
@@ -111,24 +111,11 @@ def read_contact(sensor: str = "gelsight-mini", size: object = None) -> Contact:
         With every invalid value.
     """
     problems: list[Problem] = []
-    profile, scene = None, None
-    try:
-        profile = load_sensor(sensor)
-    except SpecError as error:
-        problems += error.problems
-    try:
-        options: dict[str, Any] = {} if size is None else {"contact": "pad"} if size == "pad" else {"contact_mm": size}
-        scene = Scene(**options)
-    except SpecError as error:
-        problems += error.problems
+    options: dict[str, Any] = {} if size is None else {"contact": "pad"} if size == "pad" else {"contact_mm": size}
+    profile, scene = tried(lambda: load_sensor(sensor), problems), tried(lambda: Scene(**options), problems)
     if profile is None or scene is None:
         raise SpecError(problems)
     return Contact(sensor=profile, scene=scene)
-
-
-def quick_trips(tape: Tape, sources: Sequence[Source]) -> list[Trip]:
-    """A few contacts from each source; see `quick_trip`."""
-    return [quick_trip(tape, source) for source in sources]
 
 
 def quick_trip(tape: Tape, source: Source) -> Trip:
