@@ -14,16 +14,14 @@ from shlex import quote
 
 from tactape_fab.base.errors import Finding, SpecError
 from tactape_fab.kit.examine.tape import examine
-from tactape_fab.kit.film.coverlay import least_pitch_mm, worst_box_gap_mm
-from tactape_fab.kit.outlines import opening_size_mm
+from tactape_fab.kit.film.anchors import Placing
+from tactape_fab.kit.film.coverlay import worst_box_gap_mm
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, load_process, read_part
+from tactape_fab.kit.rules.remedies import cell_pitch_mm, element_pitch_mm, gap_pitch_mm
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.grid_options import DEFAULT_PITCH_MM
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
-from tactape_fab.solids.elements import reach_mm
 from tactape_fab.texture.directions import DIRECTIONS, USUAL_DIRECTIONS, Directions
-from tactape_fab.texture.part import TapePart
 
 FILM = "fpc"
 ROTATION_DEG = 45.0
@@ -142,34 +140,19 @@ def film_pitch_mm(fab: FabProfile, part: PartProfile, careful: bool, displacemen
         limit = fab.limits[rule]
         return max(limit.value_mm, (limit.warn_mm or 0.0) * careful) if careful or limit.level == "block" else 0.0
 
-    def apart(size_mm: tuple[float, float], gap_mm: float, shift_mm: float = 0.0) -> float:
-        return least_pitch_mm(size_mm, gap_mm, ROTATION_DEG, displacement_mm, (shift_mm, 0.0))
-
-    body = (part.body_mm[0] + part.body_tolerance_mm, part.body_mm[1] + part.body_tolerance_mm)
-    round_mm = 2.0 * part.pads.corner_radius_mm
-    pad = (part.pads.size_mm[0] - round_mm, part.pads.size_mm[1] - round_mm)
-    between = 2.0 * part.pads.offset_mm
-    asked = [apart(body, limit_mm("body-body")), _cell_mm(part, displacement_mm)]
-    asked += [apart(pad, limit_mm("pad-pad") + round_mm, shift_mm) for shift_mm in (0.0, between, -between)]
+    gaps_mm = {rule: limit_mm(rule) for rule in ("body-body", "pad-pad")}
     if careful:
-        asked.append(apart(part.courtyard_mm, fab.limits["courtyard"].value_mm))
+        gaps_mm["courtyard"] = fab.limits["courtyard"].value_mm
     if fab.coverlay_mode != "gang":
-        asked.append(apart(opening_size_mm(part, fab), limit_mm("opening-bridge")))
-    return max(asked)
+        gaps_mm["opening-bridge"] = limit_mm("opening-bridge")
+    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=USUAL_DIRECTIONS)
+    apart_mm = [gap_pitch_mm(rule, gap_mm, fab, part, placing) for rule, gap_mm in gaps_mm.items()]
+    return max(*apart_mm, cell_pitch_mm(part, placing))
 
 
 def _solid_pitch_mm(part: ElementProfile, gap_mm: float, directions: int, displacement_mm: float) -> float:
-    if part.shape == "block":
-        apart_mm = least_pitch_mm(part.body_mm[:2], gap_mm, ROTATION_DEG, displacement_mm, directions=directions)
-    else:
-        apart_mm = part.body_mm[0] + gap_mm + 2.0 * displacement_mm
-    return max(apart_mm, _cell_mm(part, displacement_mm))
-
-
-def _cell_mm(part: PartProfile | ElementProfile, displacement_mm: float) -> float:
-    """Least pitch, mm, at which a displaced body stays within its own cell, as the models require."""
-    tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=ROTATION_DEG)
-    return 2.0 * (float(max(reach_mm(tape_part))) + displacement_mm + LEAST_CLEARANCE_MM)
+    placing = Placing(rotation_deg=ROTATION_DEG, displacement_mm=displacement_mm, directions=directions)
+    return max(element_pitch_mm(gap_mm, part, placing), cell_pitch_mm(part, placing))
 
 
 def judged(design: Design) -> Design | None:

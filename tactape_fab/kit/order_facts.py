@@ -12,8 +12,7 @@ from tactape_fab.base.errors import Finding
 from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.panel.geometry import Panel, Place
-from tactape_fab.kit.profiles import FabProfile, Origin, PartNumber, PartProfile, SizeLimit
-from tactape_fab.kit.profiles.limits import Limit
+from tactape_fab.kit.profiles import FabProfile, Limit, Origin, PartNumber, PartProfile, SizeLimit
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.shapes import reach_mm
 from tactape_fab.texture.tag import SIDE_CELLS

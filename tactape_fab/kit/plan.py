@@ -67,10 +67,11 @@ class Claim:
         return max(reach_mm(self.widest)) + max(limit for _, limit in self.edge)
 
 
-def film_claim(part: PartProfile, fab: FabProfile, rotation_deg: float, *, anchored: bool = False) -> Claim:
+def film_claim(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> Claim:
     """Clearances of a part with lands from the fab's rules for copper, body and opening."""
-    outlines = part_outlines(part, fab, rotation_deg)
-    copper = copper_outline(outlines, fab, rotation_deg, anchored=anchored)
+    outlines = part_outlines(part, fab, spec.rotation_deg)
+    anchored = spec.anchor != "none" and fab.coverlay_mode != "gang"
+    copper = copper_outline(outlines, fab, spec.rotation_deg, anchored=anchored)
     limit = {rule: fab.limits[rule].value_mm for rule in ("pad-edge", "body-edge", "opening-edge", "hole-copper", "hole-part")}
     return Claim(
         edge=(
@@ -140,8 +141,7 @@ def plan(spec: TapeSpec, fab: FabProfile, part: PartProfile, avoid: Sequence[Tap
     Raises CapacityError if the grid exceeds the code's range.
     """
     tape_part = TapePart(name=part.name, shape=part.shape, body_mm=part.body_mm, rotation_deg=spec.rotation_deg)
-    claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
-    return _plan(spec, claim, tape_part, fab.material.thickness_mm, avoid)
+    return _plan(spec, film_claim(spec, fab, part), tape_part, fab.material.thickness_mm, avoid)
 
 
 def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, avoid: Sequence[Tape] = ()) -> Tape:
@@ -158,8 +158,7 @@ def plan_texture(spec: TapeSpec, process: ProcessProfile, part: ElementProfile, 
 
 def film_size_mm(spec: TapeSpec, fab: FabProfile, part: PartProfile) -> tuple[float, float]:
     """The spec's outline, or where not one window of the code fits, the least one on each axis that holds it, mm."""
-    claim = film_claim(part, fab, spec.rotation_deg, anchored=spec.anchor != "none" and fab.coverlay_mode != "gang")
-    return _holding(spec, claim)
+    return _holding(spec, film_claim(spec, fab, part))
 
 
 def texture_size_mm(spec: TapeSpec, process: ProcessProfile, part: ElementProfile) -> tuple[float, float]:

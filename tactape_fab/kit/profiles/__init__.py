@@ -11,7 +11,7 @@ from tactape_fab.kit.profiles.assembly import (
     part_number_problem,
 )
 from tactape_fab.kit.profiles.explain import explain_fab
-from tactape_fab.kit.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, Origin, material_words
+from tactape_fab.kit.profiles.fab_tables import COVERLAY_MODES, AnchorRules, CoverlayMode, material_words
 from tactape_fab.kit.profiles.fabs import (
     BACKING_ROLES,
     GERBER_ROLES,
@@ -20,12 +20,11 @@ from tactape_fab.kit.profiles.fabs import (
     FabProfile,
     LegendRules,
     Material,
-    SizeLimit,
     X2Mode,
     house_fab,
     load_fab,
 )
-from tactape_fab.kit.profiles.limits import Limit
+from tactape_fab.kit.profiles.limits import Limit, Origin, SizeLimit, cited
 from tactape_fab.kit.profiles.ordering import COSTS, Assumption, Ordering, PartNumber
 from tactape_fab.kit.profiles.parts import (
     LARGEST_BODY_MM,
@@ -72,6 +71,7 @@ __all__ = [
     "ProcessProfile",
     "SizeLimit",
     "X2Mode",
+    "cited",
     "element_problem",
     "explain_fab",
     "house_fab",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
-from tactape_fab.kit.profiles.fab_tables import Origin
 from tactape_fab.kit.profiles.fabs import FabProfile
+from tactape_fab.kit.profiles.limits import Limit, Origin, SizeLimit
 
 
 def explain_fab(fab: FabProfile) -> dict[str, Any]:
@@ -13,17 +14,10 @@ def explain_fab(fab: FabProfile) -> dict[str, Any]:
 
     Returns: ``thresholds`` is a list of mappings with id, value, unit, level, source, date and confirmed.
     """
-    material = fab.material
     return {
         "name": fab.name,
         "title": fab.title,
-        "material": {
-            "base": material.base,
-            "thickness_mm": material.thickness_mm,
-            "copper_um": material.copper_um,
-            "layers": material.layers,
-            "finish": material.finish,
-        },
+        "material": asdict(fab.material),
         "colours": {"coverlay": fab.coverlay_colour, "legend": fab.legend_colour},
         "coverlay": list(fab.coverlay_modes),
         "stiffener": list(fab.stiffener.choices),
@@ -39,12 +33,10 @@ def explain_fab(fab: FabProfile) -> dict[str, Any]:
 def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
     rows = []
     for name, limit in fab.limits.items():
-        origin = Origin(source=limit.source, date=limit.date, confirmed=limit.confirmed)
-        rows.append(_row(name, limit.value_mm, "mm", limit.level, origin))
+        rows.append(_row(name, limit.value_mm, "mm", limit.level, limit))
         if limit.warn_mm is not None:
-            rows.append(_row(name, limit.warn_mm, "mm", "warn", origin))
-    size = Origin(source=fab.size.source, date=fab.size.date, confirmed=fab.size.confirmed)
-    rows.append(_row("size", list(fab.size.largest_mm), "mm", fab.size.level, size))
+            rows.append(_row(name, limit.warn_mm, "mm", "warn", limit))
+    rows.append(_row("size", list(fab.size.largest_mm), "mm", fab.size.level, fab.size))
     for name in ("line_mm", "text_mm", "gap_mm", "bleed_mm", "edge_mm"):
         rows.append(_row(f"legend.{name[:-3]}", getattr(fab.legend, name), "mm", "block", fab.legend.origin))
     for name in ("web_mm", "opening_mm", "overlap_mm"):
@@ -71,13 +63,6 @@ def _thresholds(fab: FabProfile) -> list[dict[str, Any]]:
     return rows
 
 
-def _row(name: str, value: object, unit: str, level: str, origin: Origin) -> dict[str, Any]:
-    return {
-        "id": name,
-        "value": value,
-        "unit": unit,
-        "level": level,
-        "source": origin.source,
-        "date": origin.date,
-        "confirmed": origin.confirmed,
-    }
+def _row(name: str, value: object, unit: str, level: str, origin: Origin | Limit | SizeLimit) -> dict[str, Any]:
+    known = {"source": origin.source, "date": origin.date, "confirmed": origin.confirmed}
+    return {"id": name, "value": value, "unit": unit, "level": level, **known}

@@ -8,21 +8,11 @@ from typing import Literal, cast
 
 from tactape_fab.base.errors import Level
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.kit.profiles.limits import read_level
+from tactape_fab.kit.profiles.limits import ORIGIN_KEYS, Origin, read_level, read_origin
 
 CoverlayMode = Literal["per-part", "lpi", "gang"]
 COVERLAY_MODES: tuple[CoverlayMode, ...] = ("per-part", "lpi", "gang")
-ORIGIN_KEYS = ("source", "date", "confirmed")
 _BACKING = r"[A-Za-z0-9]{1,20} \d{1,2}(\.\d{1,3})?"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Origin:
-    """Source of a threshold, and whether the fab confirmed it."""
-
-    source: str
-    date: str
-    confirmed: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,11 +88,6 @@ class PanelRules:
 def material_words(backing: str) -> str:
     """A backing as text for file names: ``FR4_0.2mm`` for ``FR4 0.2``."""
     return f"{backing.replace(' ', '_')}mm"
-
-
-def read_origin(table: Fields) -> Origin:
-    """Source, date and confirmation of a table of thresholds."""
-    return Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed"))
 
 
 def read_modes(coverlay: Fields) -> tuple[CoverlayMode, ...]:

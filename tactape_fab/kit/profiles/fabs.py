@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, cast
 
-from tactape_fab.base.errors import Level, Problem, SpecError
+from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, nearest, shown
 from tactape_fab.base.templates import profile_names, read_once, refuse_problems
 from tactape_fab.kit.profiles.fab_tables import (
-    ORIGIN_KEYS,
     AnchorRules,
     Backing,
     BendRules,
     CoverlayMode,
-    Origin,
     PanelRules,
     PartsLimit,
     StencilRules,
@@ -23,13 +21,21 @@ from tactape_fab.kit.profiles.fab_tables import (
     read_backing,
     read_bend,
     read_modes,
-    read_origin,
     read_panel,
     read_parts_limit,
     read_stencil,
 )
 from tactape_fab.kit.profiles.inherited import fab_table
-from tactape_fab.kit.profiles.limits import SOURCE_KEYS, Limit, read_level, read_limit
+from tactape_fab.kit.profiles.limits import (
+    ORIGIN_KEYS,
+    SOURCE_KEYS,
+    Limit,
+    Origin,
+    SizeLimit,
+    read_level,
+    read_limit,
+    read_origin,
+)
 from tactape_fab.kit.profiles.ordering import Ordering, read_ordering
 from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 
@@ -77,17 +83,6 @@ _FILE_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}|\{name\}\.[A-Za-z0-9
 _BACKING_NAME = r"(\{name\})?[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}\{material\}[A-Za-z0-9._-]{0,99}"
 
 X2Mode = Literal["full", "comments", "off"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SizeLimit:
-    """The largest board, (longer side, shorter side)."""
-
-    largest_mm: tuple[float, float]
-    level: Level
-    source: str
-    date: str
-    confirmed: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -241,9 +236,7 @@ def load_fab(name: str) -> FabProfile:
         size=SizeLimit(
             largest_mm=(max(largest), min(largest)),
             level=read_level(size),
-            source=size.text("source"),
-            date=size.text("date"),
-            confirmed=size.flag("confirmed"),
+            **asdict(read_origin(size)),
         ),
     )
     refuse_problems(table)

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isnan
-from typing import cast
+from typing import Any, cast
 
 from tactape_fab.base.errors import Level
 from tactape_fab.base.fields import Fields
 
-SOURCE_KEYS = ("level", "source", "date", "confirmed")
+ORIGIN_KEYS = ("source", "date", "confirmed")
+SOURCE_KEYS = ("level", *ORIGIN_KEYS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """Source of a threshold, and whether the fab confirmed it."""
+
+    source: str
+    date: str
+    confirmed: bool
+
+
+def read_origin(table: Fields) -> Origin:
+    """Source, date and confirmation of a table of thresholds."""
+    return Origin(source=table.text("source"), date=table.text("date"), confirmed=table.flag("confirmed"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,14 +42,28 @@ class Limit:
     warn_mm: float | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeLimit:
+    """The largest board, (longer side, shorter side)."""
+
+    largest_mm: tuple[float, float]
+    level: Level
+    source: str
+    date: str
+    confirmed: bool
+
+
+def cited(origin: Origin | Limit | SizeLimit) -> dict[str, Any]:
+    """Source and confirmation of a threshold, as a `Finding` takes them."""
+    return {"source": origin.source, "confirmed": origin.confirmed}
+
+
 def read_limit(table: Fields) -> Limit:
     value_mm = table.number("value_mm", low=0.0, high=100.0)
     return Limit(
         value_mm=value_mm,
         level=read_level(table),
-        source=table.text("source"),
-        date=table.text("date"),
-        confirmed=table.flag("confirmed"),
+        **asdict(read_origin(table)),
         warn_mm=_warn_mm(table, value_mm) if "warn_mm" in table.values else None,
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from tactape_fab.base.fields import Fields
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.kit.profiles.assembly import PART_NUMBER_PATTERN, PART_NUMBER_REMEDY
-from tactape_fab.kit.profiles.fab_tables import ORIGIN_KEYS, Origin, read_origin
+from tactape_fab.kit.profiles.limits import ORIGIN_KEYS, Origin, read_origin
 
 COSTS = {
     "setup": "once an order, one side",

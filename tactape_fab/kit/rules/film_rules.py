@@ -12,7 +12,7 @@ from tactape_fab.kit.film.coverlay import Mode, coverlay_modes, first_legal
 from tactape_fab.kit.film.layout import Layout
 from tactape_fab.kit.outlines import opening_size_mm, part_outlines
 from tactape_fab.kit.plan import TOLERANCE_MM, film_size_mm
-from tactape_fab.kit.profiles import FabProfile, PartProfile, load_fab
+from tactape_fab.kit.profiles import FabProfile, PartProfile, cited, load_fab
 from tactape_fab.kit.rules.remedies import film_remedy, part_words
 from tactape_fab.kit.rules.spacing import finding
 from tactape_fab.kit.spec.tape_spec import TapeSpec
@@ -188,8 +188,7 @@ def _anchor_gap(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
         value=gap_mm,
         limit=limit_mm,
         at_mm=None if isinf(gap_mm) else (float(at_mm[0]), float(at_mm[1])),
-        source=fab.anchor.origin.source,
-        confirmed=fab.anchor.origin.confirmed,
+        **cited(fab.anchor.origin),
         message=message if passed else f"{message} of {fab.name}; use {f'{remedy}, or ' if remedy else ''}--anchor none",
     )
 
@@ -206,8 +205,7 @@ def _drawn(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Finding]
             passed=passed,
             value=ink_mm,
             limit=fab.legend.line_mm,
-            source=origin.source,
-            confirmed=origin.confirmed,
+            **cited(origin),
             message=message if passed else f"{message} of {fab.name}; use {_cell_options(layout, spec, fab)}",
         )
     yield _paste_ratio(layout, spec, fab)
@@ -233,8 +231,7 @@ def _chip_size(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
         passed=passed,
         value=length_mm,
         limit=least_mm,
-        source=origin.source,
-        confirmed=origin.confirmed,
+        **cited(origin),
         message=f"{message} {least_mm:.2f} mm"
         + (
             ""
@@ -270,8 +267,7 @@ def _paste_ratio(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Finding:
         value=ratio,
         limit=rules.least_ratio,
         unit="",
-        source=rules.origin.source,
-        confirmed=rules.origin.confirmed,
+        **cited(rules.origin),
         message=message if passed else f"{message} with {rules.thickness_mm:g} mm foil; {_other_part(spec, fab, enough)}",
     )
 
@@ -287,8 +283,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         value=count,
         limit=most,
         unit="",
-        source=fab.parts.origin.source,
-        confirmed=fab.parts.origin.confirmed,
+        **cited(fab.parts.origin),
         message=f"{count} parts" + ("" if few else f", more than {most}: ask {fab.name} whether they take so many"),
     )
     size_mm, panel = sorted(board_mm, reverse=True), fab.panel
@@ -303,8 +298,7 @@ def assembly_findings(board_mm: tuple[float, float], count: int, fab: FabProfile
         passed=not (small or large),
         value=size_mm[0] if large else size_mm[1],
         limit=panel.largest_mm[0] if large else panel.smallest_mm[1],
-        source=panel.origin.source,
-        confirmed=panel.origin.confirmed,
+        **cited(panel.origin),
         message=said + remedy,
     )
 
@@ -339,8 +333,7 @@ def _bending(layout: Layout, spec: TapeSpec, fab: FabProfile) -> Iterator[Findin
         passed=passed,
         value=spec.bend_radius_mm,
         limit=least_mm,
-        source=fab.bend.origin.source,
-        confirmed=fab.bend.origin.confirmed,
+        **cited(fab.bend.origin),
         message=said if passed else f"{said}; bend it less, --bend-radius {ceil(least_mm * 1000 - 1e-6) / 1000:g}",
     )
     stiff_mm = 2 * reach_mm(layout.outlines.body)["xy".index(str(spec.bend_axis))]

@@ -41,6 +41,14 @@ def film_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile
 
     ``limit_mm`` is the gap asked for; for anchors that between the copper of two of them.
     """
+    if not rule.startswith("anchor-"):
+        return gap_pitch_mm(rule, limit_mm, fab, part, placing)
+    outlines = part_outlines(part, fab, placing.rotation_deg)
+    return anchor_pitch_mm(rule.removeprefix("anchor-"), fab, outlines, part.pads, placing, copper_mm=limit_mm)
+
+
+def gap_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile, placing: Placing) -> float:
+    """Least pitch, mm, at which a rule of GAPS, with this gap asked for, is met for any symbols."""
 
     def apart(size_mm: tuple[float, float], wider_mm: float = 0.0, shift_mm: float = 0.0) -> float:
         return least_pitch_mm(
@@ -52,9 +60,6 @@ def film_pitch_mm(rule: str, limit_mm: float, fab: FabProfile, part: PartProfile
             directions=placing.directions,
         )
 
-    if rule.startswith("anchor-"):
-        outlines = part_outlines(part, fab, placing.rotation_deg)
-        return anchor_pitch_mm(rule.removeprefix("anchor-"), fab, outlines, part.pads, placing, copper_mm=limit_mm)
     if rule == "opening-bridge":
         return apart(opening_size_mm(part, fab))
     if rule == "courtyard":

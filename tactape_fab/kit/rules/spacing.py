@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Finding
 from tactape_fab.kit.film.gaps import Geometries, gaps_mm, pen_strokes, polygons
 from tactape_fab.kit.film.layout import Layout, labelled_size_mm
 from tactape_fab.kit.plan import TOLERANCE_MM
-from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile
+from tactape_fab.kit.profiles import FabProfile, PartProfile, ProcessProfile, cited
 from tactape_fab.kit.rules.remedies import opening_words, part_words, wider_words
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.texture.board import Board
@@ -62,8 +62,7 @@ def finding(profile: FabProfile | ProcessProfile, rule: str, measured: Measured,
         value=value,
         limit=least_mm,
         at_mm=at_mm,
-        source=limit.source,
-        confirmed=limit.confirmed,
+        **cited(limit),
         message=message if passed else f"{message}; {remedy if isinstance(remedy, str) else remedy(least_mm)}",
     )
 
@@ -367,7 +366,6 @@ def _size_rule(tape: Tape, fab: FabProfile) -> Finding:
         passed=passed,
         value=over if not passed else longer,
         limit=most[1] if not passed and longer <= most[0] else most[0],
-        source=fab.size.source,
-        confirmed=fab.size.confirmed,
+        **cited(fab.size),
         message=message if passed else f"{message}; ask the fab, or use --size {smaller[0]:g}x{smaller[1]:g}",
     )
