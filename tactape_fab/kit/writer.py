@@ -52,7 +52,7 @@ RENDERERS: Mapping[str, Callable[[Drawing, FabProfile], Iterable[AnyArtifact]]] 
 }
 """Renderer of each role; a renderer that does not apply to a tape gives no file."""
 
-_TOOL = {"name": "tactape-fab", "version": __version__}
+TOOL = {"name": "tactape-fab", "version": __version__}
 
 FAB_ZIP_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth"),
@@ -101,10 +101,10 @@ def manifest(tape: Tape, made_by: Mapping[str, Any], artifacts: Iterable[AnyArti
     """
     return {
         "format": MANIFEST_FORMAT,
-        "tool": _TOOL,
+        "tool": TOOL,
         **tape.to_mapping(),
         **made_by,
-        "files": _rows(artifacts),
+        "files": file_rows(artifacts),
     }
 
 
@@ -124,7 +124,7 @@ def made_record(spec: TapeSpec, *, verified: bool) -> dict[str, Any]:
     }
 
 
-def _rows(artifacts: Iterable[AnyArtifact]) -> list[dict[str, Any]]:
+def file_rows(artifacts: Iterable[AnyArtifact]) -> list[dict[str, Any]]:
     """A row for each file; `write_kit` fills in those of files that are made as they are written."""
     return [
         {
@@ -148,7 +148,7 @@ def _digest(pieces: Iterable[bytes], write: Callable[[bytes], object] = lambda _
 
 def with_file(content: Mapping[str, Any], artifact: Artifact) -> dict[str, Any]:
     """The content of a manifest with one file more."""
-    rows = sorted([*content["files"], *_rows([artifact])], key=lambda row: str(row["path"]))
+    rows = sorted([*content["files"], *file_rows([artifact])], key=lambda row: str(row["path"]))
     return {**content, "files": rows}
 
 
@@ -170,7 +170,7 @@ def panel_manifest(
     return {
         "format": PANEL_FORMAT,
         "name": name,
-        "tool": _TOOL,
+        "tool": TOOL,
         "panel": panel.to_mapping(),
         "tapes": [
             {
@@ -186,7 +186,7 @@ def panel_manifest(
             for kit in kits
         ],
         **made_by,
-        "files": _rows(artifacts),
+        "files": file_rows(artifacts),
     }
 
 

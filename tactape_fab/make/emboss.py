@@ -24,7 +24,7 @@ from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.output_place import Overwrite, refuse_taken
 from tactape_fab.kit.render.certificate_json import render_certificate
 from tactape_fab.kit.render.sim import render_part_sim
-from tactape_fab.kit.writer import write_kit
+from tactape_fab.kit.writer import TOOL, file_rows, write_kit
 from tactape_fab.make.publish import finished
 from tactape_fab.report import add_report
 from tactape_fab.solids.mesh.triangles import Mesh, stl_bytes, threemf_bytes
@@ -158,12 +158,9 @@ def emboss_kit(
     surface = _surface(source, made, unit)
     manifest = {
         **{key: value for key, value in content.items() if key != "made"},  # of the kit's own files
-        "tool": {"name": "tactape-fab", "version": __version__},
+        "tool": TOOL,
         "surface": surface,
-        "files": [
-            {"role": a.role, "path": a.path, "bytes": len(a.data), "sha256": hashlib.sha256(a.data).hexdigest()}
-            for a in sorted(artifacts, key=lambda a: a.path)
-        ],
+        "files": file_rows(artifacts),
     }
     progress("verifying", tape.part_count, tape.part_count)
     data = {a.role: a.data for a in artifacts}

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.given_path import as_path
@@ -102,31 +102,20 @@ class PackedFilm:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Order:
-    """Request for a kit to a process."""
+class Ordered:
+    """Request for a kit or a panel to a process: the tapes' specs, and how it is made."""
 
     name: str
-    spec: TapeSpec
+    specs: tuple[TapeSpec, ...]
     path: Path
     how: Mapping[str, Any]
+    panel: Panel | None = None
 
-    @property
-    def sector(self) -> int:
-        return self.spec.sector
-
-
-class Ordered(Protocol):
-    """A kit that a process is to make."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def path(self) -> Path: ...
-    @property
-    def sector(self) -> int: ...
+    def settings(self, again: bool) -> dict[str, Any]:
+        """How it is made; in place of what a process left that died."""
+        return {**self.how, "overwrite": self.how["overwrite"] or again}
 
 
-Wanted = TypeVar("Wanted", bound=Ordered)
 Result = TypeVar("Result")
 
 
@@ -168,9 +157,9 @@ def make_kits(
     """
     folder = as_path(folder, "folder", "the folder for the kits")
     orders = [
-        _Order(
+        Ordered(
             name=tape.spec.name,
-            spec=tape.spec,
+            specs=(tape.spec,),
             path=folder / tape.spec.name,
             how={"overwrite": overwrite, "verify": verify, "force": force, "signer": signer},
         )
@@ -197,7 +186,7 @@ def _made_folder(folder: Path) -> Generator[None]:
 
 
 def _in_processes(
-    make: Callable[[Wanted, bool], Result], orders: Sequence[Wanted], workers: Workers
+    make: Callable[[Ordered, bool], Result], orders: Sequence[Ordered], workers: Workers
 ) -> Generator[Result | FailedKit]:
     """Result of each order in turn, as soon as it is known."""
     results = mapped(partial(_answered, make, Path.cwd(), time.time()), orders, workers, lost=_lost, isolated=True)
@@ -207,7 +196,7 @@ def _in_processes(
             yield result if there else _failed(order, TactapeError(f"{order.path} was made on another disk; {_SHARED}"))
 
 
-def _answered(make: Callable[[Wanted, bool], Result], folder: Path, since: float, order: Wanted) -> Result | FailedKit:
+def _answered(make: Callable[[Ordered, bool], Result], folder: Path, since: float, order: Ordered) -> Result | FailedKit:
     """Do one order in its own process, in the user's current folder so that relative paths are resolved there."""
     import cv2
 
@@ -232,8 +221,8 @@ def _stands(path: Path, since: float) -> bool:
         return False
 
 
-def _make_kit(order: _Order, again: bool) -> MadeKit:
-    kit = make_examined(examine(order.spec), order.path, **_how(order.how, again))
+def _make_kit(order: Ordered, again: bool) -> MadeKit:
+    kit = make_examined(examine(order.specs[0]), order.path, **order.settings(again))
     tape = kit.tape
     width_mm, height_mm = tape.board.size_mm
     return MadeKit(
@@ -251,12 +240,8 @@ def _make_kit(order: _Order, again: bool) -> MadeKit:
     )
 
 
-def _how(how: Mapping[str, Any], again: bool) -> dict[str, Any]:
-    return {**how, "overwrite": how["overwrite"] or again}
-
-
 def _failed(order: Ordered, error: TactapeError) -> FailedKit:
-    return FailedKit(path=order.path, name=order.name, sector=order.sector, error=error)
+    return FailedKit(path=order.path, name=order.name, sector=order.specs[0].sector, error=error)
 
 
 def _lost(order: Ordered, lost: LostProcessError) -> FailedKit:
@@ -266,7 +251,7 @@ def _lost(order: Ordered, lost: LostProcessError) -> FailedKit:
 # Packing
 
 
-def pack_tapes(tapes: Sequence[Planned], name: str = "tactape") -> list[PackedFilm]:
+def pack_tapes(tapes: Sequence[Planned]) -> list[PackedFilm]:
     """Pack the tapes of a list into panels of their fabs; only tapes of one fab, part and laminate share a panel."""
     kinds: dict[tuple[object, ...], list[Planned]] = {}
     for tape in tapes:
@@ -278,7 +263,7 @@ def pack_tapes(tapes: Sequence[Planned], name: str = "tactape") -> list[PackedFi
         fab = alike[0].fab
         assert fab is not None
         _, panels = pack_panels([(tape.spec.size_mm, tape.spec.corner_radius_mm) for tape in alike], fab)
-        names = tuple(f"{name}-panel-{number + i}" for i in range(1, len(panels) + 1))
+        names = tuple(f"tactape-panel-{number + i}" for i in range(1, len(panels) + 1))
         films.append(PackedFilm(fab=fab, tapes=tuple(alike), panels=tuple(panels), names=names))
         number += len(panels)
     return films
@@ -300,7 +285,7 @@ def make_packed(
     """
     how = {"overwrite": overwrite, "verify": verify, "force": force, "signer": signer}
     orders = [
-        _PanelOrder(
+        Ordered(
             name=name,
             panel=packed.panel,
             specs=tuple(film.tapes[i].spec for i in packed.tapes),
@@ -319,22 +304,8 @@ def make_packed(
         yield from _in_processes(_make_panel, orders, workers)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _PanelOrder:
-    """Request for a packed panel to a process."""
-
-    name: str
-    panel: Panel
-    specs: tuple[TapeSpec, ...]
-    path: Path
-    how: Mapping[str, Any]
-
-    @property
-    def sector(self) -> int:
-        return self.specs[0].sector
-
-
-def _make_panel(order: _PanelOrder, again: bool) -> PanelKit:
+def _make_panel(order: Ordered, again: bool) -> PanelKit:
+    assert order.panel is not None
     tapes = tuple(examine(spec) for spec in order.specs)
     examined = ExaminedPanel(name=order.name, tapes=tapes, panel=order.panel, remarks=())
-    return make_panel(examined, order.path, **_how(order.how, again))
+    return make_panel(examined, order.path, **order.settings(again))
