@@ -100,7 +100,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
             "--cylinder",
         )
     else:
-        yield from _seam_problems(tape, cylinder, shown, length_mm)
+        yield from _seam_problems(cylinder, shown, length_mm)
     if tape.board.holes:
         yield Problem("holes_mm", "holes_mm: a wrapped texture has no holes; leave out --hole, or --cylinder")
     if tape.part.shape == "block":
@@ -127,7 +127,7 @@ def _cylinder_problems(tape: Tape, form: SolidForm, cylinder: Cylinder) -> Itera
         )
 
 
-def _seam_problems(tape: Tape, cylinder: Cylinder, shown: str, length_mm: float) -> Iterator[Problem]:
+def _seam_problems(cylinder: Cylinder, shown: str, length_mm: float) -> Iterator[Problem]:
     """Check the slit of a base that nearly closes on itself, and that a closed base is as long as the circumference."""
     gap_mm = cylinder.circumference_mm - length_mm
     if cylinder.shell == "segment" and gap_mm < LEAST_SLIT_MM:

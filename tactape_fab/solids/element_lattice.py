@@ -14,7 +14,6 @@ import numpy as np
 import shapely
 
 from tactape_fab.solids.elements import block_corners_mm, reach_mm
-from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.rise import foot_radius_mm
 from tactape_fab.solids.wrap import Wrap
 from tactape_fab.texture.frames import DIRECTIONS_XY, FloatArray, IntArray
@@ -52,7 +51,7 @@ class Lattice:
     local_mm: FloatArray
 
 
-def build_lattice(tape: Tape, form: SolidForm, wrap: Wrap | None) -> Lattice:
+def build_lattice(tape: Tape, wrap: Wrap | None) -> Lattice:
     """Lines half way between neighbouring grid points; the outermost lie inside the board."""
     turn = np.eye(2) if wrap is None else wrap.from_board
     cells = tape.cells()

@@ -152,7 +152,7 @@ def _between_cuts(mark: Mark, tape: Tape, form: SolidForm) -> Mark:
     """The mark moved a little round the cylinder, so that no side of a cell is near a line that its mesh is cut along."""
     assert form.cylinder is not None
     wrap = wrap_of(tape, form, form.cylinder)
-    cuts = build_lattice(tape, form, wrap).a_all_mm
+    cuts = build_lattice(tape, wrap).a_all_mm
     corners = np.stack(np.meshgrid(*(np.arange(n + 1.0) for n in mark.cells.shape[::-1]), indexing="ij"), axis=-1).reshape(-1, 2)
     sides = np.unique(np.round(mark.board_mm(corners) @ wrap.from_board.T, 6)[:, 0])
     shifts = np.arange(40) * _SHIFT_MM

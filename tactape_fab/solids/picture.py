@@ -16,6 +16,8 @@ from tactape_fab.texture.frames import FloatArray, IntArray
 Image = npt.NDArray[np.uint8]
 
 MOST_PX = 6000
+_SAMPLES = 2
+"""Samples along each axis of a pixel."""
 _SAMPLES_AT_ONCE = 500_000
 _NEAREST = 2**31 - 1
 _LIGHT = (-0.45, 0.60, 0.66)
@@ -35,7 +37,6 @@ def shaded(
     width_px: int,
     rgb: tuple[float, float, float] = (0.78, 0.80, 0.83),
     margin: float = 0.03,
-    supersampling: int = 2,
 ) -> Image:
     """Draw a mesh.
 
@@ -45,7 +46,6 @@ def shaded(
     width_px: The height follows from the object's extent. Where it would exceed MOST_PX the picture is narrower.
     rgb: Colour of the surface in full light, each from 0 to 1.
     margin: White border, as a share of the longer side.
-    supersampling: Samples along each axis of a pixel.
     Returns (height, width, 3): Red, green, blue.
     Raises RenderError when the mesh is empty or has no extent, or the view has no direction.
     """
@@ -60,8 +60,8 @@ def shaded(
     extent = (high - low)[:2] + 2 * border
     if min(extent) <= 0.0:
         raise RenderError("the mesh to draw has no extent")
-    px_per_mm = min(width_px, MOST_PX, MOST_PX * extent[0] / extent[1]) / extent[0] * supersampling
-    size = [ceil(v * px_per_mm / supersampling) * supersampling for v in extent]
+    px_per_mm = min(width_px, MOST_PX, MOST_PX * extent[0] / extent[1]) / extent[0] * _SAMPLES
+    size = [ceil(v * px_per_mm / _SAMPLES) * _SAMPLES for v in extent]
     screen = np.empty_like(points)
     screen[:, 0] = (points[:, 0] - low[0] + border) * px_per_mm - 0.5
     screen[:, 1] = (high[1] + border - points[:, 1]) * px_per_mm - 0.5
@@ -69,8 +69,8 @@ def shaded(
     corners = screen[mesh.faces]
     normals = _normals(points[mesh.faces])
     seen = _nearest_faces(corners, np.flatnonzero(normals[:, 2] > 1e-6), (size[1], size[0]))
-    small = (size[0] // supersampling, size[1] // supersampling)
-    hidden = _hidden(np.ascontiguousarray(seen.depth[::supersampling, ::supersampling]), supersampling)
+    small = (size[0] // _SAMPLES, size[1] // _SAMPLES)
+    hidden = _hidden(np.ascontiguousarray(seen.depth[::_SAMPLES, ::_SAMPLES]), _SAMPLES)
     around, direct = (np.append(part, np.float32(0.0))[seen.face] for part in _lambert(normals))
     # Direct light alone: it falls to nothing where a round surface turns away, and with it the steps of its own shadow.
     picture = around + direct * (1.0 - _SHADOW * cv2.resize(hidden, seen.face.shape[::-1], interpolation=cv2.INTER_LINEAR))

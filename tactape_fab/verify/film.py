@@ -202,7 +202,7 @@ def _check_with_cpl(
     elif "coverlay-top" in gerbers:
         checks += check_openings(gerbers["coverlay-top"], lands, tape, cpl, rows)
     if "components-top" in gerbers:
-        checks.append(check_components(gerbers["components-top"], tape, cpl))
+        checks.append(check_components(gerbers["components-top"], cpl))
         checks.append(check_part_data(gerbers["components-top"], files["components-top"].data, tape, record.assembly, lands.pads))
     if "copper-top" in gerbers:
         checks += check_edges(gerbers, lands, tape, cpl)

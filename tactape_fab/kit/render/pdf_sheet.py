@@ -168,9 +168,7 @@ class Sheet:
         put(0.0, -_BASELINE * size_mm, written(words))
         self._canvas.restoreState()
 
-    def lines_of_text(
-        self, at: Point, words: Sequence[str], *, size_mm: float = TEXT_MM, width_mm: float, step: float = 1.45
-    ) -> float:
+    def lines_of_text(self, at: Point, words: Sequence[str], *, size_mm: float, width_mm: float) -> float:
         """Paragraphs broken at `width_mm` and set from `at` downward; the height of the next line's place, mm."""
         from reportlab.lib.utils import simpleSplit
 
@@ -178,7 +176,7 @@ class Sheet:
         for paragraph in words:
             for line in simpleSplit(written(paragraph), REGULAR, size_mm, width_mm):
                 self.text((at[0], y), line, size_mm=size_mm)
-                y -= step * size_mm
+                y -= 1.45 * size_mm
         return y
 
     def arrow(self, tip: Point | FloatArray, direction_rad: float, size_mm: float = ARROW_MM) -> None:

@@ -12,18 +12,18 @@ MOST_SYMBOL_ERRORS = 0.01
 _HALF_STEP = sin(pi / 8.0)
 
 
-def symbol_errors(displacement_mm: float, placement_mm: float = PLACEMENT_MM) -> float:
+def symbol_errors(displacement_mm: float) -> float:
     """Fraction of parts nearer to the place of a neighbouring direction, of eight, than to their own.
 
     Two neighbours are 2 Δ sin(22.5 deg) apart, and a part has one on each side.
     """
-    return erfc(displacement_mm * _HALF_STEP / (placement_mm * sqrt(2.0)))
+    return erfc(displacement_mm * _HALF_STEP / (PLACEMENT_MM * sqrt(2.0)))
 
 
-def least_displacement_mm(placement_mm: float = PLACEMENT_MM, most: float = MOST_SYMBOL_ERRORS) -> float:
-    """Least displacement, in whole hundredths of a millimetre, at which no more symbols than that fraction are wrong."""
-    scatters = NormalDist().inv_cdf(1.0 - most / 2.0)
-    return ceil(100.0 * scatters * placement_mm / _HALF_STEP) / 100.0
+def least_displacement_mm() -> float:
+    """Least displacement, in whole hundredths of a millimetre, at which no more symbols than `MOST_SYMBOL_ERRORS` are wrong."""
+    scatters = NormalDist().inv_cdf(1.0 - MOST_SYMBOL_ERRORS / 2.0)
+    return ceil(100.0 * scatters * PLACEMENT_MM / _HALF_STEP) / 100.0
 
 
 def scatter_refusal(displacement_mm: float) -> str | None:

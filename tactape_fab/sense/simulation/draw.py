@@ -183,13 +183,11 @@ def frame_at(
     seed: int = 0,
     sensor: str | Path | SensorProfile = "gelsight-mini",
     scene: Scene | None = None,
-    *,
-    parts: Parts | npt.ArrayLike | None = None,
 ) -> Frame:
     """Frame `number` of `iterate_frames` with this pose; it raises the same errors."""
     profile, scene = _given(tape, sensor, scene)
     view = make_view(tape, pose[:2], float(pose[2]), profile, scene)
-    return _frame(view, as_parts(tape, parts), _stream(seed, number))
+    return _frame(view, as_parts(tape, None), _stream(seed, number))
 
 
 def simulate_frames(

@@ -47,7 +47,7 @@ class _Builder:
         self._wrap = None if form.cylinder is None else wrap_of(tape, form, form.cylinder)
         self._mark = mark_of(tape, form)
         self._part = tape.part if self._wrap is None else self._wrap.part
-        self._lattice = build_lattice(tape, form, self._wrap)
+        self._lattice = build_lattice(tape, self._wrap)
         self._rims = build_rims(tape, self._lattice, self._wrap)
         lattice = self._lattice
         self._a = lattice.a_fine_mm

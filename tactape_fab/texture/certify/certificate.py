@@ -208,8 +208,9 @@ def closest_windows(windows: Windows, at_least: int = 0) -> Closest:
             if nearest < least:
                 least, pairs, found = nearest, 0, []
             if nearest == least:
-                pairs += int((some.distance == least).sum())
-                found = [first_pairs([*found, _only(some, least)], LISTED)]
+                alike = np.flatnonzero(some.distance == least)
+                pairs += len(alike)
+                found = [first_pairs([*found, some.taken(alike)])]
         if pairs or search.most >= windows.side**2:
             break
     listed = found[0] if found else None
@@ -238,15 +239,9 @@ def nearest_distances(tape: Tape, side: int, most: int) -> tuple[IntArray, IntAr
     return windows.corner_rc, distance
 
 
-def _only(pairs: Pairs, distance: int) -> Pairs:
-    kept = pairs.distance == distance
-    return Pairs(first=pairs.first[kept], second=pairs.second[kept], turn=pairs.turn[kept], distance=pairs.distance[kept])
-
-
-def first_pairs(portions: list[Pairs], count: int) -> Pairs:
-    """The first `count` of all pairs, in the order of their windows and turns."""
+def first_pairs(portions: list[Pairs]) -> Pairs:
+    """The first `LISTED` of all pairs, in the order of their windows and turns."""
     first, second, turn, distance = (
         np.concatenate([getattr(p, name) for p in portions]) for name in ("first", "second", "turn", "distance")
     )
-    order = np.lexsort((turn, second, first))[:count]
-    return Pairs(first=first[order], second=second[order], turn=turn[order], distance=distance[order])
+    return Pairs(first=first, second=second, turn=turn, distance=distance).taken(np.lexsort((turn, second, first))[:LISTED])

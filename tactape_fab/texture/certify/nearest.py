@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.texture.frames import IntArray
+from tactape_fab.texture.frames import BoolArray, IntArray
 from tactape_fab.texture.windows import WORD_BITS, WordArray, symbol_distance
 
 _CHUNK = 1 << 19
@@ -42,6 +42,10 @@ class Pairs:
     second: IntArray
     turn: IntArray
     distance: npt.NDArray[np.uint8]
+
+    def taken(self, which: IntArray | BoolArray) -> Pairs:
+        """Some of the pairs, by their indices or a mask."""
+        return Pairs(first=self.first[which], second=self.second[which], turn=self.turn[which], distance=self.distance[which])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.texture.certify.certificate import LISTED, first_pairs
+from tactape_fab.texture.certify.certificate import first_pairs
 from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import IntArray
@@ -105,7 +105,7 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
                 least, pairs, listed = nearest, 0, _no_pairs()
             at_least = np.flatnonzero(some.distance == least)
             pairs += len(at_least)
-            listed = first_pairs([listed, _taken(some, at_least)], LISTED)
+            listed = first_pairs([listed, some.taken(at_least)])
         matrix = np.minimum(matrix, matrix.T)
     return Across(
         side=side,
@@ -122,10 +122,6 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
 def _no_pairs() -> Pairs:
     none = np.zeros(0, dtype=np.int64)
     return Pairs(first=none, second=none, turn=none, distance=none.astype(np.uint8))
-
-
-def _taken(pairs: Pairs, which: IntArray) -> Pairs:
-    return Pairs(first=pairs.first[which], second=pairs.second[which], turn=pairs.turn[which], distance=pairs.distance[which])
 
 
 def _between_tapes(found: Pairs, kept: IntArray, tape_of: IntArray) -> Pairs:

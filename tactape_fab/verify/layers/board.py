@@ -130,7 +130,7 @@ def check_legend_clear(legend: GerberContent, coverlay: GerberContent, recorded:
     return Check(name="legend-top to openings", passed=passed, message=message + limit, figure=value, unit="mm")
 
 
-def check_components(content: GerberContent, tape: Tape, cpl: CplContent) -> Check:
+def check_components(content: GerberContent, cpl: CplContent) -> Check:
     """Check that the component layer names every part at its CPL place."""
     main = np.array([f.startswith("ComponentMain") for f in content.aperture_functions], dtype=bool)
     is_centre = main[content.flash_aperture] if len(content.flash_aperture) else np.zeros(0, dtype=bool)

@@ -35,7 +35,7 @@ _DARK_INK = 20
 GrayImage = npt.NDArray[np.uint8]
 
 
-def legend_picture(legend: GerberContent, tape: Tape, tag: Tag, *, legend_is_light: bool) -> GrayImage:
+def legend_picture(legend: GerberContent, tag: Tag, *, legend_is_light: bool) -> GrayImage:
     """Picture of ink on film round the tag: uint8 gray, row 0 at the top (board +y)."""
     import cv2
 
@@ -114,7 +114,7 @@ def check_tag(legend: GerberContent, tape: Tape, *, legend_is_light: bool, with_
                 message="the legend layer draws in clear polarity, which no detector can judge",
             )
         ]
-    image = legend_picture(legend, tape, tape.tag, legend_is_light=legend_is_light)
+    image = legend_picture(legend, tape.tag, legend_is_light=legend_is_light)
     checks = [_judge("tag by OpenCV", tape.tag, _read_opencv(image))]
     if with_pupil and find_spec("pupil_apriltags") is not None:
         checks.append(_judge("tag by pupil-apriltags", tape.tag, _read_pupil(image)))
