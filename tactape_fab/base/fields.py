@@ -230,6 +230,10 @@ class Fields:
             return value
         return default
 
+    def choice(self, key: str, choices: Sequence[str]) -> str:
+        """One of `choices`; the first of them where none is given."""
+        return self.text(key, choices=choices, default=choices[0]) if key in self.values else choices[0]
+
     def flag(self, key: str, *, default: bool = False) -> bool:
         if key not in self.values:
             self._missing(key, "true or false")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.base.errors import Problem, SpecError, reason_of
+from tactape_fab.base.errors import Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.image_file import PNG_HEADER, png_size, unpacked
 from tactape_fab.base.input_file import read_regular
@@ -257,10 +257,8 @@ def _read_mask(image: Fields, folder: Path, shape: tuple[int, int], mirror: bool
         mask = ((2 * u + 1) / shape[1] - 1) ** 2 + ((2 * v + 1) / shape[0] - 1) ** 2 <= 1.0
     elif isinstance(value, str) and value.lower().endswith(".png"):
         frame_shape = shape[::-1] if rotate90 % 2 else shape
-        try:
-            grey = _read_png(folder / value, frame_shape)
-        except SpecError as error:
-            image.problems.extend(error.problems)
+        grey = tried(lambda: _read_png(folder / value, frame_shape), image.problems)
+        if grey is None:
             return None
         valid = grey >= _VALID_GREY
         mask = np.ascontiguousarray(np.rot90(valid[:, ::-1] if mirror else valid, rotate90))

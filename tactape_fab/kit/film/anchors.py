@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import sqrt
@@ -14,7 +15,7 @@ from tactape_fab.kit.outlines import PartOutlines, spur_tips
 from tactape_fab.kit.plan import TOLERANCE_MM
 from tactape_fab.kit.profiles import FabProfile, LandPattern
 from tactape_fab.texture.directions import DIRECTIONS
-from tactape_fab.texture.frames import FloatArray, IntArray, snap_mm, texture_to_board
+from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray, snap_mm, texture_to_board
 from tactape_fab.texture.shapes import inset_mm, rotate
 from tactape_fab.texture.tape import Tape
 
@@ -133,31 +134,34 @@ def nearest_foreign(anchors: Anchors, openings: np.ndarray) -> tuple[float, Floa
     """`foreign_openings_mm` of openings that are given as polygons, in designator order."""
     lines = shapely.linestrings(anchors.lines_mm)
     owner = np.concatenate([np.arange(len(anchors.spurs_mm)) // 2, np.full(len(anchors.webs_mm), -1)])
-    tree = shapely.STRtree(openings)
-    for reach in _REACHES_MM:  # the first one nearly always contains the least distance
-        line, box = tree.query(lines, predicate="dwithin", distance=reach)
-        foreign = owner[line] != box
-        line, box = line[foreign], box[foreign]
-        if len(line):
-            gap = shapely.distance(lines[line], openings[box]) - anchors.web_mm / 2
-            worst = int(np.argmin(gap))
-            return float(gap[worst]), anchors.lines_mm[line[worst]].mean(axis=0)
-    return float("inf"), np.zeros(2)
+    gap_mm, line = _least_gap(lines, openings, lambda line, box: owner[line] != box, anchors.web_mm / 2)
+    return gap_mm, np.zeros(2) if line is None else anchors.lines_mm[line].mean(axis=0)
 
 
 def between_spurs_mm(anchors: Anchors) -> tuple[float, FloatArray]:
     """Least gap between spurs of two parts, mm, and its place; inf if no two are near. In a mesh they are connected."""
     lines = shapely.linestrings(anchors.spurs_mm)
-    tree = shapely.STRtree(lines)
-    for reach in _REACHES_MM:
-        a, b = tree.query(lines, predicate="dwithin", distance=reach)
-        apart = a // 2 < b // 2
-        a, b = a[apart], b[apart]
-        if len(a):
-            gap = shapely.distance(lines[a], lines[b]) - anchors.web_mm
+    gap_mm, spur = _least_gap(lines, lines, lambda a, b: a // 2 < b // 2, anchors.web_mm)
+    return gap_mm, np.zeros(2) if spur is None else anchors.spurs_mm[spur, 1]
+
+
+def _least_gap(
+    lines: np.ndarray, others: np.ndarray, counts: Callable[[IntArray, IntArray], BoolArray], wide_mm: float
+) -> tuple[float, int | None]:
+    """Least distance of a line from the others less `wide_mm`, mm, and the line's index; inf and None if no two are near.
+
+    counts: Mask of the pairs that are looked at, by the indices of line and other.
+    """
+    tree = shapely.STRtree(others)
+    for reach in _REACHES_MM:  # the first one nearly always contains the least distance
+        line, other = tree.query(lines, predicate="dwithin", distance=reach)
+        kept = counts(line, other)
+        line, other = line[kept], other[kept]
+        if len(line):
+            gap = shapely.distance(lines[line], others[other]) - wide_mm
             worst = int(np.argmin(gap))
-            return float(gap[worst]), anchors.spurs_mm[a[worst], 1]
-    return float("inf"), np.zeros(2)
+            return float(gap[worst]), int(line[worst])
+    return float("inf"), None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

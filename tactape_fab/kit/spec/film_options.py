@@ -31,7 +31,7 @@ def read_film_options(table: Fields, *, solid: bool) -> dict[str, Any]:
         return {**dict.fromkeys(FILM_KEYS), "anchor": "none"}
     values = {
         "coverlay": table.text("coverlay", choices=COVERLAY_MODES) or None if "coverlay" in table.values else None,
-        "anchor": table.text("anchor", choices=ANCHOR_MODES, default="none") if "anchor" in table.values else "none",
+        "anchor": table.choice("anchor", ANCHOR_MODES),
         "stiffener": _backing(table, "stiffener"),
         "adhesive": _backing(table, "adhesive"),
         **_bend(table),

@@ -63,7 +63,7 @@ def _text(table: Fields, key: str, pattern: str, remedy: str, usual: str | None)
 def _tag_and_fab(table: Fields) -> dict[str, Any]:
     """Defaults of two options: a film has both, solid elements have neither."""
     return {
-        "tag": table.text("tag", choices=TAG_MODES, default=TAG_MODES[0]) if "tag" in table.values else TAG_MODES[0],
+        "tag": table.choice("tag", TAG_MODES),
         "fab": _profile_name(table, "fab", "fabs", DEFAULT_FAB) if "fab" in table.values else DEFAULT_FAB,
     }
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.errors import Problem, tried
 from tactape_fab.base.fields import Fields, shown
-from tactape_fab.kit.spec.sectors import read_sectors
-from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, DEFAULT_CODE, get_code
+from tactape_fab.kit.spec.sectors import read_sectors_of
+from tactape_fab.texture.code import DEFAULT_CODE
 
 PANEL_KEYS = ("panel", "sectors", "same_sector", "tabs")
 TAB_SIDES = ("auto", "x", "y", "xy")
@@ -49,9 +49,12 @@ def read_panel_request(values: Mapping[str, Any], *, films: bool = True) -> tupl
     """
     table = Fields({key: values[key] for key in (*PANEL_KEYS, "code") if values.get(key) is not None})
     mode, arrangement = _mode(table)
-    sectors = _sectors(table) if "sectors" in table.values else None
+    sectors = None
+    if "sectors" in table.values:
+        code = table.values.get("code", DEFAULT_CODE)
+        sectors = tried(lambda: read_sectors_of(table.values["sectors"], code), table.problems)
     same_sector = table.flag("same_sector") if "same_sector" in table.values else False
-    tabs = table.text("tabs", choices=TAB_SIDES, default="auto") if "tabs" in table.values else "auto"
+    tabs = table.choice("tabs", TAB_SIDES)
     if sectors is not None and values.get("sector") is not None:
         table.problem(
             "sectors", f"sectors = {shown(values['sectors'])} and sector = {shown(values['sector'])} are given; give one of them"
@@ -90,14 +93,3 @@ def _mode(table: Fields) -> tuple[str | None, tuple[int, int] | None]:
         table.problem("panel", f"panel = {value} has {columns} columns and {rows} rows; give 1 to {MOST_ALONG} of each")
         return None, None
     return "given", (columns, rows)
-
-
-def _sectors(table: Fields) -> tuple[int, ...] | None:
-    """The given sectors; None if they cannot be read."""
-    code = table.values.get("code", DEFAULT_CODE)
-    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
-    try:
-        return read_sectors(table.values["sectors"], max(get_code(name).sectors for name in known))
-    except SpecError as error:
-        table.problems += error.problems
-        return None

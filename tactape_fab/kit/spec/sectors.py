@@ -8,10 +8,17 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
 
 MOST_TAPES = 4096
 _SECTORS_REMEDY = "give sectors and ranges of them, such as 0-9,20"
 _RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
+
+
+def read_sectors_of(value: object, code: object) -> tuple[int, ...]:
+    """As `read_sectors`, of a code's sectors; of all that the codes with a plane have where `code` is none that is known."""
+    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
+    return read_sectors(value, max(get_code(str(name)).sectors for name in known))
 
 
 def read_sectors(value: object, sectors: int, key: str = "sectors") -> tuple[int, ...]:

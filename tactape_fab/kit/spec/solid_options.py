@@ -66,7 +66,7 @@ def read_solid_options(table: Fields, part: Part | None) -> dict[str, Any]:
         "negative": negative,
         "sim": sim,
         "mark": None if part is None or element is None else _mark(table),
-        "top": _choice(table, "top", TOPS) if with_models else None,
+        "top": table.choice("top", TOPS) if with_models else None,
         **_cylinder(table),
     }
 
@@ -149,10 +149,6 @@ def _base(table: Fields) -> float:
     return float(snap_mm(base_mm))
 
 
-def _choice(table: Fields, key: str, choices: tuple[str, ...]) -> str:
-    return table.text(key, choices=choices, default=choices[0]) if key in table.values else choices[0]
-
-
 def _cylinder(table: Fields) -> dict[str, Any]:
     if "cylinder_mm" not in table.values:
         for key in _given(table, _OF_A_CYLINDER):
@@ -163,6 +159,6 @@ def _cylinder(table: Fields) -> dict[str, Any]:
     radius_mm = table.number("cylinder_mm", above=0.0, high=MOST_CYLINDER_MM, remedy=remedy, default=MOST_CYLINDER_MM)
     return {
         "cylinder_mm": float(snap_mm(radius_mm)),
-        "around": _choice(table, "around", AXES),
-        "shell": _choice(table, "shell", SHELLS),
+        "around": table.choice("around", AXES),
+        "shell": table.choice("shell", SHELLS),
     }

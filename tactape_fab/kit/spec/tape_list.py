@@ -9,9 +9,9 @@ from typing import Any
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
-from tactape_fab.kit.spec.sectors import MOST_TAPES, read_sectors
+from tactape_fab.kit.spec.sectors import MOST_TAPES, read_sectors_of
 from tactape_fab.kit.spec.tape_spec import PROFILE_KEYS, read_spec_file
-from tactape_fab.texture.code import ALL_CODE_NAMES, CODE_NAMES, get_code
+from tactape_fab.texture.code import DEFAULT_CODE
 
 _OF_ONE = ("sector", "sectors", "name")
 """Keys that must differ between the tapes of a list."""
@@ -128,10 +128,8 @@ def _of_table(values: Mapping[str, Any], where: str, problems: list[Problem]) ->
 
 
 def _of_sectors(values: Mapping[str, Any], where: str, problems: list[Problem]) -> list[TapeEntry]:
-    code = values.get("code", CODE_NAMES[0])
-    known = [code] if code in ALL_CODE_NAMES else CODE_NAMES
     try:
-        sectors = read_sectors(values["sectors"], max(get_code(name).sectors for name in known))
+        sectors = read_sectors_of(values["sectors"], values.get("code", DEFAULT_CODE))
     except SpecError as error:
         problems += [Problem(p.key, where + p.message) for p in error.problems]
         sectors = (0,)

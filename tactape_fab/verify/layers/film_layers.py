@@ -59,7 +59,7 @@ def read_film_record(table: Fields) -> FilmRecord:
             backings[f"{key}-bottom"] = table.text(key, pattern=pattern, remedy="give material and mm, such as 'FR4 0.2'")
     forced = table.rows("forced", longest=1000) if "forced" in table.values else ()
     return FilmRecord(
-        mode=fab.text("coverlay_mode", choices=COVERLAY_MODES) if "coverlay_mode" in fab.values else COVERLAY_MODES[0],
+        mode=fab.choice("coverlay_mode", COVERLAY_MODES),
         anchor=_anchor(table) if "anchor" in table.values else None,
         backings=backings,
         job_in_zip=fab.flag("job_in_zip") if "job_in_zip" in fab.values else True,
