@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -87,9 +87,7 @@ class Line:
             "height_um": round(self.height_um, 1),
             "noise_um": round(self.noise_um, 1),
             "command": self.command,
-            "simulated": None
-            if sim is None
-            else {key: getattr(sim, key) for key in ("contact_mm", "frames", "located", "error_um", "angle_deg")},
+            "simulated": None if sim is None else asdict(sim),
         }
 
 

@@ -115,7 +115,6 @@ class Seen:
     points: Grid points of one tape.
     tapes: Registered tapes.
     blur_mm, placement_mm: Standard deviations of the gel's smoothing, and of the parts' places along each axis.
-    top_mm: Diameter of a dome's flat top.
     directions: Number of displacement directions.
     """
 
@@ -128,7 +127,6 @@ class Seen:
     sensor: SensorProfile
     blur_mm: float
     placement_mm: float
-    top_mm: float | None = None
     directions: int = 4
 
 
@@ -194,11 +192,8 @@ def _bump(seen: Seen, s_mm: float) -> tuple[float, float, float]:
         return along * across, 1.0 / sqrt((first**2 + second**2) / 2.0), lengths[0] * lengths[1]
     radius, high = seen.body_mm[0] / 2.0, seen.body_mm[2]
     r = (np.arange(200) + 0.5) / 200.0 * radius
-    if seen.top_mm is None:
-        ball = (radius**2 + high**2) / (2.0 * high)
-        profile = (np.sqrt(np.maximum(ball**2 - r**2, 0.0)) - (ball - high)) / high
-    else:
-        profile = np.minimum((radius - r) / max(radius - seen.top_mm / 2.0, 1e-9), 1.0)
+    ball = (radius**2 + high**2) / (2.0 * high)
+    profile = (np.sqrt(np.maximum(ball**2 - r**2, 0.0)) - (ball - high)) / high
     step, kernel = radius / 200.0, np.exp(-(r**2) / (2.0 * s_mm**2)) / s_mm**2
     peak = float((profile * kernel * r).sum() * step)
     curvature = float((profile * kernel * r * (1.0 - r**2 / (2.0 * s_mm**2))).sum() * step) / s_mm**2

@@ -123,18 +123,14 @@ def test_nothing_is_promised_of_parts_that_are_lower_than_the_noise() -> None:
     assert least_contact_mm(USUAL, CODES[0], LOSS, LOCATED, 5.0) is None
 
 
-@pytest.mark.parametrize("top_mm", [None, 0.3])
-def test_a_round_element_s_bump_is_that_of_a_smoothed_picture_of_it(top_mm: float | None) -> None:
+def test_a_round_element_s_bump_is_that_of_a_smoothed_picture_of_it() -> None:
     s_mm, px = 0.2, 0.005
-    seen = replace(USUAL, shape="dome", body_mm=(0.6, 0.6, 0.2), top_mm=top_mm)
+    seen = replace(USUAL, shape="dome", body_mm=(0.6, 0.6, 0.2))
     peak, curvature, volume = model._bump(seen, s_mm)
     span = np.arange(-200, 201) * px
     r = np.hypot(*np.meshgrid(span, span))
-    if top_mm is None:
-        ball = (0.3**2 + 0.2**2) / 0.4
-        relief = np.where(r < 0.3, (np.sqrt(np.maximum(ball**2 - r**2, 0.0)) - (ball - 0.2)) / 0.2, 0.0)
-    else:
-        relief = np.clip((0.3 - r) / 0.15, 0.0, 1.0)
+    ball = (0.3**2 + 0.2**2) / 0.4
+    relief = np.where(r < 0.3, (np.sqrt(np.maximum(ball**2 - r**2, 0.0)) - (ball - 0.2)) / 0.2, 0.0)
     kernel = np.exp(-(r**2) / (2 * s_mm**2)) / (2 * np.pi * s_mm**2) * px**2
     assert peak == pytest.approx(float((relief * kernel).sum()), rel=0.01)
     assert volume == pytest.approx(float(relief.sum() * px**2), rel=0.01)
