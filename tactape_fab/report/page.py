@@ -14,18 +14,20 @@ from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.report.bom_summary import bom_lines
-from tactape_fab.report.html import allowed, asset, embedded, script_json, script_of, template
+from tactape_fab.report.html import embedded, page, script_json
 from tactape_fab.report.layers import TITLES, Shapes, film_shapes, layer_switches, solid_shapes
 from tactape_fab.report.places import Places, measured_places, nominal_places
 from tactape_fab.report.solid_view import solid_view
 from tactape_fab.texture.tape import Tape
 
 REPORT_NAME = "report.html"
-READ_ROLES = (
+PANEL_READ_ROLES = (
     *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
-    *("components-top", "cpl", "bom", "order-notes", "certificate", "placements", "preview-png", "placement-preview"),
+    *("components-top", "cpl", "bom", "order-notes", "placement-preview"),
 )
-"""Roles of the files that the page is made from."""
+"""Roles of the files that the page of a panel is made from."""
+READ_ROLES = (*PANEL_READ_ROLES, "certificate", "placements", "preview-png")
+"""The same of a kit's page."""
 _SCRIPTS = ("arrays.js", "map.js", "parts.js", "window.js", "built.js", "solid.js", "begin.js")
 
 
@@ -54,31 +56,24 @@ class Written:
 
 def render_report(kit: Written) -> Artifact:
     """The report of a kit: the same bytes for the same kit; it holds neither date nor duration."""
-    script, style = script_of(_SCRIPTS), asset("report.css")
-    text = (
-        template("report.html.j2")
-        .render(
-            manifest=kit.manifest,
-            tape=kit.tape,
-            is_film=kit.is_film,
-            is_on_part="placements" in kit.files,
-            facts=_facts(kit),
-            checks=kit.checks,
-            findings=kit.findings,
-            certificate=json.loads(kit.files["certificate"]),
-            notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
-            bom=bom_lines(kit.files["bom"], kit.manifest) if "bom" in kit.files else None,
-            picture=_picture(kit),
-            placements=embedded(kit.files.get("placement-preview")),
-            data=script_json(report_data(kit)),
-            script=script,
-            style=style,
-            policy=f"default-src 'none'; img-src data:; script-src {allowed(script)}; style-src {allowed(style)}; "
-            "base-uri 'none'; form-action 'none'",
-        )
-        .encode("utf-8")
+    data = page(
+        "report.html.j2",
+        _SCRIPTS,
+        manifest=kit.manifest,
+        tape=kit.tape,
+        is_film=kit.is_film,
+        is_on_part="placements" in kit.files,
+        facts=_facts(kit),
+        checks=kit.checks,
+        findings=kit.findings,
+        certificate=json.loads(kit.files["certificate"]),
+        notes=kit.files["order-notes"].decode("utf-8") if "order-notes" in kit.files else None,
+        bom=bom_lines(kit.files["bom"], kit.manifest) if "bom" in kit.files else None,
+        picture=_picture(kit),
+        placements=embedded(kit.files.get("placement-preview")),
+        data=script_json(report_data(kit)),
     )
-    return Artifact(role="report", path=REPORT_NAME, data=text)
+    return Artifact(role="report", path=REPORT_NAME, data=data)
 
 
 def report_data(kit: Written) -> dict[str, Any]:

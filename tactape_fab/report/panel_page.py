@@ -13,7 +13,7 @@ from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.report.bom_summary import bom_lines
-from tactape_fab.report.html import allowed, asset, embedded, script_json, script_of, template
+from tactape_fab.report.html import embedded, page, script_json
 from tactape_fab.report.layers import film_shapes, layer_switches
 from tactape_fab.report.page import REPORT_NAME, reach_mm
 from tactape_fab.report.places import Places, measured_places
@@ -21,11 +21,6 @@ from tactape_fab.texture.cpl import CplContent
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.texture.tape import Tape
 
-PANEL_READ_ROLES = (
-    *("copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "stiffener-bottom", "adhesive-bottom"),
-    *("components-top", "cpl", "bom", "order-notes", "placement-preview"),
-)
-"""Roles of the files that the page is made from."""
 _SCRIPTS = ("arrays.js", "map.js", "parts.js", "begin.js")
 
 
@@ -49,8 +44,10 @@ class WrittenPanel:
 
 def render_panel_report(panel: WrittenPanel) -> Artifact:
     """The report of a panel: the same bytes for the same panel; it holds neither date nor duration."""
-    manifest, script, style = panel.manifest, script_of(_SCRIPTS), asset("report.css")
-    text = template("panel.html.j2").render(
+    manifest = panel.manifest
+    data = page(
+        "panel.html.j2",
+        _SCRIPTS,
         name=manifest["name"],
         facts=_facts(manifest),
         tapes=list(_tapes(manifest)),
@@ -61,12 +58,8 @@ def render_panel_report(panel: WrittenPanel) -> Artifact:
         placements=embedded(panel.files.get("placement-preview")),
         files=manifest["files"],
         data=script_json(_data(panel)),
-        script=script,
-        style=style,
-        policy=f"default-src 'none'; img-src data:; script-src {allowed(script)}; style-src {allowed(style)}; "
-        "base-uri 'none'; form-action 'none'",
     )
-    return Artifact(role="report", path=REPORT_NAME, data=text.encode("utf-8"))
+    return Artifact(role="report", path=REPORT_NAME, data=data)
 
 
 def _data(panel: WrittenPanel) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from tactape_fab.base.errors import Check, Finding
 from tactape_fab.kit.artifact import Artifact
 from tactape_fab.kit.read.written_gerber import first_part
 from tactape_fab.kit.writer import with_file, write_kit
-from tactape_fab.report.page import READ_ROLES, Written, render_report
-from tactape_fab.report.panel_page import PANEL_READ_ROLES, WrittenPanel, render_panel_report
+from tactape_fab.report.page import PANEL_READ_ROLES, READ_ROLES, Written, render_report
+from tactape_fab.report.panel_page import WrittenPanel, render_panel_report
 from tactape_fab.texture.tape import Tape
 
 

@@ -14,7 +14,7 @@ import pytest
 from tactape_fab.kit.read.readback import read_cpl
 from tactape_fab.make.panel import PanelKit
 from tactape_fab.report import REPORT_NAME, WrittenPanel, render_panel_report
-from tactape_fab.report.panel_page import PANEL_READ_ROLES
+from tactape_fab.report.page import PANEL_READ_ROLES
 from tactape_fab.texture.shapes import rotate
 from tactape_fab.verify.panel import verify_panel_folder
 from tests.panels import copied_panel
