@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -53,3 +54,12 @@ def build_date() -> datetime:
 def zip_date() -> datetime:
     """The build date, clipped to the range of a zip: 1980 to 2107."""
     return min(max(build_date(), EPOCH), ZIP_LATEST)
+
+
+def zip_entry(name: str, date: datetime) -> zipfile.ZipInfo:
+    """A deflated member of a zip, which is described alike on every system."""
+    entry = zipfile.ZipInfo(name, date.timetuple()[:6])
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    entry.create_system = 3
+    entry.external_attr = 0o644 << 16
+    return entry

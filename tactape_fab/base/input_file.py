@@ -6,6 +6,7 @@ A FIFO that is named like a frame blocks whoever opens it until somebody writes 
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import stat
 import zipfile
@@ -35,6 +36,15 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     """
     with open_regular(path) as stream:
         return stream.read(most_bytes + 1)
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a regular file, which is read piece by piece, in 64 hexadecimal digits. Raises OSError as `open_regular`."""
+    digest = hashlib.sha256()
+    with open_regular(path) as stream:
+        while piece := stream.read(1 << 20):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, most_bytes: int) -> bytes:

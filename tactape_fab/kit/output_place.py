@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import stat
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from tactape_fab.base.errors import SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown_path
-from tactape_fab.base.input_file import mode_of, open_regular
+from tactape_fab.base.input_file import mode_of, sha256_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
 
 Overwrite = bool | Literal["edits"]
 """Whether an older kit may be replaced: never, as it was written, or even with what the user edited in it since."""
 _NAMED = 5
-_CHUNK_BYTES = 1 << 20
 
 
 def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
@@ -72,13 +70,10 @@ def _as_written(place: Path, sha256: str | None) -> bool:
     if sha256 is None:
         return True
     try:
-        with open_regular(place) as stream:
-            digest = hashlib.sha256()
-            while chunk := stream.read(_CHUNK_BYTES):
-                digest.update(chunk)
+        digest = sha256_of(place)
     except OSError:
         return False
-    return place.is_file() and not place.is_symlink() and digest.hexdigest() == sha256
+    return place.is_file() and not place.is_symlink() and digest == sha256
 
 
 def _listed(folder: Path, within: str, digest: str | None = None) -> dict[str, str | None]:

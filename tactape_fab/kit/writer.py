@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactape_fab.base.build_date import build_date, zip_date
+from tactape_fab.base.build_date import build_date, zip_date, zip_entry
 from tactape_fab.base.libraries import versions_in_kits
 from tactape_fab.base.version import __version__
 from tactape_fab.kit.artifact import AnyArtifact, Artifact, LongArtifact
@@ -86,11 +86,7 @@ def _fab_zip(name: str, artifacts: Iterable[AnyArtifact]) -> Artifact:
     date = zip_date()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for artifact in sorted((a for a in artifacts if a.role in FAB_ZIP_ROLES), key=lambda a: a.path):
-            entry = zipfile.ZipInfo(artifact.path.rsplit("/", 1)[-1], date.timetuple()[:6])
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, artifact.data)
+            archive.writestr(zip_entry(artifact.path.rsplit("/", 1)[-1], date), artifact.data)
     return Artifact(role="fab-zip", path=f"{name}-fab.zip", data=stream.getvalue())
 
 

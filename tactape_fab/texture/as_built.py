@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from hashlib import sha256
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
-from tactape_fab.base.input_file import mode_of, open_regular
+from tactape_fab.base.input_file import mode_of, sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.texture.as_built_file import (
     AS_BUILT_FORMAT,
@@ -348,11 +347,7 @@ def refuse_other_places(path: Path, key: str) -> None:
 
 def manifest_digest(manifest: str | Path) -> str:
     """SHA-256 of the bytes of a kit's manifest.json, in 64 hexadecimal digits."""
-    digest = sha256()
-    with open_regular(Path(manifest)) as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+    return sha256_of(Path(manifest))
 
 
 def _array_problems(built: AsBuilt) -> list[Problem]:

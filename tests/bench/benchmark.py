@@ -16,6 +16,7 @@ from typing import Any
 
 import cv2
 
+from tactape_fab.base.input_file import sha256_of
 from tactape_fab.sense.benchmark.adapters import (
     ADAPTERS,
     Adapter,
@@ -28,7 +29,7 @@ from tactape_fab.sense.benchmark.adapters import (
 )
 from tactape_fab.sense.benchmark.answers import read_answers
 from tactape_fab.sense.benchmark.score import HEADER, calibration_lines, line, read_truth, score
-from tactape_fab.sense.benchmark.write import FRAMES, INDEX, USUAL_FRAMES, sha256_of, truth_path, write_benchmark
+from tactape_fab.sense.benchmark.write import FRAMES, INDEX, USUAL_FRAMES, truth_path, write_benchmark
 from tests.bench.evidence.record import about
 from tests.bench.evidence.table_two import SETTINGS, Baseline, Found, create_brisk
 from tests.bench.marks import command, replaced

@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tactape_fab.base.errors import SpecError, TactapeError
+from tactape_fab.base.input_file import sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.sense.benchmark.adapters import ADAPTERS, answer_lines, changed_files, open_benchmark, read_index
 from tactape_fab.sense.benchmark.answers import is_answers, read_answers
 from tactape_fab.sense.benchmark.conditions import CONDITIONS
 from tactape_fab.sense.benchmark.score import HEADER, calibration_lines, line, read_truth, score
-from tactape_fab.sense.benchmark.write import INDEX, USUAL_FRAMES, USUAL_SEED, sha256_of, truth_path, write_benchmark
+from tactape_fab.sense.benchmark.write import INDEX, USUAL_FRAMES, USUAL_SEED, truth_path, write_benchmark
 
 _FAILED, _USAGE = 1, 2
 

@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown, shown_path
-from tactape_fab.base.input_file import read_regular
+from tactape_fab.base.input_file import read_regular, sha256_of
 from tactape_fab.base.json_text import parse_json
 from tactape_fab.sense.benchmark.answers import FORMAT as ANSWERS
-from tactape_fab.sense.benchmark.write import FORMAT, FRAMES, INDEX, SENSOR, Progress, sha256_of
+from tactape_fab.sense.benchmark.write import FORMAT, FRAMES, INDEX, SENSOR, Progress
 from tactape_fab.sense.files.depth_maps import FrameFile, open_frames
 from tactape_fab.sense.sensors import SensorProfile, load_sensor
 from tactape_fab.texture.manifest import safe_path

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactape_fab.base.errors import SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import Fields, nearest, shown, shown_path
-from tactape_fab.base.input_file import open_regular
+from tactape_fab.base.input_file import sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, sync_below, sync_folder, write_file
 from tactape_fab.base.templates import templates_folder
 from tactape_fab.sense.benchmark.conditions import BARE_NAMES, CONDITIONS, FOREIGN, FOREIGN_NAMES, REGISTERED, tape_of
@@ -140,15 +140,6 @@ def _drawn(names: Sequence[str], count: int, seed: int) -> Iterator[tuple[str, i
         ]
         for k in range(count):
             yield name, sectors[k % len(sectors)], next(streams[k % len(sectors)])
-
-
-def sha256_of(path: Path) -> str:
-    """Of a file that is read piece by piece."""
-    digest = hashlib.sha256()
-    with open_regular(path) as stream:
-        while piece := stream.read(1 << 20):
-            digest.update(piece)
-    return digest.hexdigest()
 
 
 def _json(content: dict[str, Any]) -> bytes:

@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from tactape_fab.base.build_date import zip_date
+from tactape_fab.base.build_date import zip_date, zip_entry
 from tactape_fab.base.errors import Problem, SpecError, TactapeError, reason_of, tried
 from tactape_fab.base.fields import Fields, shown_path
 from tactape_fab.base.input_file import open_regular
@@ -304,11 +304,7 @@ def write_frames(path: Path, frames: Iterator[Frame], count: int, sensor: Sensor
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
-    entry = zipfile.ZipInfo(name + ".npy", zip_date().timetuple()[:6])
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    entry.create_system = 3
-    entry.external_attr = 0o644 << 16
-    return entry
+    return zip_entry(name + ".npy", zip_date())
 
 
 def _write_header(stream: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:

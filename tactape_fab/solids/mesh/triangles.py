@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.build_date import zip_entry
 from tactape_fab.base.number_rows import number_rows
 from tactape_fab.texture.frames import FloatArray, IntArray
 
@@ -109,10 +110,7 @@ def threemf_bytes(mesh: Mesh, title: str, metadata: Mapping[str, str], date: dat
             ("_rels/.rels", [_RELATIONSHIPS]),
             ("3D/3dmodel.model", _model_xml(mesh, title, metadata)),
         ):
-            entry = zipfile.ZipInfo(path, date.timetuple()[:6])
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3
-            entry.external_attr = 0o644 << 16
+            entry = zip_entry(path, date)
             setattr(entry, _LEVEL_NAME, _DEFLATE_LEVEL)
             entry.file_size = _ROW_BYTES * (len(mesh.vertices_mm) + len(mesh.faces))  # beyond 2 GB a longer entry is needed
             with archive.open(entry, "w") as member:
