@@ -150,14 +150,15 @@ def advise(question: Question) -> Advice:
     )
 
 
-def seen_of(design: Design, question: Question, points: int) -> Seen:
-    """The design as seen by the sensor of a question."""
+def seen_of(design: Design, question: Question, points: int | None = None) -> Seen:
+    """The design as seen by the sensor of a question; `points` are by default those of a field without margins."""
+    width_mm, height_mm = question.size_mm
     return Seen(
         pitch_mm=design.pitch_mm,
         displacement_mm=design.displacement_mm,
         shape=design.shape,
         body_mm=design.body_mm,
-        points=points,
+        points=max(int(width_mm * height_mm / design.pitch_mm**2), 1) if points is None else points,
         tapes=question.tapes,
         sensor=question.sensor,
         blur_mm=question.blur_mm,
@@ -168,13 +169,9 @@ def seen_of(design: Design, question: Question, points: int) -> Seen:
 
 def _line(design: Design, question: Question) -> Line:
     """Prediction for a design; until `_counted`, parts are those of a field without margins, and there is no cost."""
-    width_mm, height_mm = question.size_mm
-    parts = max(int(width_mm * height_mm / design.pitch_mm**2), 1)
-    seen = seen_of(design, question, parts)
-    sensor = question.sensor
-    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
+    seen = seen_of(design, question)
     codes = codes_for(design, question, seen)
-    code, least_mm = _code_for(seen, question.contact_mm, field_mm, codes)
+    code, least_mm = _code_for(seen, question.contact_mm, question.field_mm, codes)
     error_mm, angle_deg = accuracy(seen, max(question.contact_mm, least_mm or 0.0), LOSS)
     signal = signal_of(seen)
     return Line(
@@ -183,7 +180,7 @@ def _line(design: Design, question: Question) -> Line:
         least_mm=least_mm,
         error_um=1000.0 * error_mm,
         angle_deg=angle_deg,
-        parts=parts,
+        parts=seen.points,
         once=None,
         each=None,
         height_um=signal.height_um,
@@ -205,8 +202,7 @@ def codes_for(design: Design, question: Question, seen: Seen) -> list[Code]:
 
 def contacts_by_code(line: Line, question: Question) -> list[dict[str, Any]]:
     """Of each code that a line's tape could have: the smallest contact with the manifest, and by the code alone."""
-    seen, sensor = seen_of(line.design, question, line.parts), question.sensor
-    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
+    seen, field_mm = seen_of(line.design, question, line.parts), question.field_mm
     found = []
     for code in codes_for(line.design, question, seen):
         plane = get_code(code.name).plane

@@ -83,11 +83,10 @@ def _point(question: Question, at: tuple[tuple[str, tuple[float, float, float]],
         return empty
     spec = legal[0].spec(question.size_mm)
     count = profiles_of(spec).plan(spec).part_count
-    sensor = question.sensor
-    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
     least: dict[str, float | None] = {}
-    for code in codes_for(legal[0], question, seen_of(legal[0], question, count)):
-        sizes = [least_contact_mm(seen_of(design, question, count), code, LOSS, LOCATED, field_mm) for design in legal]
+    seen = [seen_of(design, question, count) for design in legal]
+    for code in codes_for(legal[0], question, seen[0]):
+        sizes = [least_contact_mm(one, code, LOSS, LOCATED, question.field_mm) for one in seen]
         least[code.name] = min((size for size in sizes if size is not None), default=None)
     point = replace(empty, least_mm=least, parts=count)
     if not isinstance(question.making, FabProfile):

@@ -150,12 +150,8 @@ def _pitch_mm(fab: FabProfile, part: PartProfile, anchor: str, careful: bool, di
 
 
 def _candidate(design: Design, question: Question, code_name: str) -> Candidate:
-    width_mm, height_mm = question.size_mm
-    sensor = question.sensor
-    field_mm = min(sensor.width_px / sensor.px_per_mm[0], sensor.height_px / sensor.px_per_mm[1])
-    seen = seen_of(design, question, max(int(width_mm * height_mm / design.pitch_mm**2), 1))
     code = next((code for code in CODES if code.name == code_name), CODES[0])
-    found = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
+    found = least_contact_mm(seen_of(design, question), code, LOSS, LOCATED, question.field_mm)
     return Candidate(design=design, least_mm=inf if found is None else found)
 
 

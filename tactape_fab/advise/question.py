@@ -42,6 +42,11 @@ class Question:
     tapes: int
     size_mm: tuple[float, float]
 
+    @property
+    def field_mm(self) -> float:
+        """The shorter side of the sensor's field."""
+        return min(self.sensor.width_px / self.sensor.px_per_mm[0], self.sensor.height_px / self.sensor.px_per_mm[1])
+
 
 def read_question(values: Mapping[str, Any]) -> Question:
     """Read a question from untrusted values; missing keys have their defaults. Raises SpecError: every problem found."""
