@@ -54,15 +54,7 @@ def _placement_cells(drawing: Drawing, fab: FabProfile, house: PlacementTable) -
     x, y = (number_rows("%.4f ", column).decode("ascii").split() for column in (drawing.parts_xy_mm / house.unit_mm).T)
     length, width = (f"{value / house.unit_mm:.4f}" for value in part.lands_mm)
     of_tapes = [(_degrees(house.written_deg(parts.rotation_deg), house), len(parts.xy_mm)) for parts in drawing.parts]
-    same = {
-        "side": house.side,
-        "value": part.value,
-        "footprint": part.footprint,
-        "part_number": part.part_numbers.get(fab.assembly, ""),
-        "length": length,
-        "width": width,
-        **dict(house.fixed),
-    }
+    same = {**_part_cells(part, fab), "side": house.side, "length": length, "width": width, **dict(house.fixed)}
     return {
         "designator": drawing.designators(),
         "rotation": [text for text, count in of_tapes for _ in range(count)],

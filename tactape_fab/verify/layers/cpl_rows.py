@@ -137,10 +137,8 @@ def check_bom(data: bytes, expected: Sequence[str], recorded: RecordedAssembly) 
     found = [name for group in groups for name in group]
     known, seen = set(expected), set(found)
     problems = []
-    for what, items in (
-        ("misses", [d for d in expected if d not in seen]),
-        ("has unknown", [d for d in found if d not in known]),
-    ):
+    missing, extra = [d for d in expected if d not in seen], [d for d in found if d not in known]
+    for what, items in (("misses", missing), ("has unknown", extra)):
         if items:
             problems.append(f"it {what} {named(items)}")
     if len(seen) < len(found):

@@ -213,10 +213,8 @@ def _ink(silk: Sequence[Tree], origin_mm: FloatArray, legend: GerberShapes | Non
     problems = []
     if len(polygons) != len(areas) or _points_apart_mm(polygons, areas) > PLACE_TOLERANCE_MM:
         problems.append(f"its {len(polygons)} areas of ink are not the {len(areas)} of the legend layer")
-    ends = (np.array([(values(line, "start"), values(line, "end")) for line in lines]).reshape(-1, 2, 2) - origin_mm) * (
-        1.0,
-        -1.0,
-    )
+    on_sheet_mm = np.array([(values(line, "start"), values(line, "end")) for line in lines]).reshape(-1, 2, 2)
+    ends = (on_sheet_mm - origin_mm) * (1.0, -1.0)
     wanted = segments(strokes).reshape(-1, 2, 2) if strokes else np.empty((0, 2, 2))
     alone = len(without_counterpart(ends, wanted)) + len(without_counterpart(wanted, ends))
     widths = {round(values(line, "width")[0], 6) for line in lines}
