@@ -20,7 +20,8 @@ from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.read.gerber_file import read_gerber
 from tactape_fab.sense import Parts, iterate_frames
-from tactape_fab.sense.decode.dots.detect import Dots, detect
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.rim import chosen, settled
 from tactape_fab.sense.simulation.dot_errors import dots_of
 from tactape_fab.sense.simulation.parts import parts_of
@@ -263,7 +264,7 @@ def test_noise_is_no_excuse_for_parts_that_are_not_there(default_kit: Kit) -> No
 
 def worse_dots(*given: Any) -> Dots:
     """Every other dot."""
-    dots = detect(*given)
+    dots = frame_dots(*given)
     return chosen(dots, np.arange(len(dots.weights)) % 2 == 0)
 
 
@@ -280,7 +281,7 @@ def test_a_worse_decoder_finds_no_excuse(worse: str, default_kit: Kit, monkeypat
         stricter = {**(Localizer.__init__.__kwdefaults__ or {}), "max_p_false": 1e-12}
         monkeypatch.setattr(Localizer.__init__, "__kwdefaults__", stricter)
     elif worse == "loses dots":
-        monkeypatch.setattr("tactape_fab.sense.decode.localizer.detect", worse_dots)
+        monkeypatch.setattr("tactape_fab.sense.decode.localizer.frame_dots", worse_dots)
     else:
         monkeypatch.setattr("tactape_fab.sense.decode.localizer.settled", moved_dots)
     source = Source(name="CPL", parts=parts_of(default_kit.tape))

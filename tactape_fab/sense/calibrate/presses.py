@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from math import radians, sqrt
+from math import radians
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.decode.dots.detect import Dots, detect
+from tactape_fab.sense.decode.dots.detect import Dots
+from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
-from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.localizer import Localizer
 from tactape_fab.sense.decode.result import Localization
@@ -140,11 +141,7 @@ def amid(at_mm: FloatArray, of: BoolArray, reach_mm: float) -> BoolArray:
 
 def detected(frame: Frame, sensor: SensorProfile) -> Dots:
     """Dots of a frame within the profile's mask, in the image of a perfect camera; the decoder's own."""
-    dots = detect(canonical_frame(frame, sensor), sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
-    if sensor.mask is not None and len(dots.weights):
-        u, v = np.rint(dots.xy_px).astype(np.int64).T
-        h, w = sensor.mask.shape
-        dots = chosen(dots, sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+    dots = frame_dots(canonical_frame(frame, sensor), sensor)
     return replace(dots, xy_px=squared(dots.xy_px, sensor), seen_px=dots.xy_px)
 
 

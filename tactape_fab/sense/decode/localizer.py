@@ -21,11 +21,12 @@ from tactape_fab.base.jit import COMPILED
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.accept import accept_place
 from tactape_fab.sense.decode.contact.surface import contact_view
-from tactape_fab.sense.decode.dots.detect import Dots, detect
+from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import square_pixels
 from tactape_fab.sense.decode.dots.filters import Image
+from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import LARGE, canonical_frame, dot_numbers
-from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.dots.subpixel import sharp_tops
 from tactape_fab.sense.decode.grid.long_parts import drawn_px
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
@@ -404,11 +405,7 @@ class Localizer:
 
     def _detected(self, image: npt.NDArray[np.float32]) -> Dots:
         """Dots of a canonical depth map within the mask, in square pixels."""
-        dots = detect(image, self._detection_px_per_mm)
-        if self.sensor.mask is not None and len(dots.weights):
-            u, v = np.rint(dots.xy_px).astype(np.int64).T
-            h, w = self.sensor.mask.shape
-            dots = chosen(dots, self.sensor.mask[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)])
+        dots = frame_dots(image, self.sensor)
         if self._aspect != 1.0 or not self._straight:
             elongation = square_pixels(dots.elongation, self._aspect)
             dots = replace(dots, xy_px=self._square(dots.xy_px), elongation=elongation, seen_px=dots.xy_px)

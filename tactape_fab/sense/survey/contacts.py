@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import radians, sqrt
+from math import radians
 
 import numpy as np
 import numpy.typing as npt
 
-from tactape_fab.sense.decode.dots.detect import detect
+from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
-from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.drawn_dots import drawn
 from tactape_fab.sense.decode.grid.posterior import RIM_MM
 from tactape_fab.sense.decode.result import Localization
@@ -97,10 +97,7 @@ def contact_of(
     """
     assert fix.dots is not None and fix.position_mm is not None and fix.theta_deg is not None
     tape = ground.tape
-    dots = detect(canonical_frame(depth, sensor), sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1]))
-    if sensor.mask is not None and len(dots.weights):
-        u, v = np.rint(dots.xy_px).astype(np.int64).T
-        dots = chosen(dots, sensor.mask[v.clip(0, sensor.mask.shape[0] - 1), u.clip(0, sensor.mask.shape[1] - 1)])
+    dots = frame_dots(canonical_frame(depth, sensor), sensor)
     camera, scale = sensor.camera, sensor.px_per_mm[0]
     on_gel = camera.from_px(dots.xy_px) - camera.from_px(sensor.centre_px)
     dots = settled(replace(dots, xy_px=on_gel * scale, seen_px=dots.xy_px), tape.pitch_mm * scale, _share(tape))

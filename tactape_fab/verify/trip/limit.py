@@ -18,10 +18,11 @@ from math import log
 import numpy as np
 
 from tactape_fab.sense.decode.accept import accept_place
-from tactape_fab.sense.decode.dots.detect import Dots, detect
+from tactape_fab.sense.decode.dots.detect import Dots
 from tactape_fab.sense.decode.dots.elongation import square_pixels, turn_weights
+from tactape_fab.sense.decode.dots.frame_dots import frame_dots
 from tactape_fab.sense.decode.dots.inputs import canonical_frame
-from tactape_fab.sense.decode.dots.rim import chosen, settled
+from tactape_fab.sense.decode.dots.rim import settled
 from tactape_fab.sense.decode.grid.fit import posteriors
 from tactape_fab.sense.decode.grid.posterior import beliefs_of
 from tactape_fab.sense.decode.rank import Reading, View
@@ -178,10 +179,7 @@ def _parts_shown(rule: Rule, pose: FloatArray, scene: Scene) -> tuple[FloatArray
 def _dots_of(rule: Rule, depth: FloatImage) -> Dots:
     """The dots of a frame: places in the canonical image, elongations as in square pixels."""
     sensor = rule.sensor
-    dots = detect(canonical_frame(depth, sensor), float(np.sqrt(np.prod(sensor.px_per_mm))))
-    if sensor.mask is not None and len(dots.weights):
-        u, v = np.rint(dots.xy_px).astype(np.int64).T
-        dots = chosen(dots, sensor.mask[v, u])
+    dots = frame_dots(canonical_frame(depth, sensor), sensor)
     aspect = sensor.px_per_mm[0] / sensor.px_per_mm[1]
     square, elongation = np.array([1.0, aspect]), square_pixels(dots.elongation, aspect)
     dots = settled(replace(dots, xy_px=dots.xy_px * square, elongation=elongation), rule.view.pitch_px, rule.view.shift)
