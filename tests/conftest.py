@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import locale
 import os
 import pickle
@@ -116,6 +117,16 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if not _all_cases(config):
         said = f"at most {AT_DESK} cases of each test were tried, none of tests/bench: all are where a file is named, or"
         terminalreporter.write_line(f"{said} TACTAPE_THOROUGH=1 is set")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Iterator[None]:
+    """What is collected stays: looking for garbage in it takes each worker a second, and finds none."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -76,11 +76,12 @@ def _omitted(tape: Tape, cells: list[tuple[int, int]]) -> Any:
     """Cells that are asked for, and those whose element comes near a hole or leaves a rounded corner."""
     reach = float(np.hypot(*reach_mm(tape.part)))
     (width, height), r = tape.board.size_mm, tape.board.corner_radius_mm
-    for cell, (x, y) in zip(tape.cells().tolist(), tape.part_xy_mm().tolist(), strict=True):
-        near_hole = any(np.hypot(x - hx, y - hy) < d / 2 + reach + 0.1 for hx, hy, d in tape.board.holes)
-        cx, cy = max(r - x, x - width + r, 0.0), max(r - y, y - height + r, 0.0)
-        if near_hole or (cx > 0 and cy > 0 and np.hypot(cx, cy) > r - reach - 0.1):
-            cells.append(tuple(cell))
+    x, y = tape.part_xy_mm().T
+    cx, cy = (np.maximum(np.maximum(r - at, at - side + r), 0.0) for at, side in ((x, width), (y, height)))
+    left_out = (cx > 0) & (cy > 0) & (np.hypot(cx, cy) > r - reach - 0.1)
+    for hx, hy, d in tape.board.holes:
+        left_out |= np.hypot(x - hx, y - hy) < d / 2 + reach + 0.1
+    cells += [(column, row) for column, row in tape.cells()[left_out].tolist()]
     return np.array(sorted(set(cells), key=lambda cell: cell[::-1]), dtype=np.int64).reshape(-1, 2)
 
 

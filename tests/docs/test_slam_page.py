@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import importlib
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-pytest.importorskip("gtsam", reason='gtsam is not installed: pip install "tactape-fab[slam]"')
-pytest.importorskip("matplotlib")
+pytestmark = [
+    pytest.mark.skipif(find_spec("gtsam") is None, reason='gtsam is not installed: pip install "tactape-fab[slam]"'),
+    pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed"),
+]
 DOCS = Path(__file__).parents[2] / "docs"
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from pygerber.gerberx3.api.v2 import GerberFile, OnParserErrorEnum, ParsedFile
 
 from tactape_fab import Kit, TapeSpec, make_kit
 from tests.readers.conftest import Sample, layout_of
@@ -20,7 +20,9 @@ _OVERSAMPLING = 20  # PyGerber draws on whole pixels: one of them must be little
 _MARGIN_PX = 20
 
 
-def _parsed(path: Path) -> ParsedFile:
+def _parsed(path: Path) -> Any:
+    from pygerber.gerberx3.api.v2 import GerberFile, OnParserErrorEnum  # every worker collects these tests
+
     return GerberFile.from_file(path).parse(on_parser_error=OnParserErrorEnum.Raise)
 
 

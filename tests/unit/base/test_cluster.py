@@ -12,11 +12,10 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("distributed")
 
 from tactape_fab.base import cluster
 from tactape_fab.base.cluster import LostClusterError, OtherWorkerError, _called
@@ -24,6 +23,7 @@ from tactape_fab.base.pool import mapped
 from tests.thorough import only_thorough
 from tests.unit.base.test_mapped import drawn
 
+pytestmark = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
 WORKERS = 3
 ROOT = Path(__file__).parents[3]
 _SERVE = f"""

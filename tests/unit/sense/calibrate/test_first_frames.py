@@ -13,7 +13,10 @@ from tactape_fab.sense.calibrate.first_frames import look_at_frames
 from tactape_fab.sense.calibrate.presses import Frame
 from tests.unit.sense.calibrate.sensors import STOCK, TAPE, TRUE, presses
 
-FRAMES = presses(7).frames
+
+def good() -> list[Frame]:
+    """Seven presses, simulated by the first test that asks: every worker collects these tests."""
+    return presses(7).frames
 
 
 def said(frames: list[Frame], like: SensorProfile = TRUE) -> str:
@@ -21,7 +24,7 @@ def said(frames: list[Frame], like: SensorProfile = TRUE) -> str:
 
 
 def test_good_frames_are_left_alone() -> None:
-    found = look_at_frames(FRAMES, [TAPE], TRUE)
+    found = look_at_frames(good(), [TAPE], TRUE)
     assert found.wrong == () and [look.located for look in found.frames] == [True] * 7
     assert found.next_step == "7 of 7 frames are located: run tactape-fab calibrate with them"
     assert min(look.dots for look in found.frames) > 15
@@ -29,7 +32,7 @@ def test_good_frames_are_left_alone() -> None:
 
 
 def test_without_a_tape_dots_are_counted() -> None:
-    found = look_at_frames(FRAMES, [], TRUE)
+    found = look_at_frames(good(), [], TRUE)
     assert found.frames[0].located is None and found.frames[0].dots > 15 and "--tape" in found.next_step
 
 
@@ -52,25 +55,26 @@ def test_without_a_tape_dots_are_counted() -> None:
     ],
 )
 def test_a_wrong_profile_is_named(like: SensorProfile, words: str) -> None:
-    assert words in said(FRAMES, like)
+    assert words in said(good(), like)
 
 
 def test_faults_of_the_frames_are_named() -> None:
-    low, high = min(f.min() for f in FRAMES), max(f.max() for f in FRAMES)
-    coarse = [np.round((f - low) / (high - low) * 50).astype(np.float32) for f in FRAMES]
-    cut = [np.minimum(f, np.quantile(f, 0.9)) for f in FRAMES]
-    blind = [np.where(np.arange(320) < 40, 0.0, f).astype(np.float32) for f in FRAMES]
+    frames = good()
+    low, high = min(f.min() for f in frames), max(f.max() for f in frames)
+    coarse = [np.round((f - low) / (high - low) * 50).astype(np.float32) for f in frames]
+    cut = [np.minimum(f, np.quantile(f, 0.9)) for f in frames]
+    blind = [np.where(np.arange(320) < 40, 0.0, f).astype(np.float32) for f in frames]
     assert "different values: 8 bits are too coarse for dots" in said(coarse)
     assert "10 % of a frame's pixels have its largest value: depth is cut off" in said(cut)
     assert "12.5 % of the pixels never change: blind ones belong into a mask" in said(blind)
-    assert "1 frames are the same as the one before, pixel for pixel" in said([*FRAMES, FRAMES[-1]])
-    assert "frame 7 is constant: 0 in every pixel; leave it out" in said([*FRAMES, np.zeros_like(FRAMES[0])])
-    assert "frames are 200 x 320 px (height x width), those of 'gelsight-mini' 240 x 320" in said([f[40:] for f in FRAMES])
+    assert "1 frames are the same as the one before, pixel for pixel" in said([*frames, frames[-1]])
+    assert "frame 7 is constant: 0 in every pixel; leave it out" in said([*frames, np.zeros_like(frames[0])])
+    assert "frames are 200 x 320 px (height x width), those of 'gelsight-mini' 240 x 320" in said([f[40:] for f in frames])
     with pytest.raises(SpecError, match="no frame shows anything"):
         said([np.full((240, 320), np.nan, dtype=np.float32)])
 
 
 def test_another_tape_is_named_by_the_decoder() -> None:
     other = replace(TAPE, pitch_mm=5.0, displacement_mm=0.8)
-    found = look_at_frames(FRAMES, [other], TRUE)
+    found = look_at_frames(good(), [other], TRUE)
     assert "no sign, mirror or px/mm shows the tape" in " ".join(found.wrong)

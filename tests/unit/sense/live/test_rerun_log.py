@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from click.testing import CliRunner, Result
-from rerun.chunk import RrdReader
 
 from tactape_fab import Kit
 from tactape_fab.cli import main
@@ -50,6 +49,8 @@ def recording(default_kit: Kit, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 def rows(path: Path) -> Rows:
     """Rows of each entity, in the order of their frames: component to value; times as whole numbers."""
+    from rerun.chunk import RrdReader  # every worker collects these tests, and loading it takes a second
+
     found: Rows = defaultdict(list)
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()

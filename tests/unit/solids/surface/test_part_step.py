@@ -32,6 +32,8 @@ class _Kernel:
     """build123d, loaded by the first test that uses it: every worker collects these tests, and that takes seconds."""
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith(("_", "pytest")):  # pytest asks everything in a module whether it is a fixture
+            raise AttributeError(name)
         return getattr(import_module("build123d"), name)
 
 

@@ -6,7 +6,7 @@ from math import cos, log, radians, sin
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from tactape_fab import Tape, TapeSpec
 from tactape_fab.kit.examine.tape import examine
@@ -131,7 +131,7 @@ def test_the_ridge_along_a_step_has_no_dots_and_hides_none(height: float, angle_
     at = np.array([(x + 0.3, y - 0.2) for x in range(40, 300, 24) for y in range(40, 220, 24)])
     at = at[(at - (160, 120)) @ (c, s) > 18.0]  # nearer no part stands to the outline: a body 1 mm from it
     uneven = 1.0 + 0.08 * np.cos(along / 9.0) * np.exp(-(along**2) / 60.0**2)  # so that the ridge has tops at all
-    depth = bumps(at) + height * uneven * np.array(norm.cdf(across / 2.4))
+    depth = bumps(at) + height * uneven * np.array(ndtr(across / 2.4))
     dots = detect(depth.astype(np.float32), R)
     assert len(dots.weights) == len(at)
     assert found_near(dots.xy_px, at).max() < 1.0
@@ -140,7 +140,7 @@ def test_the_ridge_along_a_step_has_no_dots_and_hides_none(height: float, angle_
 
 def test_a_round_plateau_has_no_dots() -> None:
     v, u = np.mgrid[:240, :320]
-    assert len(detect((0.3 * norm.cdf((80.0 - np.hypot(u - 160, v - 120)) / 2.4)).astype(np.float32), R).weights) == 0
+    assert len(detect((0.3 * ndtr((80.0 - np.hypot(u - 160, v - 120)) / 2.4)).astype(np.float32), R).weights) == 0
 
 
 def test_where_there_is_no_step_all_dots_stay(monkeypatch: pytest.MonkeyPatch) -> None:
