@@ -14,7 +14,7 @@ from tactape_fab.advise.model import CODES, IMPRINT_SHARE, LOSS, Code, Seen, acc
 from tactape_fab.advise.question import DEFAULT_FAB, Question
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.pool import Workers, mapped
-from tactape_fab.kit.examine.tape import examine, profiles_of
+from tactape_fab.kit.examine.tape import profiles_of
 from tactape_fab.kit.order_facts import estimate
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.sense.decode.rule import MOST_RANGE
@@ -272,7 +272,7 @@ def _counted(line: Line, question: Question) -> Line:
 def tape_of(line: Line, question: Question, sector: int) -> Tape:
     """A tape as made by the line's command, with another sector."""
     spec = line.design.spec(question.size_mm, code=line.code.name, directions=line.design.directions)
-    return examine(replace(spec, sector=sector)).tape
+    return profiles_of(spec).plan(replace(spec, sector=sector))
 
 
 def checked(advice: Advice, progress: Callable[[str, int, int], None] = lambda *_: None, workers: Workers = 1) -> Advice:
@@ -298,9 +298,10 @@ def simulated(
     ``progress`` is called with the number of contacts that were located or refused so far, 0 at first, and their number.
     """
     progress(0, frames)
+    tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
     blocks = [range(first, min(first + _BLOCK, frames)) for first in range(0, frames, _BLOCK)]
     errors: list[tuple[float, float] | None] = []
-    for of_block in mapped(partial(_located, line, question, frames, seed), blocks, workers):
+    for of_block in mapped(partial(_located, tapes, line, question, frames, seed), blocks, workers):
         errors += of_block
         progress(len(errors), frames)
     found = [error for error in errors if error is not None]
@@ -315,14 +316,18 @@ def simulated(
     )
 
 
-def _located(line: Line, question: Question, frames: int, seed: int, block: Sequence[int]) -> list[tuple[float, float] | None]:
-    """Errors, mm and degrees, of some contacts; None for those that are refused. A contact's lots depend on its number alone."""
+def _located(
+    tapes: Sequence[Tape], line: Line, question: Question, frames: int, seed: int, block: Sequence[int]
+) -> list[tuple[float, float] | None]:
+    """Errors, mm and degrees, of some contacts with the first tape among all; None for those that are refused.
+
+    A contact's lots depend on its number alone.
+    """
     from tactape_fab.sense.decode.localizer import Localizer
     from tactape_fab.sense.simulation.draw import draw_poses, frame_at
     from tactape_fab.sense.simulation.scene import Scene
 
     assert line.least_mm is not None
-    tapes = [tape_of(line, question, sector) for sector in _sectors(question.tapes)]
     scene = Scene(
         contact_mm=(line.least_mm, line.least_mm),
         texture_mm=IMPRINT_SHARE * line.design.body_mm[2],

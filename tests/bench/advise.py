@@ -22,7 +22,7 @@ from tactape_fab.advise.answer import LOCATED, Line, Simulated, seen_of, simulat
 from tactape_fab.advise.designs import Design, judged
 from tactape_fab.advise.model import CODES, LOSS, Loss, Seen, accuracy, least_contact_mm, signal_of
 from tactape_fab.advise.question import Question, read_question
-from tactape_fab.kit.examine.tape import examine
+from tactape_fab.kit.examine.tape import profiles_of
 from tactape_fab.sense import SensorProfile
 from tests.bench.marks import replaced
 
@@ -112,7 +112,8 @@ def _field_mm(sensor: SensorProfile) -> float:
 
 def line_of(design: Design, question: Question) -> Line:
     """What is promised of a design."""
-    points = examine(design.spec(question.size_mm)).tape.part_count
+    spec = design.spec(question.size_mm)
+    points = profiles_of(spec).plan(spec).part_count
     seen, field_mm = seen_of(design, question, points), _field_mm(question.sensor)
     code = CODES[0] if design.directions == 4 else CODES[-1]
     promised_mm = least_contact_mm(seen, code, LOSS, LOCATED, field_mm)
