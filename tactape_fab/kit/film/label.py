@@ -69,9 +69,15 @@ def stroke_text(text: str, cap_height_mm: float) -> Text:
     x = 0.0
     for character in text:
         glyph, advance = _glyph(character)
-        strokes += [(stroke + np.array((x, 0.0))) * scale for stroke in glyph]
+        right = np.array((x, 0.0))
+        strokes += [(stroke + right) * scale for stroke in glyph]
         x += advance
     return Text(strokes_mm=tuple(strokes), width_mm=x * scale)
+
+
+def _width_mm(text: str, cap_height_mm: float) -> float:
+    """Width of `stroke_text`."""
+    return sum(_glyph(character)[1] for character in text) * (cap_height_mm / _CAP_UNITS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,8 +107,8 @@ def _pack(fields: Sequence[str], lines: int, length_mm: float, cap_mm: float) ->
     for kept in range(len(fields), 0, -1):
         splits = combinations(range(1, kept), min(lines, kept) - 1)
         spread = [["  ".join(fields[i:j]) for i, j in pairwise((0, *split, kept))] for split in splits]
-        best = min(spread, key=lambda texts: max(stroke_text(text, cap_mm).width_mm for text in texts))
-        if all(stroke_text(text, cap_mm).width_mm <= length_mm for text in best):
+        best = min(spread, key=lambda texts: max(_width_mm(text, cap_mm) for text in texts))
+        if all(_width_mm(text, cap_mm) <= length_mm for text in best):
             return best, list(fields[kept:])
     return [], list(fields)
 
