@@ -17,7 +17,7 @@ from tactape_fab.solids.element_lattice import (
 )
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.mark import back_mm, floor_mm, mark_of
-from tactape_fab.solids.mesh.shells import Shell, element_shell
+from tactape_fab.solids.mesh.shells import Shell, element_shells
 from tactape_fab.solids.mesh.triangles import Mesh
 from tactape_fab.solids.wrap import world, wrap_of
 from tactape_fab.texture.frames import FloatArray, IntArray
@@ -69,26 +69,31 @@ class _Builder:
         i, j = lattice.cell_of_part.T
         last_i, last_j = len(lattice.a_mm) - 2, len(lattice.b_mm) - 2
         kind = (((symbols * 2 + (i == 0)) * 2 + (i == last_i)) * 2 + (j == 0)) * 2 + (j == last_j)
-        for key in np.unique(kind[whole]).tolist():
-            self._cells_alike(whole[kind[whole] == key])
+        alike = [whole[kind[whole] == key] for key in np.unique(kind[whole]).tolist()]
+        sides = [self._sides(int(parts[0])) for parts in alike]
+        radius_mm = None if self._wrap is None else self._wrap.radius_mm
+        shells = element_shells(self._part, [t[1:-1] for t in sides], radius_mm) if sides else []
+        for parts, t, shell in zip(alike, sides, shells, strict=True):
+            self._cells_alike(parts, t, shell)
         self._feet: list[FloatArray] = []
         alone = np.ones(tape.part_count, dtype=bool)
         alone[whole] = False
         for part in np.flatnonzero(alone).tolist():
-            shell = element_shell(self._part, np.empty(0), None)
+            (shell,) = element_shells(self._part, [np.empty(0)], None)
             foot = shell.foot + lattice.local_mm[part]
             self._feet.append(foot)
             self._add_shell(shell, np.array([part]), self._top_ids(foot)[None])
 
-    def _cells_alike(self, parts: IntArray) -> None:
-        """Cells of one symbol and one size: one triangulation for all."""
+    def _sides(self, part: int) -> FloatArray:
+        """Tangential offsets of the lattice's lines from a part, of its cell's sides and of those between."""
+        n, i = self._lattice.slices, self._lattice.cell_of_part[part, 0]
+        return self._tangential(self._a[i * n : (i + 1) * n + 1] - self._lattice.local_mm[part, 0])
+
+    def _cells_alike(self, parts: IntArray, t: FloatArray, shell: Shell) -> None:
+        """Cells of one symbol and one size: one triangulation for all. Of the first `t` has the sides."""
         lattice, first = self._lattice, int(parts[0])
-        i, j = lattice.cell_of_part[first]
-        a, b = lattice.local_mm[first]
-        n = lattice.slices
-        t = self._tangential(self._a[i * n : (i + 1) * n + 1] - a)
+        j, b, n = lattice.cell_of_part[first, 1], lattice.local_mm[first, 1], lattice.slices
         low, high = lattice.b_mm[j] - b, lattice.b_mm[j + 1] - b
-        shell = element_shell(self._part, t[1:-1], None if self._wrap is None else self._wrap.radius_mm)
         border = np.concatenate([np.column_stack([t, np.full_like(t, low)]), np.column_stack([t, np.full_like(t, high)])])
         numbers = Numbers()
         known = numbers(np.concatenate([border, shell.foot]))

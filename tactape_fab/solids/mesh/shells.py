@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
@@ -41,12 +41,21 @@ class Shell:
     faces: IntArray
 
 
-def element_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) -> Shell:
-    """The shell of an element on a plane, or on a cylinder of some radius.
+def element_shells(part: TapePart, cuts_mm: Sequence[FloatArray], radius_mm: float | None) -> list[Shell]:
+    """Shells of an element on a plane, or on a cylinder of some radius, one for each set of cuts.
 
     cuts_mm: Tangential offsets at which the surface is cut: where one crosses the foot, the foot has a vertex exactly on it.
     """
-    return _block_shell(part, cuts_mm) if part.shape == "block" else _dome_shell(part, cuts_mm, radius_mm)
+    if part.shape == "block":
+        return [_block_shell(part, cuts) for cuts in cuts_mm]
+
+    def foot_radius(angle: FloatArray) -> FloatArray:
+        if radius_mm is None:
+            return np.full_like(angle, part.body_mm[0] / 2)
+        return foot_radius_mm(part, radius_mm, angle)
+
+    feet = _foot_angles(dome_points(part), cuts_mm, foot_radius)
+    return [_dome_shell(part, angle, on_cut, foot_radius(angle)) for angle, on_cut in feet]
 
 
 def _block_shell(part: TapePart, cuts_mm: FloatArray) -> Shell:
@@ -72,16 +81,8 @@ def _block_shell(part: TapePart, cuts_mm: FloatArray) -> Shell:
     return Shell(foot=np.array(foot), above=above, faces=np.array(faces, dtype=np.int64))
 
 
-def _dome_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) -> Shell:
-    """A cap or a cone in rings of equal directions."""
-
-    def foot_radius(angle: FloatArray) -> FloatArray:
-        if radius_mm is None:
-            return np.full_like(angle, part.body_mm[0] / 2)
-        return foot_radius_mm(part, radius_mm, angle)
-
-    angle, on_cut = _foot_angles(dome_points(part), cuts_mm, foot_radius)
-    reach = foot_radius(angle)
+def _dome_shell(part: TapePart, angle: FloatArray, on_cut: FloatArray, reach: FloatArray) -> Shell:
+    """A cap or a cone in rings of equal directions, whose foot reaches so far in each."""
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     foot = reach[:, None] * direction
     foot[:, 0] = np.where(np.isnan(on_cut), foot[:, 0], on_cut)
@@ -103,21 +104,26 @@ def _dome_shell(part: TapePart, cuts_mm: FloatArray, radius_mm: float | None) ->
 
 
 def _foot_angles(
-    count: int, cuts_mm: FloatArray, foot_radius: Callable[[FloatArray], FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Directions of a foot's vertices, `count` regular ones and those on cuts, ascending, and the cut of each (NaN: none)."""
+    count: int, cuts_mm: Sequence[FloatArray], foot_radius: Callable[[FloatArray], FloatArray]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Of each set of cuts the directions of a foot's vertices, `count` regular ones and those on cuts, ascending, and the cut of
+    each (NaN: none).
+    """
     regular = np.arange(count) * (2 * pi / count)
     ends = foot_radius(np.array([0.0, pi]))
-    cuts = cuts_mm[(cuts_mm > -ends[1]) & (cuts_mm < ends[0])]
-    near, far = np.repeat([0.0, 2 * pi], len(cuts)), np.full(2 * len(cuts), pi)
-    target = np.tile(cuts, 2)
+    crossed = [cuts[(cuts > -ends[1]) & (cuts < ends[0])] for cuts in cuts_mm]
+    target = np.concatenate([np.tile(cuts, 2) for cuts in crossed])
+    near, far = np.concatenate([np.repeat([0.0, 2 * pi], len(cuts)) for cuts in crossed]), np.full(len(target), pi)
     for _ in range(_BISECTIONS):  # the offset falls steadily from the near end to the far one
         middle = (near + far) / 2
         beyond = foot_radius(middle) * np.cos(middle) > target
         near, far = np.where(beyond, middle, near), np.where(beyond, far, middle)
-    crossing = (near + far) / 2
-    apart = np.abs((regular[:, None] - crossing + pi) % (2 * pi) - pi).min(axis=1, initial=pi) > _LEAST_TURN_RAD
-    angle = np.concatenate([regular[apart], crossing])
-    on_cut = np.concatenate([np.full(int(apart.sum()), np.nan), target])
-    order = np.argsort(angle)
-    return angle[order], on_cut[order]
+    ends_at = np.cumsum([2 * len(cuts) for cuts in crossed])[:-1]
+    found = []
+    for crossing, on in zip(np.split((near + far) / 2, ends_at), np.split(target, ends_at), strict=True):
+        apart = np.abs((regular[:, None] - crossing + pi) % (2 * pi) - pi).min(axis=1, initial=pi) > _LEAST_TURN_RAD
+        angle = np.concatenate([regular[apart], crossing])
+        on_cut = np.concatenate([np.full(int(apart.sum()), np.nan), on])
+        order = np.argsort(angle)
+        found.append((angle[order], on_cut[order]))
+    return found
