@@ -121,7 +121,7 @@ def test_what_needs_a_plane_is_refused_with_the_reason(tmp_path: Path) -> None:
     for command, said in (
         (["decode", str(tmp_path / "f.npy"), "--code", "touch-1"], "name the tape's kit with --tape"),
         (["certify", "--code", "touch-1"], "each is designed; name their kits"),
-        (["check", "--sector", "1", "--code", "touch-1", "--origin", "best"], "leave --origin out"),
+        (["check", "--sector", "1", "--code", "touch-1", "--size", "30x20", "--origin", "best"], "leave --origin out"),
     ):
         result = CliRunner().invoke(main, command)
         assert result.exit_code == 2 and said in result.stderr, result.stderr

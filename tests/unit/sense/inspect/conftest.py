@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tactape_fab import Kit, Tape, TapeSpec, make_kit
+from tests.conftest import Once
 from tests.scans import Built, Picture, Scanner, assembled, scan
 
 MISSING, TOMBSTONED, TURNED, SHIFTED = (3, 77, 150, 300), 42, 201, 111
@@ -27,14 +28,21 @@ class Scanned:
 
 
 @pytest.fixture(scope="session")
-def kit_40(tmp_path_factory: pytest.TempPathFactory) -> Kit:
+def kit_40(once: Once) -> Kit:
+    """Not to be changed."""
     spec = TapeSpec(sector=7, size_mm=(40.0, 30.0), models=False)
-    return make_kit(spec, tmp_path_factory.mktemp("kit") / "tactape-s007")
+    kit: Kit = once("forty", lambda folder: make_kit(spec, folder / "tactape-s007"))
+    return kit
 
 
 @pytest.fixture(scope="session")
-def scanned(kit_40: Kit, tmp_path_factory: pytest.TempPathFactory) -> Scanned:
-    """Everything goes wrong once; 1200 dpi."""
+def scanned(kit_40: Kit, once: Once) -> Scanned:
+    """Everything goes wrong once; 1200 dpi. Not to be changed."""
+    scanned: Scanned = once("scanned", lambda folder: _scanned(kit_40, folder))
+    return scanned
+
+
+def _scanned(kit_40: Kit, folder: Path) -> Scanned:
     tape = Tape.load(kit_40.path)
     sites = tape.part_xy_mm()
     between = sites[(sites < sites.max(axis=0) - 1.5).all(axis=1)] + (0.75, 0.75)
@@ -48,7 +56,7 @@ def scanned(kit_40: Kit, tmp_path_factory: pytest.TempPathFactory) -> Scanned:
     far[SHIFTED] = False
     built.dx_mm[far], built.dy_mm[far] = 0.05, 0.05
     picture = scan(tape, built, Scanner(), seed=2)
-    path = tmp_path_factory.mktemp("scan") / "scan.png"
+    path = folder / "scan.png"
     write(path, picture)
     return Scanned(kit=kit_40.path, tape=tape, built=built, picture=picture, path=path)
 
