@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from tactape_fab.kit.examine.coupon import examine_coupon
 from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.verify.trip import round_trip
 from tests.panels import SIX, TWO, packed_panel, panel_of
-from tests.thorough import AT_DESK, THOROUGH, spread
+from tests.thorough import AT_DESK, THOROUGH, as_elsewhere, spread, with_less
 
 _COMPILE = """
 from dataclasses import replace
@@ -143,25 +144,26 @@ def _no_build_date(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def _few_contacts(request: pytest.FixtureRequest) -> Iterator[None]:
-    """A whole verification decodes a few contacts, where it is not the round trip itself that is tested; in fixtures as well."""
-    with pytest.MonkeyPatch.context() as patch:
+    """A verification decodes a few contacts, and pictures are small; in fixtures as well.
+
+    Not where it is the round trip itself that is tested, nor where times are taken.
+    """
+    with ExitStack() as stack:
         if request.module.__name__.rpartition(".")[2] != "test_round_trip":
+            patch = stack.enter_context(pytest.MonkeyPatch.context())
             patch.setattr(round_trip.full_trips, "__kwdefaults__", {"counts": (6, 3)})
+            if _BENCH not in request.path.parents:
+                stack.enter_context(with_less())
         yield
 
 
 @pytest.fixture(scope="module")
-def two_quick_contacts() -> Iterator[None]:
-    """A quick verification decodes two contacts of each file in place of six, which take more than half of its time.
-
-    For modules with a verification for each small change of a file. Not where kits are compared with those of other processes.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(round_trip, "QUICK", 2)
+def kits_as_elsewhere() -> Iterator[None]:
+    """For modules that compare kits with those of other processes."""
+    with as_elsewhere():
         yield
 
 
-_QUICK = round_trip.QUICK
 Once = Callable[[str, Callable[[Path], Any]], Any]
 
 
@@ -178,8 +180,7 @@ def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
             fcntl.flock(lock, fcntl.LOCK_EX)
             kept = root / f"{name}.pickle"
             if not kept.exists():
-                with pytest.MonkeyPatch.context() as patch:  # a module with fewer contacts may be the first to ask
-                    patch.setattr(round_trip, "QUICK", _QUICK)
+                with as_elsewhere():  # a module with less may be the first to ask
                     kept.write_bytes(pickle.dumps(make(folder)))
             return pickle.loads(kept.read_bytes())
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
+
+from tactape_fab.kit.render import preview, solid_preview
+from tactape_fab.verify.trip import round_trip
 
 THOROUGH = os.environ.get("TACTAPE_THOROUGH") == "1"
 only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_THOROUGH=1 asks for it")
@@ -15,6 +19,36 @@ only_thorough = pytest.mark.skipif(not THOROUGH, reason="takes minutes; TACTAPE_
 
 AT_DESK = 2
 """Cases of one test that a run of whole folders tries at a desk: first and last. Of one with an outside reader the first."""
+
+
+_LESS: tuple[tuple[Any, str, float], ...] = (
+    (round_trip, "QUICK", 2),
+    (preview, "PX_PER_MM", 4.0),
+    (solid_preview, "WIDTH_PX", 200),
+    (solid_preview, "CYLINDER_WIDTH_PX", 150),
+)
+_ELSEWHERE = tuple((module, name, getattr(module, name)) for module, name, _ in _LESS)
+
+
+@contextmanager
+def with_less() -> Iterator[None]:
+    """Kits with small pictures, whose quick verification decodes two contacts of each file in place of six.
+
+    Both take more than half of the time of a small kit, and most tests look at neither.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in _LESS:
+            patch.setattr(module, name, value)
+        yield
+
+
+@contextmanager
+def as_elsewhere() -> Iterator[None]:
+    """Kits as everybody makes them: where they are compared with those of other processes."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in _ELSEWHERE:
+            patch.setattr(module, name, value)
+        yield
 
 
 def some(many: int) -> int:

@@ -18,8 +18,6 @@ from tactape_fab.make.kit import make_examined
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import BACKINGS, Edit, OpenKit, failed, flashes, map_points, moved, points, replaced, text_of
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 SIZE_MM = (22.0, 22.0)
 VARIANTS: dict[str, dict[str, Any]] = {
     "gang": {"coverlay": "gang"},

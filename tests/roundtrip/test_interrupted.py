@@ -26,6 +26,7 @@ from tactape_fab.base.errors import SpecError
 from tactape_fab.cli import main
 from tests.thorough import only_thorough, some
 
+pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 KILLS = 24
 AT_A_TIME = 2
 NEW, OLD = 7, 8

@@ -34,6 +34,7 @@ from tactape_fab.make import publish as folders
 from tactape_fab.verify import Verification
 from tests.thorough import thorough
 
+pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 SMALL = TapeSpec(sector=100, size_mm=(20.0, 20.0), holes_mm=[(16.4, 10.0, 1.0)])
 """The spec of the shared small kit."""
 FAB_ROLES = {"copper-top", "coverlay-top", "paste-top", "legend-top", "profile", "drill-npth", "job"}

@@ -24,6 +24,7 @@ from tactape_fab.texture.manifest import UNFINISHED_SUFFIX
 from tests.roundtrip.test_interrupted import Files, contents
 from tests.thorough import thorough
 
+pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 SMALL = "--size 20x20 --no-3d"
 PATIENCE_S = 60.0
 MARK = "TACTAPE_TEST_RUN"

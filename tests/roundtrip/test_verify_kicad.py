@@ -13,8 +13,6 @@ from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import OpenKit, failed
 from tests.thorough import thorough
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit], Path]
 BOARD = "kicad-pcb"
 

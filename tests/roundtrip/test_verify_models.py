@@ -27,8 +27,6 @@ from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, replaced, text_of
 from tests.thorough import first, thorough
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit], Path]
 
 PART = 10

@@ -45,8 +45,6 @@ from tests.roundtrip.kits import (
     turned_90,
 )
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit], Path]
 
 PART = 10

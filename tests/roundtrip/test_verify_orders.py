@@ -15,8 +15,6 @@ from tactape_fab.texture.cpl import ASSEMBLY_FORMATS
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import OpenKit, failed
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit], Path]
 Edit = Callable[[OpenKit], object]
 NUMBERS = {"jlcpcb": "C1000"}

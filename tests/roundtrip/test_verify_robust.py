@@ -24,8 +24,6 @@ from tactape_fab.verify import Verification, verify_kit
 from tests.roundtrip.kits import MODELS, ROLES, Edit, OpenKit, aperture, bytes_of, failed, flashes, points, replaced, text_of
 from tests.thorough import THOROUGH, some
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit], Path]
 
 

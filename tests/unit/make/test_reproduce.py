@@ -25,6 +25,7 @@ from tactape_fab.cli import main
 from tactape_fab.make.reproduce import reproduce_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, moved, points
 
+pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 Copy = Callable[[Kit | PanelKit], Path]
 
 

@@ -20,8 +20,6 @@ from tactape_fab import Kit, PanelKit
 from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, as_written, bytes_of, failed, points, text_of
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit | PanelKit], Path]
 
 

@@ -15,8 +15,6 @@ from tactape_fab.verify import verify_kit
 from tests.roundtrip.kits import Edit, OpenKit, bytes_of, failed, members, rows
 from tests.unit.verify.test_fab_attacks import swap
 
-pytestmark = pytest.mark.usefixtures("two_quick_contacts")
-
 Copy = Callable[[Kit], Path]
 
 

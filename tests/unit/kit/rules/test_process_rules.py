@@ -31,6 +31,7 @@ from tests.thorough import only_thorough
 from tests.unit.kit.test_plan import STEP, turned
 
 SMALL = {"sector": 7, "size_mm": (14.0, 11.0)}
+pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")
 SOLID_ROLES = {"step-solid", "stl", "3mf", "preview-svg", "preview-png", "certificate", "report"}
 FORMS: dict[str, dict[str, Any]] = {
     "block": {"part": "block"},
