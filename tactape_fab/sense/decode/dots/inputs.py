@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from functools import lru_cache
+from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError
+from tactape_fab.sense.decode.dots.holes import Holes, find_holes
 from tactape_fab.sense.sensors import SensorProfile
-from tactape_fab.texture.frames import FloatArray
+from tactape_fab.texture.frames import BoolArray, FloatArray
 
 LARGE = 1e9
 """Depths and places beyond this are scaled or refused."""
@@ -19,7 +21,9 @@ _SMALL = 1e-30
 
 
 def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[np.float32]:
-    """A frame as the canonical image; NaN, infinite and masked values become the median of the others.
+    """A frame as the canonical image; NaN, infinite, masked and hidden values become what is beside them.
+
+    Hidden are those that the sensor's mask leaves out.
 
     It is the frame's own memory where nothing has to be changed: only to be read.
 
@@ -48,9 +52,9 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
     if image.dtype != frame.dtype and not _SMALL <= max(abs(low), abs(high)) < np.inf:
         image = _fitted(frame, image)
         low, high = _span(image)
-    if not (isfinite(low) and isfinite(high)):
-        finite = np.isfinite(image)
-        image = np.where(finite, image, np.median(image[finite]) if finite.any() else 0.0).astype(np.float32)
+    whole = isfinite(low) and isfinite(high)
+    if not whole or sensor.mask is not None:
+        image = _holes(image, whole, sensor).filled(image)
         low, high = _span(image)
     # only relative heights matter: extreme ones are scaled to 0 ... 1, well within single precision
     if high == low:
@@ -58,6 +62,35 @@ def canonical_frame(depth: npt.ArrayLike, sensor: SensorProfile) -> npt.NDArray[
     elif max(abs(low), abs(high)) > LARGE or high - low < 1.0 / LARGE:
         image = ((image.astype(np.float64) - low) / (high - low)).astype(np.float32)
     return np.ascontiguousarray(sensor.canonical(image))
+
+
+def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -> Holes:
+    """The holes of a frame as the sensor delivers it; `whole`: all its values are finite."""
+    known = None if whole else np.isfinite(image)
+    if sensor.mask is not None:
+        shown = _shown(sensor)
+        if known is None or known[shown].all():
+            return _masked_holes(sensor)
+        known &= shown
+    assert known is not None
+    return find_holes(known, _mean_scale(sensor))
+
+
+@lru_cache(maxsize=8)
+def _masked_holes(sensor: SensorProfile) -> Holes:
+    """What the sensor's mask hides: some milliseconds' work, the same for all its frames."""
+    return find_holes(_shown(sensor), _mean_scale(sensor))
+
+
+def _shown(sensor: SensorProfile) -> BoolArray:
+    """Pixels of a frame that the sensor's mask leaves: the way of `SensorProfile.canonical` back."""
+    assert sensor.mask is not None
+    turned = np.rot90(sensor.mask, -sensor.rotate90)
+    return turned[:, ::-1] if sensor.mirror else turned
+
+
+def _mean_scale(sensor: SensorProfile) -> float:
+    return sqrt(sensor.px_per_mm[0] * sensor.px_per_mm[1])
 
 
 def _span(image: npt.NDArray[np.float32]) -> tuple[float, float]:

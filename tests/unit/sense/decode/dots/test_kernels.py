@@ -42,7 +42,7 @@ def test_however_a_frame_lies_in_memory_it_becomes_the_same_image(laid_out: Call
 
 
 @pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
-def test_holes_become_the_median_and_the_frame_stays_as_it_was(hole: float) -> None:
+def test_holes_are_filled_and_the_frame_stays_as_it_was(hole: float) -> None:
     frame = DEPTH.copy()
     frame[3:9, 20:40] = hole
     given = frame.copy()
@@ -50,7 +50,7 @@ def test_holes_become_the_median_and_the_frame_stays_as_it_was(hole: float) -> N
     known = np.isfinite(given)
     assert np.array_equal(frame, given, equal_nan=True)
     assert np.array_equal(image[known], DEPTH[known])
-    assert (image[~known] == np.median(DEPTH[known])).all()
+    assert (image[~known] > DEPTH.min()).all() and (image[~known] < DEPTH.max()).all()
 
 
 def test_what_is_masked_is_a_hole() -> None:
@@ -60,7 +60,10 @@ def test_what_is_masked_is_a_hole() -> None:
     image = canonical_frame(np.ma.masked_array(wild, np.isnan(holes)), load_sensor("gelsight-mini"))
     assert np.array_equal(image, canonical_frame(holes, load_sensor("gelsight-mini")))
     whole = np.ma.masked_array((DEPTH * 1000).astype(np.int32), np.isnan(holes))
-    assert (canonical_frame(whole, load_sensor("gelsight-mini"))[3:9, 20:40] == np.median(whole.compressed())).all()
+    holes = np.where(np.isnan(holes), np.nan, whole.data)
+    assert np.array_equal(
+        canonical_frame(whole, load_sensor("gelsight-mini")), canonical_frame(holes, load_sensor("gelsight-mini"))
+    )
 
 
 @pytest.mark.parametrize("scale", [1e308, 1e300, 1e-300, 1e37, 1e39, 1e-38, 1e-44])
@@ -76,7 +79,7 @@ def test_a_value_too_large_for_single_precision_is_a_hole() -> None:
     frame = DEPTH.astype(np.float64)
     frame[5, 5] = 1e300
     image = canonical_frame(frame, load_sensor("gelsight-mini"))
-    assert image[5, 5] == np.median(np.delete(DEPTH.ravel(), 5 * DEPTH.shape[1] + 5))
+    assert image[5, 5] == pytest.approx(np.mean([DEPTH[5, 4], DEPTH[5, 6], DEPTH[4, 5], DEPTH[6, 5]]), abs=1e-3)
     assert np.array_equal(image[6:], DEPTH[6:])
 
 
