@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, hypot, sqrt
+from math import ceil, hypot, inf, sqrt
 
 import numpy as np
 
@@ -29,6 +29,8 @@ their mean is at least where a frame has a zero at all: integrated slopes alone 
 NO_ZERO, UNKNOWN_ZERO_MM = 1e-4, 0.2
 INDENTATION_SHARE = 0.02
 """Error of an indentation as a share: parts' tops are blurred."""
+SURE = 5.0
+"""Standard deviations by which something is out of the question."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,7 +162,22 @@ class ContactSurface:
 
     @cached_property
     def force(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-        """Force, N, and the frame's zero, mm, each with its standard deviation; None where it is not known."""
+        """Force, N, and the frame's zero, mm, each with its standard deviation; None where it is not known.
+
+        Neither is known where the tops would not be in the gel, or the gel would pull: the frame has another zero, or unit.
+        """
+        force, zero = self._by_layer
+        if zero is None or self.plane is None:
+            return force, zero
+        deep_mm, deviation_mm = self._below(self.plane, zero)
+        within = -SURE * deviation_mm <= deep_mm <= (self.view.gel.thickness_mm or inf)
+        if not within or (force is not None and force[0] < -SURE * force[1]):
+            return None, None
+        return force, zero
+
+    @cached_property
+    def _by_layer(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+        """The force and the zero, whatever they are."""
         depth, gel = self.coarse * self.view.unit_mm, self.view.gel
         if depth.size == 0 or not np.isfinite(depth).all():
             return None, None
@@ -199,8 +216,10 @@ class ContactSurface:
     def indentation(self) -> tuple[float, float] | None:
         """How deep the tops are in the gel in the middle of the contact, and the standard deviation, mm."""
         plane, zero = self.plane, self.force[1]
-        if plane is None or zero is None:
-            return None
+        return None if plane is None or zero is None else self._below(plane, zero)
+
+    def _below(self, plane: Plane, zero: tuple[float, float]) -> tuple[float, float]:
+        """The indentation by a zero and its standard deviation; mm."""
         gel_mm, _, weights = self._tops
         row = terms(((weights @ gel_mm) / weights.sum())[None])[0]
         found = (float(row @ plane.shown) - zero[0]) / plane.gain

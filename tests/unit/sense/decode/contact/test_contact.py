@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -208,6 +209,17 @@ def test_what_is_not_observable_is_null() -> None:
     gel_unknown = located(frame, replace(SENSOR, gel=Gel()))
     assert (gel_unknown.force_n, gel_unknown.force_sigma_n) == (None, None)
     assert gel_unknown.tilt_deg is not None and gel_unknown.indentation_mm is not None
+
+
+@pytest.mark.parametrize(
+    "change", [lambda d: d - 1.0, lambda d: d - 1000.0, lambda d: d + 1000.0, lambda d: ((d - d.min()) * 5e4).astype(np.uint16)]
+)
+def test_a_frame_that_counts_from_elsewhere_or_in_another_unit_says_no_depth(change: Callable[[Any], Any]) -> None:
+    frame = frame_of(2.0)
+    fix = located(replace(frame, depth=change(frame.depth)))
+    assert [getattr(fix, name) for name in NOTHING[2:]] == [None] * 4
+    assert fix.position_mm == pytest.approx(frame.position_mm, abs=0.02)
+    assert fix.transform("texture", origin="gel") is None
 
 
 def test_the_mapping_is_plain_json() -> None:
