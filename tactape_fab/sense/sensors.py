@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,18 @@ MOST_PX = 4096
 _MASK_BYTES = 32 * 1024 * 1024
 _VALID_GREY = 128
 _UNCALIBRATED, _UNKNOWN_GEL = Geometry(), Gel()
+_SMOOTH = {"white_um": (0.0, 1000.0, "um"), "correlated_um": (0.0, 1000.0, "um"), "correlated_px": (1.0, 100.0, "px")}
+"""Least, largest and unit of the numbers of a profile, here and below."""
+_CAMERA = dict.fromkeys(("aspect", "shear", "k1"), (-0.2, 0.2, ""))
+_SIGMAS = {"sigma_px_per_mm": (0.0, 1000.0, "px/mm")} | dict.fromkeys(("sigma_aspect", "sigma_shear", "sigma_k1"), (0.0, 0.2, ""))
+_GEL = {
+    "thickness_mm": (0.1, 100.0, "mm"),
+    "modulus_kpa": (1.0, 1e5, "kPa"),
+    "displacement_um": (0.0, 1000.0, "um"),
+    "correlation_mm": (0.1, 100.0, "mm"),
+    "blur_mm": (0.01, 5.0, "mm"),
+    "poisson": (0.0, 0.4999, ""),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,10 +198,9 @@ def _given(table: Fields, bounds: Mapping[str, tuple[float, float, str]]) -> dic
 
 def _smooth_noise(noise: Fields, wanted: bool) -> dict[str, float]:
     """White and smooth noise: all three figures where there is no slope noise, else those that are there."""
-    bounds = {"white_um": (0.0, 1000.0, "um"), "correlated_um": (0.0, 1000.0, "um"), "correlated_px": (1.0, 100.0, "px")}
     if not wanted:
-        return _given(noise, bounds)
-    return {key: noise.number(key, low=low, high=high, unit=unit) for key, (low, high, unit) in bounds.items()}
+        return _given(noise, _SMOOTH)
+    return {key: noise.number(key, low=low, high=high, unit=unit) for key, (low, high, unit) in _SMOOTH.items()}
 
 
 def _read_geometry(table: Fields, size_px: tuple[int, int]) -> Geometry:
@@ -205,25 +216,14 @@ def _read_geometry(table: Fields, size_px: tuple[int, int]) -> Geometry:
     if "center_px" in read.values:
         at = read.numbers("center_px", 2, low=-float(max(size_px)), high=2.0 * max(size_px), unit="px")
         found["center_px"] = (at[0], at[1])
-    sigmas = {"sigma_px_per_mm": (0.0, 1000.0, "px/mm")} | dict.fromkeys(
-        ("sigma_aspect", "sigma_shear", "sigma_k1"), (0.0, 0.2, "")
-    )
-    return Geometry(**(found | _given(read, sigmas)))
+    return Geometry(**(found | _given(read, _SIGMAS)))
 
 
 def _read_gel(table: Fields) -> Gel:
     if "gel" not in table.values:
         return Gel()
     read = table.table("gel", [field.name for field in fields(Gel)])
-    bounds = {
-        "thickness_mm": (0.1, 100.0, "mm"),
-        "modulus_kpa": (1.0, 1e5, "kPa"),
-        "displacement_um": (0.0, 1000.0, "um"),
-        "correlation_mm": (0.1, 100.0, "mm"),
-        "blur_mm": (0.01, 5.0, "mm"),
-        "poisson": (0.0, 0.4999, ""),
-    }
-    found: dict[str, Any] = dict(_given(read, bounds))
+    found: dict[str, Any] = dict(_given(read, _GEL))
     if "crown_mm" in read.values:
         radii = read.numbers("crown_mm", 2, low=10.0, high=1e9)
         found["crown_mm"] = (radii[0], radii[1])
@@ -233,14 +233,59 @@ def _read_gel(table: Fields) -> Gel:
 def as_sensor(sensor: object) -> SensorProfile:
     """A profile itself, or read by name or path; the package's own are read once.
 
-    Raises SpecError as `load_sensor`, and if it is none of the three.
+    Raises SpecError as `load_sensor`, for a profile with values that none can have, and if it is none of the three.
     """
     if isinstance(sensor, SensorProfile):
-        return sensor
+        return _checked(sensor)
     if isinstance(sensor, str | Path):
         return load_sensor(sensor) if str(sensor).endswith(".toml") else _own_sensor(str(sensor))
     message = f"sensor = {shown(sensor)} is no sensor; give the name of a profile, a .toml file, or a SensorProfile"
     raise SpecError(Problem("sensor", message))
+
+
+def _checked(made: SensorProfile) -> SensorProfile:
+    """A profile that a program made, with a scale that can be hashed. Raises SpecError with all that is wrong with it."""
+    scale = tuple(np.ravel(made.px_per_mm).tolist())
+    table = _known_fields(made, "", px_per_mm=scale)
+    table.text("name", longest=100)
+    table.text("title")
+    table.integer("width_px", low=1, high=MOST_PX)
+    table.integer("height_px", low=1, high=MOST_PX)
+    table.numbers("px_per_mm", 2, low=0.01, high=1000.0, unit="px/mm")
+    if table.integer("sign", low=-1, high=1, remedy="give 1 or -1", default=1) == 0:
+        table.problem("sign", f"sign = {shown(made.sign)} is neither 1 nor -1; give one of them")
+    table.flag("mirror")
+    table.integer("rotate90", low=0, high=3)
+    table.number("scale_tolerance", low=0.0, high=0.5, unit="")
+    _given(table, _SMOOTH | {"slope_noise": (0.0, 10.0, "")})
+    if "depth_unit_mm" in table.values:
+        table.number("depth_unit_mm", above=0.0, high=1000.0)
+    shape = (made.height_px, made.width_px)
+    if "mask" in table.values and not (
+        isinstance(made.mask, np.ndarray) and made.mask.dtype == bool and made.mask.shape == shape
+    ):
+        table.problem("mask", f"mask is no array of bool of shape {shape}; give None, or one that is True where there is depth")
+    for key, kind, bounds, pair, low in (
+        ("geometry", Geometry, _CAMERA | _SIGMAS, "center_px", -2.0 * MOST_PX),
+        ("gel", Gel, _GEL, "crown_mm", 10.0),
+    ):
+        part = getattr(made, key)
+        if isinstance(part, kind):
+            read = _known_fields(part, f"{key}.", table.problems)
+            _given(read, bounds)
+            if pair in read.values:
+                read.numbers(pair, 2, low=low, high=1e9, unit=pair[-2:])
+        else:
+            table.problem(key, f"{key} = {shown(part)} is no {kind.__name__}; leave it out where nothing is known of it")
+    if table.problems:
+        raise SpecError([Problem(p.key, f"sensor {shown(made.name)}: {p.message}") for p in table.problems])
+    return made if isinstance(made.px_per_mm, tuple) else replace(made, px_per_mm=(scale[0], scale[1]))
+
+
+def _known_fields(made: Any, where: str, problems: list[Problem] | None = None, **other: Any) -> Fields:
+    """The attributes of a profile or of a part of it, without those that are None because they are not known."""
+    given = {f.name: getattr(made, f.name) for f in fields(made) if f.default is not None or getattr(made, f.name) is not None}
+    return Fields(given | other, where, problems)
 
 
 @lru_cache(maxsize=8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -180,6 +181,41 @@ def test_a_sensor_that_is_not_there_is_named(sensor: str | Path) -> None:
 def test_a_profile_of_one_s_own_is_taken() -> None:
     own = SensorProfile(name="mine", title="Mine", width_px=320, height_px=240, px_per_mm=(16.0, 16.0))
     assert Localizer(TAPE, own).locate_dots(dots((20.0, 12.0), 30.0)).located
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"width_px": 0}, {"width_px": 320.0}, {"height_px": "240"}, {"height_px": 10**9},
+        {"px_per_mm": 16.0}, {"px_per_mm": None}, {"px_per_mm": (0.0, 16.0)},
+        {"px_per_mm": (16.0, float("nan"))}, {"px_per_mm": (1e9, 16.0)},
+        {"sign": 0}, {"sign": "1"},
+        {"mirror": 1}, {"rotate90": 90}, {"mask": "ellipse"},
+        {"mask": np.ones((320, 240), dtype=bool)}, {"mask": np.ones((240, 320))},
+        {"depth_unit_mm": 0.0}, {"white_um": None}, {"slope_noise": -1.0}, {"scale_tolerance": float("inf")}, {"geometry": None},
+        {"gel": 3}, {"name": 3}, {"title": None},
+    ],
+)  # fmt: skip
+def test_a_profile_of_one_s_own_that_no_sensor_has_is_refused(wrong: dict[str, Any]) -> None:
+    made: dict[str, Any] = {"name": "mine", "title": "Mine", "width_px": 320, "height_px": 240, "px_per_mm": (16.0, 16.0)} | wrong
+    for call in (lambda own: Localizer(TAPE, own), lambda own: simulate(TAPE, (20.0, 12.0), 30.0, sensor=own)):
+        with pytest.raises(SpecError, match=rf"^sensor .*: {next(iter(wrong))}(\[[01]\])? .*; (give|leave) ") as caught:
+            call(SensorProfile(**made))
+        assert len(caught.value.problems) == 1
+
+
+def test_a_profile_s_geometry_and_gel_are_looked_at_too() -> None:
+    mini = load_sensor("gelsight-mini")
+    own = replace(mini, geometry=replace(mini.geometry, k1=5.0), gel=replace(mini.gel, thickness_mm=0.0, crown_mm=(1.0, 1.0)))
+    with pytest.raises(SpecError) as caught:
+        Localizer(TAPE, own)
+    assert [p.key for p in caught.value.problems] == ["geometry.k1", "gel.thickness_mm", "gel.crown_mm[0]", "gel.crown_mm[1]"]
+
+
+@pytest.mark.parametrize("scale", [[16, 16], np.array([16.0, 16.0], dtype=np.float32)])
+def test_a_profile_takes_any_two_numbers_as_its_scale(scale: Any) -> None:
+    own = SensorProfile(name="mine", title="Mine", width_px=320, height_px=240, px_per_mm=scale)
+    assert Localizer(TAPE, own).locate(simulate(TAPE, (20.0, 12.0), 30.0, sensor=own)).located
 
 
 # Priors
