@@ -6,8 +6,8 @@ import stat
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-from tactape_fab.base.errors import SpecError, reason_of
-from tactape_fab.base.fields import Fields, shown_path
+from tactape_fab.base.errors import Problem, SpecError, reason_of
+from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.input_file import mode_of, sha256_of
 from tactape_fab.texture.manifest import MANIFEST_NAME, SIGNATURE_NAME, UNFINISHED_SUFFIX, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel, read_placed
@@ -21,6 +21,10 @@ def refuse_taken(target: Path, *, overwrite: Overwrite) -> None:
     """Raise SpecError if a kit may not be written here: an invalid name, a foreign folder, a kit without `overwrite`, or one
     with files that were edited unless `overwrite` is ``"edits"``.
     """
+    given: object = overwrite
+    if not (isinstance(given, bool) or (isinstance(given, str) and given == "edits")):
+        message = f"overwrite = {shown(given)} is neither True, False nor 'edits'; give one of them"
+        raise SpecError(Problem("overwrite", message))
     if target.name.endswith(UNFINISHED_SUFFIX) or target.name in ("", "..") or target.name.startswith("."):
         raise SpecError(f"output = {target} is no name for a kit; give a folder that does not begin with '.' and ends otherwise")
     try:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.errors import Check, DesignRuleError, Finding, SpecError
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.examine.tape import Examined, examine, undrawable
 from tactape_fab.kit.order_facts import order_facts
@@ -133,6 +134,7 @@ def make_kit(
     """
     if path is not None:
         path = as_path(path, "path", "the folder of the kit")  # before the work
+    refuse_wrong_how(verify=verify, force=force, signer=signer)
     return make_examined(
         examine(spec, avoid=avoid), path, overwrite=overwrite, verify=verify, force=force, signer=signer, progress=progress
     )
@@ -216,6 +218,15 @@ def rendered(examined: Examined) -> tuple[list[AnyArtifact], dict[str, Any]]:
         record = texture_record(spec, process)
     artifacts += render_certificate(examined.certificate)
     return artifacts, manifest(tape, {**record, **search_record(examined.search, examined.avoided)}, artifacts)
+
+
+def refuse_wrong_how(*, verify: object, force: object, signer: object) -> None:
+    """Refuse options of making that are none, before the work. Raises SpecError."""
+    from tactape_fab.verify.signature import Signer
+
+    for key, value in (("verify", verify), ("force", force)):
+        refuse_other(value, bool, key, "bool", "True or False")
+    refuse_other(signer, (Signer, type(None)), "signer", "Signer", "what read_signer returns, or leave it out")
 
 
 def refuse_broken(

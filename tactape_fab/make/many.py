@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactape_fab.base.errors import LostProcessError, Problem, SpecError, TactapeError, reason_of, tried
+from tactape_fab.base.fields import shown
 from tactape_fab.base.given_path import as_path
-from tactape_fab.base.pool import Workers, mapped
+from tactape_fab.base.pool import Workers, checked_workers, mapped
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.examine.tape_lists import Planned
@@ -23,7 +24,7 @@ from tactape_fab.kit.panel.geometry import Panel
 from tactape_fab.kit.panel.packing import PackedPanel, pack_panels
 from tactape_fab.kit.profiles import FabProfile
 from tactape_fab.kit.spec.tape_spec import TapeSpec
-from tactape_fab.make.kit import make_examined
+from tactape_fab.make.kit import make_examined, refuse_wrong_how
 from tactape_fab.make.panel import PanelKit, make_panel
 from tactape_fab.texture.manifest import MANIFEST_NAME
 
@@ -156,6 +157,13 @@ def make_kits(
         If the folder cannot be made.
     """
     folder = as_path(folder, "folder", "the folder for the kits")
+    of_workers: list[Problem] = []
+    workers = checked_workers(workers, of_workers)
+    if of_workers:
+        raise SpecError(of_workers)
+    if not isinstance(tapes, Sequence) or not all(isinstance(tape, Planned) for tape in tapes):
+        raise SpecError(Problem("tapes", f"tapes = {shown(tapes)} is no list of planned tapes; give list_tapes(...).tapes"))
+    refuse_wrong_how(verify=verify, force=force, signer=signer)
     orders = [
         Ordered(
             name=tape.spec.name,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactape_fab.base.errors import Check, Finding
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.artifact import AnyArtifact
 from tactape_fab.kit.examine.order import ExaminedPanel
 from tactape_fab.kit.examine.tape import Examined
@@ -19,7 +20,7 @@ from tactape_fab.kit.render.fab_drawing import render_fab_drawing
 from tactape_fab.kit.render.fab_dxf import render_fab_dxf
 from tactape_fab.kit.render.order_notes import render_order_notes
 from tactape_fab.kit.writer import PlacedKit, made_record, panel_manifest, panel_record, render_all, write_kit
-from tactape_fab.make.kit import fill_kit, forced, refuse_broken
+from tactape_fab.make.kit import fill_kit, forced, refuse_broken, refuse_wrong_how
 from tactape_fab.make.publish import finished
 from tactape_fab.report import add_panel_report
 from tactape_fab.texture.manifest import MANIFEST_NAME
@@ -121,8 +122,10 @@ def make_panel(
     VerifyError
         If the written files fail the verification; nothing is left at `path`.
     """
-    target = Path(examined.name) if path is None else as_path(path, "path", "the folder of the panel")
+    refuse_other(examined, ExaminedPanel, "examined", "panel", "what examine_order returns first of an order of a panel")
+    refuse_wrong_how(verify=verify, force=force, signer=signer)
     findings = examined.findings
+    target = Path(examined.name) if path is None else as_path(path, "path", "the folder of the panel")
     blocking = refuse_broken(findings, examined.tapes[0], target, overwrite=overwrite, force=force)
     with finished(target, "panel", overwrite=overwrite, signer=signer) as folder:
         artifacts, checks = fill_panel(folder, examined, blocking, verify=verify, progress=progress)

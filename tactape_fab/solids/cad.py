@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from tactape_fab.base.errors import RenderError, SpecError
 from tactape_fab.base.libraries import library
-from tactape_fab.solids.checks import form_problems
+from tactape_fab.solids.checks import form_problems, refuse_no_form
 from tactape_fab.solids.forms import SolidForm
 from tactape_fab.solids.step.assembly import assembly_step
 from tactape_fab.solids.step.solid import solid_step
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 if TYPE_CHECKING:
     from build123d import Compound, Part
@@ -45,7 +45,9 @@ def texture_part(tape: Tape, form: SolidForm | None = None) -> Part:
     RenderError
         When OCCT reads something else from the STEP text than one solid.
     """
-    form = form or SolidForm()
+    refuse_no_tape(tape)
+    form = SolidForm() if form is None else form
+    refuse_no_form(form)
     problems = form_problems(tape, form)
     if problems:
         raise SpecError(problems)
@@ -76,6 +78,7 @@ def assembly(tape: Tape) -> Compound:
     RenderError
         When OCCT reads something else from the STEP text.
     """
+    refuse_no_tape(tape)
     if tape.part.shape != "block":
         raise SpecError(f"part = '{tape.part.name}' is no component that is placed; use texture_part for solid elements")
     text = assembly_step(tape, name=tape.name, date=_DATE, board_rgb=BOARD_RGB, part_rgb=PART_RGB)

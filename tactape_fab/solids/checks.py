@@ -7,9 +7,11 @@ from math import asin, ceil, pi
 
 import numpy as np
 
-from tactape_fab.base.errors import Problem
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.solids.elements import mean_radius_mm, reach_mm
-from tactape_fab.solids.forms import Cylinder, SolidForm
+from tactape_fab.solids.forms import Cylinder, SolidForm, read_form
 from tactape_fab.solids.rise import foot_radius_mm, meets_cylinder
 from tactape_fab.texture.frames import FloatArray
 from tactape_fab.texture.tape import Tape
@@ -24,6 +26,17 @@ LEAST_EDGE_MM = 0.01
 """Least distance of a foot from the base's edge."""
 LEAST_TURN_DEG = 0.5
 """A block's sides on a cylinder are parallel to its axis, square to it, or turned from both by at least this."""
+
+
+def refuse_no_form(form: object) -> None:
+    """Refuse a form that a program made with values that none can have. Raises SpecError."""
+    refuse_other(form, SolidForm, "form", "SolidForm", "SolidForm(base_mm=0.8), or leave it out")
+    assert isinstance(form, SolidForm)
+    refuse_other(form.cylinder, (Cylinder, type(None)), "cylinder", "Cylinder", "Cylinder(radius_mm=R), or leave it out")
+    table = Fields({**form.to_mapping(), "mark": form.mark})
+    read_form(table)
+    if table.problems:
+        raise SpecError(table.problems)
 
 
 def form_problems(tape: Tape, form: SolidForm) -> list[Problem]:

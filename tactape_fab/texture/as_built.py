@@ -14,6 +14,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import Fields, shown, shown_path
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.base.input_file import mode_of, sha256_of
 from tactape_fab.base.output_file import refuse_taken_place, write_file
 from tactape_fab.texture.as_built_file import (
@@ -143,7 +144,12 @@ class AsBuilt:
         -------
         BuiltParts
         """
+        nominal_mm = as_numbers(nominal_mm, (None, 2), "nominal_mm", "Tape.part_xy_mm() of the tape")
         n, at = len(nominal_mm), self.number - 1
+        if len(at) and at[-1] >= n:
+            raise SpecError(
+                Problem("nominal_mm", f"nominal_mm has {n} parts, {self.tape} has more; give Tape.part_xy_mm() of it")
+            )
         unlisted = self.scatter_mm if self.present.sum() >= LEAST_MEASURED else 0.0
         shift = nominal_mm @ (self.film.matrix - np.eye(2)).T
         np.add.at(shift, at, np.stack([self.dx_mm, self.dy_mm], axis=1))
@@ -214,6 +220,7 @@ class AsBuilt:
         SpecError
             Every problem found.
         """
+        refuse_other(content, Mapping, "content", "mapping", "what a file of measured places holds")
         values = read_values(Fields(content))
         return cls(**{**values, "film": Film(**values["film"])})
 
@@ -352,6 +359,10 @@ def manifest_digest(manifest: str | Path) -> str:
 
 def _array_problems(built: AsBuilt) -> list[Problem]:
     """Faults of arrays that a program gives."""
+    for key, kinds in {"number": "iu", "present": "b", **dict.fromkeys(RANGES, "fiu")}.items():
+        array = getattr(built, key)
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds or array.ndim != 1:
+            return [Problem("as-built", f"{key} = {shown(array)} is no array of its kind; give one value for each designator")]
     n = len(built.number)
     arrays: list[tuple[str, npt.NDArray[Any]]] = [(key, getattr(built, key)) for key in (*RANGES, "present")]
     problems = [

@@ -139,15 +139,16 @@ CODE_NAMES = tuple(code.name for code in _CODES if code.plane is not None)
 
 def get_code(name: str) -> Code:
     """The code of that name. Raises SpecError if no code has that name."""
-    if name not in CODES:
+    if not isinstance(name, str) or name not in CODES:
         raise SpecError(Problem("code", f"code = {name!r} is none of: {', '.join(ALL_CODE_NAMES)}"))
     return CODES[name]
 
 
 def get_plane(name: str) -> Plane:
     """The code of that name, which has a plane. Raises SpecError if no code with a plane has that name."""
-    plane = CODES[name].plane if name in CODES else None
-    if plane is None and name in CODES:
+    known = isinstance(name, str) and name in CODES
+    plane = CODES[name].plane if known else None
+    if plane is None and known:
         said = "has no code plane: only a tape's manifest holds its symbols; name the tape's kit with --tape"
         raise SpecError(Problem("code", f"code = {name!r} {said}"))
     if plane is None:

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.errors import Problem, SpecError
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 SymbolArray = npt.NDArray[np.uint8]
@@ -36,6 +38,10 @@ TURNED.setflags(write=False)
 
 NM_PER_MM = 1_000_000
 
+_NO_POINTS = Problem(
+    "xy_mm", "xy_mm or texture_origin_mm is none: give points of shape (..., 2), and tape.board.texture_origin_mm"
+)
+
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)
 _VALUE_OF_BYTE = np.full(256, 255, dtype=np.uint8)
 _VALUE_OF_BYTE[_LETTER_BYTES] = np.arange(len(LETTERS), dtype=np.uint8)
@@ -56,11 +62,14 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     ndarray, shape (..., 2)
         The same points in the board frame, mm.
     """
-    xy = np.asarray(xy_mm, dtype=np.float64)
-    board = np.empty(xy.shape)
-    # axis by axis: numpy takes many times as long for operands of two numbers
-    np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
-    np.subtract(texture_origin_mm[1], xy[..., 1], out=board[..., 1])
+    try:
+        xy = np.asarray(xy_mm, dtype=np.float64)
+        board = np.empty(xy.shape)
+        # axis by axis: numpy takes many times as long for operands of two numbers
+        np.add(xy[..., 0], texture_origin_mm[0], out=board[..., 0])
+        np.subtract(texture_origin_mm[1], xy[..., 1], out=board[..., 1])
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+        raise SpecError(_NO_POINTS) from None
     return board
 
 
@@ -79,10 +88,13 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     ndarray, shape (..., 2)
         The same points in the texture frame, mm.
     """
-    xy = np.asarray(xy_mm, dtype=np.float64)
-    texture = np.empty(xy.shape)
-    for axis in (0, 1):  # as above
-        np.subtract(xy[..., axis], texture_origin_mm[axis], out=texture[..., axis])
+    try:
+        xy = np.asarray(xy_mm, dtype=np.float64)
+        texture = np.empty(xy.shape)
+        for axis in (0, 1):  # as above
+            np.subtract(xy[..., axis], texture_origin_mm[axis], out=texture[..., axis])
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+        raise SpecError(_NO_POINTS) from None
     np.negative(texture[..., 1], out=texture[..., 1])
     return texture
 

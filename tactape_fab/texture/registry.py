@@ -13,6 +13,7 @@ from pathlib import Path
 from tactape_fab.base.errors import Problem, SpecError, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.texture.as_built import NOMINAL, AsBuilt, Given, manifest_digest
 from tactape_fab.texture.manifest import MANIFEST_NAME, UNFINISHED_SUFFIX, find_manifest, read_manifest
 from tactape_fab.texture.packed import MOST_TAPES, is_packed, read_packed
@@ -134,6 +135,9 @@ class _Measured:
     """Files of measured places, by the digests of the manifests that they belong to."""
 
     def __init__(self, files: Sequence[str | Path]) -> None:
+        given: object = files
+        refuse_other(given, Sequence, "as_built", "list of files", "files of measured places, or none")
+        files = [as_path(file, "as_built", "files of measured places, or none") if file != NOMINAL else NOMINAL for file in files]
         self._nominal = NOMINAL in files
         if self._nominal and len(files) > 1:
             message = "--as-built none is given together with files; give either none or the files"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import Fields, shown
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.texture.as_built import AsBuilt, BuiltParts, Given, as_built_of
 from tactape_fab.texture.board import Board, Surface, Tag, read_board, read_surface, read_tag
 from tactape_fab.texture.code import ALL_CODE_NAMES, DEFAULT_CODE, get_code, read_directions
@@ -190,6 +191,7 @@ class Tape:
         SpecError
             Every problem found: missing or impossible values, symbols that the code does not have at that place.
         """
+        refuse_other(manifest, Mapping, "manifest", "mapping", "the content of a kit's manifest.json")
         return _read_tape(Fields(manifest))
 
     @classmethod
@@ -249,6 +251,12 @@ def refuse_no_tape(value: object) -> None:
     """Refuse what is no tape, such as the path of one. Raises SpecError."""
     if not isinstance(value, Tape):
         raise SpecError(no_tape(value))
+
+
+def refuse_no_tapes(values: object, key: str) -> None:
+    """Refuse what is no list of tapes, such as the path of a kit. Raises SpecError."""
+    if not isinstance(values, Sequence) or not all(isinstance(value, Tape) for value in values):
+        raise SpecError(Problem(key, f"{key} = {shown(values)} is no list of tapes; give [Tape.load(KIT), ...]"))
 
 
 def _plain(record: Board | TapePart | Tag | Surface) -> dict[str, Any]:

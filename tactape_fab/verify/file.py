@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.pool import Workers
 from tactape_fab.texture.manifest import MANIFEST_NAME, find_manifest, read_any_manifest
 from tactape_fab.texture.panel_manifest import is_panel
@@ -54,6 +55,8 @@ def verify_kit(
     SpecError
         When there is no kit at `path`.
     """
+    refuse_other(quick, bool, "quick", "bool", "True or False")
+    refuse_other(contact, (Contact, type(None)), "contact", "Contact", "what verify's --contact reads, or leave it out")
     file = find_manifest(path)
     if file.name != MANIFEST_NAME:
         raise SpecError(f"{path} is no kit; give the kit's folder or its {MANIFEST_NAME}")

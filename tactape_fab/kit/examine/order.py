@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, tried
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.kit.examine.tape import Examined, examine
 from tactape_fab.kit.examine.together import of_sector, other_sectors, sector_words, together_findings
 from tactape_fab.kit.film.drawing import Drawing
@@ -22,7 +23,7 @@ from tactape_fab.kit.spec.panel_options import PANEL_KEYS, PanelRequest, read_pa
 from tactape_fab.kit.spec.tape_spec import read_spec
 from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import get_code
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tapes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +95,8 @@ def examine_order(
     SpecError
         With every problem, and in `findings` the rules that the remaining values break.
     """
+    refuse_other(values, Mapping, "values", "mapping", 'keys and values, such as {"sector": 7}')
+    refuse_no_tapes(avoid, "avoid")
     tape_values = {key: value for key, value in values.items() if key not in PANEL_KEYS}
     spec, _ = read_spec({"sector": 0, **tape_values})
     request, problems = read_panel_request(values, films=spec.fab is not None)

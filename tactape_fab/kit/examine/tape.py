@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from tactape_fab.base.errors import Finding, Problem, SpecError, refusal, sound, tried
 from tactape_fab.base.fields import shown
+from tactape_fab.base.given_path import as_path
 from tactape_fab.kit.examine.together import of_sector, other_sectors, together_findings
 from tactape_fab.kit.film.drawing import Drawing, tape_drawing
 from tactape_fab.kit.film.layout import Layout, build_layout
@@ -40,7 +40,7 @@ from tactape_fab.texture.certify.origin import Choice, choose_origin, choose_sec
 from tactape_fab.texture.certify.pairs import Conflict
 from tactape_fab.texture.code import DEFAULT_CODE, get_code, get_plane, has_plane
 from tactape_fab.texture.directions import USUAL_DIRECTIONS
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tapes
 
 T = TypeVar("T")
 
@@ -145,9 +145,10 @@ def examine(
         With every problem, and in `findings` the broken rules whose values were not refused. CapacityError if the code's
         reach is the only problem.
     """
+    refuse_no_tapes(avoid, "avoid")
     problems = list(known)
     if output is not None:
-        tried(lambda: refuse_taken(Path(output), overwrite=overwrite), problems)
+        tried(lambda: refuse_taken(as_path(output, "output", "the folder of the kit"), overwrite=overwrite), problems)
     spec = asked if isinstance(asked, TapeSpec) else _read(asked, avoid, problems)
     problems += sound(_avoid_problems(spec, avoid), problems)
     spec, profiles = _profiles(spec, problems)

@@ -11,6 +11,7 @@ from typing import Any
 from tactape_fab.base.errors import DesignRuleError, Finding, Problem, SpecError, reason_of, tried
 from tactape_fab.base.fields import shown_path
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.input_file import mode_of
 from tactape_fab.base.pool import Workers, checked_workers
 from tactape_fab.kit.examine.tape import Examined, Profiles, examine
@@ -99,9 +100,12 @@ def list_tapes(
     DesignRuleError
         If there are only broken rules, and not `force`.
     """
+    refuse_other(values, Mapping, "values", "mapping", 'the values of a spec file, such as {"sectors": "0-9"}')
+    refuse_other(options, Mapping, "options", "mapping", "the options that override them, or {}")
     folder = as_path(folder, "folder", "the folder for the kits")
     of_workers: list[Problem] = []
     chosen = checked_workers(workers, of_workers)
+    refuse_other(packed, bool, "packed", "bool", "True or False")
     entries, of_list = read_list(values, options)
     tally = _Tally(packed=packed)
     for entry in entries:

@@ -62,7 +62,9 @@ def read_list(values: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[li
     options = {key: value for key, value in options.items() if key not in _OF_A_PANEL}
     shared = {key: value for key, value in values.items() if key not in ("tapes", *_OF_A_PANEL)}
     entries: list[TapeEntry] = []
-    if "tapes" not in values:
+    if "tapes" not in values and "sectors" not in {**shared, **options}:
+        problems.append(Problem("sectors", 'sectors is missing; give sectors = "0-9", or a list of tapes'))
+    elif "tapes" not in values:
         entries = _of_sectors({**shared, **options}, "", problems)
     elif not isinstance(values["tapes"], list) or not values["tapes"]:
         said = shown(values["tapes"])

@@ -9,6 +9,7 @@ from typing import Any, Literal, cast
 
 from tactape_fab.base.errors import Problem, refusal
 from tactape_fab.base.fields import unknown_key
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.base.templates import read_toml
 from tactape_fab.kit.spec.board_options import DEFAULT_TAG_CELL_MM
 from tactape_fab.kit.spec.grid_options import BEST, DEFAULT_PITCH_MM, DEFAULT_SIZE_MM
@@ -224,6 +225,7 @@ def read_spec(values: Mapping[str, Any]) -> tuple[TapeSpec, list[Problem]]:
 
     A refused value is replaced by a usable one in the spec, so that values that do not depend on it can be checked.
     """
+    refuse_other(values, Mapping, "values", "mapping", 'keys and values, such as {"sector": 7}')
     problems = [unknown_key(key, KEYS) for key in values if key not in KEYS]
     if "sector" not in values:
         problems.append(Problem("sector", "sector is missing; give --sector N, or sector = N in the TOML file"))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle, agreeing, designs_of, problem_of, solve
 from tactape_fab.sense.calibrate.errors import Errors, Estimate, estimate_errors
@@ -130,7 +132,10 @@ def calibrate_sensor(
 
 
 def _known(given: tuple[int, float], count: int) -> KnownTurn:
-    frame, theta_deg = given
+    remedy = "the index of a frame and its angle: 0,90"
+    frame, theta_deg = as_numbers(given, (2,), "known_theta", remedy).tolist()
+    refuse_other(given[0], Integral, "known_theta", "index", remedy)
+    frame = given[0]
     typed = f"known_theta = {frame},{theta_deg:g}"
     if not 0 <= frame < count:
         message = f"{typed}: frame {frame} is not from 0 to {count - 1}; give the index of a frame and its angle: 0,90"

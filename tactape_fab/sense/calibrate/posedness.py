@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import FrameError, Problem, SpecError
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.sense.calibrate import camera
 from tactape_fab.sense.calibrate.adjust import Bundle
 from tactape_fab.sense.calibrate.hand_eye import HandEye
@@ -48,6 +49,7 @@ def checked_frames(frames: Iterable[npt.ArrayLike]) -> tuple[list[Frame], list[s
     """
     images: list[Frame] = []
     bad: list[str] = []
+    refuse_other(frames, Iterable, "frames", "list of frames", "depth maps (h, w), one for each press")
     for k, given in enumerate(frames):
         image = _numbers(given, k)
         if images and image.shape != images[0].shape:

@@ -10,7 +10,7 @@ from math import pi
 from numbers import Real
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -60,10 +60,31 @@ def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _kappa_problems(kappa: object) -> list[Problem]:
-    if isinstance(kappa, Real) and float(kappa) >= 1.0:
+def _kappa_problems(kappa: Any) -> list[Problem]:
+    if _is_number(kappa) and 1.0 <= kappa <= 1e300:
         return []
     return [Problem("kappa", f"kappa = {shown(kappa)} is not at least 1; give the least lead over any rival, such as 30")]
+
+
+def _share_problems(**values: Any) -> list[Problem]:
+    """Problems of probabilities, by their names."""
+    return [
+        Problem(key, f"{key} = {shown(value)} is not between 0 and 1; give a probability such as 1e-4")
+        for key, value in values.items()
+        if not (_is_number(value) and 0.0 < value < 1.0)
+    ]
+
+
+def _choice_problems(key: str, value: object, first: str, second: str) -> list[Problem]:
+    if isinstance(value, str) and value in (first, second):
+        return []
+    return [Problem(key, f"{key} = {shown(value)} is neither {first!r} nor {second!r}; give one of them")]
+
+
+def _flag_problems(**values: Any) -> list[Problem]:
+    """Problems of flags, by their names."""
+    said = "is neither True nor False; give one of them"
+    return [Problem(key, f"{key} = {shown(value)} {said}") for key, value in values.items() if not isinstance(value, bool)]
 
 
 def _stamped(found: Localization, start: float, timestamp: float | None) -> Localization:
@@ -135,25 +156,23 @@ class Localizer:
         problems: list[Problem] = []
         registered = tried(lambda: as_tapes(tapes), problems)
         tapes = registered or []
-        if method not in ("ml", "paper"):
-            problems.append(Problem("method", f"method = {method!r} is neither 'ml' nor 'paper'; give one of them"))
-        if refine not in (None, "dots", "pixels"):
-            problems.append(Problem("refine", f"refine = {shown(refine)} is neither 'dots' nor 'pixels'; give one of them"))
-        elif refine == "pixels" and method == "paper":
+        problems += _choice_problems("method", method, "ml", "paper")
+        problems += [] if refine is None else _choice_problems("refine", refine, "dots", "pixels")
+        by_paper = isinstance(method, str) and method == "paper"
+        if by_paper and isinstance(refine, str) and refine == "pixels":
             message = "refine = 'pixels' is not part of method 'paper'; leave it out, or use method 'ml'"
             problems.append(Problem("refine", message))
         if registered == []:
             problems.append(Problem("tape", "no tape is registered; give the kits that can be touched"))
-        if method == "paper" and not all(has_plane(tape.code) for tape in tapes):
+        if by_paper and not all(has_plane(tape.code) for tape in tapes):
             from tactape_fab.sense.decode.paper.method import PLANELESS
 
             problems.append(Problem("method", PLANELESS))
-        if world not in ("open", "closed"):
-            problems.append(Problem("world", f"world = {world!r} is neither 'open' nor 'closed'; give one of them"))
-        for key, value in (("max_p_false", max_p_false), ("max_p_tape", max_p_tape), ("unregistered_share", unregistered_share)):
-            if value is not None and not (_is_number(value) and 0.0 < value < 1.0):
-                problems.append(Problem(key, f"{key} = {shown(value)} is not between 0 and 1; give a probability such as 1e-4"))
+        problems += _choice_problems("world", world, "open", "closed")
+        problems += _share_problems(max_p_false=max_p_false, unregistered_share=unregistered_share)
+        problems += [] if max_p_tape is None else _share_problems(max_p_tape=max_p_tape)
         problems += _kappa_problems(kappa)
+        problems += _flag_problems(fixed_scale=fixed_scale)
         sizes = sorted({(tape.pitch_mm, tape.displacement_mm) for tape in tapes})
         if len(sizes) > 1:
             said = ", ".join(f"W {w:g} and Δ {d:g} mm" for w, d in sizes)
@@ -226,10 +245,11 @@ class Localizer:
             Problem(key, f"{key} = {shown(value)} mm is not above 0 and at most {most:g} mm; give it in millimetres")
             for key, value, most in (
                 ("w", pitch_mm, 100.0),
-                ("delta", displacement_mm, pitch_mm / 2 if _is_number(pitch_mm) else 50.0),
+                ("delta", displacement_mm, pitch_mm / 2 if _is_number(pitch_mm) and 0.0 < pitch_mm <= 100.0 else 50.0),
             )
             if not (_is_number(value) and 0.0 < value <= most)
         ]
+        problems += [*_share_problems(max_p_false=max_p_false), *_kappa_problems(kappa), *_flag_problems(fixed_scale=fixed_scale)]
         if problems:
             raise SpecError(problems)
         self = cls.__new__(cls)
@@ -359,7 +379,7 @@ class Localizer:
         xy = dot_numbers(xy_px)
         if xy.size == 0:
             xy = xy.reshape(0, 2)
-        w = np.ones(len(xy)) if weights is None else dot_numbers(weights)
+        w = np.ones(xy.shape[:1]) if weights is None else dot_numbers(weights)
         if xy.ndim != 2 or xy.shape[1] != 2 or w.shape != (len(xy),):
             raise FrameError(f"dots of shape {xy.shape} with weights of shape {w.shape} do not match; give (n, 2) and (n,)")
         if not (np.isfinite(xy).all() and np.isfinite(w).all() and (w >= 0).all()):

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactape_fab.base.errors import Problem, SpecError
 from tactape_fab.base.fields import shown
+from tactape_fab.base.given_value import refuse_other
 from tactape_fab.sense.decode.space import Surface, image_pose, pose_covariance, texture_plane
 from tactape_fab.texture.frames import BoolArray, FloatArray, IntArray
 
@@ -309,9 +310,15 @@ class Localization:
         return values
 
 
+def refuse_no_answer(fix: object) -> None:
+    """Refuse what is no answer of a localizer. Raises SpecError."""
+    refuse_other(fix, Localization, "fix", "Localization", "what Localizer.locate returns")
+
+
 def surface_of(fix: Localization, frame: str, on: OnObject | None) -> Surface | None:
     """Where the tape of an answer is in a frame, as `Localization.transform` takes it; None where that is not known."""
-    if frame not in _FRAMES or (frame == "object" and on is None):
+    refuse_no_answer(fix)
+    if not isinstance(frame, str) or frame not in _FRAMES or (frame == "object" and on is None):
         remedy = "give one of them; for an object's give 'object' and on=read_object(FILE), or use"
         message = f"frame = {shown(frame)} is neither 'board' nor 'texture'; {remedy} read_object(FILE).locate(fix).transform()"
         raise SpecError(Problem("frame", message))
@@ -334,7 +341,7 @@ def state_of(fix: Localization, origin: str = "tape") -> tuple[FloatArray, Float
 
     The tilt is 0 with an infinite variance where it is not known. None where there is no pose, or no `origin` of it.
     """
-    if origin not in _ORIGINS:
+    if not isinstance(origin, str) or origin not in _ORIGINS:
         raise SpecError(Problem("origin", f"origin = {shown(origin)} is neither 'tape' nor 'gel'; give one of them"))
     ahead = fix.contact.ahead if origin == "gel" and fix.contact is not None else None
     if not fix.located or fix.position_mm is None or fix.theta_deg is None or (origin == "gel" and ahead is None):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -148,7 +147,7 @@ def _problems(paths: Sequence[str | Path], dpi: float | None, tolerance_mm: floa
     ):
         if value is None and key == "dpi":
             continue
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or not low <= value <= high:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             problems.append(
                 Problem(key, f"{key} = {shown(value)} is not from {low:g} to {high:g} {unit}; give a number of {unit}")
             )

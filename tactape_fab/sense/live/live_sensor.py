@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import cos, radians, sin
+from os import PathLike
 from threading import Condition, Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from tactape_fab.base.errors import TactapeError
+from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import refuse_other
+from tactape_fab.sense.decode.result import refuse_no_answer
 from tactape_fab.sense.live.counts import Tally
 from tactape_fab.sense.live.opening import Wishes, open_watch
 from tactape_fab.sense.live.watch import watch
+from tactape_fab.texture.tape import refuse_no_tapes
 
 if TYPE_CHECKING:
     from tactape_fab.sense.decode.result import Localization
@@ -64,7 +69,12 @@ class LiveSensor:
         max_p_false: float = 1e-4,
     ) -> None:
         wishes = Wishes(rate=rate, raw=raw, background=background, weights=weights, crop=crop)
-        self._watched = open_watch(source, list(kits), sensor, wishes, (), world=world, max_p_false=max_p_false)
+        source = str(as_path(source, "source", "a folder, a file of frames, a camera or - for standard input"))
+        given = [kits] if isinstance(kits, str | PathLike) or not isinstance(kits, Iterable) else kits
+        refuse_other(raw, bool, "raw", "bool", "True or False")
+        sensor = str(as_path(sensor, "sensor", "the name of a profile or a .toml file"))
+        paths = [str(as_path(kit, "kits", "the paths of kits")) for kit in given]
+        self._watched = open_watch(source, paths, sensor, wishes, (), world=world, max_p_false=max_p_false)
         self._latest: Located | None = None
         self._changed, self._stop, self._tally = Condition(), Event(), Tally()
         self._ended: BaseException | None = None
@@ -157,6 +167,7 @@ def observation_names(tapes: Sequence[Tape]) -> list[str]:
     -------
     list of str
     """
+    refuse_no_tapes(tapes, "tapes")
     return [f"on_{tape.name}" for tape in tapes] + list(_OF_FIX)
 
 
@@ -178,6 +189,7 @@ def observation(fix: Localization, tapes: Sequence[Tape]) -> dict[str, float]:
         One of the tapes is 1 where it is located on it; place (texture frame), sine and cosine of theta, the covariance's
         diagonal, p_false. Not located: all of them 0, but for p_false, which is then 1.
     """
+    refuse_no_answer(fix)
     values = dict.fromkeys(observation_names(tapes), 0.0) | {"p_false": 1.0}
     if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
         return values

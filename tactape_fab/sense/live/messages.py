@@ -10,12 +10,16 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from math import cos, isfinite, radians, sin
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.given_value import as_numbers, refuse_other
+from tactape_fab.sense.decode.result import refuse_no_answer
 from tactape_fab.sense.files.answers import fix_json, object_json
+from tactape_fab.sense.objects.taped_object import TapedObject
 from tactape_fab.sense.sensors import SensorProfile
 from tactape_fab.texture.frames import FloatArray
 
@@ -62,6 +66,7 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
     dict or None
         None where there is no pose on a tape: not located, or only a code is known.
     """
+    refuse_no_answer(fix)
     if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
         return None
     x_mm, y_mm = fix.board_mm or (fix.position_mm[0], -fix.position_mm[1])
@@ -92,6 +97,14 @@ def transform_message(pose: Mapping[str, Any], child_frame_id: str) -> dict[str,
     -------
     dict
     """
+    remedy = "pose_message(fix, stamp) of a located answer"
+    refuse_other(
+        pose if isinstance(pose, Mapping) and {"header", "pose"} <= set(pose) else None,
+        Mapping,
+        "pose",
+        "message of a pose",
+        remedy,
+    )
     at = pose["pose"]["pose"]
     transform = {"translation": dict(at["position"]), "rotation": dict(at["orientation"])}
     return {"header": pose["header"], "child_frame_id": child_frame_id, "transform": transform}
@@ -132,8 +145,10 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     -------
     dict
     """
+    refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
     with np.errstate(over="ignore", invalid="ignore"):
-        metres = np.asarray(depth).astype(np.float32) * np.float32((sensor.depth_unit_mm or 1000.0) * _MM_TO_M)
+        values = as_numbers(depth, (None, None), "depth", "a depth map (h, w)", finite=False)
+        metres = values.astype(np.float32) * np.float32((sensor.depth_unit_mm or 1000.0) * _MM_TO_M)
     image = np.ascontiguousarray(sensor.canonical(metres), dtype="<f4")
     height, width = image.shape
     return {
@@ -162,10 +177,14 @@ def text_message(frame: int, fix: Localization, thing: TapedObject | None = None
     -------
     dict
     """
+    refuse_other(frame, Integral, "frame", "index", "a whole number")
+    refuse_no_answer(fix)
+    refuse_other(thing, (TapedObject, type(None)), "thing", "TapedObject", "read_object(FILE), or leave it out")
     more = {} if thing is None else object_json(thing.locate(fix))
     return {"data": json.dumps({**fix_json(frame, fix), **more}, allow_nan=False)}
 
 
 def _header(stamp: int, frame_id: str) -> dict[str, Any]:
+    refuse_other(stamp, Integral, "stamp", "whole number of ns", "the capture time, such as time.time_ns()")
     seconds, nanoseconds = divmod(stamp, _NS)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

@@ -7,17 +7,18 @@ axis, and at height y; if board y is, it is at arc length y from the x axis, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.sense.decode.space import Surface, image_pose
 from tactape_fab.sense.objects.rigid import from_quaternion, to_quaternion
 from tactape_fab.texture.frames import FloatArray, texture_to_board
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 SurfaceKind = Literal["plane", "cylinder"]
 Around = Literal["x", "y"]
@@ -139,7 +140,16 @@ def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.Array
     -------
     ObjectPose
     """
-    x, y = np.asarray(position_mm, dtype=np.float64).tolist()
-    pose = image_pose(texture_surface(mount, tape), np.array([x, y, radians(theta_deg), 0.0, 0.0, 0.0]))
+    refuse_other(mount, Mount, "mount", "Mount", "Mount(surface=, rotation=, position_mm=)")
+    refuse_no_tape(tape)
+    refuse_other(mount.surface, str, "mount.surface", "surface", "plane or cylinder")
+    mount = replace(
+        mount,
+        rotation=as_numbers(mount.rotation, (3, 3), "mount.rotation", "a rotation matrix (3, 3)"),
+        position_mm=as_numbers(mount.position_mm, (3,), "mount.position_mm", "x, y and z in mm"),
+    )
+    x, y = as_numbers(position_mm, (2,), "position_mm", "x and y in mm").tolist()
+    theta = radians(as_numbers(theta_deg, (), "theta_deg", "degrees"))
+    pose = image_pose(texture_surface(mount, tape), np.array([x, y, theta, 0.0, 0.0, 0.0]))
     x, y, z = pose[:3, 3].tolist()
     return ObjectPose(object=name, position_mm=(x, y, z), rotation=to_quaternion(pose[:3, :3]))

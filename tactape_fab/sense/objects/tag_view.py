@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.libraries import library
 from tactape_fab.texture.board import Tag
 from tactape_fab.texture.frames import FloatArray, board_to_texture
 from tactape_fab.texture.shapes import rotate
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 TAG_CELLS = 8
 """Cells along the side of tag36h11 between the corners that detectors give: 6 of data and the black border."""
@@ -25,6 +26,7 @@ TAG_CELLS = 8
 
 def tag_of(tape: Tape) -> Tag:
     """Tag of a tape. Raises SpecError if it has no tag."""
+    refuse_no_tape(tape)
     if tape.tag is None:
         raise SpecError(Problem("tag", f"tape {tape.name} carries no tag; make it with --tag strip"))
     return tape.tag
@@ -87,12 +89,18 @@ def tag_to_texture(tape: Tape) -> FloatArray:
 
 def camera_arrays(camera_matrix: npt.ArrayLike, distortion: npt.ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
     """A camera's matrix (3, 3) and the coefficients of its lens, None without any. Raises SpecError for an invalid matrix."""
-    matrix = np.asarray(camera_matrix, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or min(matrix[0, 0], matrix[1, 1]) <= 0.0:
+    matrix = as_numbers(camera_matrix, (3, 3), "camera_matrix", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    if min(matrix[0, 0], matrix[1, 1]) <= 0.0:
         raise SpecError(
             Problem("camera_matrix", f"camera_matrix = {matrix.tolist()} is invalid; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
         )
-    return matrix, None if distortion is None else np.asarray(distortion, dtype=np.float64)
+    if distortion is None:
+        return matrix, None
+    remedy = "4, 5, 8, 12 or 14 coefficients as OpenCV's calibration has them, or leave it out"
+    lens = as_numbers(np.ravel(np.asarray(distortion)), (None,), "distortion", remedy)
+    if len(lens) not in (4, 5, 8, 12, 14):
+        raise SpecError(Problem("distortion", f"distortion has {len(lens)} values; give {remedy}"))
+    return matrix, lens
 
 
 def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike) -> FloatArray:
@@ -102,17 +110,20 @@ def camera_to_texture(tape: Tape, rotation: npt.ArrayLike, translation_mm: npt.A
     translation_mm (3,): Of its centre (``pose_t``), with the tag's size given to the detector in mm.
     Raises SpecError when the tape has no tag, or the pose is invalid.
     """
-    turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation_mm, dtype=np.float64).ravel()
-    if turn.shape != (3, 3) or shift.shape != (3,) or not (np.isfinite(turn).all() and np.isfinite(shift).all()):
-        message = (
-            f"a pose of shapes {turn.shape} and {shift.shape} is invalid; give a finite rotation (3, 3) and translation (3,)"
-        )
-        raise SpecError(Problem("pose", message))
+    turn = as_numbers(rotation, (3, 3), "rotation", "a finite rotation (3, 3), pose_R as the detector has it")
+    shift = as_numbers(np.ravel(np.asarray(translation_mm)), (3,), "translation_mm", "a finite translation (3,), pose_t in mm")
     if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0.0:
         raise SpecError(Problem("rotation", "rotation is no rotation matrix; give pose_R as the detector has it"))
     back = np.eye(4)
     back[:3, :3], back[:3, 3] = turn.T, -turn.T @ shift
     return np.asarray(tag_to_texture(tape) @ back, dtype=np.float64)
+
+
+def _pairs(given: npt.ArrayLike, key: str, remedy: str) -> FloatArray:
+    """Points (n, 2), or a single one. Raises SpecError for anything else."""
+    if np.size(given) == 0:
+        given = np.empty((0, 2))
+    return as_numbers([given] if np.ndim(given) == 1 else given, (None, 2), key, remedy, finite=False)
 
 
 def pixels_to_texture(
@@ -151,8 +162,12 @@ def pixels_to_texture(
     """
     cv2 = library("cv2", "projecting points")
 
-    points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-    flat = cv2.undistortPoints(points, *camera_arrays(camera_matrix, distortion))
+    refuse_no_tape(tape)
+    points = _pairs(pixels, "pixels", "(u, v) of each, px").reshape(-1, 1, 2)
+    camera = camera_arrays(camera_matrix, distortion)
+    if len(points) == 0:
+        return np.empty((0, 2))
+    flat = cv2.undistortPoints(points, *camera)
     rays = np.concatenate([np.reshape(flat, (-1, 2)), np.ones((len(points), 1))], axis=1)
     transform = camera_to_texture(tape, rotation, translation_mm)
     ahead = rays @ transform[:3, :3].T
@@ -198,9 +213,11 @@ def texture_to_pixels(
     """
     cv2 = library("cv2", "projecting points")
 
-    xy = np.asarray(texture_mm, dtype=np.float64).reshape(-1, 2)
+    xy = _pairs(texture_mm, "texture_mm", "(x, y) of each, mm")
     back = np.linalg.inv(camera_to_texture(tape, rotation, translation_mm))
     points = np.column_stack([xy, np.zeros(len(xy))]) @ back[:3, :3].T + back[:3, 3]
     camera = camera_arrays(camera_matrix, distortion)
+    if len(points) == 0:
+        return np.empty((0, 2))
     seen, _ = cv2.projectPoints(points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), *camera)
     return np.where(points[:, 2:] > 0.0, np.reshape(seen, (-1, 2)), np.nan)

@@ -410,7 +410,7 @@ def _checked_poses(poses: npt.ArrayLike, count: int) -> FloatArray:
     _check_count(count)
     try:
         rows = np.array(poses, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SpecError(Problem("poses", f"poses is no array of numbers: {error}; give (x mm, y mm, theta deg) rows")) from error
     if rows.shape != (count, 3):
         raise SpecError(Problem("poses", f"poses has shape {rows.shape}, not ({count}, 3); give (x mm, y mm, theta deg) rows"))

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.given_value import as_numbers
 from tactape_fab.sense.sensors import SensorProfile, as_sensor
 from tactape_fab.sense.simulation.draw import checked_seed, placed
 from tactape_fab.sense.simulation.elastic import imprint_of
 from tactape_fab.sense.simulation.elastic_contact import ElasticContact
 from tactape_fab.sense.simulation.gel import FloatImage, sensed
 from tactape_fab.sense.simulation.parts import Parts, as_parts
-from tactape_fab.sense.simulation.scene import DEFAULT_SCENE, Scene
+from tactape_fab.sense.simulation.scene import Scene, as_scene
 from tactape_fab.sense.simulation.view import make_view
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tape
 
 
 def simulate_forces(
@@ -54,9 +55,11 @@ def simulate_forces(
     SpecError
         As `simulate`.
     """
-    profile, scene, standing = as_sensor(sensor), scene or DEFAULT_SCENE, as_parts(tape, parts)
+    refuse_no_tape(tape)
+    profile, scene, standing = as_sensor(sensor), as_scene(scene), as_parts(tape, parts)
+    forces = as_numbers(forces_n, (None,), "forces_n", "a list of forces in N").tolist()
     elastic = scene.elastic or ElasticContact()
-    contacts = [replace(scene, elastic=replace(elastic, force_n=force)) for force in forces_n]
+    contacts = [replace(scene, elastic=replace(elastic, force_n=force)) for force in forces]
     depth, pressure = np.empty((len(contacts), *profile.frame_shape), dtype=np.float32), None
     for k, contact in enumerate(contacts):
         view = make_view(tape, position_mm, theta_deg, profile, contact)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from tactape_fab.base.errors import Problem, SpecError, reason_of
 from tactape_fab.base.fields import shown, shown_path
 from tactape_fab.base.given_path import as_path
+from tactape_fab.base.given_value import as_numbers, refuse_other
 from tactape_fab.base.input_file import read_regular
 from tactape_fab.sense.simulation.scene import Scene
 from tactape_fab.texture.board import LONGEST_MM
@@ -38,8 +39,11 @@ class Parts:
     rotation_deg: FloatArray
 
     def __post_init__(self) -> None:
-        self.xy_mm.setflags(write=False)
-        self.rotation_deg.setflags(write=False)
+        shapes: tuple[tuple[str, tuple[int | None, ...]], ...] = (("xy_mm", (None, 2)), ("rotation_deg", (None,)))
+        for key, shape in shapes:
+            array = as_numbers(getattr(self, key), shape, key, "arrays of numbers, of shapes (n, 2) and (n,)")
+            object.__setattr__(self, key, array)
+            array.setflags(write=False)
 
     def taken(self, which: IntArray | npt.NDArray[np.bool_]) -> Parts:
         """Some of the parts.
@@ -83,9 +87,12 @@ def as_parts(tape: Tape, parts: Parts | npt.ArrayLike | None) -> Parts:
     """
     if parts is None:
         return parts_of(tape)
-    if isinstance(parts, Parts):
-        return parts
     remedy = "give an array of (x mm, y mm) or (x mm, y mm, rotation deg) rows in the board frame"
+    if isinstance(parts, Parts):
+        if parts.xy_mm.shape != (len(parts.rotation_deg), 2):
+            shapes = f"{parts.xy_mm.shape} and {parts.rotation_deg.shape}"
+            raise SpecError(Problem("parts", f"parts has places and rotations of shapes {shapes}; give (n, 2) and (n,)"))
+        return parts
     try:
         rows = np.array(parts, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -138,6 +145,7 @@ def parts_from_cpl(source: str | Path | bytes, expected: Sequence[str] | None = 
         elif side.strip().lower() not in ("top", "t"):
             problems.append(Problem("cpl", f"cpl line {line}: {shown(name)} is on layer {shown(side)}; parts stand on Top"))
         seen.add(name)
+    refuse_other(expected, (Sequence, Set, type(None)), "expected", "list of designators", "Tape.designators(), or leave it out")
     known = None if expected is None else set(expected)
     foreign = [name for name in cpl.designators if known is not None and name not in known]
     if foreign and not problems:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.given_value import as_numbers
 from tactape_fab.base.libraries import library
 from tactape_fab.sense.decode.result import OnObject, state_of, surface_of
 from tactape_fab.sense.decode.space import Surface, image_pose
@@ -160,9 +161,9 @@ def measure_pose(
     SpecError
         As `Localization.transform`, and if `at` is not a pose.
     """
-    base = np.eye(4) if at is None else np.asarray(at, dtype=np.float64)
-    turn = base[:3, :3] if base.shape == (4, 4) else np.zeros((3, 3))
-    if not (np.isfinite(base).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0.0):
+    base = np.eye(4) if at is None else as_numbers(at, (4, 4), "at", "a 4 x 4 matrix of a rotation and a position in m")
+    turn = base[:3, :3]
+    if not (np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0.0):
         raise SpecError(Problem("at", "at is no pose: give a 4 x 4 matrix of a rotation and a position in m"))
     surface, state = surface_of(fix, frame, on), state_of(fix, origin)
     if surface is None or state is None or state[1] is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import degrees, isfinite
+from math import degrees
 from numbers import Real
 
 import numpy as np
@@ -189,7 +189,7 @@ class Tracker:
     def _prior(self, timestamp: float) -> Prior | None:
         last = self._state.timestamp
         number: object = timestamp
-        if not isinstance(number, Real) or not isfinite(timestamp):
+        if not isinstance(number, Real) or not abs(timestamp) < 1e300:
             raise FrameError(f"timestamp = {number!r} is no time; give seconds")
         if last is not None and timestamp <= last:
             raise FrameError(f"timestamp = {timestamp} s is not after {last} s; give frames in their order, or reset the tracker")

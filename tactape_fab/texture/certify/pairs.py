@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import Fields
 from tactape_fab.texture.certify.certificate import first_pairs
 from tactape_fab.texture.certify.nearest import Pairs, near_pairs, plan_search
 from tactape_fab.texture.code import get_code
 from tactape_fab.texture.frames import IntArray
-from tactape_fab.texture.tape import Tape
+from tactape_fab.texture.tape import Tape, refuse_no_tapes
 from tactape_fab.texture.windows import Windows, WordArray, windows_of
 
 EXACT_TO = 4
@@ -22,6 +24,10 @@ BEYOND = EXACT_TO + 1
 NO_WINDOWS = 255
 """Value in a matrix if one of the tapes has no whole window of the size."""
 _STEPS = (0, 2, 3, EXACT_TO)
+
+
+MOST_SIDE = 16
+"""Grid points along the side of the largest windows that are compared."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,6 +81,13 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     Across
         ``matrix`` has the least distance of every two tapes, in symbols.
     """
+    refuse_no_tapes(tapes, "tapes")
+    table = Fields({"side": side})
+    side = table.integer("side", low=1, high=MOST_SIDE)
+    if table.problems:
+        raise SpecError(table.problems)
+    if len(tapes) == 0:
+        raise SpecError(Problem("tapes", "tapes holds no tape; give at least one"))
     count = len(tapes)
     directions = max((t.directions for t in tapes), default=4)
     windows = [windows_of(t.symbols, t.present, side, directions=directions) for t in tapes]

@@ -96,8 +96,15 @@ def _are_numbers(values: object, count: int) -> bool:
     """Whether `values` holds exactly `count` finite real numbers."""
     if not isinstance(values, Iterable):
         return False
-    numbers = [v for v in values if isinstance(v, Real) and isfinite(v)]
+    numbers = [v for v in values if isinstance(v, Real) and _is_finite(v)]
     return len(numbers) == len(list(values)) == count
+
+
+def _is_finite(value: Real) -> bool:
+    try:
+        return isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,43 @@
+"""Values that a program gives to a function: of the declared type, or one clear refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactape_fab.base.errors import Problem, SpecError
+from tactape_fab.base.fields import shown
+
+
+def refuse_other(value: object, kind: type | tuple[type, ...], key: str, what: str, remedy: str) -> None:
+    """Refuse a value of another type.
+
+    key: Name of the argument.
+    what: What it should be, after "is no".
+    remedy: What to give, after "give".
+    Raises SpecError if it is of none of the types.
+    """
+    if not isinstance(value, kind):
+        raise SpecError(Problem(key, f"{key} = {shown(value)} is no {what}; give {remedy}"))
+
+
+def as_numbers(
+    value: object, shape: tuple[int | None, ...], key: str, remedy: str, *, finite: bool = True
+) -> npt.NDArray[np.float64]:
+    """An array of numbers of a shape, in double precision.
+
+    shape: Length along each axis; None for any.
+    Raises SpecError if it is none, or not finite where that is asked for.
+    """
+    try:
+        array = np.asarray(value)
+        if array.size and array.dtype.kind not in "fiu":
+            raise TypeError
+        array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise SpecError(Problem(key, f"{key} = {shown(value)} is no array of numbers; give {remedy}")) from None
+    if len(array.shape) != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise SpecError(Problem(key, f"{key} has the shape {array.shape}; give {remedy}"))
+    if finite and not np.isfinite(array).all():
+        raise SpecError(Problem(key, f"{key} has a value that is not finite; give {remedy}"))
+    return array
