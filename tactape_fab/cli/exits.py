@@ -16,10 +16,12 @@ from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import echo_line, rule_lines
 
 _KEY = re.compile(
-    r"(?<![\w.'-])(?:scene\.)?(\w+?)(?:\[(\d+)\])*"
+    r"(?<![\w.'-])(?:scene\.)?(\w+?)(?:\[(\d+)\])?(\[\d+\])?"
     r"(?: = (?:([Tt]rue|[Ff]alse)\b(?: \(--[\w-]+\))?|(\[[^\]]*\]))|(?= = | contradicts | is of ))"
 )
 """A key of the package in a message, with the value of a flag or a list."""
+_PART = "\0"
+"""Behind the whole value that was typed, where a message is of a part of it: ``--size = '0x50': 0 mm is not above 0 mm``."""
 _UNIT = re.compile(r"_(mm|deg|um|px|n|kpa)$")
 _MOST_LINES = 200
 """Problems that are printed: a hostile file has one in each of 300,000 rows."""
@@ -51,15 +53,17 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     """A message with options in place of keys whose values were given by one, and lists as typed."""
 
     def option(found: re.Match[str]) -> str:
-        key, index, flag, listed = found.groups()
+        key, index, inner, flag, listed = found.groups()
         name, text = typed.get(key) or typed.get(_UNIT.sub("", key)) or ("", None)
-        if isinstance(text, tuple):
-            text = text[int(index or 0)] if int(index or 0) < len(text) else None
+        if isinstance(text, tuple):  # of an option that may be given several times
+            text, index = text[int(index or 0)] if int(index or 0) < len(text) else None, inner
         if not name or (flag and isinstance(text, str)):
             return found[0]
+        if index is not None and isinstance(text, str):
+            return f"{name} = {text!r}:{_PART}"
         return f"{name} = {text!r}" if listed and isinstance(text, str) else name + (f" = {listed}" if listed else "")
 
-    return _KEY.sub(option, line)
+    return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
 
 
 def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = None) -> tuple[int, list[str]]:

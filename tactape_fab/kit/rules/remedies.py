@@ -17,6 +17,7 @@ from tactape_fab.kit.outlines import opening_size_mm, part_outlines
 from tactape_fab.kit.plan import TOLERANCE_MM, film_size_mm, texture_size_mm
 from tactape_fab.kit.profiles import ElementProfile, FabProfile, PartProfile, ProcessProfile, read_part
 from tactape_fab.kit.spec.grid_options import LEAST_DISPLACEMENT_MM, MOST_PITCH_MM
+from tactape_fab.kit.spec.scatter import least_displacement_mm
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
@@ -93,12 +94,14 @@ def cell_pitch_mm(part: PartProfile | ElementProfile, placing: Placing) -> float
 class Remedy:
     """Search for the W and Δ of a spec at which rules hold.
 
-    ``pitches`` are the rules that must hold; ``size_mm`` gives the outline that a spec with another grid needs.
+    ``pitches`` are the rules that must hold; ``size_mm`` gives the outline that a spec with another grid needs; ``placed``: parts
+    are placed by a line, not printed.
     """
 
     spec: TapeSpec
     pitches: tuple[Pitch, ...]
     size_mm: Callable[[TapeSpec], tuple[float, float]]
+    placed: bool = False
 
     def options(self) -> str | None:
         """Options to type: W and Δ, and the outline where a window no longer fits; "" if W and Δ do as they are, None if
@@ -116,14 +119,17 @@ class Remedy:
 
     def smaller(self) -> float | None:
         """The largest Δ, mm, that does at the W as it is; None if it is not below the present one, or too small to be read."""
-        low, high = max(LEAST_SHARE * self.spec.pitch_mm, LEAST_DISPLACEMENT_MM), self.spec.displacement_mm
+        least_mm, high = max(LEAST_SHARE * self.spec.pitch_mm, LEAST_DISPLACEMENT_MM), self.spec.displacement_mm
+        if self.placed and self.spec.directions == 8:  # a line's scatter would show neighbouring directions
+            least_mm = max(least_mm, least_displacement_mm())
+        low = least_mm
         if low >= high or not self._met(self.spec.pitch_mm, low) or self._met(self.spec.pitch_mm, high):
             return None
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self._met(self.spec.pitch_mm, middle) else (low, middle)
         found = floor(low / _STEP_MM) * _STEP_MM
-        return round(found, 3) if found >= LEAST_SHARE * self.spec.pitch_mm else None
+        return round(found, 3) if found >= least_mm else None
 
     def words(self) -> str:
         """The remedy as a sentence: ``use --w 2.056 --delta 0.25, or --delta 0.2``; "" if there is none."""
@@ -176,7 +182,7 @@ def film_remedy(
             pitches.append(_of_film(rule, fab.limits[rule].value_mm, fab, part))
     if spec.form is not None:
         pitches.append(lambda placing: cell_pitch_mm(part, placing))
-    return Remedy(spec=spec, pitches=tuple(pitches), size_mm=lambda other: film_size_mm(other, fab, part))
+    return Remedy(spec=spec, pitches=tuple(pitches), size_mm=lambda other: film_size_mm(other, fab, part), placed=True)
 
 
 def _gang(fab: FabProfile) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isnan
 from typing import Any
 
 from tactape_fab.base.fields import Fields, shown
@@ -75,7 +76,7 @@ def _holes(table: Fields, size_mm: tuple[float, float]) -> tuple[tuple[float, fl
         x, y, d = Fields({key: hole}, "", table.problems).numbers(key, 3, above=0.0, high=LONGEST_MM, remedy=remedy)
         if d < LEAST_ROUND_MM:
             table.problem(key, f"{key} has a diameter of {d:g} mm, below {LEAST_ROUND_MM:g} mm; {remedy}")
-        elif table.refused("size_mm"):
+        elif table.refused("size_mm") or isnan(x + y + d):  # refused already
             pass
         elif x + d / 2 >= size_mm[0] or y + d / 2 >= size_mm[1] or x <= d / 2 or y <= d / 2:
             table.problem(

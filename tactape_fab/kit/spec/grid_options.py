@@ -50,12 +50,12 @@ def read_grid_options(table: Fields) -> dict[str, Any]:
     }
 
 
-def read_direction_option(table: Fields, part: Part | None, displacement_mm: float) -> int:
+def read_direction_option(table: Fields, part: Part | None, displacement_mm: float, pitch_mm: float) -> int:
     """Check that eight directions are used only with the touch code, and with parts whose placement scatter allows them."""
     code = None if table.refused("code") else get_code(table.values.get("code", DEFAULT_CODE))
     directions = read_directions(table, code)
     if not DIRECTIONS[directions].usual and isinstance(part, PartProfile) and not table.refused("displacement_mm"):
-        message = scatter_refusal(displacement_mm)  # with another code, too
+        message = scatter_refusal(displacement_mm, pitch_mm)  # with another code, too
         if message is not None:
             table.problem("directions", message)
     return directions

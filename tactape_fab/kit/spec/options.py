@@ -42,7 +42,7 @@ def read_options(given: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
     values["part"] = _profile_name(table, "part", "parts", DEFAULT_PART)
     part = None if table.refused("part") else tried(lambda: read_part(values["part"]), table.problems)
     solid = isinstance(part, ElementProfile)
-    values["directions"] = read_direction_option(table, part, values["displacement_mm"])
+    values["directions"] = read_direction_option(table, part, values["displacement_mm"], values["pitch_mm"])
     values |= read_solid_options(table, part)
     values |= {"tag": "none", "fab": None} if solid else _tag_and_fab(table)
     values |= read_film_options(table, solid=solid)

@@ -9,6 +9,8 @@ PLACEMENT_MM = 0.05
 """Assumed standard deviation of a placed part along each axis, mm; not a fab's figure. Printed elements have no scatter."""
 MOST_SYMBOL_ERRORS = 0.01
 """Fraction of parts that may show a wrong symbol: the smallest contacts have about ten parts, so one contact in ten has one."""
+ROOMY_PITCH_MM = 2.0
+"""Pitch at which chips of 0201 keep every distance with that displacement, of the fabs that come with the package."""
 _HALF_STEP = sin(pi / 8.0)
 
 
@@ -26,14 +28,17 @@ def least_displacement_mm() -> float:
     return ceil(100.0 * scatters * PLACEMENT_MM / _HALF_STEP) / 100.0
 
 
-def scatter_refusal(displacement_mm: float) -> str | None:
+def scatter_refusal(displacement_mm: float, pitch_mm: float) -> str | None:
     """Reason why placed parts cannot have eight directions at this displacement; None if they can."""
     errors = symbol_errors(displacement_mm)
     if errors <= MOST_SYMBOL_ERRORS:
         return None
+    least = f"--delta {least_displacement_mm():g} or more"
+    if pitch_mm < ROOMY_PITCH_MM:  # there pads would touch
+        least = f"--w {ROOMY_PITCH_MM:g} --delta {least_displacement_mm():g}"
     return (
         f"directions = 8 at displacement_mm = {displacement_mm:g} mm: parts that a line places scatter by {PLACEMENT_MM:g} mm "
         f"along each axis, and {100.0 * errors:.1f} % of them would show a neighbouring direction, more than "
-        f"{100.0 * MOST_SYMBOL_ERRORS:g} %; use --delta {least_displacement_mm():g} or more, a printed element "
-        "(--part block --process sla), or 4 directions"
+        f"{100.0 * MOST_SYMBOL_ERRORS:g} %; use {least}, a printed element "
+        "(--part block --process sla), or --directions 4"
     )

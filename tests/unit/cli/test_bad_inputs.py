@@ -66,17 +66,21 @@ OPTIONS = [
     Case("make --sector 7 --delta 250", USAGE, "250 mm", "not below 0.75 mm", DELTA),
     Case("make --sector 7 --w 3 --delta 1.6", USAGE, "1.6 mm", "not below 1.5 mm", "usually 0.5"),
     # size and the reach of a code
-    Case("make --sector 7 --size 10000000x50", USAGE, "--size = 1e+07 mm", "exceeds 10000 mm", SIZE),
+    Case("make --sector 7 --size 10000000x50", USAGE, "--size = '10000000x50': 1e+07 mm", "exceeds 10000 mm", SIZE),
     Case("make --sector 7 --size 10000000x50 --code debruijn-4x4", USAGE, "1e+07 mm", "exceeds 10000 mm", SIZE),
-    Case("make --sector 7 --size 50x10000000 --code anoto-6x6", USAGE, "--size = 1e+07 mm", "exceeds 10000 mm", SIZE),
+    Case(
+        "make --sector 7 --size 50x10000000 --code anoto-6x6", USAGE, "--size = '50x10000000': 1e+07 mm", "exceeds 10000 mm", SIZE
+    ),
     Case(
         "make --sector 7 --size 5600x50",
         USAGE,
-        "--size = 5600.0 mm",
+        "--size = '5600x50': 5600.0 mm",
         "exceeds 5062.5 mm, the reach of code 'microdots-4x4' at pitch 1.5 mm",
         "use --code debruijn-4x4 or a smaller tape",
     ),
-    Case("make --sector 7 --size 100x5600", USAGE, "--size = 5600.0 mm", "exceeds 5062.5 mm", "use --code debruijn-4x4"),
+    Case(
+        "make --sector 7 --size 100x5600", USAGE, "--size = '100x5600': 5600.0 mm", "exceeds 5062.5 mm", "use --code debruijn-4x4"
+    ),
     Case("make --sector 7 --code debruijn-4x4 --size 6500x50", USAGE, "6500.0 mm", "exceeds 6144.0 mm", "use --code anoto-6x6"),
     Case("make --sector 7 --size 9000x50", USAGE, "9000.0 mm", "exceeds 5062.5 mm", "use --code anoto-6x6"),
     Case(
@@ -100,11 +104,11 @@ OPTIONS = [
     # origin
     Case("make --sector 7 --origin 3", USAGE, "'3'", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin=-1,0", USAGE, "-1", "0 to 3374", ORIGIN),
-    Case("make --sector 7 --origin 0,3375", USAGE, "--origin = 3375", "0 to 3374", ORIGIN),
+    Case("make --sector 7 --origin 0,3375", USAGE, "--origin = '0,3375': 3375", "0 to 3374", ORIGIN),
     Case("make --sector 7 --origin 3370,0", USAGE, "column 3370 + 62", "3375", "use --origin 3313,0, with column at most 3313"),
     Case("make --sector 7 --origin 0,3370", USAGE, "row 3370 + 32", "3375", "use --origin 0,3343, with row at most 3343"),
     Case("make --sector 7 --origin bets", USAGE, "bets", "0 to 3374", ORIGIN),
-    Case("make --sector 7 --origin 1.5,2", USAGE, "--origin = 1.5", "whole number", ORIGIN),
+    Case("make --sector 7 --origin 1.5,2", USAGE, "--origin = '1.5,2': 1.5", "whole number", ORIGIN),
     # tag
     Case("make --sector 7 --tag round", USAGE, "'round'", "none of", "strip, none"),
     Case("make --sector 7 --tag-id 587", USAGE, "587", "0 to 586", "tag36h11"),
@@ -193,9 +197,17 @@ OPTIONS = [
     Case("make --sector 7 --part dome --body 0.6", USAGE, "--body = '0.6'", "3 numbers", "give DIAMETERxHEIGHT in mm"),
     Case("make --sector 7 --part block --body 0.6x0.2", USAGE, "--body = '0.6x0.2'", "3 numbers", "LENGTHxWIDTHxHEIGHT"),
     Case("make --sector 7 --part block --body 0.6x0.3x0.2inch", USAGE, "'0.2inch'", "a number in mm", "LENGTHxWIDTHxHEIGHT"),
-    Case("make --sector 7 --part block --body nanx0.3x0.2", USAGE, "--body = nan", "finite", "LENGTHxWIDTHxHEIGHT"),
-    Case("make --sector 7 --part block --body 0.6x-0.3x0.2", USAGE, "--body = -0.3 mm", "below 0.01 mm", "LENGTHxWIDTHxHEIGHT"),
-    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "--body = 0 mm", "below 0.01 mm", "DIAMETERxHEIGHT"),
+    Case(
+        "make --sector 7 --part block --body nanx0.3x0.2", USAGE, "--body = 'nanx0.3x0.2': nan", "finite", "LENGTHxWIDTHxHEIGHT"
+    ),
+    Case(
+        "make --sector 7 --part block --body 0.6x-0.3x0.2",
+        USAGE,
+        "--body = '0.6x-0.3x0.2': -0.3 mm",
+        "below 0.01 mm",
+        "LENGTHxWIDTHxHEIGHT",
+    ),
+    Case("make --sector 7 --part dome --body 0x0.2", USAGE, "--body = '0x0.2': 0 mm", "below 0.01 mm", "DIAMETERxHEIGHT"),
     Case("make --sector 7 --part block --body 600x300x230", USAGE, "600 mm", "exceeds 20 mm", "each at most 20"),
     Case(
         "make --sector 7 --part block --body 2x2x0.2",
@@ -358,7 +370,10 @@ def test_no_option_takes_what_is_no_sensible_number(option: str, value: str, her
     if value == "" and option in ("--size", "--part block --body"):
         shown = repr(form.format(""))
     sector = "" if option == "--sector" else "--sector 7"
-    result = run(f"make {sector} {option}='{form.format(value)}'")
+    typed = form.format(value)
+    if typed != value and shown != repr(typed):
+        shown = f"{typed!r}: {shown}"
+    result = run(f"make {sector} {option}='{typed}'")
     assert result.exit_code == USAGE, repr(result.exception)
     assert re.search(rf"^error: {re.escape(f'{key} = {shown}')}[^;]* (is|exceeds) [^;]+; \S", result.stderr, re.MULTILINE)
     assert list(here.iterdir()) == []

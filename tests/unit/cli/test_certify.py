@@ -131,7 +131,7 @@ def test_certify_of_a_code_is_that_of_its_sectors() -> None:
         ("make --sector 7 --avoid nowhere", "nowhere is no kit"),
         ("make --sector 7 --avoid nowhere --w nan", "--w = nan"),
         ("make --avoid shelf --origin 3,4", "--origin = '3,4' contradicts avoid"),
-        ("make --avoid shelf --origin 3,4 --size 0x9", "--size = 0 mm is not above 0 mm"),
+        ("make --avoid shelf --origin 3,4 --size 0x9", "--size = '0x9': 0 mm is not above 0 mm"),
         ("make --avoid shelf --sector 999", "sector = 999 is outside 0 to 255"),
         ("make --origin bst --sector 3", "or best"),
         ("make --origin best", "sector is missing"),

@@ -15,7 +15,7 @@ from tactape_fab.cli import main
 
 REFUSED = {
     "--bend-axis x --bend-radius 1e-7": "--bend-radius = 1e-07 mm is below 0.1 mm",
-    "--part block --body 1e-6x0.3x0.23": "--body = 1e-06 mm is below 0.01 mm",
+    "--part block --body 1e-6x0.3x0.23": "--body = '1e-6x0.3x0.23': 1e-06 mm is below 0.01 mm",
     "--part block --negative --hole 0.8,10,7e-7": "holes_mm[0] has a diameter of 7e-07 mm, below 0.01 mm",
     "--part block --corner-radius 1e-5": "--corner-radius = 1e-05 mm is neither 0 nor at least 0.01 mm; use --corner-radius 0",
 }

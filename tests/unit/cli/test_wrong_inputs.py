@@ -27,7 +27,7 @@ WRONG = {
     "make --sector 7 --dry-run": "No such option '--dry-run'. tactape-fab check measures, and writes nothing",
     "make --sector 7 --w 1.5in": "--w = '1.5in' is not a number in mm",
     "make --sector 7 --delta 0.75": "--delta = 0.75 mm is not below 0.75 mm",
-    "make --sector 7 --size 0x50": "--size = 0 mm is not above 0 mm; give WIDTHxHEIGHT",
+    "make --sector 7 --size 0x50": "--size = '0x50': 0 mm is not above 0 mm; give WIDTHxHEIGHT",
     "make --sector 7 --size 5x5": "mm is too small: a strip with a tag and one 4x4 window",
     "make --sector 7 --hole 50,25": "--hole = '50,25' is not 3 numbers; give X,Y,DIAMETER in mm",
     "make --sector 7 --corner-radius 99": "--corner-radius = 99 mm exceeds 25 mm; give at most half the shorter side",
@@ -57,7 +57,7 @@ AS_TYPED = {
     "calibrate frames.npz --tape nowhere --like nope -o s.toml": "--like = 'nope' is none of: digit",
     "simulate nowhere -o a.npz --contact-model elastic --force 2kg": "--force = '2kg' is not a number in N; give a number",
     "simulate nowhere -o a.npz --contact-model elastic --tilt 3": "--tilt = '3' is not 2 numbers; give the tilts along",
-    "simulate nowhere -o a.npz --contact-model elastic --tilt 3,40": "--tilt = 40 deg exceeds 20 deg; give the tilts along",
+    "simulate nowhere -o a.npz --contact-model elastic --tilt 3,40": "--tilt = '3,40': 40 deg exceeds 20 deg; give the tilts",
     "simulate nowhere -o a.npz --contact-model elastic --gel-thickness 0": "--gel-thickness = 0 mm is below 0.1 mm",
     "simulate nowhere -o a.npz --contact-model elastic --elastomer 9": "--elastomer = 9 mm exceeds 5 mm",
     "simulate nowhere -o a.npz --cylinder 0.1": "--cylinder = 0.1 mm is below 0.5 mm",
@@ -67,7 +67,7 @@ AS_TYPED = {
     "verify nowhere --contact 6": "--contact = '6' is not 2 numbers; give both axes, each at most 1000 mm: 11x9",
     "check --sector 7 --w 0.2 --size 400x400": "--size = 400 x 400 mm gives 1960 x 1987 grid points",
     "check --sector 587 --size 601x30 --w 0.2 --code touch-1": "reach of code 'touch-1' at pitch 0.2 mm; use --code anoto-6x6",
-    "check --sector 7 --directions 8 --delta 0.25": "more than 1 %; use --delta 0.34 or more",
+    "check --sector 7 --directions 8 --delta 0.25": "more than 1 %; use --w 2 --delta 0.34, a",
     "make --sectors 1-3 --tabs x": "--tabs = 'x' is of a panel, and these tapes are made one by one; leave it out",
     "make --sectors 1-3 --same-sector": "--same-sector is of a panel, and these tapes are made one by one; leave it out",
 }
@@ -91,13 +91,13 @@ OF_A_KIT = {
     ],
     "emboss {kit} no.txt --unit ft -o .": ["--unit = 'ft'", "SURFACE = no.txt is none of", "-o = . is no name"],
     "advise --contact nan --size 0x50 --process foo --fab bar --sensor nope": [
-        "--contact = nan", "--process = 'foo'", "--size = 0 mm", "--sensor = 'nope'", "--fab = 'bar'",
+        "--contact = nan", "--process = 'foo'", "--size = '0x50': 0 mm", "--sensor = 'nope'", "--fab = 'bar'",
     ],
     "ros2 --tape nope --sensor x --package No": ["No is no name of a ROS package", "nope is no kit", "--sensor = 'x'"],
     "ros2 --tape nope --package pp": ["nope is no kit"],
     "inspect nope.png --tape {kit} -o a.json": ["SCAN = nope.png cannot be read: No such file or directory; give a scan"],
-    "check --sector 7 --size 0x0": ["--size = 0 mm is not above 0 mm"],
-    "check --sector 7 --origin 4000,4000": ["--origin = 4000 is outside 0 to 3374"],
+    "check --sector 7 --size 0x0": ["--size = '0x0': 0 mm is not above 0 mm"],
+    "check --sector 7 --origin 4000,4000": ["--origin = '4000,4000': 4000 is outside 0 to 3374"],
 }  # fmt: skip
 
 

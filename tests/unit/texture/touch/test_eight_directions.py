@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -18,6 +19,7 @@ from click.testing import CliRunner
 
 from tactape_fab import Localizer, Tape, TapeSpec, make_kit
 from tactape_fab.base.errors import SpecError
+from tactape_fab.base.templates import profile_names
 from tactape_fab.cli import main
 from tactape_fab.kit.examine.tape import examine
 from tactape_fab.kit.spec.scatter import MOST_SYMBOL_ERRORS, PLACEMENT_MM, least_displacement_mm, symbol_errors
@@ -212,6 +214,21 @@ def test_a_refusal_names_a_displacement_that_is_taken() -> None:
     assert examine(spec).tape.directions == 8
     with pytest.raises(SpecError, match=f"use --delta {least_mm:g} or more, a printed element"):
         TapeSpec(sector=1, code=TOUCH_CODE, directions=8, pitch_mm=2.0, displacement_mm=least_mm - 0.01)
+    with pytest.raises(SpecError, match=f"use --w 2 --delta {least_mm:g}, a printed element"):
+        TapeSpec(sector=1, code=TOUCH_CODE, directions=8)
+    for fab in (name for name in profile_names("fabs") if not name.startswith("_")):
+        examined = examine(spec.but(fab=fab))
+        assert [finding.rule for finding in examined.findings if finding.blocks] == [], fab
+
+
+def test_no_remedy_names_a_displacement_that_is_refused() -> None:
+    spec = TapeSpec(sector=1, code=TOUCH_CODE, directions=8, displacement_mm=least_displacement_mm(), size_mm=(30.0, 24.0))
+    broken = [finding.message for finding in examine(spec).findings if not finding.passed and "--delta" in finding.message]
+    assert len(broken) > 2
+    for message in broken:
+        for options in re.findall(r"(?:--w ([\d.]+) )?--delta ([\d.]+)", message):
+            pitch_mm, displacement_mm = float(options[0] or spec.pitch_mm), float(options[1])
+            spec.but(pitch_mm=pitch_mm, displacement_mm=displacement_mm)
     assert TapeSpec(sector=1, code=TOUCH_CODE, directions=8, part="dome").directions == 8
 
 
