@@ -72,6 +72,10 @@ def command(name: str) -> click.Command:
     return found
 
 
+INTERRUPTED = 130
+"""Exit status of a command that Ctrl-C ends: 128 and the number of the signal, as shells have it."""
+
+
 class _Group(click.Group):
     """Commands, imported on use. File names may hold characters that an ASCII terminal cannot show: they are escaped."""
 
@@ -88,6 +92,9 @@ class _Group(click.Group):
             if error.message.isprintable():
                 raise
             raise click.UsageError(one_line(error.message), error.ctx) from error
+        except KeyboardInterrupt:  # click's own answer is that of a failure, 1
+            click.echo("stopped by Ctrl-C", err=True)
+            raise click.exceptions.Exit(INTERRUPTED) from None
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         for stream in (sys.stdout, sys.stderr):

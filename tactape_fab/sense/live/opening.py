@@ -176,7 +176,11 @@ def _source(
     if problems:
         raise SpecError(problems)
     if given == STANDARD_INPUT:
-        stdin = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115  # no lock that a reader still holds at the end
+        try:
+            stdin = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115  # no lock that a reader still holds at the end
+        except OSError:
+            message = "source = -, but standard input is closed; pipe .npy arrays to it, or name a file or a folder"
+            raise SpecError(Problem("source", message)) from None
         return stream_source(stdin, keep=keep), True
     if folder:
         return folder_source(path, COLOUR_PICTURES if wishes.raw else SUFFIXES, colour=wishes.raw, keep=keep, idle_s=idle_s), True

@@ -323,3 +323,15 @@ def test_a_full_disk_is_said_in_one_line(args: tuple[str, ...]) -> None:
     assert done.stderr.splitlines() == [
         "error: standard output cannot be written: No space left on device; give it room, or another place"
     ]
+
+
+def test_ctrl_c_has_the_status_that_shells_have_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def pressed(*_: object, **__: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tactape_fab.make.kit.fill_kit", pressed)
+    result = run(f"make {SMALL} -o kit")
+    assert (result.exit_code, result.stdout) == (130, "")
+    assert result.stderr.splitlines()[-1] == "stopped by Ctrl-C"
+    assert list(tmp_path.iterdir()) == []

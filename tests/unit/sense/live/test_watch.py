@@ -424,3 +424,10 @@ def test_nothing_is_said_of_a_file_that_was_never_there(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(TactapeError, match=r"a.mcap cannot be written: Not a directory; use another place$"):
         McapLog(tmp_path / "file" / "a.mcap")
+
+
+def test_a_standard_input_that_is_closed_is_refused(default_kit: Kit) -> None:
+    command = f"{shlex.quote(sys.executable)} -m tactape_fab watch - --tape {shlex.quote(str(default_kit.path))} <&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, encoding="utf-8", check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: SOURCE = -, but standard input is closed; pipe .npy arrays to it")
