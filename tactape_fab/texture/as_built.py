@@ -143,6 +143,11 @@ class AsBuilt:
         Returns
         -------
         BuiltParts
+
+        Raises
+        ------
+        SpecError
+            If these are no places, or there are fewer than were measured.
         """
         nominal_mm = as_numbers(nominal_mm, (None, 2), "nominal_mm", "Tape.part_xy_mm() of the tape")
         n, at = len(nominal_mm), self.number - 1
@@ -361,7 +366,7 @@ def _array_problems(built: AsBuilt) -> list[Problem]:
     """Faults of arrays that a program gives."""
     for key, kinds in {"number": "iu", "present": "b", **dict.fromkeys(RANGES, "fiu")}.items():
         array = getattr(built, key)
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds or array.ndim != 1:
+        if not isinstance(array, np.ndarray) or array.ndim == 0 or array.dtype.kind not in kinds:
             return [Problem("as-built", f"{key} = {shown(array)} is no array of its kind; give one value for each designator")]
     n = len(built.number)
     arrays: list[tuple[str, npt.NDArray[Any]]] = [(key, getattr(built, key)) for key in (*RANGES, "present")]

@@ -61,6 +61,11 @@ def texture_to_board(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     -------
     ndarray, shape (..., 2)
         The same points in the board frame, mm.
+
+    Raises
+    ------
+    SpecError
+        If these are no points.
     """
     try:
         xy = np.asarray(xy_mm, dtype=np.float64)
@@ -87,6 +92,11 @@ def board_to_texture(xy_mm: npt.ArrayLike, texture_origin_mm: tuple[float, float
     -------
     ndarray, shape (..., 2)
         The same points in the texture frame, mm.
+
+    Raises
+    ------
+    SpecError
+        If these are no points.
     """
     try:
         xy = np.asarray(xy_mm, dtype=np.float64)

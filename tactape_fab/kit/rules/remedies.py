@@ -21,6 +21,7 @@ from tactape_fab.kit.spec.scatter import least_displacement_mm
 from tactape_fab.kit.spec.tape_spec import TapeSpec
 from tactape_fab.solids.checks import LEAST_CLEARANCE_MM
 from tactape_fab.solids.elements import reach_mm
+from tactape_fab.texture.directions import DIRECTIONS
 from tactape_fab.texture.part import TapePart
 
 LEAST_SHARE = 0.14
@@ -120,7 +121,7 @@ class Remedy:
     def smaller(self) -> float | None:
         """The largest Δ, mm, that does at the W as it is; None if it is not below the present one, or too small to be read."""
         least_mm, high = max(LEAST_SHARE * self.spec.pitch_mm, LEAST_DISPLACEMENT_MM), self.spec.displacement_mm
-        if self.placed and self.spec.directions == 8:  # a line's scatter would show neighbouring directions
+        if self.placed and not DIRECTIONS[self.spec.directions].usual:  # a line's scatter would show neighbouring directions
             least_mm = max(least_mm, least_displacement_mm())
         low = least_mm
         if low >= high or not self._met(self.spec.pitch_mm, low) or self._met(self.spec.pitch_mm, high):

@@ -166,6 +166,11 @@ def observation_names(tapes: Sequence[Tape]) -> list[str]:
     Returns
     -------
     list of str
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     refuse_no_tapes(tapes, "tapes")
     return [f"on_{tape.name}" for tape in tapes] + list(_OF_FIX)
@@ -188,6 +193,11 @@ def observation(fix: Localization, tapes: Sequence[Tape]) -> dict[str, float]:
     dict of str to float
         One of the tapes is 1 where it is located on it; place (texture frame), sine and cosine of theta, the covariance's
         diagonal, p_false. Not located: all of them 0, but for p_false, which is then 1.
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     refuse_no_answer(fix)
     values = dict.fromkeys(observation_names(tapes), 0.0) | {"p_false": 1.0}

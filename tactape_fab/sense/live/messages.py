@@ -65,6 +65,11 @@ def pose_message(fix: Localization, stamp: int, frame_id: str | None = None) -> 
     -------
     dict or None
         None where there is no pose on a tape: not located, or only a code is known.
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     refuse_no_answer(fix)
     if not fix.located or fix.tape is None or fix.position_mm is None or fix.theta_deg is None:
@@ -96,6 +101,11 @@ def transform_message(pose: Mapping[str, Any], child_frame_id: str) -> dict[str,
     Returns
     -------
     dict
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     remedy = "pose_message(fix, stamp) of a located answer"
     refuse_other(
@@ -144,6 +154,11 @@ def image_message(depth: npt.ArrayLike, sensor: SensorProfile, stamp: int, frame
     Returns
     -------
     dict
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     refuse_other(sensor, SensorProfile, "sensor", "SensorProfile", "load_sensor(NAME)")
     with np.errstate(over="ignore", invalid="ignore"):
@@ -176,6 +191,11 @@ def text_message(frame: int, fix: Localization, thing: TapedObject | None = None
     Returns
     -------
     dict
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     refuse_other(frame, Integral, "frame", "index", "a whole number")
     refuse_no_answer(fix)

@@ -139,6 +139,11 @@ def sensor_on_object(name: str, mount: Mount, tape: Tape, position_mm: npt.Array
     Returns
     -------
     ObjectPose
+
+    Raises
+    ------
+    SpecError
+        If an argument is of another type.
     """
     refuse_other(mount, Mount, "mount", "Mount", "Mount(surface=, rotation=, position_mm=)")
     refuse_no_tape(tape)

@@ -80,6 +80,11 @@ def across(tapes: Sequence[Tape], side: int) -> Across:
     -------
     Across
         ``matrix`` has the least distance of every two tapes, in symbols.
+
+    Raises
+    ------
+    SpecError
+        If there is no tape, or no such window.
     """
     refuse_no_tapes(tapes, "tapes")
     table = Fields({"side": side})

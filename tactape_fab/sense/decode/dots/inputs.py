@@ -78,7 +78,7 @@ def _holes(image: npt.NDArray[np.float32], whole: bool, sensor: SensorProfile) -
 
 @lru_cache(maxsize=8)
 def _masked_holes(sensor: SensorProfile) -> Holes:
-    """What the sensor's mask hides: some milliseconds' work, the same for all its frames."""
+    """Holes that the sensor's mask makes: some milliseconds' work, the same for all its frames."""
     return find_holes(_shown(sensor), _mean_scale(sensor))
 
 
