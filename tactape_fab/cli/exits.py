@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import click
 from click.core import ParameterSource
 
-from tactape_fab.base.errors import DesignRuleError, FrameError, SpecError, TactapeError, VerifyError
+from tactape_fab.base.errors import DesignRuleError, FrameError, Problem, SpecError, TactapeError, VerifyError
 from tactape_fab.base.libraries import missing
 from tactape_fab.cli.printing import echo_line, rule_lines
 
@@ -66,6 +66,15 @@ def _as_typed(line: str, typed: Mapping[str, tuple[str, Any]]) -> str:
     return _KEY.sub(option, line).replace(f"{_PART} = ", " ").replace(f":{_PART}", "")
 
 
+def _as_in_file(problem: Problem, typed: Mapping[str, tuple[str, Any]]) -> str:
+    """A problem's message: what is to be left out is named as in the spec file, where no option gave it."""
+    key = problem.root
+    name = _UNIT.sub("", key)
+    if key in typed or name in typed:
+        return problem.message
+    return re.sub(rf"(?<=leave )(out )?--{re.escape(name.replace('_', '-'))}(?![\w-])", rf"\g<1>{key}", problem.message)
+
+
 def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = None) -> tuple[int, list[str]]:
     """Exit status and messages of an error of the package.
 
@@ -77,7 +86,7 @@ def answer(error: TactapeError, typed: Mapping[str, tuple[str, Any]] | None = No
 
     match error:
         case SpecError():
-            problems = [p.message if p.of_file else _as_typed(p.message, typed or {}) for p in error.problems]
+            problems = [p.message if p.of_file else _as_typed(_as_in_file(p, typed or {}), typed or {}) for p in error.problems]
             return USAGE, [*problems, *said(rule_lines(error.findings))]
         case DesignRuleError():
             return RULES, said(rule_lines(error.findings))

@@ -228,3 +228,23 @@ def test_of_many_problems_the_first_are_printed_and_the_rest_counted(tmp_path: P
     lines = result.stderr.splitlines()
     assert result.exit_code == 2 and len(lines) == 201
     assert lines[-1].startswith("error: ") and lines[-1].endswith(" more problems; correct these first")
+
+
+OF_A_FILE = {
+    'fab = "generic-fpc"\npart = "dome"': "error: fab = 'generic-fpc' contradicts part = 'dome', a solid element",
+    'part = "dome"\nfab = "generic-fpc"': "without film or ink; leave out fab\n",
+    'part = "dome"\ntag = "strip"': "without film or ink; leave out tag\n",
+    'part = "dome"\ntag_id = 3': "without film or ink; leave out tag_id\n",
+    'part = "dome"\ncorner_radius_mm = 3\ncylinder_mm = 40': "square corners, 0 mm; leave out corner_radius_mm\n",
+    'bend_axis = "x"': "give --bend-radius MM too, or leave out bend_axis\n",
+}
+
+
+@pytest.mark.parametrize(("content", "said"), OF_A_FILE.items(), ids=OF_A_FILE)
+def test_a_key_of_a_spec_file_is_left_out_of_the_file(
+    content: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("s.toml").write_text(f"sector = 7\n{content}\n", encoding="utf-8")
+    result = CliRunner().invoke(main, ["check", "s.toml"], prog_name="tactape-fab")
+    assert result.exit_code == 2 and said in result.stderr, result.stderr
