@@ -18,6 +18,8 @@ NEVER = -1e30
 """Stands for a bound or evidence of what was counted already, or does not exist."""
 DEEP = 7.0
 """Bounds are followed so far (ln) below what matters."""
+WAYS = 3
+"""Ways in which `runs_of` takes lines together."""
 _FEW = 64
 """Sites that are sorted as they are found; of more all are gone through."""
 
@@ -73,7 +75,7 @@ def slot_of(
     dots: tuple[int | np.int64, int],
     count: int,
     span: tuple[int | np.int64, int],
-    back: bool,
+    way: int,
 ) -> int:
     """Slot of the bounds for a range of dots along the lines (first, last + 1); made when first asked for.
 
@@ -99,11 +101,13 @@ def slot_of(
             _said(one, lines, dots, k)
             of.line_most[slot, k] = _most(one, np.int64(0), length)
             of.made[0, slot, k] = of.made[1, slot, k] = False
-    begin, threes, pair, _ = runs_of(span[0], span[1] - span[0], back)
+    before, threes, after = runs_of(span[1] - span[0], way)
     for j in range(threes):
-        bound_three(of, slot, lines, dots, begin + 3 * j)
-    if pair >= 0:
-        bound_two(of, slot, lines, dots, pair)
+        bound_three(of, slot, lines, dots, span[0] + before + 3 * j)
+    if before == 2:
+        bound_two(of, slot, lines, dots, span[0])
+    if after == 2:
+        bound_two(of, slot, lines, dots, span[1] - 2)
     return int(slot)
 
 
@@ -189,36 +193,37 @@ def _most(values: Floats, first: int, last: int) -> float:
 
 
 @inner_kernel()
-def runs_of(first: int, lines: int, back: bool) -> tuple[int, int, int, int]:
-    """How some lines are taken together: where threes begin, how many they are, where a pair is, and a single line; -1 for none.
+def runs_of(lines: int, way: int) -> tuple[int, int, int]:
+    """Lines taken together before threes (0 to 2), how many threes, and lines taken together after them (0 to 2).
 
-    Threes come first, or, ``back``, last, or in the middle: what both say at most is less than either. Up to three lines are one
-    run, and what they say is known exactly.
+    Lines can be taken together in three ways (`WAYS`), whose bounds differ: the least of them holds. Three lines and fewer are
+    one run in each, and what they say is known exactly.
     """
-    threes, left = lines // 3, lines % 3
-    begin, pair, single = first, first + 3 * threes if left == 2 else -1, first + 3 * threes if left == 1 else -1
-    if back and lines > 3:
-        begin = first + left
-        if left == 0:  # one, threes, two
-            begin, threes, pair, single = first + 1, threes - 1, first + lines - 2, first
-        elif left == 1:
-            single = first
-        else:
-            pair = first
-    return begin, threes, pair, single
+    left, before = lines % 3, 0
+    if lines > 3 and way == 1:
+        before = left if left > 0 else 1
+    elif lines > 3 and way == 2:
+        before = 1 if left == 2 else 2
+    threes = (lines - before) // 3
+    return before, threes, lines - before - 3 * threes
 
 
 @inner_kernel(fastmath=True)
-def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tuple[int, int], back: bool) -> None:
+def bound_starts(out: Floats, bounds: Bounds, slot: int, steps: Steps, lines: tuple[int, int], way: int) -> None:
     """Bound of some lines (first, last + 1) together for every place of the first in the plane; NEVER too near its end."""
     first, number = lines[0], lines[1] - lines[0]
-    begin, threes, pair, single = runs_of(first, number, back)
-    count, rest = len(out) - number + 1, np.float32(bounds.line_most[slot, single] if single >= 0 else 0.0)
+    before, threes, after = runs_of(number, way)
+    count, behind, rest = len(out) - number + 1, before + 3 * threes, np.float32(0.0)
+    if before == 1:
+        rest += np.float32(bounds.line_most[slot, first])
+    if after == 1:
+        rest += np.float32(bounds.line_most[slot, lines[1] - 1])
     for start in range(len(out)):
         out[start] = rest if start < count else np.float32(NEVER)
-    pairs = np.int64(1 if pair >= 0 else 0)
-    _add_runs(out, bounds.triples[slot, first:], steps[1], (begin - first, np.int64(3), threes), count)
-    _add_runs(out, bounds.pairs[slot, first:], steps[0], (max(pair - first, 0), np.int64(2), pairs), count)
+    pairs = bounds.pairs[slot, first:]
+    _add_runs(out, bounds.triples[slot, first:], steps[1], (np.int64(before), np.int64(3), np.int64(threes)), count)
+    _add_runs(out, pairs, steps[0], (np.int64(behind), np.int64(2), np.int64(after // 2)), count)
+    _add_runs(out, pairs, steps[0], (np.int64(0), np.int64(2), np.int64(before // 2)), count)
 
 
 @inner_kernel(fastmath=True)
@@ -275,26 +280,26 @@ def bound_lines(
     lines: First line and last + 1.
     """
     (steps, starts, place), (first, last), lowest = where, lines, least - DEEP
-    begin, threes, pair, single = runs_of(first, last - first, False)
+    _, threes, after = runs_of(last - first, np.int64(0))
     of_three, of_two, triple_most, pair_most = (
         bounds.triples[slot],
         bounds.pairs[slot],
         bounds.triple_most[slot],
         bounds.pair_most[slot],
     )
-    whole, behind = bounds.line_most[slot, single] if single >= 0 else 0.0, begin + 3 * threes
-    for k in range(begin, behind, 3):
+    whole, behind = bounds.line_most[slot, last - 1] if after == 1 else 0.0, first + 3 * threes
+    for k in range(first, behind, 3):
         whole += triple_most[k]
-    if pair >= 0:
-        whole += pair_most[pair]
+    if after == 2:
+        whole += pair_most[behind]
     for start in range(span[0], span[1]):
         at, bound = starts[start] + place, whole
-        for k in range(begin, behind, 3):
+        for k in range(first, behind, 3):
             bound += of_three[k, steps[1, at + k]] - triple_most[k]
             if bound < lowest:
                 break
-        if bound >= lowest and pair >= 0:
-            bound += of_two[pair, steps[0, at + pair]] - pair_most[pair]
+        if bound >= lowest and after == 2:
+            bound += of_two[behind, steps[0, at + behind]] - pair_most[behind]
         out[start] = bound
 
 

@@ -118,7 +118,7 @@ def _bound_whole(
     (group, holed), own, other, most, rest, count = of, 4 * axis, 4 * (1 - axis), tables.most[turn, axis], 0.0, 0
     dots, start = (group[other + 2], group[other + 3]), group[own] + place
     known, k, last = more.known, group[own + 2], group[own + 3]
-    slot = slot_of(known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis], (k, k), False)
+    slot = slot_of(known, tables.lines[turn, axis], turn, axis, dots, tables.size[turn, axis], (k, k), np.int64(0))
     while k < last:
         run = 0
         while run < 3 and k + run < last and holed[axis, start + k + run + 1] == holed[axis, start + k]:

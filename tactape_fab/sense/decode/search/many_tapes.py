@@ -9,6 +9,7 @@ import numpy as np
 from tactape_fab.base.jit import inlined_kernel, inner_kernel
 from tactape_fab.sense.decode.search.bounds import (
     NEVER,
+    WAYS,
     bound_lines,
     bound_starts,
     largest_of,
@@ -46,7 +47,7 @@ _PLACES_AT_ONCE = 4
 _FEW_PHASES = 16
 """Phases of a line up to which what the dots say everywhere in the plane is kept: megabytes, and less than its bounds take."""
 _PLACES_BOUNDED = 0.5
-"""Places in the plane that are bounded by other runs of lines in the time of one of a site by itself."""
+"""Places in the plane that are bounded in another way in the time of one of a site by itself."""
 _PLACES_SAID = 2
 """Places in the plane that are looked at with all their phases in the time of one of a site by itself."""
 _ANYTHING = 1e6
@@ -78,7 +79,7 @@ def _buffers_for(dots: int, length: int, sites: int, lines: int, differences: In
         starts,
         said,
         np.zeros(4, dtype=np.bool_),
-        np.zeros(4, dtype=np.bool_),
+        np.zeros(4, dtype=np.int64),
         np.empty(sites),
         np.empty(sites),
         np.empty((rows, sites), dtype=np.float32),
@@ -106,8 +107,9 @@ def prepare(
     for g in range(len(groups.limits)):
         most_said = max(most_said, groups.limits[g, 0] + groups.limits[g, 1])
     for turn in range(4):
-        more.known_turns[turn] = more.bounded_again[turn] = False
-        _bound_turn(tables, sites, turn, False, more)
+        more.known_turns[turn] = False
+        more.ways[turn] = 0
+        _bound_turn(tables, sites, turn, more)
     if tally.sums[BEST] < weights.place[0, 0] + _FOUND * most_said:
         tally.sums[BEST] = max(tally.sums[BEST], _first_guess(tables, sites, groups, weights, buffers, more, holed, most_said))
 
@@ -136,9 +138,8 @@ def choose(
         _bound_inside(tables, sites, of[0], turn, kind, more)
         left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
         places = of[0][COLUMNS] + of[0][ROWS]
-        if not more.bounded_again[turn] and left * places > _PLACES_BOUNDED * len(more.everywhere[0]):
-            more.bounded_again[turn] = True
-            _bound_turn(tables, sites, turn, True, more)
+        while more.ways[turn] < WAYS and left * places > _PLACES_BOUNDED * len(more.everywhere[0]):
+            _bound_turn(tables, sites, turn, more)
             _bound_inside(tables, sites, of[0], turn, kind, more)
             left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
         worth = left * places > _PLACES_SAID * more.said.shape[2] > 0
@@ -165,20 +166,22 @@ def known_lines(more: ManyBuffers, turn: int, place: IntArray, group: IntArray) 
 
 
 @inner_kernel(fastmath=True)
-def _bound_turn(tables: Tables, sites: Sites, turn: int, back: bool, more: ManyBuffers) -> None:
+def _bound_turn(tables: Tables, sites: Sites, turn: int, more: ManyBuffers) -> None:
     """Bounds of what the x bits say where the dots' column 0 lies on each column of the plane, and the y bits of rows.
 
-    ``back``: by other runs of lines, where those are less.
+    Each call takes lines together in another way, and the least bound is kept.
     """
+    way = more.ways[turn]
+    more.ways[turn] += 1
     for axis in range(2):
         count, across = tables.size[turn, axis], tables.size[turn, 1 - axis]
         span, out = (np.int64(0), count), more.starts[turn, axis]
-        slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count, span, back)
-        if not back:
-            bound_starts(out, more.known, slot, sites.steps[axis], span, back)
+        slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (np.int64(0), across), count, span, way)
+        if way == 0:
+            bound_starts(out, more.known, slot, sites.steps[axis], span, way)
             continue
         other = more.everywhere[0]
-        bound_starts(other, more.known, slot, sites.steps[axis], span, back)
+        bound_starts(other, more.known, slot, sites.steps[axis], span, way)
         for start in range(len(out)):
             out[start] = min(out[start], other[start])
 
@@ -225,14 +228,14 @@ def _bound_over(
     group, limit = of
     axis = 1 if group[COLUMNS] > 1 else 0
     own, other = 4 * axis, 4 * (1 - axis)  # fields of a group: columns, then rows
-    count, rest = tables.size[turn, axis], limit[1 - axis]
+    count, rest, way = tables.size[turn, axis], limit[1 - axis], np.int64(0)
     lines, span, starts = (group[own + 2], group[own + 3]), sites.starts.spans[kind, axis], sites.starts.place[axis]
-    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines, False)
+    slot = slot_of(more.known, tables.lines[turn, axis], turn, axis, (group[other + 2], group[other + 3]), count, lines, way)
     out, everywhere = more.of_starts[axis], more.everywhere[0]
     if _PLACES_AT_ONCE * (span[1] - span[0]) < len(everywhere):
         bound_lines(out, more.known, slot, (sites.steps[axis], starts, group[own]), lines, (span[0], span[1]), least - rest)
     else:
-        bound_starts(everywhere, more.known, slot, sites.steps[axis], lines, False)
+        bound_starts(everywhere, more.known, slot, sites.steps[axis], lines, way)
         for k in range(span[0], span[1]):
             out[k] = everywhere[starts[k] + group[own] + lines[0]]
     return axis, float(rest)
@@ -245,9 +248,9 @@ def _bound_across(
     """Leave out of `ManyBuffers.chosen`, after `_bound_over`, whose lines across do not fit; returns what `survivors` does."""
     across, own, other = 1 - axis, 4 * axis, 4 * (1 - axis)
     lines, dots, size = (group[other + 2], group[other + 3]), (group[own + 2], group[own + 3]), tables.size[turn, across]
-    slot = slot_of(more.known, tables.lines[turn, across], turn, across, dots, size, lines, False)
+    slot = slot_of(more.known, tables.lines[turn, across], turn, across, dots, size, lines, np.int64(0))
     everywhere, of_starts = more.everywhere[0], more.of_starts[axis]
-    bound_starts(everywhere, more.known, slot, sites.steps[across], lines, False)
+    bound_starts(everywhere, more.known, slot, sites.steps[across], lines, np.int64(0))
     largest, width = largest_of(everywhere, group[other + 1], more.everywhere[1:])
     left, dropped, most = 0, 0.0, NEVER
     for c in range(count):

@@ -96,7 +96,8 @@ class ManyBuffers(NamedTuple):
     starts (4, 2, columns or rows of the plane): From `_bound_turn`, or the largest of each entry of `said`.
     said (4, 2, columns or rows of the plane, L): Evidence of all dots with their column or row 0 there, for every phase; of the
         turns in `known_turns` alone, from `_say_everywhere`. Empty where L is large.
-    known_turns, bounded_again (4,): Whether `said` is of a turn; and whether `starts` is the less of two bounds there.
+    known_turns (4,): Whether `said` is of a turn.
+    ways (4,): In how many ways `starts` is bounded, by turn.
     bounds, of_rows (n,): From `_bound_inside`.
     of_each_row (rows, n): Of `holes`; empty where no tape has any.
     of_starts (2, n): From `_bound_over`, by `Sites.starts`.
@@ -110,7 +111,7 @@ class ManyBuffers(NamedTuple):
     starts: Floats
     said: Floats
     known_turns: BoolArray
-    bounded_again: BoolArray
+    ways: IntArray
     bounds: FloatArray
     of_rows: FloatArray
     of_each_row: Floats

@@ -20,19 +20,19 @@ ROUNDING = 1e-4
 
 
 @kernel()
-def runs_at(first: int, lines: int, back: bool) -> tuple[int, int, int, int]:
-    return bounds.runs_of(first, lines, back)  # type: ignore[no-any-return]
+def runs_at(lines: int, way: int) -> tuple[int, int, int]:
+    return bounds.runs_of(lines, way)  # type: ignore[no-any-return]
 
 
 @kernel(fastmath=True)
-def bounds_at_once(out: Any, known: Any, lines: Any, dots: Any, steps: Any, span: Any, back: bool) -> None:
-    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1], span, back)
-    bounds.bound_starts(out, known, slot, steps, span, back)
+def bounds_at_once(out: Any, known: Any, lines: Any, dots: Any, steps: Any, span: Any, way: int) -> None:
+    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1], span, way)
+    bounds.bound_starts(out, known, slot, steps, span, way)
 
 
 @kernel(fastmath=True)
 def bounds_one_by_one(out: Any, known: Any, lines: Any, dots: Any, steps: Any, places: Any, span: Any, least: float) -> None:
-    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1], span, False)
+    slot = bounds.slot_of(known, lines, np.int64(0), np.int64(0), dots, lines.shape[1], span, np.int64(0))
     bounds.bound_lines(out, known, slot, (steps, places, np.int64(0)), span, (np.int64(0), len(places)), least)
 
 
@@ -63,7 +63,7 @@ def test_lines_say_no_more_together_than_their_bound(length: int, span: tuple[in
     places = PLANE - number + 1
     at_once, said, alone = np.empty(PLANE, dtype=np.float32), np.empty(places), np.empty(places)
     for dots in ((np.int64(0), np.int64(8)), (np.int64(2), np.int64(5))):
-        bounds_at_once(at_once, known, lines, dots, steps, span, False)
+        bounds_at_once(at_once, known, lines, dots, steps, span, 0)
         buffer, each_line = np.empty(length, dtype=np.float32), np.zeros((count + 1, 2 * length), dtype=np.float32)
         most_said(said, buffer, each_line, lines, dots, phases, span)
         bounds_one_by_one(alone, known, lines, dots, steps, np.arange(places) - first, span, -np.inf)
@@ -74,22 +74,21 @@ def test_lines_say_no_more_together_than_their_bound(length: int, span: tuple[in
         elif number == 6:  # of two runs, each at its best: bounds are not those of lines by themselves
             each = sum(float((lines[dots[1], k] - lines[dots[0], k]).max()) for k in range(*span))
             assert at_once[:places].max() < each
-        again = np.empty_like(at_once)
-        bounds_at_once(again, known, lines, dots, steps, span, True)
-        assert (again[:places] >= said - ROUNDING).all() and (again[places:] == np.float32(NEVER)).all()
-        if number <= 3:
-            assert np.array_equal(again, at_once)
-        else:  # neither is the less everywhere
-            assert (again[:places] < at_once[:places]).any() and (at_once[:places] < again[:places]).any()
+        for way in range(1, bounds.WAYS):
+            again = np.empty_like(at_once)
+            bounds_at_once(again, known, lines, dots, steps, span, way)
+            assert (again[:places] >= said - ROUNDING).all() and (again[places:] == np.float32(NEVER)).all()
+            if number <= 3:
+                assert np.array_equal(again, at_once)
+            else:  # neither is the less everywhere
+                assert (again[:places] < at_once[:places]).any() and (at_once[:places] < again[:places]).any()
 
 
 @pytest.mark.parametrize("number", range(1, 25))
-@pytest.mark.parametrize("back", [False, True])
-def test_runs_have_each_line_once(number: int, back: bool) -> None:
-    begin, threes, pair, single = runs_at(np.int64(5), number, back)
-    taken = [*range(begin, begin + 3 * threes), *((pair, pair + 1) if pair >= 0 else ()), *((single,) if single >= 0 else ())]
-    assert sorted(taken) == list(range(5, 5 + number))
-    assert (back and number > 3) == (runs_at(np.int64(5), number, False) != (begin, threes, pair, single))
+def test_ways_take_all_lines_and_differ(number: int) -> None:
+    found = [runs_at(number, way) for way in range(bounds.WAYS)]
+    assert all(0 <= before <= 2 and 0 <= after <= 2 and before + 3 * threes + after == number for before, threes, after in found)
+    assert len(set(found)) == (bounds.WAYS if number > 3 else 1)
 
 
 @pytest.mark.parametrize("name", [name for name in CODES if get_code(name).sequences is not None])
