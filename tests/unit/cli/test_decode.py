@@ -118,7 +118,7 @@ def test_simulate_presses_an_elastic_gel(small_kit: Kit, tmp_path: Path) -> None
         ("--count many", "count = 'many'"),
         ("--seed -1", "seed = -1"),
         ("--pose 1,2", "--pose = '1,2'"),
-        ("--pose 1,2,nan", "--pose = nan"),
+        ("--pose 1,2,nan", "--pose = '1,2,nan': nan is not a finite number"),
         ("--pose 1,2,3 --edge", "--edge and --pose"),
         ("--contact 0x0", "--contact"),
         ("--contact round", "--contact = 'round'"),

@@ -113,7 +113,7 @@ def slot_of(
 
 @inlined_kernel()
 def _said(out: Floats, lines: Floats, dots: tuple[int | np.int64, int], line: int) -> None:
-    """What a range of the dots along a line says, for as many phases as there is space."""
+    """Fill in the evidence of a range of the dots along a line, for as many phases as there is space."""
     low, high = dots
     for p in range(len(out)):
         out[p] = lines[high, line, p] - lines[low, line, p]

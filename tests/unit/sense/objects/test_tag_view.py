@@ -15,6 +15,8 @@ from tactape_fab.texture.tape import Tape
 from tests.bench import camera
 from tests.thorough import only_thorough
 
+pytestmark = pytest.mark.usefixtures("kits_as_elsewhere")  # their pictures are looked at
+
 CAMERA = np.array([[1000.0, 0.0, 640.0], [0.0, 1100.0, 480.0], [0.0, 0.0, 1.0]])
 POSE = (np.asarray(cv2.Rodrigues(np.array([0.3, -0.2, 1.0]))[0]), np.array([10.0, -20.0, 280.0]))
 
