@@ -136,14 +136,13 @@ def _bound_whole(
             count += 1
         k += max(run, 1)
     for site in range(span[0], span[1]):
-        at, bound = sites.table[site, START, axis] + start, rest
-        for n in range(count):
-            k = more.whole[0, n]
-            if more.whole[1, n] == 3:
-                bound += known.triples[slot, k, sites.steps[axis, 1, at + k]]
-            else:
-                bound += known.pairs[slot, k, sites.steps[axis, 0, at + k]]
-        more.bounds[site] = bound
+        more.bounds[site] = rest
+    for n in range(count):
+        k = more.whole[0, n]
+        said = known.triples[slot, k] if more.whole[1, n] == 3 else known.pairs[slot, k]
+        steps = sites.steps[axis, 1 if more.whole[1, n] == 3 else 0, start + k :]
+        for site in range(span[0], span[1]):
+            more.bounds[site] += said[steps[sites.table[site, START, axis]]]
 
 
 @inner_kernel()
