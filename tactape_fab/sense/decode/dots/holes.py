@@ -55,8 +55,9 @@ def find_holes(known: BoolArray, px_per_mm: float) -> Holes:
     for side in range(4):
         along_row, before = side < 2, side % 2 == 0
         lines, line, place = (known, v, u) if along_row else (known.T, u, v)
-        last = lines.shape[1] - 1
-        found = _last_known(lines)[line, place] if before else last - _last_known(lines[:, ::-1])[line, last - place]
+        last, with_holes = lines.shape[1] - 1, np.flatnonzero(np.bincount(line, minlength=len(lines)))
+        those, at = lines[with_holes], np.searchsorted(with_holes, line)
+        found = _last_known(those)[at, place] if before else last - _last_known(those[:, ::-1])[at, last - place]
         there = (found >= 0) & (found <= last)
         index = line * width + found if along_row else found * width + line
         nearest[side, there] = index[there]
