@@ -39,7 +39,7 @@ TURNED.setflags(write=False)
 NM_PER_MM = 1_000_000
 
 _NO_POINTS = Problem(
-    "xy_mm", "xy_mm or texture_origin_mm is none: give points of shape (..., 2), and tape.board.texture_origin_mm"
+    "xy_mm", "xy_mm or texture_origin_mm is no point: give points of shape (..., 2), and tape.board.texture_origin_mm"
 )
 
 _LETTER_BYTES = np.frombuffer(LETTERS.encode(), dtype=np.uint8)

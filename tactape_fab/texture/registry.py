@@ -128,6 +128,8 @@ def _of_kit(place: Path, problem: Problem) -> Problem:
     """A problem of a kit's file: its keys are the file's, and the place is put before it, unless it begins with a file there."""
     if problem.message.startswith(f"{place}{os.sep}"):
         return Problem("tape", problem.message)
+    if problem.message.startswith(f"{place.name} ") and place.is_file():  # no folder with the name of a key
+        return Problem("tape", f"{shown_path(place)}{problem.message.removeprefix(place.name)}")
     return Problem(f"tape {shown_path(place)}: {problem.key}", f"{shown_path(place)}: {problem.message}")
 
 

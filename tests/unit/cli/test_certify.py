@@ -125,7 +125,7 @@ def test_certify_of_a_code_is_that_of_its_sectors() -> None:
         ("certify --code microdots-4x4 --size nan", "--size"),
         ("certify --size 60x40", "--size has no effect without --code"),
         ("certify shelf --code microdots-4x4", "give either"),
-        ("certify broken.json", "cannot be read as JSON"),
+        ("certify broken.json", "error: broken.json cannot be read as JSON"),
         ("registry nowhere", "nowhere is no kit"),
         ("registry", "Missing argument"),
         ("make --sector 7 --avoid nowhere", "nowhere is no kit"),

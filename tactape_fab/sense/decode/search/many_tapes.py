@@ -135,18 +135,15 @@ def choose(
     """
     if of[0][OVER] == 0:
         rest = 0.0
-        _bound_inside(tables, sites, of[0], turn, kind, more)
-        left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+        left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
         places = of[0][COLUMNS] + of[0][ROWS]
         while more.ways[turn] < WAYS and left * places > _PLACES_BOUNDED * len(more.everywhere[0]):
             _bound_turn(tables, sites, turn, more)
-            _bound_inside(tables, sites, of[0], turn, kind, more)
-            left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+            left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
         worth = left * places > _PLACES_SAID * more.said.shape[2] > 0
         if worth and not more.known_turns[turn]:
             _say_everywhere(tables, sites, turn, buffers, more)
-            _bound_inside(tables, sites, of[0], turn, kind, more)
-            left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+            left, dropped, most = _open_inside(sites, of[0], turn, kind, least, more)
     else:
         axis, rest = _bound_over(tables, sites, of, turn, kind[0], least, more)
         left, dropped, most = survivors_of_starts(more.chosen, more.of_starts[axis], sites.starts, axis, kind, least - rest)
@@ -197,9 +194,7 @@ def _say_everywhere(tables: Tables, sites: Sites, turn: int, buffers: Buffers, m
 
 
 @inner_kernel()
-def _bound_inside(
-    tables: Tables, sites: Sites, group: IntArray, turn: int, kind: tuple[int, int, int], more: ManyBuffers
-) -> None:
+def _bound_inside(sites: Sites, group: IntArray, turn: int, kind: tuple[int, int, int], more: ManyBuffers) -> None:
     """Fill `ManyBuffers.bounds` with the most evidence of places with all dots on the tape, and `of_rows` with the y bits'.
 
     ``kind`` is the class, its first site and last + 1.
@@ -214,6 +209,16 @@ def _bound_inside(
     for site in range(kind[1], kind[2]):
         more.of_rows[site] = y[rank[site, 1]]
         more.bounds[site] = x[rank[site, 0]] + y[rank[site, 1]]
+
+
+@inner_kernel()
+def _open_inside(
+    sites: Sites, group: IntArray, turn: int, kind: tuple[int, int, int], least: float, more: ManyBuffers
+) -> tuple[int, float, float]:
+    """Bound the sites of a class by `_bound_inside`, and list in `ManyBuffers.chosen` those that stay open; as `survivors`."""
+    _bound_inside(sites, group, turn, kind, more)
+    left, dropped, most = survivors(more.chosen, more.bounds, kind[1], kind[2], least)
+    return left, dropped, most
 
 
 @inner_kernel()
@@ -299,7 +304,7 @@ def _first_guess(
                     if group[OVER] != over or bound < _PROMISING * most_said or bound + base[turn, over] < guess.sums[BEST]:
                         continue
                     if over == 0:
-                        _bound_inside(tables, sites, group, turn, (k, kind[FIRST], kind[LAST]), more)
+                        _bound_inside(sites, group, turn, (k, kind[FIRST], kind[LAST]), more)
                     else:
                         axis, _ = _bound_over(tables, sites, (group, limit), turn, k, NEVER, more)
                         for other in range(kind[FIRST], kind[LAST]):
