@@ -8,7 +8,6 @@ from __future__ import annotations
 import zlib
 from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from tactape_fab.base.errors import MissingLibraryError
@@ -59,6 +58,8 @@ def missing(module: str, use: str) -> str:
 @cache
 def versions_in_kits() -> dict[str, str]:
     """Versions of the libraries that the bytes of a kit depend on, as its manifest records them; those not installed left out."""
+    from importlib.metadata import PackageNotFoundError, version  # 30 ms, of which most commands need nothing
+
     found = {}
     for name in _IN_KITS:
         try:

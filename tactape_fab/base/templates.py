@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
-from functools import lru_cache, wraps
+from functools import cache, lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,6 +25,7 @@ _MOST_PARTS = 64
 _TOKENS = re.compile(r"""(?P<part>"(?:\\.|[^"\\])*"?|'[^']*'?|[\w-]+)|(?P<dot>[ \t]*\.[ \t]*)|#.*|.""")
 
 
+@cache
 def templates_folder() -> Path:
     """Folder of the data files: inside the package in a wheel, beside it in a checkout or an editable install.
 
@@ -47,7 +48,12 @@ def templates_folder() -> Path:
 
 def profile_names(kind: str) -> list[str]:
     """Names of the profiles that come with the package; kind is ``fabs``, ``parts`` or ``processes``."""
-    return sorted(path.stem for path in (templates_folder() / kind).glob("*.toml"))
+    return list(_names(kind))
+
+
+@cache
+def _names(kind: str) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in (templates_folder() / kind).glob("*.toml")))
 
 
 def read_toml(path: Path, key: str) -> dict[str, Any]:
@@ -96,8 +102,8 @@ def read_once(kind: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
     """Decorator of a reader of profiles: one that comes with the package is read once, as a user's file may change each time."""
 
     def decorated(read: Callable[[str], T]) -> Callable[[str], T]:
-        known = lru_cache(maxsize=64)(lambda name, folder: read(name))
-        return wraps(read)(lambda name: known(name, templates_folder()) if name in profile_names(kind) else read(name))
+        known = lru_cache(maxsize=64)(read)
+        return wraps(read)(lambda name: known(name) if name in _names(kind) else read(name))
 
     return decorated
 
