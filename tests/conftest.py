@@ -49,13 +49,24 @@ settings.load_profile("any machine")  # property tests try the same cases everyw
 _BENCH = Path(__file__).with_name("bench")
 _compiling: list[int] = []
 """The process that compiles the decoder for all workers."""
+_UNDECODED = (
+    *("tests/roundtrip/test_make_many.py", "tests/unit/solids/", "tests/unit/kit/"),
+    *("tests/unit/verify/", "tests/unit/report/", "tests/golden/"),
+)
+"""Tests that need nothing compiled: workers begin with them, those that take longest first, while the decoder is compiled."""
+
+
+def _turn(item: pytest.Item) -> int:
+    """Number of a test's folder or file among those that come first; the last for all others."""
+    return next((n for n, place in enumerate(_UNDECODED) if item.nodeid.startswith(place)), len(_UNDECODED))
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """In the background a shell lets tests, and all that they start, ignore Ctrl-C: some of them press it.
 
-    Before several workers find that the decoder is not compiled, and each compiles it, one process does while they collect. What
-    Python compiles is kept, as they collect in half the time then, also where the environment (a container's) says not to.
+    Before several workers find that the decoder is not compiled, and each compiles it, one process does while they collect, and
+    run what decodes nothing. What Python compiles is kept, as they collect in half the time then, also where the environment (a
+    container's) says not to.
     """
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -91,11 +102,11 @@ def _same_locale() -> Iterator[None]:
     locale.setlocale(locale.LC_CTYPE, before)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _compiled(request: pytest.FixtureRequest) -> None:
-    """A worker waits until the decoder is compiled."""
-    pid = getattr(request.config, "workerinput", {}).get("compiling")
-    while pid is not None and Path(f"/proc/{pid}").exists():
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A worker waits until the decoder is compiled, before what may decode."""
+    pid = getattr(item.config, "workerinput", {}).get("compiling")
+    while pid is not None and _turn(item) == len(_UNDECODED) and Path(f"/proc/{pid}").exists():
         time.sleep(0.1)
 
 
@@ -131,9 +142,10 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """At a desk a few cases of each test."""
+    """At a desk a few cases of each test; what need not wait for the decoder comes first."""
     if not _all_cases(config):
         items[:] = spread(items)
+    items.sort(key=_turn)
 
 
 @pytest.fixture(autouse=True)
